@@ -1,8 +1,8 @@
-//! Tells the linker to hand METIS's two calls about signals to `linalg/sparse/ordering.rs`.
+//! Links METIS's two calls about signals to `linalg/sparse/ordering.rs`.
 //!
-//! While it works, METIS answers SIGTERM with a jump back into itself, whichever
-//! thread the signal meets: a process that is asked to end then crashes. Only with the
-//! feature `python`, whose extension module shares its process with handlers of others.
+//! METIS reacts to SIGTERM with a jump into its own stack, in whichever thread gets the signal:
+//! a process that is asked to end then crashes. This is done only with the feature `python`,
+//! because an extension module shares its process with other signal handlers.
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");

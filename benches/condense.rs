@@ -1,5 +1,5 @@
-//! Seconds of each phase of a condensation, beside the rate of faer's own
-//! matrix product `G` in the same process.
+//! Seconds of each phase of a condensation, compared with the rate of faer's matrix product `G`
+//! in the same process.
 //!
 //! `cargo bench --bench condense`; sizes above 51k unknowns in three dimensions
 //! with `BIPOT_BENCH_LARGE=1`, threads with `BIPOT_NUM_THREADS`.

@@ -1,5 +1,5 @@
-//! The rate of one front by its size: `p` pivots eliminated from a dense matrix, `u` rows
-//! left, beside the rate of a product of that many rows through that many columns.
+//! The rate of one front by its size: `p` pivots eliminated from a dense matrix with `u` rows
+//! left, compared with the rate of a product of this size.
 //!
 //! `cargo bench --bench fronts`; one thread.
 #![expect(

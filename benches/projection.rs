@@ -1,6 +1,5 @@
-//! The projection onto `K_μ`, node by node: nodes a second in 2 and 3
-//! dimensions, on one thread and on all, beside a copy of the same arrays, which
-//! is what memory allows.
+//! The projection onto `K_μ`: nodes per second in 2 and 3 dimensions, on one thread and on all,
+//! compared with a copy of the same arrays, which is limited by memory.
 
 use std::hint::black_box;
 

@@ -1,10 +1,10 @@
 //! The kernels of the contact solvers: one contact exactly, the product with `W`,
 //! and iterations of every method on one problem.
 //!
-//! Work is counted in products with `W`. The rate of a method is that of the
-//! bytes of `W` by the products counted: beside the rate of the product alone it
-//! says what everything else costs. Its iterations are cold and cut off before
-//! they converge, and its time holds the judgement of the point it reached.
+//! Work is counted in products with `W`. The rate of a method is the bytes of `W` times the
+//! products counted, per second; the difference to the rate of the product alone is the cost of
+//! everything else. Iterations start from zero and end before convergence; the time includes the
+//! certificate of the last point.
 
 #![expect(clippy::unwrap_used, reason = "a bench may fail")]
 #![expect(clippy::print_stderr, reason = "what a time was spent on")]

@@ -1,12 +1,12 @@
-//! Why there is no answer: one enum for the whole crate.
+//! The errors of the whole crate, in one enum.
 //!
-//! Three kinds, never mixed: the caller's mistake (found at the border, before
-//! any work), a problem that has no answer, and an interruption. A solver that
-//! has not converged is none of these: it returns its [`Outcome`].
+//! There are three kinds: a mistake of the caller, found before any work; a problem that has
+//! no solution; and an interruption. A solver that has not converged gives no error: it
+//! returns its [`Outcome`].
 //!
 //! [`Outcome`]: crate::solver::Outcome
 
-/// What went wrong, with the place.
+/// What is wrong, and where.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -40,7 +40,7 @@ pub enum Error {
         found: usize,
         limit: usize,
     },
-    /// The same index twice in a list of distinct ones.
+    /// An index that occurs twice.
     #[error("{what} holds index {index} twice, at positions {first} and {second}")]
     Repeated {
         what: &'static str,
@@ -54,13 +54,16 @@ pub enum Error {
     /// A friction coefficient that is negative or not finite.
     #[error("mu of contact {node} is {mu}, expected a finite number, zero or positive")]
     Friction { node: usize, mu: f64 },
-    /// Friction coefficients along two tangents that no solve can tell apart from
-    /// friction along one of them only.
+    /// Two friction coefficients of a contact that differ by too large a factor.
     #[error(
         "mu of contact {node} is ({}, {}), expected two positive numbers within a factor \
-         of 1e6 of each other, or twice zero", mu[0], mu[1]
+         of {ratio:e} of each other, or both zero", mu[0], mu[1]
     )]
-    EllipticFriction { node: usize, mu: [f64; 2] },
+    EllipticFriction {
+        node: usize,
+        mu: [f64; 2],
+        ratio: f64,
+    },
     /// A setting out of its range.
     #[error("{what} is {found}, expected {expected}")]
     Setting {
@@ -68,10 +71,10 @@ pub enum Error {
         found: f64,
         expected: &'static str,
     },
-    /// A method that cannot balance the loads on a body that contact alone holds.
+    /// A method that cannot balance the loads on a body that only contact holds.
     #[error(
-        "method '{method}' needs bodies that supports hold, and contact alone holds one here: \
-         expected 'auto' or another method that balances rigid motions"
+        "method '{method}' needs supports that hold every body, but only contact holds a body \
+         here: use 'auto' or another method that balances rigid motions"
     )]
     NotHeld { method: &'static str },
     /// A stiffness matrix that is not symmetric to rounding.
@@ -86,29 +89,29 @@ pub enum Error {
     },
     /// A stiffness matrix with a direction of negative energy.
     #[error(
-        "stiffness K is indefinite: elimination meets a negative pivot at degree of freedom {dof}; \
+        "stiffness K is indefinite: the pivot at degree of freedom {dof} is negative; \
          K must be symmetric positive semidefinite"
     )]
     Indefinite { dof: usize },
-    /// A free motion that the contact set does not feel.
+    /// A motion that neither the stiffness nor a contact resists.
     #[error(
-        "the stiffness leaves a motion free that no contact feels, at degree of freedom {dof}: \
-         is a body, or a part of one, free to move? Add supports, or contacts that pin it"
+        "neither the stiffness nor a contact resists a motion at degree of freedom {dof}: \
+         is a body, or a part of a body, free to move? Add supports or contacts that hold it"
     )]
     FloatingBody { dof: usize },
-    /// A stiffness of which rounding leaves no digit of the softest motions.
+    /// A stiffness whose rounding hides the energy of the softest motions.
     #[error(
         "the stiffness K has too few digits: the energy of the softest motion of the body at \
          degree of freedom {dof} is smaller than the rounding of the entries of K. Use longer \
-         elements, which are fewer and less slender; and without `coordinates` give these: \
-         with them rigid motions are known exactly"
+         and fewer elements, which are less slender. Give `coordinates`: with them, rigid \
+         motions are known exactly"
     )]
     FewDigits { dof: usize },
     /// Displacements that are not in equilibrium with the loads and the reactions.
     #[error(
-        "K u = f + Bᵀ r does not hold at degree of freedom {dof}: it is off by {by_row:.1e} of its \
-         terms, and all rows by {of_forces:.1e} of the forces. The stiffness K has too few digits \
-         for these loads: use elements that are less slender, or supports that are less soft"
+        "K u = f + Bᵀ r does not hold at degree of freedom {dof}: the error is {by_row:.1e} of the \
+         terms of this row, and {of_forces:.1e} of the forces over all rows. The stiffness K has \
+         too few digits for these loads: use less slender elements or stiffer supports"
     )]
     NotBalanced {
         dof: usize,
@@ -117,34 +120,34 @@ pub enum Error {
     },
     /// Displacements that do not give the relative displacements of the contacts.
     #[error(
-        "B u + gap is off at contact {contact} by {off:e}, beside relative displacements of \
-         {size:e}: the compliance W has too few digits. Use elements that are less slender, or \
-         supports that are less soft"
+        "B u + gap has an error of {off:e} at contact {contact}, where relative displacements \
+         are {size:e}: the compliance W has too few digits. Use less slender elements or stiffer \
+         supports"
     )]
     NotConfirmed { contact: usize, off: f64, size: f64 },
-    /// A contact whose gap cannot be closed or opened by any motion.
+    /// A contact that penetrates and that nothing can move along its normal.
     #[error(
         "contact {node} penetrates by {penetration:e} and no free degree of freedom can move it: \
-         its normal displacement is prescribed"
+         its normal displacement is prescribed; change its gap or the prescribed displacements"
     )]
     ContradictoryContact { node: usize, penetration: f64 },
-    /// A rigid motion that no contact feels.
+    /// A rigid motion that depends on the earlier ones at all contacts.
     #[error(
-        "rigid motion {mode} of R moves no contact that the motions before it leave still: \
-         contact cannot hold it"
+        "rigid motion {mode} of R is zero, or a sum of the motions before it, at all contacts: \
+         contact cannot hold it; remove this column of R or add contacts"
     )]
     DependentMotion { mode: usize },
     /// Numbers so large or small that scaling them leaves the range of doubles.
     #[error(
         "W and q cannot be scaled: their largest entries are {softest:e} and {free:e}; \
-         choose units in which neither leaves 1e-150 to 1e150"
+         choose units in which both are between 1e-150 and 1e150"
     )]
     Range { softest: f64, free: f64 },
-    /// More memory than the machine has.
+    /// More memory than is free.
     #[error(
-        "{what} needs {bytes} bytes, more than the {available} this machine has free: a coarser \
-         mesh or fewer contact candidates need less, and so does giving all loads at once as \
-         `loads=`, which keeps no factor"
+        "{what} needs {bytes} bytes, more than the {available} bytes of free memory: use a \
+         coarser mesh or fewer contact candidates, or give all loads at once as `loads=`, so \
+         that the factor of K is not kept"
     )]
     Memory {
         what: &'static str,
@@ -153,40 +156,40 @@ pub enum Error {
     },
     /// More memory than the caller allows.
     #[error(
-        "{what} needs {bytes} bytes, more than the {limit} of memory_limit: allow more, or give \
-         all loads at once as `loads=`, which keeps no factor"
+        "{what} needs {bytes} bytes, more than the {limit} of memory_limit: raise it, or give \
+         all loads at once as `loads=`, so that the factor of K is not kept"
     )]
     MemoryLimit {
         what: &'static str,
         bytes: u128,
         limit: u128,
     },
-    /// A displacement asked for after the factor was dropped.
+    /// Displacements were requested after the factor was dropped.
     #[error(
-        "displacements need the factor of K, which was dropped because all loads were known: \
-         leave `loads=` out to keep it"
+        "displacements need the factor of K, which was dropped because all loads were given \
+         as `loads=`: omit `loads=` to keep it"
     )]
     FactorDropped,
-    /// Loads that were not among those known when the factor was dropped.
+    /// Loads that were not given before the factor was dropped.
     #[error(
         "load and prescribed are not among the loads given as `loads=`: the factor of K was \
-         dropped, and no others can be condensed"
+         dropped, and other loads cannot be condensed"
     )]
     UnknownLoads,
-    /// A number of threads that is none, or out of all proportion.
+    /// A number of threads that is zero, too large, or not a number.
     #[error("{what} is {found:?}, expected a whole number from 1 to {most}")]
     ThreadCount {
         what: &'static str,
         found: String,
         most: usize,
     },
-    /// A bound on what is kept in memory that is no number.
+    /// A limit of kept memory that is not a number.
     #[error("{what} is {found:?}, expected a whole number of megabytes, 0 to keep nothing")]
     Megabytes { what: &'static str, found: String },
     /// The threads could not be started.
-    #[error("the thread pool of {threads} threads could not be started")]
+    #[error("the pool of {threads} threads could not be started: use fewer threads")]
     Threads { threads: usize },
-    /// The caller asked for a stop.
+    /// The caller stopped the work.
     #[error("interrupted")]
     Interrupted,
 }

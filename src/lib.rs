@@ -11,12 +11,12 @@
 //! reactions `r` alone is solved at each load step. Numbers in parentheses are
 //! equations of `docs/theory.md`, which also fixes signs and units.
 //!
-//! The layers, each using only those before it: [`error`], [`panics`], [`threads`],
-//! [`linalg`] (knows no mechanics), [`law`] (one contact), [`reduced`] (all contacts
-//! in the reactions alone, no algorithm), [`condensation`] (from bodies to that and
-//! back), [`solver`] (algorithms on the reduced problem), [`proof`] (what is proved of
-//! their answers), [`path`] (steps of load, also where far more contacts are candidates
-//! than close), and `python` behind the feature of that name.
+//! The layers, each of which uses only the earlier ones: [`error`], [`panics`], [`threads`],
+//! [`linalg`] (no mechanics), [`law`] (one contact), [`reduced`] (all contacts in the
+//! reactions, no algorithm), [`condensation`] (from bodies to the reduced problem and back),
+//! [`solver`] (algorithms on the reduced problem), [`proof`] (proofs about their solutions),
+//! [`path`] (load steps, also with many more candidates than contacts), and `python` (with the
+//! feature of this name).
 
 pub mod condensation;
 pub mod error;

@@ -1,20 +1,21 @@
-//! A panic is a fault of this crate. It is caught where work is handed to it from
-//! outside, so that a caller in another language gets an error and keeps its process.
+//! Catches panics where another language calls this crate: the caller gets an error, and its
+//! process goes on.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What a panic said.
+/// The message of a panic.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "a fault of bipot_rs, not of its input: {0}; please report it, with the problem that \
-     was being solved"
+    "internal error of bipot_rs, not a mistake in its input: {0}; please report it together \
+     with the problem"
 )]
 pub struct Panicked(pub String);
 
-/// Runs `work`, also where it spreads over threads, and catches its panic.
+/// Runs `work` and catches its panic, also a panic in another thread.
 ///
-/// What `work` changed when it panicked is to be thrown away, or never seen: a load
-/// path moves on only after a step, and what is made once is made whole or not at all.
+/// Data that `work` was changing may be incomplete after a panic: the caller must drop it or
+/// keep it unreachable. A load path advances only after a complete step, and a cached value is
+/// stored only when it is complete.
 ///
 /// # Errors
 /// [`Panicked`].
@@ -22,6 +23,6 @@ pub fn caught<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| {
         let text = payload.downcast_ref::<&str>().map(ToString::to_string);
         let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
-        Panicked(text.unwrap_or_else(|| "it did not say why".to_owned()))
+        Panicked(text.unwrap_or_else(|| "no message".to_owned()))
     })
 }

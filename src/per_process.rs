@@ -1,17 +1,16 @@
 //! A lock that a forked child does not inherit.
 //!
-//! A child made by `fork` while another thread holds a mutex has that mutex for
-//! ever locked: the thread that would release it exists only in the parent.
-//! Each process therefore takes a lock of its own, by its id, and leaves those
-//! of its ancestors alone.
+//! In a child made by `fork` while another thread holds a mutex, this mutex stays locked: the
+//! thread that would release it exists only in the parent. Each process therefore uses a lock
+//! of its own, found by its id, and does not touch those of its ancestors.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Ancestors and the process itself: a chain of forks, not the number of children.
+/// Number of ancestors with the process itself: the length of a chain of forks.
 const GENERATIONS: usize = 256;
 
-/// A list behind a lock, empty at first in every process.
+/// A list behind a lock; it is empty at first in each process.
 #[derive(Debug)]
 pub(crate) struct PerProcess<T> {
     slots: [Slot<T>; GENERATIONS],
@@ -19,7 +18,7 @@ pub(crate) struct PerProcess<T> {
 
 #[derive(Debug)]
 struct Slot<T> {
-    /// 0 while nobody's.
+    /// The id of its process; 0 if it has none.
     process: AtomicU32,
     list: Mutex<Vec<T>>,
 }
@@ -36,12 +35,12 @@ impl<T> PerProcess<T> {
         }
     }
 
-    /// Locks the list of this process. `None` in a descendant of so many
-    /// generations that no lock is left.
+    /// Locks the list of this process. `None` if there have been so many generations that no
+    /// lock is left.
     pub(crate) fn lock(&self) -> Option<MutexGuard<'_, Vec<T>>> {
         let process = std::process::id();
-        // Slots fill from the left and are never given up, so the first that is
-        // free or ours is ours, whichever thread comes first.
+        // Slots fill from the left and are never released. The first one that is free or that
+        // of this process is ours, in any order of threads.
         let own = self.slots.iter().find(|slot| {
             let taken =
                 slot.process
@@ -62,7 +61,7 @@ mod tests {
 
     #[test]
     fn a_lock_held_by_another_process_is_left_alone() {
-        // What a fork copies: the slot of the parent, locked by a thread of it.
+        // The state after a fork: the slot of the parent, locked by one of its threads.
         let parent = &LIST.slots[0];
         parent.process.store(u32::MAX, Ordering::Release);
         let _held = parent.list.lock().unwrap();

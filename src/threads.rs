@@ -1,8 +1,8 @@
-//! Our own pool of threads, one a process and a size.
+//! A thread pool of this crate, one for each process and size.
 //!
-//! Rayon's global pool hangs for ever in a forked child: its workers exist only
-//! in the parent. Pools are therefore kept by process; an inherited one is
-//! never dropped, because that would wait for threads that are not there.
+//! Rayon's global pool never returns in a forked child: its workers exist only in the parent.
+//! Pools are therefore stored for each process. An inherited pool is never dropped, because
+//! that would wait for threads that do not exist.
 
 use std::sync::Arc;
 
@@ -11,22 +11,21 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::error::Error;
 use crate::per_process::PerProcess;
 
-/// More than any machine has cores: a slip of the keyboard that would fill the
-/// memory with stacks before the system refuses.
+/// More than any machine has cores: a typing mistake must not fill the memory with stacks.
 pub const MOST: usize = 1024;
 
-struct Entry {
+struct CachedPool {
     threads: usize,
     pool: Arc<ThreadPool>,
 }
 
-static POOLS: PerProcess<Entry> = PerProcess::new();
+static POOLS: PerProcess<CachedPool> = PerProcess::new();
 
 /// The number of threads to use: `asked`, else `BIPOT_NUM_THREADS`, else
 /// `RAYON_NUM_THREADS`, else the cores this process may run on.
 ///
-/// An empty variable counts as missing, and so does 0 in `RAYON_NUM_THREADS`,
-/// which is how rayon spells its default.
+/// An empty variable counts as missing, and so does 0 in `RAYON_NUM_THREADS`, the default of
+/// rayon.
 ///
 /// # Errors
 /// [`Error::ThreadCount`] for what is not a number from 1 to [`MOST`].
@@ -57,10 +56,10 @@ fn within(what: &'static str, text: &str) -> Result<usize, Error> {
         })
 }
 
-/// The pool of this process with `threads` workers, built at first use.
+/// The pool of this process with `threads` workers, made on first use.
 ///
 /// # Errors
-/// [`Error::Threads`] when the operating system gives no threads.
+/// [`Error::Threads`] if the operating system does not start the threads.
 pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
     let mut pools = POOLS.lock().ok_or(Error::Threads { threads })?;
     if let Some(entry) = pools.iter().find(|entry| entry.threads == threads) {
@@ -72,7 +71,7 @@ pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
         .build()
         .map(Arc::new)
         .map_err(|_| Error::Threads { threads })?;
-    pools.push(Entry {
+    pools.push(CachedPool {
         threads,
         pool: Arc::clone(&pool),
     });

@@ -1,4 +1,4 @@
-//! Loads that contact cannot balance are refused with a proof, and no others.
+//! Loads that contact cannot balance are refused with a proof; all others are accepted.
 
 #![expect(
     clippy::cast_precision_loss,
@@ -11,6 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::reduced::balance::{Balance, balance};
 use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::reduced::existence::{balances, is_contradiction};
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::solver::{Outcome, Settings, Start, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -115,9 +116,8 @@ impl<const D: usize> Contacts<D> {
         )
     }
 
-    /// Whether a motion proves that a load cannot be balanced, judged by the
-    /// definition alone: `R d` within a `distance` of `K*_μ`, and `e·d > 0` beyond
-    /// rounding.
+    /// Whether a motion proves that a load cannot be balanced, by the definition: `R d` within
+    /// a `distance` of `K*_μ`, and `e·d > 0` beyond rounding.
     fn is_proof(&self, load: &[f64], motion: &[f64], distance: f64) -> bool {
         let size = (0..self.mu.len())
             .map(|i| length(&self.moved(i, motion)))
@@ -174,7 +174,7 @@ fn balanced_loads_are_let_pass<const D: usize>(contacts: usize, motions: usize) 
 }
 
 #[test]
-fn a_load_that_some_reaction_balances_is_let_pass() {
+fn a_load_that_a_reaction_balances_is_accepted() {
     for (contacts, motions) in PLANE {
         balanced_loads_are_let_pass::<2>(contacts, motions);
     }
@@ -306,7 +306,7 @@ fn the_motion_is_the_one_that_the_block_makes() {
 }
 
 #[test]
-fn a_light_body_is_judged_beside_a_heavy_one() {
+fn a_light_body_is_checked_with_its_own_loads() {
     // Contact 0 holds a heavy body, contact 1 a light one; two motions each.
     let unit = |contact: usize, k: usize| {
         let mut mode = vec![[0.0; 2]; 3];
@@ -357,4 +357,59 @@ fn the_solver_refuses_before_it_iterates() {
     assert_eq!((slides.iterations, slides.free_motion.len()), (0, 3));
     assert!(slides.reaction.as_flattened().iter().all(|x| *x == 0.0));
     assert!(slides.residual.is_finite() && slides.residual > slides.tolerance);
+}
+
+/// Two plane contacts with the normal compliance `w`, tangentially rigid.
+fn normal_compliance(w: [[f64; 2]; 2]) -> Compliance<'static, 2> {
+    let mut dense = vec![0.0; 16];
+    for (i, row) in w.iter().enumerate() {
+        dense[8 * i] = row[0];
+        dense[8 * i + 2] = row[1];
+    }
+    Compliance::from_dense(2, Cow::Owned(dense)).unwrap()
+}
+
+#[test]
+fn contradiction_of_an_unsymmetric_compliance_uses_its_rows() {
+    // λ = (1, 1). The sum of the rows of the first matrix is zero, so that λ·v = λ·q < 0.
+    // The columns of the second one sum to zero; it has the solution r_n = (0.5, 0).
+    for (w, proof) in [
+        ([[1.0, 2.0], [-1.0, -2.0]], true),
+        ([[1.0, -1.0], [2.0, -2.0]], false),
+    ] {
+        let compliance = normal_compliance(w);
+        let q = [[-0.5, 0.0]; 2];
+        let problem = Reduced::new(&compliance, &q, &[0.0; 2], &Rigid::default()).unwrap();
+        assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
+        assert!(!is_contradiction(&problem, &[-1.0, -1.0]));
+    }
+}
+
+#[test]
+fn gaps_that_sum_to_zero_but_for_rounding_are_no_contradiction() {
+    // 0.1 + 0.2 − 0.3 is 6e-17, the rounding of a node that touches two walls.
+    let compliance = normal_compliance([[1.0, -1.0], [-1.0, 1.0]]);
+    for (rounding, proof) in [(6e-17, false), (1e-6, true)] {
+        let q = [[0.3 - rounding, 0.0], [-0.3, 0.0]];
+        let problem = Reduced::new(&compliance, &q, &[0.0; 2], &Rigid::default()).unwrap();
+        assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
+    }
+}
+
+#[test]
+fn pressure_balances_loads_or_is_too_large() {
+    let compliance = normal_compliance([[1.0, 0.0], [0.0, 1.0]]);
+    for (normal, pressure, expected) in [
+        (1.0, [1.0, 1.0], Some(true)),
+        (1.0, [1.0, 1.1], Some(false)),
+        (1.0, [3.0, -1.0], Some(false)),
+        (1e-12, [1e12, 1e12], None),
+    ] {
+        let rigid = Rigid {
+            modes: vec![vec![[normal, 1.0], [normal, -1.0]]],
+            load: vec![-2.0],
+        };
+        let problem = Reduced::new(&compliance, &[[0.0; 2]; 2], &[0.3; 2], &rigid).unwrap();
+        assert_eq!(balances(&problem, &pressure), expected);
+    }
 }

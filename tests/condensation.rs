@@ -1,6 +1,5 @@
-//! Condensation: S, its loads and its way back, against elimination in twice
-//! the precision, faer's sparse Cholesky and dense algebra; its edges; its
-//! errors.
+//! Condensation: S, loads and recovered unknowns, compared with elimination in twice the
+//! precision, faer's sparse Cholesky and dense algebra; edge cases and errors.
 #![expect(
     clippy::many_single_char_names,
     clippy::cast_precision_loss,
@@ -632,7 +631,7 @@ fn an_indefinite_matrix_is_refused_at_its_unknown() {
 }
 
 #[test]
-fn a_floating_body_is_refused_or_seen_at_one_of_its_unknowns() {
+fn a_floating_body_is_refused_or_found_at_one_of_its_unknowns() {
     // Whether a body is soft or free is not for a pivot to say, but it is to be seen.
     let seen = |found: Result<Factor, Error>| match found {
         Ok(factor) => factor

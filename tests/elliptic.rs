@@ -1,6 +1,5 @@
-//! Friction along two tangents. The projection onto the elliptic cone: what only the
-//! nearest point satisfies, for all coefficients that are allowed and at any size. The
-//! change of variables: what it keeps.
+//! Friction with two coefficients: the projection onto the elliptic cone, for all valid
+//! coefficients and any size, and the invariants of the change of variables.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 
@@ -11,7 +10,7 @@ use bipot_rs::law::bipotential::{gap, law_step};
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
 use bipot_rs::reduced::compliance::Compliance;
-use bipot_rs::reduced::elliptic_scaling::Stretch;
+use bipot_rs::reduced::elliptic_scaling::EllipticScaling;
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;
@@ -88,7 +87,7 @@ proptest! {
     }
 
     #[test]
-    fn it_brings_no_two_points_apart(
+    fn it_is_lipschitz(
         (a, mu) in point_and_mu(), b in proptest::array::uniform3(-10.0..10.0_f64)
     ) {
         let apart = norm(&minus(&project_elliptic(&a, mu).0, &project_elliptic(&b, mu).0));
@@ -148,7 +147,7 @@ proptest! {
     }
 
     #[test]
-    fn no_point_of_the_cone_is_nearer(
+    fn it_is_the_nearest_point_of_the_cone(
         tau in proptest::array::uniform3(-2.0..2.0_f64),
         mu in proptest::array::uniform2(0.05..2.0_f64),
     ) {
@@ -224,41 +223,41 @@ fn compliance() -> Result<Compliance<'static, 3>, Error> {
 }
 
 #[test]
-fn stretching_is_t_w_t_and_leads_back() {
-    let (mu, stretch) = Stretch::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
-    let stretch = stretch.unwrap();
+fn scaling_is_t_w_t_and_leads_back() {
+    let (mu, elliptic) = EllipticScaling::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
+    let elliptic = elliptic.unwrap();
     assert_eq!(mu, [0.3, 0.7]);
     let t = [1.0, 1.0, 0.1 / 0.3, 1.0, 0.2 / 0.7, 1.0];
     let given = compliance().unwrap();
-    let made = given.stretched(&stretch).unwrap();
+    let made = given.scaled(&elliptic).unwrap();
     assert!(made.is_symmetric(), "what is symmetric stays so to the bit");
-    let (whole, stretched) = (given.to_dense(), made.to_dense());
-    for (k, (w, s)) in whole.iter().zip(&stretched).enumerate() {
+    let (whole, scaled) = (given.to_dense(), made.to_dense());
+    for (k, (w, s)) in whole.iter().zip(&scaled).enumerate() {
         assert_eq!(*s, w * (t[k / 6] * t[k % 6]));
     }
-    let back = made.stretched(&stretch.inverse()).unwrap().to_dense();
+    let back = made.scaled(&elliptic.inverse()).unwrap().to_dense();
     // Four products and two quotients.
     let apart = back.iter().zip(&whole).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
-    // From one stretch to another, as from none to the other.
-    let (_, other) = Stretch::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
+    // From one scaling to another, as from none to the other.
+    let (_, other) = EllipticScaling::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
     let other = other.unwrap();
-    let change = Stretch::between(Some(&stretch), Some(&other)).unwrap();
-    let changed = made.stretched(&change).unwrap().to_dense();
-    let straight = given.stretched(&other).unwrap().to_dense();
+    let change = EllipticScaling::between(Some(&elliptic), Some(&other)).unwrap();
+    let changed = made.scaled(&change).unwrap().to_dense();
+    let straight = given.scaled(&other).unwrap().to_dense();
     let apart = changed.iter().zip(&straight).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
-    assert!(Stretch::between(None, None).is_none());
+    assert!(EllipticScaling::between(None, None).is_none());
 }
 
 #[test]
 fn the_law_of_one_is_that_of_the_other() {
     // Slip along (3, 4) with μ = (0.4, 0.2), by hand: r_t = −(0.48, 0.16)/√2.08.
-    let (mu, stretch) = Stretch::new(&[[0.4, 0.2]]).unwrap();
-    let stretch = stretch.unwrap();
+    let (mu, elliptic) = EllipticScaling::new(&[[0.4, 0.2]]).unwrap();
+    let elliptic = elliptic.unwrap();
     let size = 2.08_f64.sqrt();
     let (r, v) = ([1.0, -0.48 / size, -0.16 / size], [0.0, 3.0, 4.0]);
-    let (flat_r, flat_v) = (stretch.over(&[r])[0], stretch.times(&[v])[0]);
+    let (flat_r, flat_v) = (elliptic.over(&[r])[0], elliptic.times(&[v])[0]);
     // Work is the same, and none is missing from the law: a few roundings of size 1.
     assert!((dot(&flat_r, &flat_v) - dot(&r, &v)).abs() <= 8.0 * EPS);
     assert!(gap(&flat_r, &flat_v, mu[0]).abs() <= 8.0 * EPS);
@@ -268,16 +267,16 @@ fn the_law_of_one_is_that_of_the_other() {
 }
 
 #[test]
-fn equal_coefficients_stretch_nothing() {
-    let (mu, stretch) = Stretch::new(&[[0.3, 0.3], [0.0, 0.0], [1e-300, 1e-300]]).unwrap();
+fn equal_coefficients_need_no_scaling() {
+    let (mu, elliptic) = EllipticScaling::new(&[[0.3, 0.3], [0.0, 0.0], [1e-300, 1e-300]]).unwrap();
     assert_eq!(mu, [0.3, 0.0, 1e-300]);
-    assert!(stretch.is_none());
+    assert!(elliptic.is_none());
 }
 
 #[test]
-fn coefficients_that_cannot_be_are_named() {
+fn invalid_coefficients_are_named() {
     let told = |pair: [f64; 2]| {
-        let wrong = Stretch::new(&[[0.3, 0.3], pair]);
+        let wrong = EllipticScaling::new(&[[0.3, 0.3], pair]);
         wrong.unwrap_err().to_string()
     };
     let node = "mu of contact 1 is ";
@@ -290,5 +289,5 @@ fn coefficients_that_cannot_be_are_named() {
         let expected = format!("{node}({}, {}), expected two positive", wrong[0], wrong[1]);
         assert!(told(wrong).starts_with(&expected), "{}", told(wrong));
     }
-    assert!(Stretch::new(&[[0.3, 3.1e-7]]).is_ok());
+    assert!(EllipticScaling::new(&[[0.3, 3.1e-7]]).is_ok());
 }

@@ -1,8 +1,8 @@
-//! Factors that lie below a matrix, and the ellipsoids made with them.
+//! Verified Cholesky factors below a matrix, and their ellipsoids.
 
 use std::sync::atomic::AtomicBool;
 
-use bipot_rs::linalg::verified_cholesky::{Below, is_definite};
+use bipot_rs::linalg::verified_cholesky::{VerifiedCholesky, is_definite};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// `G Gᵀ + ridge`, column by column.
@@ -31,14 +31,16 @@ fn dot(x: &[f64], y: &[f64]) -> f64 {
 /// Points on the border of `dᵀAd + e·d ≤ 0` lie in what is said of them, and some of
 /// them near its border.
 #[test]
-fn an_ellipsoid_holds_its_points_and_little_more() {
+fn an_ellipsoid_contains_its_points_tightly() {
     let stop = AtomicBool::new(false);
     for seed in 0..40 {
         let mut rng = StdRng::seed_from_u64(seed);
         let n = rng.random_range(1..=6);
         let a = random_matrix(&mut rng, n, 0.3);
         let e: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let below = Below::new(a.clone(), n, 0.0, &stop).unwrap().unwrap();
+        let below = VerifiedCholesky::new(a.clone(), n, 0.0, &stop)
+            .unwrap()
+            .unwrap();
         let ellipsoid = below.ellipsoid(&e, &vec![0.0; n]);
         let widths = below.widths();
         let mut reached = vec![0.0_f64; n];
@@ -79,7 +81,7 @@ fn an_uncertain_side_is_covered() {
     let stop = AtomicBool::new(false);
     let mut rng = StdRng::seed_from_u64(5);
     let a = random_matrix(&mut rng, 4, 0.5);
-    let below = Below::new(a, 4, 0.0, &stop).unwrap().unwrap();
+    let below = VerifiedCholesky::new(a, 4, 0.0, &stop).unwrap().unwrap();
     let e = [0.3, -0.2, 0.1, 0.7];
     let error = [1e-3, 2e-3, 0.0, 1e-3];
     let wide = below.ellipsoid(&e, &error);

@@ -1,5 +1,5 @@
-//! What only the right law satisfies: geometry of the projection, its
-//! derivative, the bipotential, and the one-node problem.
+//! Properties of the law: geometry of the projection, its derivative, the bipotential, and
+//! the one-node problem.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 #![expect(clippy::cast_precision_loss, reason = "dimensions are 2 and 3")]
@@ -257,7 +257,7 @@ fn gap_of_a_total_state_is_a_power() {
     assert_eq!(corrected(&[0.1, 3.0, 4.0], 0.5), [2.6, 3.0, 4.0]);
 }
 
-/// η of one node in scaled variables, the judge of the tests below.
+/// η of one node in scaled variables, for the tests below.
 fn misfit<const D: usize>(w: &Block<D>, q: &[f64; D], mu: f64, r: &[f64; D]) -> f64 {
     let scale = (w.trace() / D as f64).sqrt();
     let v: [f64; D] =

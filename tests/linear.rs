@@ -1,5 +1,4 @@
-//! Dense linear algebra that the Newton steps stand on: LU, GMRES, and sums in
-//! twice the precision.
+//! Dense linear algebra of the Newton steps: LU, GMRES, and sums in twice the precision.
 
 #![expect(
     clippy::cast_precision_loss,
@@ -12,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
 use bipot_rs::linalg::compensated::{Sum, dot};
-use bipot_rs::linalg::gmres::{self, Found};
+use bipot_rs::linalg::gmres::{self, GmresSolution};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::norm;
 use rand::{RngExt, SeedableRng, rngs::StdRng, seq::SliceRandom};
@@ -165,13 +164,13 @@ fn lu_has_no_factors_of_a_singular_matrix() {
 }
 
 #[test]
-fn lu_stops_when_it_is_asked_to() {
+fn lu_can_be_stopped() {
     let stopped = Lu::new(vec![1.0], 1, &AtomicBool::new(true));
     assert_eq!(stopped.unwrap_err(), Error::Interrupted);
 }
 
 /// GMRES on a matrix by rows, preconditioned by the diagonal `m`.
-fn krylov(a: &[f64], m: &[f64], b: &[f64], tol: f64, most: usize) -> Found {
+fn krylov(a: &[f64], m: &[f64], b: &[f64], tol: f64, most: usize) -> GmresSolution {
     let apply = |x: &[f64]| Ok::<_, Infallible>(times(a, x));
     let precondition = |x: &mut [f64]| {
         for (value, m) in x.iter_mut().zip(m) {
@@ -199,7 +198,7 @@ fn matrix(n: usize, symmetric: bool, rng: &mut StdRng) -> Vec<f64> {
 }
 
 #[test]
-fn gmres_converges_to_what_it_is_asked_for() {
+fn gmres_converges_to_the_tolerance() {
     let mut rng = StdRng::seed_from_u64(4);
     for symmetric in [true, false] {
         for n in [1, 5, 40, 150] {
@@ -275,7 +274,7 @@ fn gmres_preconditions_on_the_right() {
 }
 
 #[test]
-fn gmres_of_nothing_and_of_singular_matrices() {
+fn gmres_with_zero_right_side_and_with_singular_matrices() {
     let zero = krylov(&[2.0, 1.0, 1.0, 3.0], &[1.0; 2], &[0.0; 2], 1e-10, 10);
     assert_eq!((zero.x, zero.products), (vec![0.0; 2], 0));
     assert_eq!(krylov(&[], &[], &[], 1e-10, 10).products, 0);
@@ -326,7 +325,7 @@ fn gmres_gives_back_the_error_of_a_product() {
 }
 
 #[test]
-fn sums_that_cancel_keep_what_is_left() {
+fn sums_that_cancel_are_accurate() {
     let mut rng = StdRng::seed_from_u64(7);
     for _ in 0..200 {
         // Every large term comes with its opposite; what is left is known.

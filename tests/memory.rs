@@ -1,5 +1,5 @@
-//! Memory that a condensation takes, counted by an allocator, beside what the
-//! analysis foretold. A binary of its own: the count is of the whole process.
+//! Memory of a condensation, counted by an allocator, compared with the prediction of the
+//! analysis. It is a binary of its own, because the count is of the whole process.
 #![expect(
     clippy::unwrap_used,
     clippy::cast_precision_loss,
@@ -113,7 +113,7 @@ fn without_analysis(counts: &Counts, bytes: usize) -> usize {
 }
 
 #[test]
-fn the_peak_is_as_foretold() {
+fn the_peak_is_as_predicted() {
     let _alone = ALONE.lock().unwrap();
     let body = cube();
     let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
@@ -145,7 +145,7 @@ fn the_peak_is_as_foretold() {
 }
 
 #[test]
-fn a_second_matrix_takes_the_memory_of_the_first() {
+fn a_second_matrix_uses_the_memory_of_the_first() {
     let _alone = ALONE.lock().unwrap();
     let body = cube();
     let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
@@ -221,9 +221,9 @@ fn coupled(contacts: usize) -> Vec<f64> {
 }
 
 #[test]
-fn proving_that_there_is_one_answer_takes_what_is_foretold() {
+fn the_uniqueness_proof_takes_the_predicted_memory() {
     let _alone = ALONE.lock().unwrap();
-    let judged = |contacts: usize, mu: f64| {
+    let measured = |contacts: usize, mu: f64| {
         let w = coupled(contacts);
         let compliance = Compliance::<2>::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
         let q = vec![[-1.0, 0.1]; contacts];
@@ -237,7 +237,7 @@ fn proving_that_there_is_one_answer_takes_what_is_foretold() {
         let contacts = 800;
         let foretold = bytes::<2>(contacts, if mu > 0.0 { contacts } else { 0 });
         assert!(foretold < limit);
-        let (found, verdict) = judged(contacts, mu);
+        let (found, verdict) = measured(contacts, mu);
         // And what products of matrices pack, however large they are.
         let bound = foretold + foretold / 7 + (16 << 20);
         assert!(found <= bound, "{found} bytes, foretold {foretold}");
@@ -246,7 +246,7 @@ fn proving_that_there_is_one_answer_takes_what_is_foretold() {
     // Above the limit nothing is tried: a few vectors.
     let many = 2200;
     assert!(bytes::<2>(many, many) > limit);
-    let (found, verdict) = judged(many, 0.1);
+    let (found, verdict) = measured(many, 0.1);
     assert_eq!(verdict, Unique::Unknown);
     assert!(found < 100 * many, "{found} bytes");
 }

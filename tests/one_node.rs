@@ -428,7 +428,7 @@ struct Seen {
     vague: usize,
 }
 
-fn judge<const D: usize>(
+fn check<const D: usize>(
     exact: &Exact<D>,
     found: Option<([f64; D], Status)>,
     answers: &[Answer<D>],
@@ -474,12 +474,12 @@ fn every_answer_is_one_of_those_there_are() {
         let (w, q, mu) = blocks.next();
         let exact = Exact::<3>::new(&w, &q, mu);
         let found = one_node::solve(&w, &q, mu, Habit::None);
-        judge(&exact, found, &answers_in_space(&exact), &mut space);
+        check(&exact, found, &answers_in_space(&exact), &mut space);
 
         let (w, q) = (w.fixed_view::<2, 2>(0, 0).into_owned(), [q[0], q[1]]);
         let exact = Exact::<2>::new(&w, &q, mu);
         let found = one_node::solve(&w, &q, mu, Habit::None);
-        judge(&exact, found, &answers_in_the_plane(&exact), &mut plane);
+        check(&exact, found, &answers_in_the_plane(&exact), &mut plane);
     }
     for seen in [plane, space] {
         assert!(seen.statuses.iter().all(|&n| n > BLOCKS / 10), "{seen:?}");
@@ -564,7 +564,7 @@ fn powers_of_two_of_the_units_change_no_bit() {
 
 /// Whatever the numbers: an end, no NaN, no infinity, and nothing outside the cone.
 #[test]
-fn wild_numbers_end_in_finite_ones() {
+fn extreme_numbers_give_finite_results() {
     let mut rng = StdRng::seed_from_u64(666);
     let sizes = [0.0, 1.0, 1.0, 1e-16, 1e8, 1e-300, 1e300];
     let mut wild = |kinds: usize| sizes[rng.random_range(0..kinds)] * rng.random_range(-1.0..1.0);

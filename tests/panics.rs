@@ -4,12 +4,12 @@ use bipot_rs::panics::{Panicked, caught};
 use rayon::prelude::*;
 
 #[test]
-fn what_does_not_panic_comes_back() {
+fn a_result_without_panic_is_returned() {
     assert_eq!(caught(|| 3), Ok(3));
 }
 
 #[test]
-fn a_panic_is_quoted() {
+fn the_message_of_a_panic_is_kept() {
     let nothing: [f64; 0] = [];
     let found = caught(|| nothing[std::hint::black_box(2)]);
     let Err(Panicked(said)) = found else {

@@ -16,7 +16,7 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::principles::convex::{Least, Point, least};
+use bipot_rs::solver::principles::convex::{Least, PrinciplePoint, least};
 use bipot_rs::solver::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
@@ -137,8 +137,8 @@ impl Factors {
 fn answer<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &Point<D>,
-) -> Point<D> {
+    from: &PrinciplePoint<D>,
+) -> PrinciplePoint<D> {
     let (settings, progress) = (settings(1e-15), Progress::default());
     let mut monitor = Monitor::new(problem, &settings, &GO, &progress);
     let enough = 1e-13 * from.merit(problem);
@@ -168,13 +168,15 @@ fn apart<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> Vec<f64> {
 fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
     let factors = Factors::new(case);
     let problem = case.problem();
-    let at = |seed| Point::new(&problem, reactions(case, seed), Vec::new());
+    let at = |seed| PrinciplePoint::new(&problem, reactions(case, seed), Vec::new());
     let (x, y) = (at(seed), at(seed + 1000));
     // Frozen problems are solved to 1e-13.
     let slack = 1.0 + 1e-9;
     let before = length(&factors.w, &apart(&x.r, &y.r));
-    let tresca = |p: &Point<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
-    let cone = |p: &Point<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
+    let tresca =
+        |p: &PrinciplePoint<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
+    let cone =
+        |p: &PrinciplePoint<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
     for (k, (x, y)) in [(tresca(&x), tresca(&y)), (cone(&x), cone(&y))]
         .iter()
         .enumerate()
@@ -183,12 +185,12 @@ fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
         assert!(after <= slack * factors.whole * before, "{k} {seed}");
         used[k] = used[k].max(after / (factors.whole * before));
     }
-    let turn = |p: &Point<D>| {
+    let turn = |p: &PrinciplePoint<D>| {
         let pressed = answer(&problem, alternating_principles::frozen_friction(&p.r), p);
         let friction = alternating_principles::frozen_contact(&problem, &pressed.r);
         answer(&problem, friction, &pressed)
     };
-    let tangential = |a: &Point<D>, b: &Point<D>| {
+    let tangential = |a: &PrinciplePoint<D>, b: &PrinciplePoint<D>| {
         let all = apart(&a.r, &b.r);
         let own: Vec<f64> = factors.tangential.iter().map(|&k| all[k]).collect();
         length(
@@ -249,7 +251,7 @@ fn falls(history: &[f64], energy: f64) {
 }
 
 #[test]
-fn the_bifunctional_falls_to_zero_at_every_step() {
+fn the_bifunctional_decreases_to_zero_in_every_step() {
     let mut slid = 0;
     for seed in 0..12 {
         for mu in [0.2, 0.6, 1.2] {
@@ -278,7 +280,7 @@ fn the_bifunctional_falls_to_zero_at_every_step() {
 }
 
 #[test]
-fn the_bifunctional_may_fall_to_a_limit_above_zero() {
+fn the_bifunctional_may_decrease_to_a_positive_limit() {
     // Coupling and friction so strong that L is far above one.
     let mut stalled = 0;
     for k in 0..40 {
@@ -316,7 +318,7 @@ fn the_bifunctional_may_fall_to_a_limit_above_zero() {
 
 /// What every method says of problems whose friction is beyond all proofs.
 #[test]
-fn beyond_the_limits_nothing_wrong_is_called_an_answer() {
+fn beyond_the_limits_no_wrong_point_is_a_solution() {
     for seed in 0..10 {
         for mu in [3.0, 10.0] {
             let plane = Case::<2>::held(5, mu, seed);
@@ -364,7 +366,7 @@ fn pivoting_in_the_plane_ends_at_an_answer_whatever_friction_is() {
 }
 
 #[test]
-fn pivoting_on_ties_does_not_go_round() {
+fn pivoting_on_ties_does_not_cycle() {
     // Contacts that are all alike, and loads along the normal alone: all close at once,
     // with no slip to tell a direction.
     for contacts in [1, 4, 9] {

@@ -1,4 +1,4 @@
-//! One analysis, several matrices: S without the factor, and the factor anew.
+//! One analysis for several matrices: S without the factor, and a new factor.
 #![expect(
     clippy::unwrap_used,
     clippy::cast_precision_loss,
@@ -117,7 +117,7 @@ fn many_columns_are_those_of_one_thread() {
 }
 
 #[test]
-fn a_half_solve_is_what_it_is_alone() {
+fn a_half_solve_has_the_same_bits_alone() {
     for body in bodies() {
         let factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
         let inside: Vec<usize> = (0..body.n).filter(|i| !body.face.contains(i)).collect();
@@ -147,7 +147,7 @@ fn a_half_solve_is_what_it_is_alone() {
 }
 
 #[test]
-fn a_matrix_refused_leaves_loads_and_the_analysis_as_they_were() {
+fn a_refused_matrix_changes_neither_loads_nor_analysis() {
     let mut body = Make::cube(5).build();
     let symbolic = analysed(&body);
     let factored = |k: &Symmetric| Factor::new(Arc::clone(&symbolic), k, &GO);
@@ -234,7 +234,7 @@ fn the_inverse_takes_the_place_of_the_factor() {
 }
 
 #[test]
-fn the_pivot_at_fault_is_counted_through_blocks() {
+fn the_failed_pivot_has_its_global_number() {
     for (n, at) in [(5, 0), (300, 129), (901, 383), (901, 384), (901, 900)] {
         let (mut a, _) = known(n);
         a[at * (n + 1)] = -1.0;

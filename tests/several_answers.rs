@@ -1,5 +1,5 @@
-//! All answers of small plane problems against a plain enumeration, and what is
-//! said of uniqueness against their number.
+//! All solutions of small plane problems compared with a plain enumeration, and verdicts on
+//! uniqueness compared with their number.
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
@@ -258,7 +258,7 @@ fn all_answers_of_more_contacts() {
 }
 
 #[test]
-fn few_choices_of_twelve_contacts_are_looked_at() {
+fn few_choices_of_twelve_contacts_are_visited() {
     let never = AtomicBool::new(false);
     let (mut most, mut sum) = (0, 0);
     for seed in 0..12 {
@@ -272,7 +272,7 @@ fn few_choices_of_twelve_contacts_are_looked_at() {
 }
 
 #[test]
-fn what_is_said_of_uniqueness_is_true() {
+fn uniqueness_is_never_claimed_wrongly() {
     let mut said = [0; 3];
     let never = AtomicBool::new(false);
     for seed in 0..1500 {

@@ -1,5 +1,5 @@
-//! The solvers on problems made from seeds: one answer by every method, one
-//! judge, the same bits on any number of threads, work that is pinned.
+//! The solvers on random problems: all methods agree, one certificate, the same bits on any
+//! number of threads, and pinned work.
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
@@ -59,7 +59,7 @@ fn every_method_holds_bodies_that_contact_alone_holds() {
 }
 
 #[test]
-fn a_load_beyond_friction_is_never_called_an_answer() {
+fn a_load_beyond_friction_never_converges() {
     for method in [Method::Auto, Method::GaussSeidel, Method::Uzawa] {
         for share in [1.000_001, 1.5] {
             let case = Case::<2>::floating(6, 0.4, share, 3);
@@ -84,7 +84,7 @@ fn a_load_beyond_friction_is_never_called_an_answer() {
 }
 
 #[test]
-fn what_is_returned_is_what_was_judged() {
+fn the_result_is_the_point_of_the_certificate() {
     let case = Case::<3>::held(15, 0.5, 4);
     let solution = case.solve(Method::Auto);
     let problem = case.problem();
@@ -101,7 +101,7 @@ fn what_is_returned_is_what_was_judged() {
 }
 
 #[test]
-fn progress_is_told() {
+fn progress_can_be_read() {
     let progress = Progress::default();
     assert_eq!(progress.read(), (0, 0.0, f64::INFINITY));
     let case = Case::<3>::floating(12, 0.4, 0.7, 1);
@@ -116,7 +116,7 @@ fn progress_is_told() {
             solve_watched(&problem, &settings, &Start::default(), &stop, &progress).unwrap();
         let (iterations, work, residual) = progress.read();
         assert_eq!(iterations, solution.iterations, "{name}");
-        // Two products judge the end; η before and after differs by rounding.
+        // The certificate costs two products; η before and after differs by rounding.
         assert!(
             work <= solution.work && solution.work <= work + 2.0,
             "{name}"
@@ -147,7 +147,7 @@ fn limits_end_with_the_best_point() {
         .iter()
         .map(|row| row.1)
         .fold(f64::INFINITY, f64::min);
-    // Judged afresh, the best point differs from the running η by rounding.
+    // The certificate of the best point differs from the running η by rounding.
     assert!((solution.residual - best).abs() <= 1e-12 * best);
 
     let raised = AtomicBool::new(true);

@@ -138,7 +138,7 @@ fn rows_are_exchanged_where_a_diagonal_is_zero() {
 }
 
 #[test]
-fn pieces_that_do_not_touch_and_nothing_at_all() {
+fn disconnected_pieces_and_an_empty_matrix() {
     let mut rng = StdRng::seed_from_u64(3);
     let mut case = Triplets::<3>::grid(4, 4.0, &mut rng);
     for (i, row) in case.rows.iter_mut().enumerate() {
@@ -238,7 +238,7 @@ fn broken_patterns_are_named() {
 }
 
 #[test]
-fn stops_when_it_is_asked_to() {
+fn it_can_be_stopped() {
     let mut rng = StdRng::seed_from_u64(6);
     let blocks = Triplets::<2>::grid(3, 4.0, &mut rng).blocks();
     let analysis = Analysis::new(&blocks).unwrap();
@@ -298,7 +298,7 @@ fn symmetric(nodes: usize, rng: &mut StdRng) -> (Vec<usize>, Vec<usize>, Vec<f64
 }
 
 #[test]
-fn what_is_symmetric_to_the_bit_need_not_be_mirrored() {
+fn a_bitwise_symmetric_matrix_is_not_mirrored() {
     let mut rng = StdRng::seed_from_u64(7);
     for nodes in [1, 2, 5, 20] {
         let (start, rows, values) = symmetric(nodes, &mut rng);
@@ -319,7 +319,7 @@ fn what_is_symmetric_to_the_bit_need_not_be_mirrored() {
 }
 
 #[test]
-fn triangles_that_differ_are_told_from_those_that_do_not() {
+fn different_triangles_are_detected() {
     let mut rng = StdRng::seed_from_u64(8);
     let (start, rows, values) = symmetric(4, &mut rng);
     for at in 0..values.len() {

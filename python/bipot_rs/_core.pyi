@@ -24,7 +24,11 @@ __all__ = [
     "forward_errors",
     "forward_errors_of_step",
     "is_sparse",
+    "isotropic",
     "keep_heap",
+    "largest_friction_ratio",
+    "largest_reaction",
+    "least_work",
     "project",
     "threads",
     "version",
@@ -37,6 +41,9 @@ _Indices = NDArray[np.integer[Any]]
 _Csr = tuple[_Indices, _Indices, _Floats]
 
 build_profile: Final[str]
+largest_friction_ratio: Final[float]
+largest_reaction: Final[float]
+least_work: Final[float]
 version: Final[str]
 
 def threads() -> int:
@@ -46,6 +53,13 @@ def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None
 ) -> tuple[_Floats, NDArray[np.int8]]:
     """Projects every row of `tau` onto its cone, or increment set when `base` is given."""
+
+def isotropic(mu: _Floats, d: int) -> tuple[_Floats, _Floats]:
+    """Factors ``(n_c, d)`` of components in which the law is Coulomb's, and its ``mu``.
+
+    With these factors as the diagonal matrix ``T``, the law holds between ``T⁻¹ r`` and
+    ``T v``.
+    """
 
 @final
 class Condensed:
@@ -141,6 +155,12 @@ class Reduced:
         """Largest `|W_ij − W_ji|` over the largest entry."""
     def residual(self, reaction: _Floats, rigid: _Floats | None = None) -> float:
         """η at `(r, a)`; without `a`, at the rigid motion of least squares."""
+    def is_unresisted(self, amounts: _Floats) -> bool:
+        """Whether amounts of the rigid motions prove that there is no equilibrium."""
+    def is_contradiction(self, amounts: _Floats) -> bool:
+        """Whether amounts of normal displacements prove that contacts contradict."""
+    def balances(self, pressure: _Floats) -> bool | None:
+        """Whether normal reactions balance the loads; ``None`` if too large to count."""
     def solve(
         self,
         method: str,

@@ -1,5 +1,5 @@
-//! A body before it is condensed: ordered and counted, then factored, its S and the
-//! rigid motions that its supports leave free.
+//! A body on its way to a condensed one: ordered and counted, then factored. Finds the rigid
+//! motions that its supports leave free.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -7,11 +7,11 @@ use std::time::Instant;
 
 use crate::condensation::body::{Body, DIGITS};
 use crate::condensation::null_space::{
-    Block, Verdict, Weights, part, softest, softest_interior, softest_of_all,
+    DiagonalScaling, MotionBlock, SoftestMotions, part, softest, softest_interior, softest_of_all,
 };
-use crate::condensation::pattern_cache::Asked;
+use crate::condensation::pattern_cache::Lookup;
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::jacobi::{combine, orthogonalise};
@@ -21,62 +21,62 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::multifrontal::{Factor, Schur};
 use crate::linalg::sparse::symbolic::{Counts, Options, Symbolic};
 
-/// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
-/// matrix is definite; below it the softest motions are looked at. Where the contact
-/// set is soft and the rest is stiff, the rounding of the stiff part may exceed it.
+/// If all pivots are above this share of the diagonal of `K`, the matrix is definite beyond
+/// doubt; below, the softest motions are examined. With a soft contact set and a stiff
+/// interior, the rounding of the interior may exceed it.
 const SAFE: f64 = 1e-9;
 
-/// The same of pivots of the interior, whose inverse is not at hand: of a singular
-/// matrix without a pivot below this, elimination would have grown its entries as much.
+/// The same for pivots of the interior, whose inverse is not available: elimination of a
+/// singular matrix without a smaller pivot would have increased its entries as much.
 const SAFE_INSIDE: f64 = 1e-6;
 
-/// Energy of the softest motion of the interior, relative to the diagonal of `K`, below
-/// which it may be rounding.
+/// If the softest motion of the interior has less energy, relative to the diagonal of `K`, it
+/// may be rounding.
 const DOUBTFUL: f64 = 1e-11;
 
-/// Contacts that feel a rigid motion by less than this share of one that they feel
-/// most do not pin it: what rounding leaves of the places of the contacts.
+/// A contact holds a rigid motion only if it moves by at least this share of the contact that
+/// moves most: smaller motions are rounding of the positions of the contacts.
 const PINNED: f64 = 1e-11;
 
-/// How far above rounding the energy of the next motion is to be where motions beyond
-/// the rigid ones cost nothing: the first modes of bending lie a factor of ten to forty
-/// apart, the elastic modes of a mechanism far above its free ones.
+/// Least ratio of the energy of the next motion to rounding, if motions beyond the rigid ones
+/// have no energy. The energies of the first bending modes differ by a factor of ten to forty;
+/// the elastic modes of a mechanism are far above its free motions.
 const MECHANISM: f64 = 1e3;
 
-/// The same of motions of which only the stiffness is known: the second mode of bending
-/// of a cantilever takes 39 times the energy of the first, which passes for none below a
-/// fifth of rounding.
+/// The same for motions of which only the stiffness is known. The second bending mode of a
+/// cantilever has 39 times the energy of the first, which counts as zero below a fifth of
+/// rounding.
 const CLEAR: f64 = 20.0;
 
-/// Motions looked for at first; where all of them are soft, more.
+/// Number of motions examined first; more if all of them are soft.
 const WIDTH: usize = 9;
 
-/// A body before its numbers: what condensing it will take is known.
+/// A body before its factorisation: the costs of the condensation are known.
 #[derive(Debug)]
-pub struct Analysed {
+pub struct AnalysedBody {
     dofs: Vec<usize>,
-    stiffness: Owned,
+    stiffness: OwnedMatrix,
     unit: f64,
     kept: Vec<usize>,
     places: Option<Vec<[f64; 3]>>,
     geometry: Option<Arc<Geometry>>,
     symbolic: Arc<Symbolic>,
-    /// Whether it had to be ordered: no analysis of its pattern was at hand.
+    /// Whether it was ordered, because no analysis of its pattern was known.
     ordered: bool,
     /// Whether the analysis is that of the same body with other values.
     again: bool,
 }
 
-impl Analysed {
-    /// Orders and counts; the analysis of the same body with other values is used
-    /// again, or else the one `known` of its pattern. `kept` are local numbers, `places`
-    /// those of the degrees of freedom in space, where they are known.
+impl AnalysedBody {
+    /// Orders and counts. It uses the analysis of the same body with other values, or else the
+    /// analysis `known` of its pattern. `kept` are local numbers; `places` are the positions of
+    /// the degrees of freedom in space, if known.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
     pub fn new(
         dofs: Vec<usize>,
-        mut stiffness: Owned,
+        mut stiffness: OwnedMatrix,
         kept: Vec<usize>,
         places: Option<Vec<[f64; 3]>>,
         before: Option<&Body>,
@@ -112,17 +112,17 @@ impl Analysed {
         })
     }
 
-    /// With what the places of all degrees of freedom say of rigid motions.
+    /// Adds the geometry of all degrees of freedom, from which rigid motions follow.
     #[must_use]
     pub fn with_geometry(mut self, geometry: Option<Arc<Geometry>>) -> Self {
         self.geometry = geometry;
         self
     }
 
-    /// Keeps an analysis that was made here for other problems of its pattern.
+    /// Stores an analysis made here for other problems with its pattern.
     pub fn share(&self) {
         if self.ordered {
-            let asked = Asked {
+            let asked = Lookup {
                 matrix: self.stiffness.view(),
                 kept: &self.kept,
                 places: self.places.as_deref(),
@@ -131,10 +131,10 @@ impl Analysed {
         }
     }
 
-    /// The same body with other unknowns kept.
+    /// The same body with other kept unknowns.
     ///
     /// # Errors
-    /// As [`Analysed::new`].
+    /// As [`AnalysedBody::new`].
     pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
         let stiffness = body.stiffness.clone();
         let symbolic = analyse(&stiffness.view(), &kept, body.places.as_deref())?;
@@ -151,25 +151,25 @@ impl Analysed {
         })
     }
 
-    /// Bytes that it holds besides what the factorisation takes.
+    /// Bytes that it holds besides those of the factorisation.
     #[must_use]
     pub fn bytes(&self) -> u128 {
         let k = &self.stiffness;
         let places = self.places.as_ref().map_or(0, |at| 24 * at.len());
         let numbers = k.pointer.len() + k.index.len() + k.values.len() + 2 * self.dofs.len();
-        // What the ways from the caller to the bodies leave in the heap, as measured.
+        // Memory that earlier steps leave in the heap, as measured.
         let lists = 160 * self.dofs.len();
         (8 * numbers + places + lists) as u128
     }
 
-    /// Bytes that it holds for the factor, from one of the same pattern that is gone.
+    /// Bytes that it holds for the factor, from an earlier one of the same pattern.
     #[must_use]
     pub fn bytes_spare(&self) -> u128 {
         self.symbolic.bytes_spare() as u128
     }
 
-    /// Bytes that a factorisation after another takes more, if it leaves its stack to the
-    /// one after it: S is then made beside that. 0 for the first of an analysis.
+    /// Further bytes of a repeated factorisation that leaves its stack to the next one: S is
+    /// then made beside it. 0 for the first factorisation of an analysis.
     #[must_use]
     pub fn bytes_left(&self) -> u128 {
         if self.again {
@@ -179,24 +179,23 @@ impl Analysed {
         }
     }
 
-    /// Says whether it does so: where there were two matrices, there will be more.
+    /// Whether it does so: after two matrices, more are expected.
     pub fn leave_stack(&self, leave: bool) {
         self.symbolic.keep_stack(leave && self.again);
     }
 
-    /// What the factorisation will cost.
+    /// The cost of the factorisation.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
     }
 
-    /// Condenses. Of `loads`, forces on all degrees of freedom, the condensed
-    /// ones are kept and the factor is not, where supports hold the body.
+    /// Condenses the body. If supports hold it and `loads` are given, it keeps the condensed
+    /// loads and drops the factor. `loads` are forces on all degrees of freedom.
     ///
     /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::FewDigits`],
-    /// with the degree of freedom in the caller's numbering;
-    /// [`Error::Interrupted`].
+    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::FewDigits`], with the degree of
+    /// freedom in the numbering of the caller; [`Error::Interrupted`].
     pub fn condense(self, loads: Option<&[Vec<f64>]>, stop: &AtomicBool) -> Result<Body, Error> {
         let begin = Instant::now();
         if let Some(loads) = loads
@@ -206,7 +205,7 @@ impl Analysed {
             if body.amplification <= DIGITS {
                 return Ok(body);
             }
-            // Answers will be mended with K itself, by the factor.
+            // Solutions will be corrected with K itself, by the factor.
             return undo(body).condense(None, stop);
         }
         let view = self.stiffness.view();
@@ -235,8 +234,8 @@ impl Analysed {
         Ok(self.body(s, Some(factor), Vec::new(), [begin, until_s]))
     }
 
-    /// Rigid motions that supports leave free, where the places of the degrees of
-    /// freedom tell them.
+    /// Rigid motions that supports leave free, from the positions of the degrees of freedom, if
+    /// these are known.
     fn by_geometry(&self) -> Option<Vec<Vec<f64>>> {
         let geometry = self.geometry.as_ref()?;
         geometry.left_free(&self.dofs, &self.stiffness)
@@ -250,7 +249,7 @@ impl Analysed {
         {
             return false;
         }
-        let weights = Weights::new(&self.stiffness);
+        let weights = DiagonalScaling::new(&self.stiffness);
         softest_interior(factor, &weights, &self.kept) <= DOUBTFUL
     }
 
@@ -267,24 +266,23 @@ impl Analysed {
         }
     }
 
-    /// What is to be said where elimination met a pivot that is not positive.
+    /// The error after a pivot that is not positive.
     fn refusal(&self, met: Error, stop: &AtomicBool) -> Result<Error, Error> {
         match self.check_whole(stop) {
             Err(Error::Interrupted) => Err(Error::Interrupted),
             Err(found) => Ok(found),
             Ok(()) => Ok(match renumber(met, &self.dofs) {
-                // No motion costs nothing, and none has negative energy: the pivot is
-                // rounding.
+                // No motion has zero or negative energy: the pivot is rounding.
                 Error::Indefinite { dof } | Error::FloatingBody { dof } => Error::FewDigits { dof },
                 other => other,
             }),
         }
     }
 
-    /// Looks at the softest motions of the whole body, contact set and interior.
+    /// Examines the softest motions of the whole body, with contact set and interior.
     ///
     /// # Errors
-    /// [`Error::FloatingBody`] where one that costs nothing moves no contact,
+    /// [`Error::FloatingBody`] if a motion without energy moves no contact,
     /// [`Error::Indefinite`], [`Error::FewDigits`]; [`Error::Interrupted`].
     fn check_whole(&self, stop: &AtomicBool) -> Result<(), Error> {
         let k = &self.stiffness;
@@ -299,12 +297,12 @@ impl Analysed {
             self.pin(motions)?;
         }
         let known = geometric.clone().unwrap_or_default();
-        let weights = Weights::new(k);
+        let weights = DiagonalScaling::new(k);
         let of = (k, &self.kept[..], &self.symbolic);
         let softest = |width| softest_of_all(of, &weights, known.len() + width, stop);
-        let verdict = self.look(&weights, &known, softest)?;
-        let verdict = verdict.ok_or_else(|| self.indefinite())?;
-        let more = self.believed(verdict, geometric.is_some())?;
+        let motions_found = self.look(&weights, &known, softest)?;
+        let motions_found = motions_found.ok_or_else(|| self.indefinite())?;
+        let more = self.believed(motions_found, geometric.is_some())?;
         if !more.is_empty() {
             self.pin(&[known, more].concat())?;
         }
@@ -315,14 +313,14 @@ impl Analysed {
         Error::Indefinite { dof: self.dofs[0] }
     }
 
-    /// What is found among more and more soft motions, until some are not null; `None`
-    /// where none are to be had.
+    /// The null motions among a growing number of soft ones, until some are not null; `None` if
+    /// there are no soft motions.
     fn look(
         &self,
-        weights: &Weights,
+        weights: &DiagonalScaling,
         known: &[Vec<f64>],
-        softest: impl Fn(usize) -> Result<Option<Block>, Error>,
-    ) -> Result<Option<Verdict>, Error> {
+        softest: impl Fn(usize) -> Result<Option<MotionBlock>, Error>,
+    ) -> Result<Option<SoftestMotions>, Error> {
         let mut width = WIDTH;
         loop {
             let Some(block) = softest(width)? else {
@@ -330,30 +328,34 @@ impl Analysed {
             };
             let all = block.columns.len() < width;
             let shift = block.shift;
-            let verdict = part(&self.stiffness, weights, known, block);
-            if verdict.negative {
+            let motions_found = part(&self.stiffness, weights, known, block);
+            if motions_found.negative {
                 return Err(self.indefinite());
             }
-            if all || verdict.is_complete(shift) {
-                return Ok(Some(verdict));
+            if all || motions_found.is_complete(shift) {
+                return Ok(Some(motions_found));
             }
             width *= 2;
         }
     }
 
-    /// Motions that cost nothing and are free beyond doubt.
+    /// The motions without energy that are free beyond doubt.
     ///
     /// # Errors
-    /// [`Error::FewDigits`] where only the stiffness could say, and its digits do not.
-    fn believed(&self, verdict: Verdict, geometric: bool) -> Result<Vec<Vec<f64>>, Error> {
-        let mut null = verdict.null;
+    /// [`Error::FewDigits`] if only the stiffness could decide, and has too few digits.
+    fn believed(
+        &self,
+        motions_found: SoftestMotions,
+        geometric: bool,
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let mut null = motions_found.null;
         if geometric {
-            // A rigid motion that geometry finds held is held, by however short a lever.
+            // A rigid motion that is held by the geometry is held, by any lever arm.
             null.retain(|x| !self.is_rigid(x));
-            if verdict.gap < MECHANISM {
+            if motions_found.gap < MECHANISM {
                 null.clear();
             }
-        } else if !null.is_empty() && verdict.gap < CLEAR {
+        } else if !null.is_empty() && motions_found.gap < CLEAR {
             return Err(Error::FewDigits { dof: self.dofs[0] });
         }
         Ok(null)
@@ -364,10 +366,10 @@ impl Analysed {
         geometry.is_some_and(|geometry| geometry.is_rigid(&self.dofs, motion))
     }
 
-    /// Motions made orthonormal on the kept unknowns, whole and kept part.
+    /// Motions made orthonormal on the kept unknowns: the whole and the kept part.
     ///
     /// # Errors
-    /// [`Error::FloatingBody`] for a combination that moves none of them.
+    /// [`Error::FloatingBody`] for a combination of motions that moves no kept unknown.
     fn pin(&self, motions: &[Vec<f64>]) -> Result<Motions, Error> {
         let of_kept = |z: &Vec<f64>| self.kept.iter().map(|&i| z[i]).collect::<Vec<f64>>();
         let mut kept: Vec<Vec<f64>> = motions.iter().map(of_kept).collect();
@@ -388,8 +390,8 @@ impl Analysed {
         Ok(Motions { whole, kept })
     }
 
-    /// S factored, the kept part of the loads condensed, and when S was done, where there
-    /// is no doubt that supports hold the body: a doubt is only settled with the factor.
+    /// The factored S, the kept part of the loads, and the time at which S was made, if
+    /// supports hold the body beyond doubt. Otherwise the decision needs the factor.
     #[expect(clippy::type_complexity, reason = "what a body is made of")]
     fn without_factor(
         &self,
@@ -423,7 +425,7 @@ impl Analysed {
         Ok(Some((s, columns.map(part).collect(), until_s)))
     }
 
-    /// The Cholesky factor of S, where S is positive definite beyond doubt.
+    /// The Cholesky factor of S, if S is positive definite beyond doubt.
     fn definite(
         &self,
         schur: &[f64],
@@ -432,8 +434,8 @@ impl Analysed {
     ) -> Result<Option<Supported>, Error> {
         let m = self.kept.len();
         let mut cholesky = schur.to_vec();
-        // Of a unit motion of the whole body, what independent roundings of the
-        // entries make of the energy; a sum of sizes would doubt large bodies.
+        // The energy that independent roundings of the entries give to a unit motion of the
+        // body; a sum of absolute values would reject large bodies.
         let rounding = 8.0 * f64::EPSILON * norm(&self.stiffness.values);
         let sound = dense::cholesky(&mut cholesky, m, stop)?.is_none()
             && (0..m).all(|i| {
@@ -445,7 +447,7 @@ impl Analysed {
         }
         let mut inverse = cholesky.clone();
         dense::invert_from_cholesky(&mut inverse, m, stop)?;
-        // The trace of an inverse bounds what any motion can be softer by; pivots do not.
+        // The trace of an inverse bounds the softness of each motion; pivots do not.
         let softness: f64 = (0..m)
             .map(|i| inverse[i * (m + 1)] / (scale[i] * scale[i]))
             .sum();
@@ -458,8 +460,7 @@ impl Analysed {
         }))
     }
 
-    /// The rigid motions that supports leave free, and the Cholesky factor of
-    /// `S + α R Rᵀ`.
+    /// The rigid motions that supports leave free, and the Cholesky factor of `S + α R Rᵀ`.
     fn with_rigid_motions(
         &self,
         schur: &[f64],
@@ -471,22 +472,23 @@ impl Analysed {
         let mut motions = self.pin(geometric.as_deref().unwrap_or_default())?;
         let mut s = self.with_modes(schur, &motions.kept);
         let of = (&self.stiffness, &self.kept[..], factor);
-        let weights = Weights::new(&self.stiffness);
+        let weights = DiagonalScaling::new(&self.stiffness);
         let softest = |width| softest(of, &s, scale, width, stop);
         let found = self.look(&weights, &motions.whole, softest)?;
-        let verdict = if let Some(verdict) = found.filter(|verdict| !verdict.doubtful) {
-            verdict
-        } else {
-            // Motions that are extended from the contact set gather there what K is out
-            // of balance by everywhere, and of a stiff part on a soft one S may be
-            // rounding; found in full, they leave it where it is.
-            let of = (&self.stiffness, &self.kept[..], &self.symbolic);
-            let width = |width| motions.whole.len() + width;
-            let in_full = |more| softest_of_all(of, &weights, width(more), stop);
-            let verdict = self.look(&weights, &motions.whole, in_full)?;
-            verdict.ok_or_else(|| self.indefinite())?
-        };
-        let more = self.believed(verdict, geometric.is_some())?;
+        let motions_found =
+            if let Some(motions_found) = found.filter(|motions_found| !motions_found.doubtful) {
+                motions_found
+            } else {
+                // Motions extended from the contact set collect there the imbalance of the
+                // whole K; for a stiff part on a soft one, S may be rounding. Motions found on
+                // all unknowns leave the imbalance where it is.
+                let of = (&self.stiffness, &self.kept[..], &self.symbolic);
+                let width = |width| motions.whole.len() + width;
+                let in_full = |more| softest_of_all(of, &weights, width(more), stop);
+                let motions_found = self.look(&weights, &motions.whole, in_full)?;
+                motions_found.ok_or_else(|| self.indefinite())?
+            };
+        let more = self.believed(motions_found, geometric.is_some())?;
         if !more.is_empty() {
             let mut all = std::mem::take(&mut motions.whole);
             all.extend(more);
@@ -510,9 +512,8 @@ impl Analysed {
         })
     }
 
-    /// `P S P + α R Rᵀ` with `P = 1 − R Rᵀ`, `α = tr S / m`: what rounding has left of
-    /// `S R` is gone. Where all kept unknowns move rigidly `S` is nothing but rounding,
-    /// and α is that of `K`.
+    /// `P S P + α R Rᵀ` with `P = 1 − R Rᵀ`, `α = tr S / m`: it removes the rounding of `S R`.
+    /// If all kept unknowns move rigidly, `S` is only rounding, and α is that of `K`.
     fn with_modes(&self, schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
         let mut sum = schur.to_vec();
         let m = self.kept.len();
@@ -524,7 +525,7 @@ impl Analysed {
         if modes.len() >= m {
             sum.fill(0.0);
         } else {
-            // S − R (S R)ᵀ − (S R) Rᵀ + R (Rᵀ S R) Rᵀ, symmetric to the bit.
+            // S − R (S R)ᵀ − (S R) Rᵀ + R (Rᵀ S R) Rᵀ, bitwise symmetric.
             let times = |x: &Vec<f64>| -> Vec<f64> {
                 schur.chunks_exact(m).map(|row| dot_long(row, x)).collect()
             };
@@ -604,7 +605,7 @@ impl Analysed {
     }
 }
 
-/// S made definite.
+/// S, made definite.
 struct Supported {
     /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
     cholesky: Vec<f64>,
@@ -613,11 +614,11 @@ struct Supported {
     motions: Motions,
     /// 1-norm of `S + α R Rᵀ`.
     size: f64,
-    /// What the interior is softer than its diagonal, `1 / weakest pivot`.
+    /// The softness of the interior relative to its diagonal, `1 / weakest pivot`.
     inside: f64,
 }
 
-/// Motions that cost nothing.
+/// The motions without energy.
 #[derive(Default)]
 struct Motions {
     /// On all degrees of freedom of the body.
@@ -626,12 +627,12 @@ struct Motions {
     kept: Vec<Vec<f64>>,
 }
 
-/// How much softer than its diagonal an interior is whose weakest pivot this is.
+/// The softness of an interior relative to its diagonal, from its weakest pivot.
 fn softness(weakest: Option<(usize, f64)>) -> f64 {
     weakest.map_or(1.0, |(_, ratio)| ratio.recip())
 }
 
-/// What makes the diagonal of K one at the kept unknowns.
+/// Scaling that makes the diagonal of K one at the kept unknowns.
 fn scales(kept: &[usize], diagonal: &[f64]) -> Vec<f64> {
     let scale = |&i: &usize| {
         if diagonal[i] > 0.0 {
@@ -643,9 +644,9 @@ fn scales(kept: &[usize], diagonal: &[f64]) -> Vec<f64> {
     kept.iter().map(scale).collect()
 }
 
-/// A body before its numbers.
-fn undo(body: Body) -> Analysed {
-    Analysed {
+/// Undoes the condensation.
+fn undo(body: Body) -> AnalysedBody {
+    AnalysedBody {
         dofs: body.dofs,
         stiffness: body.stiffness,
         unit: body.unit,

@@ -1,4 +1,4 @@
-//! The compliance `W` of contacts on condensed bodies, (3), island by island.
+//! The compliance `W` of contacts on condensed bodies, (3), for each island.
 
 use std::borrow::Cow;
 
@@ -14,15 +14,15 @@ use crate::linalg::union::Union;
 use crate::reduced::compliance::{Compliance, Part, is_sparse};
 use crate::reduced::memory::Budget;
 
-/// Where bodies come from: new ones give their inverses away, others have none.
+/// The origin of the bodies: new ones give their inverses away, others have none.
 #[derive(Debug)]
 pub enum Source<'b> {
     Fresh(&'b mut [Body]),
     Shared(&'b [Body]),
 }
 
-/// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, island by island: sparse where many bodies
-/// have a few contacts each.
+/// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ` for each island; sparse if many bodies have a few contacts
+/// each.
 ///
 /// # Errors
 /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::IndexRange`] for more blocks
@@ -71,8 +71,7 @@ pub fn assemble<const D: usize>(
     Compliance::new(whole)
 }
 
-/// Blocks of `W` that each island stores. Pairs of contacts that share two bodies
-/// are counted twice.
+/// Blocks of `W` that each island stores. Pairs of contacts that share two bodies count twice.
 fn stored_blocks<const D: usize>(islands: &[Members], shares: &[Share]) -> Vec<usize> {
     let of_island = |(nodes, members): &Members| {
         let squares = members
@@ -84,8 +83,8 @@ fn stored_blocks<const D: usize>(islands: &[Members], shares: &[Share]) -> Vec<u
     islands.iter().map(of_island).collect()
 }
 
-/// Bytes that `W` takes besides the inverses it is made of, of bodies with so many
-/// unknowns kept each: that of a body alone may be its inverse itself.
+/// Bytes of `W` besides the inverses that it is made of, for bodies with these numbers of kept
+/// unknowns. The inverse of a single body may itself become `W`.
 #[must_use]
 pub fn bytes_beside<const D: usize>(surface: &Surface<D>, kept: &[usize]) -> u128 {
     let shares = &surface.shares;
@@ -98,10 +97,10 @@ pub fn bytes_beside<const D: usize>(surface: &Surface<D>, kept: &[usize]) -> u12
     islands.iter().zip(stored).map(beside).sum()
 }
 
-/// Contacts that share a body, and the bodies they touch, both ascending.
+/// Contacts that share a body, and the bodies that they touch, both ascending.
 type Members = (Vec<usize>, Vec<usize>);
 
-/// Contacts that a body has rows of, ascending.
+/// Contacts with rows on a body, ascending.
 fn touched<const D: usize>(share: &Share) -> Vec<usize> {
     let mut contacts: Vec<usize> = share.rows.iter().map(|row| row.row / D).collect();
     contacts.sort_unstable();
@@ -110,7 +109,7 @@ fn touched<const D: usize>(share: &Share) -> Vec<usize> {
 }
 
 impl Source<'_> {
-    /// The whole share of one body in `W`, among the contacts named.
+    /// The share of one body in `W`, among the given contacts.
     fn matrix<const D: usize>(
         &mut self,
         body: usize,
@@ -131,13 +130,13 @@ impl Source<'_> {
             Self::Fresh(bodies) => by_inverse(&mut bodies[body], share, &at, m),
             Self::Shared(bodies) => by_half_solves(&bodies[body], share, &at, m),
         };
-        // By rows, what is upper here is lower there.
+        // The upper triangle by columns is the lower one by rows.
         dense::mirror_lower(&mut matrix, m);
         matrix
     }
 }
 
-/// Contacts and matrix of each body, contacts by their place among `n`.
+/// Contacts and matrix of each body; contacts as indices among `n`.
 type Shares = [(Vec<usize>, Vec<f64>)];
 
 fn dense_sum<const D: usize>(n: usize, shares: &Shares) -> Vec<f64> {
@@ -158,7 +157,7 @@ fn dense_sum<const D: usize>(n: usize, shares: &Shares) -> Vec<f64> {
 }
 
 fn sparse_sum<const D: usize>(n: usize, shares: &Shares) -> Blocks<D> {
-    // The bodies of each contact, with its place in each.
+    // The bodies of each contact, with its index in each.
     let mut of_contact: Vec<Vec<(usize, usize)>> = vec![Vec::new(); n];
     for (b, (own, _)) in shares.iter().enumerate() {
         for (k, &node) in own.iter().enumerate() {
@@ -179,8 +178,8 @@ fn sparse_sum<const D: usize>(n: usize, shares: &Shares) -> Blocks<D> {
     })
 }
 
-/// The upper triangle of `B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, rows of the share at places `at`
-/// of `m`, by the inverse, which is given away.
+/// The upper triangle of `B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, with the rows of the share at the places
+/// `at` of `m`, from the inverse, which is consumed.
 fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
     let (inverse, unit) = body.take_inverse();
     let order = body.kept();
@@ -192,8 +191,8 @@ fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
             row.entries.iter().filter_map(kept).collect()
         })
         .collect();
-    // Where every row is a component of one node, in the order of the kept
-    // unknowns, the inverse itself becomes W.
+    // If each row is a component of one node, in the order of the kept unknowns, the inverse
+    // itself becomes W.
     let alone = |(k, entries): (usize, &Vec<(usize, f64)>)| match entries[..] {
         [(place, b)] => at[k] == k && place == k && b.abs().to_bits() == 1.0_f64.to_bits(),
         _ => false,
@@ -241,7 +240,7 @@ fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
     matrix
 }
 
-/// The same by half solves, for rows beyond the kept unknowns too:
+/// The same from half solves, also for rows beyond the kept unknowns:
 /// `B K⁻¹ Bᵀ = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`.
 fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
     let (rows, kept) = (share.rows.len(), body.kept());
@@ -277,9 +276,9 @@ fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
     matrix
 }
 
-/// Contacts that share a body, with the bodies they touch, both ascending.
+/// Contacts that share a body, and the bodies that they touch, both ascending.
 fn islands<const D: usize>(contacts: usize, bodies: &[Share]) -> Vec<Members> {
-    // The smallest member leads, so that an island is named by its first contact.
+    // The smallest member leads, so that the first contact names an island.
     let mut sets = Union::new(contacts + bodies.len());
     for (b, body) in bodies.iter().enumerate() {
         for row in &body.rows {

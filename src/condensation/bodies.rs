@@ -1,37 +1,37 @@
-//! All bodies of a problem, condensed, and the loads on them.
+//! All condensed bodies of a problem, and the loads on them.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::analysed::Analysed;
-use crate::condensation::body::{Body, Left};
+use crate::condensation::analysed::AnalysedBody;
+use crate::condensation::body::{Body, Imbalance};
 use crate::condensation::forecast::Forecast;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
 use crate::reduced::memory::Budget;
 use crate::reduced::validate::{check_finite, check_length};
 
-/// Work below which a body is left to one thread, and bodies share the threads
-/// [flop]; above it one body has them all, and the memory.
+/// A body with less work [flop] uses one thread, and several such bodies run in parallel; a
+/// larger one uses all threads and all memory.
 const SMALL: f64 = 1e9;
 
 /// Totals of one step: forces on all degrees of freedom, prescribed displacements.
 pub type Loads = (Vec<f64>, Vec<f64>);
 
-/// What is known of the bodies besides their stiffness.
+/// Data of the bodies besides their stiffness.
 #[derive(Clone, Debug, Default)]
 pub struct Supports {
     /// Degrees of freedom of all bodies.
     pub n: usize,
     /// Prescribed degrees of freedom.
     pub fixed: Vec<usize>,
-    /// Columns of `K` at the prescribed degrees of freedom, free rows only.
-    pub coupling: Owned,
-    /// All loads there will be, where they are known beforehand: then no factor is kept.
+    /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
+    pub coupling: OwnedMatrix,
+    /// All loads, if they are given in advance: then no factor is kept.
     pub known: Option<Vec<Loads>>,
 }
 
@@ -40,16 +40,15 @@ pub struct Supports {
 pub struct Bodies {
     pub list: Vec<Body>,
     supports: Supports,
-    /// Body and number within it of each rigid motion.
+    /// Body of each rigid motion, and its number within this body.
     motions: Vec<(usize, usize)>,
-    /// Seconds until S, and from S on.
+    /// Seconds until S, and after it.
     seconds: [f64; 2],
-    /// Bytes foretold.
+    /// Predicted bytes.
     needed: u128,
 }
 
-/// What acts on the bodies in one state: total loads, reactions, and the amounts of
-/// their rigid motions.
+/// A state of the bodies: total loads, reactions, and amounts of the rigid motions.
 #[derive(Clone, Copy, Debug)]
 pub struct Loaded<'a, const D: usize> {
     pub load: &'a [f64],
@@ -58,7 +57,7 @@ pub struct Loaded<'a, const D: usize> {
     pub rigid: &'a [f64],
 }
 
-/// `f − K_fp u_p` of some loads.
+/// `f − K_fp u_p` of a load.
 #[derive(Debug)]
 pub struct Force {
     values: Vec<f64>,
@@ -82,23 +81,22 @@ impl Supports {
 }
 
 impl Bodies {
-    /// Factors bodies that were analysed, small ones side by side; `needed` are the
-    /// bytes that all of it will take.
+    /// Factors analysed bodies, small ones in parallel; `needed` are the bytes of all of it.
     ///
     /// # Errors
-    /// As [`Analysed::condense`], of the first body that fails; [`Error::Memory`].
+    /// As [`AnalysedBody::condense`], of the first body that fails; [`Error::Memory`].
     pub fn new(
-        parts: Vec<Analysed>,
+        parts: Vec<AnalysedBody>,
         supports: Supports,
         needed: u128,
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let what = "the condensation of K";
-        let spare = parts.iter().map(Analysed::bytes_spare).sum();
+        let spare = parts.iter().map(AnalysedBody::bytes_spare).sum();
         budget.check(what, needed, spare)?;
-        // Time, for memory that nobody else wants.
-        let left: u128 = parts.iter().map(Analysed::bytes_left).sum();
+        // Leaving the stack to the next factorisation saves time, if the memory is free.
+        let left: u128 = parts.iter().map(AnalysedBody::bytes_left).sum();
         let leave = supports.known.is_none() && budget.check(what, needed + left, spare).is_ok();
         for part in &parts {
             part.leave_stack(leave);
@@ -109,7 +107,7 @@ impl Bodies {
             known.iter().map(force).collect::<Result<Vec<_>, _>>()
         });
         let loads = loads.transpose()?;
-        let condense = |part: Analysed| part.condense(loads.as_deref(), stop);
+        let condense = |part: AnalysedBody| part.condense(loads.as_deref(), stop);
         let started = Instant::now();
         let small = parts.iter().all(|part| part.counts().flops < SMALL);
         let list: Vec<Result<Body, Error>> = if small {
@@ -122,7 +120,7 @@ impl Bodies {
         let spent = |k: usize| list.iter().map(|body| body.seconds()[k]).sum::<f64>();
         let motions = list.iter().enumerate();
         Ok(Self {
-            // Of bodies side by side, each part its share of the time that passed.
+            // For parallel bodies, each part gets its share of the elapsed time.
             seconds: [0, 1].map(|k| wall * spent(k) / (spent(0) + spent(1)).max(wall)),
             motions: motions
                 .flat_map(|(b, body)| (0..body.motions()).map(move |k| (b, k)))
@@ -148,27 +146,27 @@ impl Bodies {
         &self.supports
     }
 
-    /// Body and number within it of each rigid motion.
+    /// Body of each rigid motion, and its number within this body.
     #[must_use]
     pub fn motions(&self) -> &[(usize, usize)] {
         &self.motions
     }
 
-    /// The degree of freedom that a rigid motion moves most.
+    /// The degree of freedom with the largest displacement in a rigid motion.
     #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
         let (body, k) = self.motions[motion];
         self.list[body].most_moved(k)
     }
 
-    /// `K` by rows as the bodies hold it: what these were condensed from, but for the
-    /// entries between two prescribed degrees of freedom, which nothing here depends on.
+    /// `K` by rows, from the matrices of the bodies. It lacks the entries between two
+    /// prescribed degrees of freedom, on which no result depends.
     #[must_use]
-    pub fn stiffness(&self) -> Owned {
+    pub fn stiffness(&self) -> OwnedMatrix {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
         for body in &self.list {
             for (local, &dof) in body.dofs().iter().enumerate() {
-                // The unit is a power of two: this gives the digits back.
+                // The unit is a power of two, so the digits are those of the caller.
                 let entries = body.stiffness.entries(local);
                 rows[dof].extend(entries.map(|(j, k)| (body.dofs()[j], k / body.unit())));
             }
@@ -179,7 +177,7 @@ impl Bodies {
                 rows[dof].push((i, k));
             }
         }
-        let mut whole = Owned::default();
+        let mut whole = OwnedMatrix::default();
         for mut row in rows {
             row.sort_unstable_by_key(|&(column, _)| column);
             whole.index.extend(row.iter().map(|&(column, _)| column));
@@ -189,11 +187,11 @@ impl Bodies {
         whole
     }
 
-    /// What the loads of a step are on the free degrees of freedom.
+    /// The loads of a step on the free degrees of freedom.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] where the
-    /// factor was dropped and these loads were not among those known.
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] if the factor was
+    /// dropped and these loads were not given in advance.
     pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
         let values = self.supports.force(load, prescribed)?;
         let known = self.supports.known.as_ref().map(|known| {
@@ -228,15 +226,15 @@ impl Bodies {
         load
     }
 
-    /// The displacement `u` of all degrees of freedom under the loads and the
-    /// reactions of each state, (23).
+    /// The displacement `u` of all degrees of freedom under the loads and the reactions of each
+    /// state, (23).
     ///
-    /// Refinement against `K` itself takes out what the factorisation's rounding
+    /// Iterative refinement with `K` itself removes the rounding of the factorisation.
     /// leaves.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`];
-    /// [`Error::NotBalanced`] where `K u = f + Bᵀ r` does not hold to rounding.
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`]; [`Error::NotBalanced`]
+    /// if `K u = f + Bᵀ r` does not hold up to rounding.
     pub fn displacements<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -246,7 +244,7 @@ impl Bodies {
         Ok(both.into_iter().map(|[u, _]| u).collect())
     }
 
-    /// The same, and what rounding has cut off from it.
+    /// The same, with the digits of `u` below its rounding.
     fn displacements_in_two<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -274,7 +272,7 @@ impl Bodies {
             let pushes: Vec<f64> = states.iter().flat_map(push).collect();
             let n = body.dofs().len();
             let recovered = body.displacements(&forces, &pushes, &own)?;
-            recovered.left.iter().try_for_each(Left::check)?;
+            recovered.left.iter().try_for_each(Imbalance::check)?;
             let parts = [recovered.u, recovered.low];
             for (part, values) in parts.iter().enumerate() {
                 for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
@@ -299,8 +297,7 @@ impl Bodies {
         Ok(self.displacements(surface, &[state])?.remove(0))
     }
 
-    /// `B u + gap` at the displacement of a state, in twice the precision and rounded
-    /// once.
+    /// `B u + gap` at the displacement of a state, with sums in twice the precision.
     ///
     /// # Errors
     /// As [`Bodies::displacements`].
@@ -313,7 +310,7 @@ impl Bodies {
         Ok(surface.relative_displacement(&self.list, self.fixed(), &u, Some(&low)))
     }
 
-    /// What the rounding of the entries of `K` may have made of `B u`.
+    /// The error of `B u` from the rounding of the entries of `K`.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -331,8 +328,8 @@ impl Bodies {
         Ok(surface.product(&self.list, self.fixed(), &wander))
     }
 
-    /// What rounding may have made of the `e` of these loads, above which a proof
-    /// that nothing balances them must stand. Costs a solve each rigid motion.
+    /// The rounding error of `e` of these loads. A proof that nothing balances the loads must
+    /// exceed it. It costs a solve for each rigid motion.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
@@ -376,16 +373,15 @@ impl Bodies {
     }
 }
 
-/// The counts of bodies that are analysed and not yet condensed; `dropped` as in
-/// [`needed`].
+/// The counts of bodies that are analysed but not condensed; `dropped` as in [`needed`].
 #[must_use]
-pub fn forecast(parts: &[Analysed], dropped: bool) -> Forecast {
+pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
     let mut told = Forecast {
         bodies: parts.len(),
         bytes_peak: needed(parts, dropped),
         ..Forecast::default()
     };
-    for counts in parts.iter().map(Analysed::counts) {
+    for counts in parts.iter().map(AnalysedBody::counts) {
         told.contact_dofs += counts.kept;
         told.nnz_factor += counts.nnz_factor;
         told.flops += counts.flops;
@@ -397,10 +393,10 @@ pub fn forecast(parts: &[Analysed], dropped: bool) -> Forecast {
     told
 }
 
-/// Bytes at the height of a condensation: what all bodies hold, and what the
-/// greediest needs besides while it is at work.
+/// Largest number of bytes during a condensation: those of all bodies, and the working memory
+/// of the body that needs most.
 #[must_use]
-pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
+pub fn needed(parts: &[AnalysedBody], dropped: bool) -> u128 {
     let mut held = 0;
     let mut most = 0;
     for part in parts {
@@ -416,7 +412,7 @@ pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
         } else {
             counts.bytes_factor as u128 - square
         };
-        // The Cholesky factor stands beside S, then beside the inverse, which is W.
+        // The Cholesky factor exists beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;
         let height = peak.max(stays);
         held += part.bytes() + stays;

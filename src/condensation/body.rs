@@ -1,64 +1,64 @@
-//! One body: a connected component of the free stiffness, condensed.
+//! One condensed body: a connected component of the free part of the stiffness.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Counts, Symbolic};
 
-/// Where `W` may be off by more than so many ε it has lost the digits that the judge
-/// asks for: steps are then taken with `v` from `K`.
+/// If the error of `W` may exceed this many ε, it has lost the digits that the certificate
+/// needs: steps then use `v` from `K`.
 pub const DIGITS: f64 = 1e5;
 
-/// Columns that pass the factor together, always so many: products of other widths may
-/// add in another order, and a step would not have the bits it has alone.
+/// Columns solved together, always this number: products of other widths may add in another
+/// order, and a step would not have the same bits as alone.
 const GROUP: usize = 4;
 
-/// Rows of `f + Bᵀ r − K u` above so many ε of their terms are not in balance: the
-/// rounding of u leaves half of one, a solve that came to a stand a few.
+/// A row of `f + Bᵀ r − K u` above this many ε of its terms is not in balance. The rounding of
+/// u leaves half an ε, a stalled solve a few.
 const BALANCED: f64 = 32.0;
 
-/// The same of all rows together, relative to the forces: above it no digit of what
-/// `K` makes of `u` is right, however small the rounding of its terms is.
+/// The same for all rows together, relative to the forces: above it no digit of `K u` is
+/// correct, for any rounding of its terms.
 const NO_DIGITS: f64 = 0.1;
 
-/// Displacements, and how far they are from equilibrium.
+/// Displacements and their distance from equilibrium.
 #[derive(Debug)]
 pub struct Recovered {
-    /// A column each step.
+    /// One column for each step.
     pub u: Vec<f64>,
-    /// What rounding has cut off from `u`, where `K` amplifies it; zero elsewhere.
+    /// The digits of `u` below its rounding, if `K` amplifies them; otherwise zero.
     pub low: Vec<f64>,
-    /// One a step.
-    pub left: Vec<Left>,
+    /// One for each step.
+    pub left: Vec<Imbalance>,
 }
 
-/// What is left of `f + Bᵀ r − K u`.
+/// The imbalance `f + Bᵀ r − K u`.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Left {
-    /// The largest of a row, relative to `|K||u| + |f + Bᵀ r|` of that row.
+pub struct Imbalance {
+    /// The largest of all rows, each relative to its `|K||u| + |f + Bᵀ r|`.
     pub by_row: f64,
-    /// The degree of freedom of that row, in the caller's numbering.
+    /// The degree of freedom of this row, in the numbering of the caller.
     pub dof: usize,
     /// `‖f + Bᵀ r − K u‖` over `‖f + Bᵀ r‖`.
     pub of_forces: f64,
 }
 
-impl Left {
-    /// Whether rounding of the terms explains it.
+impl Imbalance {
+    /// Whether it is explained by the rounding of the terms.
     ///
     /// # Errors
     /// [`Error::NotBalanced`].
     pub fn check(&self) -> Result<(), Error> {
-        // Written so that a NaN fails.
+        // Written such that a NaN fails.
         if self.by_row <= BALANCED * f64::EPSILON && self.of_forces <= NO_DIGITS {
             return Ok(());
         }
@@ -73,62 +73,62 @@ impl Left {
 /// One body.
 #[derive(Debug)]
 pub struct Body {
-    /// Its degrees of freedom in the caller's numbering.
+    /// Its degrees of freedom in the numbering of the caller.
     pub(super) dofs: Vec<usize>,
     /// `unit K`.
-    pub(super) stiffness: Owned,
-    /// A power of two that makes the stiffness of order one: square roots of
-    /// pivots then round alike in all units that differ by powers of two.
+    pub(super) stiffness: OwnedMatrix,
+    /// A power of two that makes the stiffness of order one: square roots of pivots then round
+    /// equally in all units that differ by powers of two.
     pub(super) unit: f64,
-    /// The unknowns that `S` is left on, local numbers.
+    /// The unknowns of `S`, as local numbers.
     pub(super) kept: Vec<usize>,
-    /// Place among the kept of each degree of freedom; `u32::MAX` of the others.
+    /// Index among the kept unknowns of each degree of freedom; `u32::MAX` for others.
     pub(super) place: Vec<u32>,
-    /// Where its degrees of freedom are in space, where that is known.
+    /// The positions of its degrees of freedom in space, if known.
     pub(super) places: Option<Vec<[f64; 3]>>,
-    /// What the places of all degrees of freedom say of rigid motions.
+    /// The geometry of all degrees of freedom, from which rigid motions follow.
     pub(super) geometry: Option<Arc<Geometry>>,
     pub(super) symbolic: Arc<Symbolic>,
-    /// Whether it had to be ordered.
+    /// Whether it was ordered.
     pub(super) ordered: bool,
-    /// Dropped where all loads were known beforehand.
+    /// `None` if all loads were given in advance.
     pub(super) factor: Option<Factor>,
-    /// The kept part of those loads, condensed.
+    /// The kept part of these loads, condensed.
     pub(super) known: Vec<Vec<f64>>,
     /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
     pub(super) cholesky: Vec<f64>,
     /// Orthonormal rigid motions `R` on the contact set.
     pub(super) modes: Vec<Vec<f64>>,
-    /// The same motions of all its degrees of freedom, `Z`.
+    /// The same motions on all its degrees of freedom, `Z`.
     pub(super) motions: Vec<Vec<f64>>,
     pub(super) inverse: Vec<f64>,
     pub(super) condition: f64,
     pub(super) amplification: f64,
-    /// Seconds until S, and from S on.
+    /// Seconds until S, and after it.
     pub(super) seconds: [f64; 2],
 }
 
 impl Body {
-    /// Number of unknowns that `S` is left on.
+    /// Number of unknowns of `S`.
     #[must_use]
     pub fn kept(&self) -> usize {
         self.kept.len()
     }
 
-    /// Place among the kept unknowns of a local degree of freedom.
+    /// Index among the kept unknowns of a local degree of freedom.
     #[must_use]
     pub fn place(&self, dof: usize) -> Option<usize> {
         let place = self.place[dof];
         (place != u32::MAX).then_some(place as usize)
     }
 
-    /// Its degrees of freedom in the caller's numbering.
+    /// Its degrees of freedom in the numbering of the caller.
     #[must_use]
     pub fn dofs(&self) -> &[usize] {
         &self.dofs
     }
 
-    /// The power of two that its stiffness is multiplied by.
+    /// The power of two by which its stiffness is multiplied.
     #[must_use]
     pub fn unit(&self) -> f64 {
         self.unit
@@ -153,19 +153,19 @@ impl Body {
         &self.motions[motion]
     }
 
-    /// Seconds until S, and from S on.
+    /// Seconds until S, and after it.
     #[must_use]
     pub fn seconds(&self) -> [f64; 2] {
         self.seconds
     }
 
-    /// What the factorisation cost.
+    /// The cost of the factorisation.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
     }
 
-    /// Whether it had to be ordered: no analysis of its pattern was at hand.
+    /// Whether it was ordered, because no analysis of its pattern was known.
     #[must_use]
     pub fn ordered(&self) -> bool {
         self.ordered
@@ -183,20 +183,20 @@ impl Body {
         self.condition
     }
 
-    /// What the error of `W` may be, in ε: the condition, or more where `S` is a
-    /// small difference of large entries of `K`, as with flat elements at the contact,
-    /// or where the interior rests on much softer parts of itself.
+    /// Bound of the error of `W`, in ε: the condition number, or more if `S` is a small
+    /// difference of large entries of `K`, as for flat elements at the contact, or if the
+    /// interior rests on much softer parts.
     #[must_use]
     pub fn amplification(&self) -> f64 {
         self.amplification
     }
 
-    /// `(S + α R Rᵀ)⁻¹ / unit`, given away with that unit: it is needed once.
+    /// `(S + α R Rᵀ)⁻¹ / unit`, moved out with this unit: it is needed once.
     pub fn take_inverse(&mut self) -> (Vec<f64>, f64) {
         (std::mem::take(&mut self.inverse), self.unit)
     }
 
-    /// The degree of freedom that a rigid motion moves most.
+    /// The degree of freedom with the largest displacement in a rigid motion.
     #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
         let mode = &self.modes[motion];
@@ -218,9 +218,9 @@ impl Body {
         modes.map(|mode| dot_long(mode, &kept)).collect()
     }
 
-    /// Condenses this body's part of a force, in its unit: interior unknowns as the
-    /// factor leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`. Where the factor
-    /// was dropped, the latter of a force with its number among those known beforehand.
+    /// Condenses the part of a force on this body, in its unit: interior unknowns after the
+    /// forward solve, contact forces `f_c − K_ci K_ii⁻¹ f_i`. Without the factor, the latter
+    /// for a force with its number among those given in advance.
     #[must_use]
     pub fn condense(&self, force: &[f64], known: Option<usize>) -> Vec<f64> {
         let mut local = self.scaled(force);
@@ -236,7 +236,7 @@ impl Body {
         local
     }
 
-    /// This body's part of forces on all degrees of freedom, in its unit.
+    /// The part of forces on all degrees of freedom on this body, in its unit.
     fn scaled(&self, force: &[f64]) -> Vec<f64> {
         self.dofs.iter().map(|&i| self.unit * force[i]).collect()
     }
@@ -245,9 +245,9 @@ impl Body {
         self.kept.iter().map(|&i| local[i]).collect()
     }
 
-    /// `e = Zᵀ f` of a load on all degrees of freedom, which is `Rᵀ f_c` since `K Z = 0`,
-    /// without the rounding of a soft interior. Prescribed displacements do not work on
-    /// rigid motions.
+    /// `e = Zᵀ f` of a load on all degrees of freedom. It is equal to `Rᵀ f_c`, because
+    /// `K Z = 0`, without the rounding of a soft interior. Prescribed displacements do no work
+    /// on rigid motions.
     #[must_use]
     pub fn rigid_load(&self, load: &[f64]) -> Vec<f64> {
         if self.motions.is_empty() {
@@ -257,7 +257,7 @@ impl Body {
         let of_motion = |motion: &Vec<f64>| {
             let work = compensated::dot(motion, &own).value();
             let terms: f64 = motion.iter().zip(&own).map(|(m, f)| (m * f).abs()).sum();
-            // Loads that balance one another leave only their rounding.
+            // Loads that balance each other leave only rounding.
             if work.abs() <= 16.0 * f64::EPSILON * terms {
                 0.0
             } else {
@@ -296,9 +296,9 @@ impl Body {
         dense::solve_lower(&self.cholesky, self.kept.len(), f, columns);
     }
 
-    /// This body's displacements, a column each step: free part, reactions, rigid
-    /// motions, with what the factorisation's rounding leaves of `f + Bᵀ r − K u`
-    /// taken out. `pushes` are `unit Bᵀ r` at the local degrees of freedom.
+    /// The displacements of this body, one column for each step: free part, reactions and rigid
+    /// motions, after refinement with `f + Bᵀ r − K u`. `pushes` are `unit Bᵀ r` at the local
+    /// degrees of freedom.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -308,9 +308,9 @@ impl Body {
         pushes: &[f64],
         rigid: &[&[f64]],
     ) -> Result<Recovered, Error> {
-        /// Corrections at the most.
+        /// Largest number of corrections.
         const MOST: usize = 30;
-        /// Beside the largest displacement those of contacts may be so much smaller.
+        /// Displacements of contacts may be this much smaller than the largest one.
         const FINE: f64 = 1e-8;
         let (n, count) = (self.dofs.len(), rigid.len());
         let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
@@ -319,24 +319,24 @@ impl Body {
         for (f, p) in forces.iter_mut().zip(pushes) {
             *f += p;
         }
-        // Where contacts hardly move beside the rest of a slender body, the rounding of
-        // its displacements is much of theirs.
+        // If contacts of a slender body hardly move, the rounding of its displacements is large
+        // relative to theirs.
         let fine = self.amplification > DIGITS;
         let mut low = vec![0.0; u.len()];
         let column = |k: usize| k * n..(k + 1) * n;
-        let mut left = vec![Left::default(); count];
+        let mut left = vec![Imbalance::default(); count];
         let mut last = vec![f64::INFINITY; count];
-        // Columns that are done take no further part.
+        // Finished columns are left out.
         let mut open: Vec<usize> = (0..count).filter(|_| n > 0).collect();
         for _ in 0..=MOST {
-            let judge = |&k: &usize| {
+            let imbalance = |&k: &usize| {
                 let low = fine.then(|| &low[column(k)]);
                 self.left(&u[column(k)], low, &forces[column(k)])
             };
-            let judged: Vec<(Vec<f64>, Left)> = open.par_iter().map(judge).collect();
+            let found: Vec<(Vec<f64>, Imbalance)> = open.par_iter().map(imbalance).collect();
             let mut rest = Vec::new();
-            for (&k, (own, found)) in open.iter().zip(judged) {
-                left[k] = found;
+            for (&k, (own, left_of_k)) in open.iter().zip(found) {
+                left[k] = left_of_k;
                 if last[k] > 0.0 {
                     rest.extend(own);
                 }
@@ -348,7 +348,7 @@ impl Body {
             let changes = self.response(factor, &rest, None, &vec![&[][..]; open.len()]);
             for (change, &k) in changes.chunks_exact(n).zip(&open) {
                 let moved = norm(change) / norm(&u[column(k)]).max(f64::MIN_POSITIVE);
-                // Corrections that do not fall are rounding of the correction itself.
+                // Corrections that do not decrease are rounding of the correction itself.
                 if !(moved < 0.5 * last[k]) {
                     last[k] = 0.0;
                     continue;
@@ -365,7 +365,7 @@ impl Body {
                         *value += change;
                     }
                 }
-                // What is left is the square of what was corrected.
+                // The remaining error is the square of the correction.
                 let enough = if fine {
                     moved <= FINE * f64::EPSILON
                 } else {
@@ -377,9 +377,9 @@ impl Body {
         Ok(Recovered { u, low, left })
     }
 
-    /// `f − K u` without its rigid part, which contact has balanced as well as it is
-    /// asked to, and what it comes to.
-    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Left) {
+    /// `f − K u` without its rigid part, which contact balances up to the tolerance, and its
+    /// size.
+    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Imbalance) {
         let (mut rest, size) = self.stiffness.residual_and_size(u, low, force);
         let work: Vec<f64> = self.motions.iter().map(|z| dot_long(z, &rest)).collect();
         for (mode, work) in self.modes.iter().zip(&work) {
@@ -399,7 +399,7 @@ impl Body {
             }
         });
         let forces = norm(force);
-        let left = Left {
+        let left = Imbalance {
             by_row,
             dof: self.dofs[row],
             of_forces: if forces > 0.0 {
@@ -411,9 +411,8 @@ impl Body {
         (rest, left)
     }
 
-    /// `u` of forces with their rigid part taken out, of reactions as they are
-    /// (their rigid part is what `a` was found with), and of rigid motions; a
-    /// column each, to the bits that it has alone.
+    /// `u` of forces without their rigid part, of reactions as they are (`a` was found with
+    /// their rigid part), and of rigid motions; one column each, with the same bits as alone.
     fn response(
         &self,
         factor: &Factor,
@@ -489,13 +488,13 @@ impl Body {
         local
     }
 
-    /// What the rounding of the entries of `K` may have made of this body's part of a
-    /// displacement: `K⁻¹ δK u`, its rigid part taken out, the largest of four samples.
+    /// The change of the displacement of this body by the rounding of the entries of `K`:
+    /// `K⁻¹ δK u` without its rigid part, the largest of four samples.
     ///
-    /// In three of them a row of `δK u` is `2 ε √(Σ_j (K_ij u_j)²)` with a random sign, as
-    /// independent roundings of sums of elements add up. In the fourth it is a quarter of
-    /// that along `u`: equal elements in a row are rounded alike, and their errors do not
-    /// cancel.
+    /// In three samples a row of `δK u` is `2 ε √(Σ_j (K_ij u_j)²)` with a random sign, because
+    /// independent roundings of sums of elements add up in this way. In the fourth it is a
+    /// quarter of this along `u`: equal elements in a row are rounded equally, and their errors
+    /// do not cancel.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -510,7 +509,7 @@ impl Body {
         let sizes: Vec<f64> = (0..own.len()).map(size).collect();
         let mut forces = Vec::with_capacity(GROUP * own.len());
         for seed in 1..GROUP as u64 {
-            let signs = signs(own.len(), seed).into_iter();
+            let signs = random_signs(own.len(), seed).into_iter();
             forces.extend(signs.zip(&sizes).map(|(sign, size)| sign * size));
         }
         let along = own.iter().zip(&sizes);
@@ -521,10 +520,10 @@ impl Body {
         Ok(largest.map_or_else(Vec::new, <[f64]>::to_vec))
     }
 
-    /// What rounding may have made of `e`, a number each rigid motion.
+    /// The rounding error of `e`, one number for each rigid motion.
     ///
-    /// `K` itself is known to ε: a motion `d` that costs nothing is known to be one
-    /// to the forces `ε |K||d|`, and these work on what the loads make of the body.
+    /// `K` has an error of ε. So a motion `d` without energy is known up to the forces
+    /// `ε |K||d|`, which do work on the displacement of the body under the loads.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -547,13 +546,13 @@ impl Body {
 
 #[cfg(test)]
 mod tests {
-    use super::{BALANCED, Left, NO_DIGITS};
+    use super::{BALANCED, Imbalance, NO_DIGITS};
     use crate::error::Error;
 
     #[test]
     fn what_rounding_explains_passes_and_nothing_else() {
         let passes = |by_row: f64, of_forces: f64| {
-            let left = Left {
+            let left = Imbalance {
                 by_row,
                 dof: 7,
                 of_forces,

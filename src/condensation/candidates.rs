@@ -1,54 +1,55 @@
-//! Far more candidates than contacts: `W` is formed of those that may close only.
+//! Problems with many more candidates than contacts: `W` is formed only for those that may
+//! close.
 //!
-//! The bodies are condensed onto a few contacts that touch or pin them; the columns
-//! of `Bᵀ` of any others are carried through the factor when they are asked for,
-//! `W = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`. Memory is linear in the candidates.
+//! The bodies are condensed onto a few contacts that touch from the start or hold a body.
+//! Columns of `Bᵀ` of other contacts pass the factor on demand, `W = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`. The
+//! memory is linear in the number of candidates.
 
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use crate::condensation::analysed::Analysed;
+use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::assemble::{Source, assemble};
 use crate::condensation::bodies::{Bodies, Loaded, forecast, needed};
-use crate::condensation::condense::{Condensed, Sorted, analyse, contact_set};
+use crate::condensation::condense::{Condensed, SortedProblem, analyse, contact_set};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Far, Share, Surface};
 use crate::error::Error;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::reach::Reach;
 use crate::reduced::compliance::Compliance;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 
-/// Degrees of freedom in the contact set of a body up to which all are kept: `W` of
-/// so many is formed in a fraction of the time of the factor.
+/// With at most this many degrees of freedom in the contact set of a body, all are kept: their
+/// `W` takes a fraction of the time of the factor.
 const MANY: usize = 600;
 
-/// One candidate in so many may touch from the start; where more do, all are kept.
+/// If more than one candidate in so many touches at the start, all are kept.
 const FEW: usize = 4;
 
-/// Contacts kept of each body to pin it, should its supports not.
+/// Contacts of each body that are kept to hold it, if its supports do not.
 const PINS: usize = 12;
 
-/// Pivots below this share of their diagonal in K: what is eliminated then hangs on
-/// contacts too close to one line, and digits are lost on all that passes the factor.
+/// With smaller pivots, relative to the diagonal of K, the eliminated part is held by contacts
+/// near one line, and solves with the factor lose digits.
 const SOFT: f64 = 1e-7;
 
-/// Gaps below this share of the largest touch.
+/// A contact with a gap below this share of the largest gap touches.
 const TOUCHING: f64 = 1e-9;
 
-/// Contacts of which `W` is not formed before they are likely to close.
+/// Contacts for which `W` is formed only when they are likely to close.
 #[derive(Debug)]
 pub struct Candidates<const D: usize> {
     pub(super) bodies: Arc<Bodies>,
     pub(super) surface: Surface<D>,
     budget: Budget,
     pub(super) stats: Stats,
-    /// What columns can reach, of bodies with rows beyond the kept unknowns.
+    /// The reach of columns, for bodies with rows beyond the kept unknowns.
     reach: Vec<Option<Arc<Reach>>>,
     seeds: Vec<usize>,
-    /// With gaps that may be those of another step.
+    /// The gaps may be those of another step.
     pub(super) whole: Arc<OnceLock<Condensed<D>>>,
 }
 
@@ -62,12 +63,12 @@ pub struct View<const D: usize> {
 
 impl<const D: usize> Candidates<D> {
     pub(super) fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         seeds: Vec<usize>,
         before: Option<&Bodies>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let Sorted {
+        let SortedProblem {
             parts,
             places,
             geometry,
@@ -105,7 +106,7 @@ impl<const D: usize> Candidates<D> {
             }
         }
         for body in &mut bodies.list {
-            // Only as many contacts as close will have a part of W.
+            // Only closed contacts will have a part of W.
             drop(body.take_inverse());
         }
         let reach = bodies
@@ -132,7 +133,7 @@ impl<const D: usize> Candidates<D> {
         })
     }
 
-    /// On the same bodies, and with them what has been formed of all contacts.
+    /// The same bodies, with all that has been formed for all contacts.
     pub(super) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
         Self {
             bodies: Arc::clone(&self.bodies),
@@ -148,10 +149,10 @@ impl<const D: usize> Candidates<D> {
         }
     }
 
-    /// Gaps along normals, and with them the seeds, are as they were.
-    pub(super) fn stretched(&self, stretch: &Stretch) -> Self {
+    /// Gaps along normals, and so the seeds, do not change.
+    pub(super) fn scaled(&self, elliptic: &EllipticScaling) -> Self {
         let mut surface = self.surface.clone();
-        surface.stretch(stretch);
+        surface.scale(elliptic);
         Self {
             bodies: Arc::clone(&self.bodies),
             surface,
@@ -163,7 +164,7 @@ impl<const D: usize> Candidates<D> {
         }
     }
 
-    /// Contacts to begin with, ascending.
+    /// The initial contacts, ascending.
     #[must_use]
     pub fn seeds(&self) -> &[usize] {
         &self.seeds
@@ -172,7 +173,7 @@ impl<const D: usize> Candidates<D> {
     /// `B d` of a rigid motion at all candidates.
     ///
     /// # Errors
-    /// None that a motion of its own can cause.
+    /// None for a motion of its own.
     pub fn motion(&self, amounts: &[f64]) -> Result<Vec<[f64; D]>, Error> {
         let bodies = &self.bodies;
         let nothing = (vec![0.0; bodies.order()], vec![0.0; bodies.fixed().len()]);
@@ -186,12 +187,11 @@ impl<const D: usize> Candidates<D> {
         Ok(self.surface.product(&bodies.list, bodies.fixed(), &d))
     }
 
-    /// The problem of some contacts, ascending; half solves of those of an earlier
-    /// view are taken from there.
+    /// The problem of some contacts, ascending. It copies half solves from an earlier view.
     ///
     /// # Errors
-    /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::FloatingBody`] where they
-    /// do not feel a rigid motion; [`Error::Shape`] for `mu`.
+    /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::FloatingBody`] if they do not hold a
+    /// rigid motion; [`Error::Shape`] for `mu`.
     pub fn view(
         &self,
         members: Vec<usize>,
@@ -220,7 +220,7 @@ impl<const D: usize> Candidates<D> {
         })
     }
 
-    /// What the error of this `W` may be, in ε: stiffness against compliance, as
+    /// Bound of the error of this `W`, in ε: stiffness times compliance, as
     /// [`Body::amplification`](crate::condensation::body::Body::amplification) of S.
     fn amplification(&self, surface: &Surface<D>, compliance: &Compliance<'_, D>) -> f64 {
         let ones = vec![[1.0; D]; compliance.contacts()];
@@ -235,7 +235,7 @@ impl<const D: usize> Candidates<D> {
         flexible * stiffest.fold(0.0, f64::max)
     }
 
-    /// Half solves of the rows of a share, those of an earlier one copied.
+    /// Half solves of the rows of a share; those of an earlier one are copied.
     fn far(
         &self,
         body: usize,
@@ -295,16 +295,16 @@ impl<const D: usize> Candidates<D> {
         Ok(far)
     }
 
-    /// With `W` of all contacts: condensed anew, onto all of them.
+    /// The problem with `W` of all contacts: condensed again, onto all of them.
     pub(super) fn whole(&self, stop: &AtomicBool) -> Result<&Condensed<D>, Error> {
-        // Two that ask at once both make it, to the same bits: a lock would be held
-        // over work of the pool, and its thread may meet the lock again there.
+        // Two simultaneous callers both make it, with the same bits. A lock would be held
+        // during work of the pool, whose threads may need the lock.
         if let Some(made) = self.whole.get() {
             return Ok(made);
         }
         let bodies = self.bodies.list.iter().zip(self.surface.shares.iter());
         let parts = bodies
-            .map(|(body, share)| Analysed::again(body, contact_set(share, body.dofs().len())));
+            .map(|(body, share)| AnalysedBody::again(body, contact_set(share, body.dofs().len())));
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
         let made = Condensed::from_parts(
             parts,
@@ -318,8 +318,8 @@ impl<const D: usize> Candidates<D> {
     }
 }
 
-/// The contacts to begin with, where most of many candidates are apart; with
-/// `always` wherever there are many.
+/// The initial contacts if most of many candidates are apart; with `always`, if there are many
+/// candidates.
 pub(super) fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Option<Vec<usize>> {
     let largest = surface.gap.iter().fold(0.0_f64, |m, g| m.max(g[0].abs()));
     let touches = |i: usize| surface.gap[i][0] <= TOUCHING * largest;
@@ -341,8 +341,8 @@ pub(super) fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Optio
     grows.then(|| (0..surface.contacts()).filter(members).collect())
 }
 
-/// The `k`-th of a sequence that fills `0..count` evenly and follows no line of a
-/// numbering row by row: multiples of the golden ratio.
+/// The `k`-th number of a sequence that fills `0..count` evenly and follows no line of a
+/// row-by-row numbering: multiples of the golden ratio.
 #[expect(clippy::cast_possible_truncation, reason = "below `count`")]
 fn scattered(k: usize, count: usize) -> usize {
     const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;

@@ -1,10 +1,9 @@
 //! From `K`, `B` and `f` to `S`, `W` and `q`, and back to `u`: (1)–(4).
 //!
-//! `K` falls into bodies, the connected components of its free part. Each is
-//! condensed onto its contact set, the free degrees of freedom that `B` touches:
-//! `S = K_cc − K_ci K_ii⁻¹ K_ic`. Then `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, with `R`
-//! the rigid motions that the supports leave free; contacts that share a body
-//! share an island of `W`.
+//! The bodies are the connected components of the free part of `K`. Each is condensed onto its
+//! contact set, the free degrees of freedom in `B`: `S = K_cc − K_ci K_ii⁻¹ K_ic`. Then
+//! `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, with `R` the rigid motions that the supports leave free.
+//! Contacts that share a body are in one island of `W`.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -12,61 +11,61 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::analysed::Analysed;
+use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::condensation::forecast::Notice;
-use crate::condensation::pattern_cache::{self, Asked};
+use crate::condensation::pattern_cache::{self, Lookup};
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::{self, Owned, Rows};
+use crate::condensation::sparse::{self, OwnedMatrix, Rows};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::reduced::compliance::Compliance;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
-/// Bodies of a problem up to which patterns are looked up: many are small, and ordered
-/// sooner than found among one another.
+/// Analyses are looked up for at most this many bodies: many bodies are small, and ordering
+/// them is faster than the search.
 const FEW: usize = 16;
 
-/// What a contact problem is made of, borrowed from the caller.
+/// The arrays of a contact problem, borrowed from the caller.
 #[derive(Debug)]
-pub struct Given<'a, const D: usize> {
+pub struct ProblemArrays<'a, const D: usize> {
     /// Symmetric positive semidefinite stiffness, both triangles; the lower one is read.
     pub stiffness: Symmetric<'a>,
-    /// `B`, a row each component of each contact.
+    /// `B`, with one row for each component of each contact.
     pub contact: Rows<'a>,
-    /// Gap, by component.
+    /// Gap by components.
     pub gap: &'a [[f64; D]],
     pub mu: &'a [f64],
     /// Prescribed degrees of freedom.
     pub fixed: &'a [usize],
-    /// Where each degree of freedom is, for the elimination order; any unit, and the
+    /// The position of each degree of freedom, for the elimination order; in any unit, and the
     /// third coordinate may be zero.
     pub places: Option<&'a [[f64; 3]]>,
-    /// All loads there will be, where no displacement will be asked for.
+    /// All loads, if no displacement will be requested.
     pub known: Option<Vec<Loads>>,
     pub budget: Budget,
 }
 
-/// What was given, checked and sorted by body.
+/// The arrays of the caller, checked and sorted by bodies.
 #[derive(Clone, Debug)]
-pub struct Sorted<const D: usize> {
+pub struct SortedProblem<const D: usize> {
     /// Degrees of freedom and stiffness of each body.
-    pub parts: Vec<(Vec<usize>, Owned)>,
-    /// Where the degrees of freedom of each body are.
+    pub parts: Vec<(Vec<usize>, OwnedMatrix)>,
+    /// The positions of the degrees of freedom of each body.
     pub places: Option<Vec<Vec<[f64; 3]>>>,
-    /// Where all degrees of freedom are.
+    /// The positions of all degrees of freedom.
     pub geometry: Option<Arc<Geometry>>,
     pub supports: Supports,
     pub surface: Surface<D>,
     pub mu: Vec<f64>,
     pub budget: Budget,
-    /// Who is to be told the cost before the numbers.
+    /// Receiver of the costs, before the factorisation.
     pub notice: Option<Notice>,
 }
 
@@ -80,7 +79,7 @@ pub struct Condensed<const D: usize> {
     stats: Stats,
 }
 
-/// What one set of loads does with no contact force.
+/// The effect of one set of loads without contact forces.
 #[derive(Clone, Debug)]
 pub struct FreePart<const D: usize> {
     /// `q` with the whole gap: total relative displacement at `r = 0`, `a = 0`.
@@ -89,12 +88,12 @@ pub struct FreePart<const D: usize> {
     pub rigid: Rigid<D>,
 }
 
-impl<const D: usize> Sorted<D> {
-    /// Checks everything but what only the factorisation can tell.
+impl<const D: usize> SortedProblem<D> {
+    /// Checks everything that needs no factorisation.
     ///
     /// # Errors
     /// Wrong arguments, each naming the place; [`Error::Asymmetric`].
-    pub fn new(given: Given<D>) -> Result<Self, Error> {
+    pub fn new(given: ProblemArrays<D>) -> Result<Self, Error> {
         let n = given.stiffness.n();
         let rows = D * given.gap.len();
         given.contact.check("B", rows, n)?;
@@ -146,22 +145,22 @@ impl<const D: usize> Sorted<D> {
     }
 }
 
-/// The places of the degrees of freedom of each body, and what those of all say of rigid
-/// motions, where they are known.
+/// The positions of the degrees of freedom of each body, and the geometry of all of them, if
+/// known.
 pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
 
-/// Analyses bodies, side by side; `before` are those of an earlier problem, whose
-/// analyses are used again where the pattern is theirs. Of a few bodies, so are those
-/// of problems that this process has met, and theirs are kept for problems to come.
+/// Analyses bodies in parallel. `before` are bodies of an earlier problem, whose analyses are
+/// used again for equal patterns. For a few bodies, analyses of all problems of this process
+/// are used again, and theirs are stored.
 ///
 /// # Errors
-/// As [`pattern_cache::limit`], and as [`Analysed::new`], of the first body that fails.
+/// As [`pattern_cache::limit`], and as [`AnalysedBody::new`], of the first body that fails.
 pub fn analyse(
-    parts: Vec<(Vec<usize>, Owned)>,
+    parts: Vec<(Vec<usize>, OwnedMatrix)>,
     kept: Vec<Vec<usize>>,
     (places, geometry): Whereabouts,
     before: Option<&Bodies>,
-) -> Result<Vec<Analysed>, Error> {
+) -> Result<Vec<AnalysedBody>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
     let places: Vec<Option<Vec<[f64; 3]>>> = match places {
         Some(places) => places.into_iter().map(Some).collect(),
@@ -171,7 +170,7 @@ pub fn analyse(
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {
-            let asked = Asked {
+            let asked = Lookup {
                 matrix: stiffness.view(),
                 kept,
                 places: places.as_deref(),
@@ -179,39 +178,38 @@ pub fn analyse(
             few.then(|| asked.find()).flatten()
         })
         .collect();
-    let analysed: Vec<Result<Analysed, Error>> = parts
+    let analysed: Vec<Result<AnalysedBody, Error>> = parts
         .into_par_iter()
         .zip(kept)
         .zip(places)
         .zip(known)
         .enumerate()
         .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            let made = Analysed::new(dofs, stiffness, kept, places, old(b), known)?;
+            let made = AnalysedBody::new(dofs, stiffness, kept, places, old(b), known)?;
             Ok(made.with_geometry(geometry.clone()))
         })
         .collect();
-    let analysed: Vec<Analysed> = analysed.into_iter().collect::<Result<_, _>>()?;
+    let analysed: Vec<AnalysedBody> = analysed.into_iter().collect::<Result<_, _>>()?;
     if few {
-        analysed.iter().for_each(Analysed::share);
+        analysed.iter().for_each(AnalysedBody::share);
     }
     Ok(analysed)
 }
 
 impl<const D: usize> Condensed<D> {
-    /// Orders, factors and forms `W` of all contacts; `before` is a problem of which
-    /// analyses may be used again.
+    /// Orders, factors and forms `W` of all contacts. Analyses of the problem `before` may be
+    /// used again.
     ///
     /// # Errors
-    /// [`Error::Indefinite`] for a `K` that is no stiffness;
-    /// [`Error::FloatingBody`] and
-    /// [`Error::DependentMotion`] for motions that contact cannot hold;
-    /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::Interrupted`].
+    /// [`Error::Indefinite`] if `K` is not a stiffness; [`Error::FloatingBody`] and
+    /// [`Error::DependentMotion`] for motions that contact cannot hold; [`Error::Memory`],
+    /// [`Error::MemoryLimit`]; [`Error::Interrupted`].
     pub fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         before: Option<&Bodies>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let Sorted {
+        let SortedProblem {
             parts,
             places,
             geometry,
@@ -234,9 +232,9 @@ impl<const D: usize> Condensed<D> {
         Self::from_parts(parts, supports, surface, mu, &budget, stop)
     }
 
-    /// From bodies analysed with their whole contact sets.
+    /// Makes it from bodies analysed with their whole contact sets.
     pub(crate) fn from_parts(
-        parts: Vec<Analysed>,
+        parts: Vec<AnalysedBody>,
         supports: Supports,
         surface: Surface<D>,
         mu: Vec<f64>,
@@ -255,11 +253,10 @@ impl<const D: usize> Condensed<D> {
         Self::of(Arc::new(bodies), Arc::new(surface), mu, compliance, stats)
     }
 
-    /// From bodies, contacts and the compliance formed of them.
+    /// Makes it from bodies, contacts and their compliance.
     ///
     /// # Errors
-    /// [`Error::FloatingBody`] for rigid motions that no contact feels: found here,
-    /// before any load.
+    /// [`Error::FloatingBody`] for rigid motions that no contact holds, before any load.
     pub fn of(
         bodies: Arc<Bodies>,
         surface: Arc<Surface<D>>,
@@ -298,8 +295,8 @@ impl<const D: usize> Condensed<D> {
         Ok(Self { mu, ..self.clone() })
     }
 
-    /// The same contacts with other gaps, one a contact and finite: [`Problem::with_gap`]
-    /// sees to that.
+    /// The same contacts with other gaps, one for each contact and finite:
+    /// [`Problem::with_gap`] checks this.
     ///
     /// [`Problem::with_gap`]: crate::condensation::problem::Problem::with_gap
     #[must_use]
@@ -313,16 +310,16 @@ impl<const D: usize> Condensed<D> {
         }
     }
 
-    /// The same contacts in stretched variables, on the same bodies.
+    /// The same contacts in scaled variables, on the same bodies.
     ///
     /// # Errors
-    /// As [`Compliance::stretched`].
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+    /// As [`Compliance::scaled`].
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         let mut surface = (*self.surface).clone();
-        surface.stretch(stretch);
+        surface.scale(elliptic);
         Ok(Self {
             surface: Arc::new(surface),
-            compliance: Arc::new(self.compliance.stretched(stretch)?),
+            compliance: Arc::new(self.compliance.scaled(elliptic)?),
             ..self.clone()
         })
     }
@@ -357,7 +354,7 @@ impl<const D: usize> Condensed<D> {
         &self.compliance
     }
 
-    /// Columns of the border, `B_c R`, over all contacts.
+    /// Columns of `B_c R` over all contacts.
     #[must_use]
     pub fn modes(&self) -> Vec<Vec<[f64; D]>> {
         let of_motion = |&(b, k): &(usize, usize)| {
@@ -384,8 +381,8 @@ impl<const D: usize> Condensed<D> {
         held.add_product(prescribed, q.as_flattened_mut());
         held.add_absolute_product(prescribed, size.as_flattened_mut());
         for &i in self.surface.unmoved.iter() {
-            // A wall moved exactly onto the surface of a held node touches it: what
-            // the sum leaves of zero is rounding, not penetration.
+            // If a wall moves exactly onto the surface of a held node, it touches: the rest of
+            // the sum is rounding, not penetration.
             if q[i][0].abs() <= 4.0 * f64::EPSILON * size[i][0] {
                 q[i][0] = 0.0;
             }
@@ -415,7 +412,7 @@ impl<const D: usize> Condensed<D> {
     }
 }
 
-/// Local degrees of freedom that the rows touch, in the order they are met.
+/// Local degrees of freedom in the rows, in the order of occurrence.
 #[must_use]
 pub fn contact_set(share: &Share, order: usize) -> Vec<usize> {
     let mut met = vec![false; order];
@@ -452,7 +449,7 @@ fn positions(what: &'static str, list: &[usize], n: usize) -> Result<Vec<Option<
     Ok(position)
 }
 
-/// Body and local number of every free degree of freedom.
+/// Body and local number of each free degree of freedom.
 fn free_places(
     position: &[Option<usize>],
     component: &[usize],

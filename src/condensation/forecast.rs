@@ -1,4 +1,4 @@
-//! What a condensation will cost, told before its numbers.
+//! The predicted cost of a condensation.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -6,24 +6,24 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Forecast {
     pub bodies: usize,
-    /// Unknowns that the bodies are condensed onto.
+    /// Unknowns after the condensation.
     pub contact_dofs: usize,
     pub nnz_factor: usize,
     /// Additions and multiplications of the partial factorisation.
     pub flops: f64,
     pub bytes_factor: usize,
-    /// Bytes at the height of the condensation.
+    /// Largest number of bytes during the condensation.
     pub bytes_peak: u128,
     pub ordering: &'static str,
 }
 
-/// Where a forecast is left for whoever waits for it on another thread.
+/// Passes a forecast to another thread.
 #[derive(Clone, Debug, Default)]
 pub struct Notice(Arc<Mutex<Option<Forecast>>>);
 
 impl Notice {
-    /// A later forecast takes the place of one that nobody has taken: bodies that few
-    /// contacts do not hold are analysed again with all.
+    /// A later forecast replaces one that was not read: bodies that a few contacts do not hold
+    /// are analysed again with all contacts.
     pub fn leave(&self, forecast: Forecast) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(forecast);
     }

@@ -1,27 +1,26 @@
-//! Motions that cost no energy, where nothing but the stiffness itself tells them.
+//! Finds motions without energy, if only the stiffness itself is known.
 //!
-//! A motion `x` of a body is null only if `|K x| ≤ C ε |K| |x|` row by row, with `K x`
-//! in twice the precision: as far as the given digits of K can say. A motion that merely
-//! bends softly fails that test and stays elastic, however small its eigenvalue is
-//! beside the largest.
+//! A motion `x` of a body is null only if `|K x| ≤ C ε |K| |x|` in each row, with `K x` in
+//! twice the precision: the digits of K allow no sharper test. A motion that bends softly fails
+//! this test and stays elastic, even if its eigenvalue is much smaller than the largest.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::compensated;
 use crate::linalg::dense;
 use crate::linalg::jacobi::combine;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::Symbolic;
 
-/// The shift of inverse iteration, relative to the diagonal of `K`: far above
-/// rounding, far below what is stiff. Where rounding leaves more, it is raised.
+/// The shift of inverse iteration, relative to the diagonal of `K`: far above rounding, far
+/// below stiff motions. It increases with the rounding.
 const SHIFT: f64 = 1e-10;
 const RAISE: f64 = 100.0;
 const MOST_SHIFT: f64 = 1e-4;
@@ -29,57 +28,55 @@ const MOST_SHIFT: f64 = 1e-4;
 /// Rounds of inverse iteration.
 const ROUNDS: usize = 5;
 
-/// A motion that is so many times stiffer than the shift is lost from the block, to
-/// rounding, in [`ROUNDS`]: a block that reaches there holds all softer ones.
+/// Motions stiffer than this many times the shift vanish from the block within [`ROUNDS`], up
+/// to rounding. A block that contains such a motion contains all softer ones.
 const LOST: f64 = 1e3;
 
-/// `C`. Rigid motions of assembled stiffnesses leave 1.2, and as much again comes from
-/// the rounding of the motion itself. The softest bending of a steel strip of 1000 mm
-/// held at one end leaves 2600 where it is 2 mm thick, 10 at half a millimetre.
+/// `C`. Rigid motions of assembled stiffnesses give 1.2, and the rounding of the motion itself
+/// as much again. The softest bending of a steel strip of 1000 mm, clamped at one end, gives
+/// 2600 at a thickness of 2 mm and 10 at 0.5 mm.
 const ROUNDING: f64 = 6.0;
 
-/// Of `C ε |x|ᵀ |K| |x|`, the share that the energy of a null motion may have. Rigid
-/// motions leave 0.002 to 0.06, for roundings add up with either sign; the bending above
-/// leaves 117 where the strip is 2 mm thick, and 0.47 at half a millimetre, where rows
-/// alone no longer tell.
+/// Largest energy of a null motion, as a share of `C ε |x|ᵀ |K| |x|`. Rigid motions give 0.002
+/// to 0.06, because roundings have either sign. The bending above gives 117 at 2 mm and 0.47 at
+/// 0.5 mm, where rows alone do not decide.
 const SHARE: f64 = 0.2;
 
-/// The same where the next motion is stiffer than rounding by [`APART`]: a stiffness
-/// that was turned, scaled or added up elsewhere carries more rounding, and bending has
-/// no such gap behind its first mode.
+/// The same if the next motion is stiffer than rounding by [`APART`]: a stiffness that was
+/// rotated, scaled or summed elsewhere has more rounding, and bending has no such gap after its
+/// first mode.
 const ROUNDING_APART: f64 = 200.0;
 const APART: f64 = 1e4;
 
-/// Below this share of the largest, components of a motion count as that share: they
-/// are sums that cancel, and known to the rounding of the largest.
+/// Smaller components of a motion count as this share of the largest: they are sums that
+/// cancel, and have its rounding.
 const LEAST: f64 = 0.1;
 
-/// What the softest motions of a body are.
+/// The softest motions of a body.
 #[derive(Debug)]
-pub(super) struct Verdict {
-    /// Those that cost nothing, a basis over all degrees of freedom.
+pub(super) struct SoftestMotions {
+    /// Motions without energy, a basis over all degrees of freedom.
     pub null: Vec<Vec<f64>>,
-    /// Energy of the next one over what rounding may make of it; infinite if there is
-    /// no next one.
+    /// Energy of the next one over its rounding; infinite if there is no next one.
     pub gap: f64,
-    /// Whether a motion has negative energy, beyond rounding.
+    /// Whether a motion has negative energy beyond rounding.
     pub negative: bool,
-    /// Whether one that is not null has an energy that rounding may have made.
+    /// Whether a motion that is not null may have only rounding as its energy.
     pub doubtful: bool,
-    /// The largest energy that was met, relative to the diagonal of K.
+    /// The largest energy found, relative to the diagonal of K.
     pub stiffest: f64,
 }
 
-/// A block of the softest motions, and the shift that it was found with.
+/// A block of the softest motions, and its shift.
 #[derive(Debug)]
-pub(super) struct Block {
+pub(super) struct MotionBlock {
     pub columns: Vec<Vec<f64>>,
     pub shift: f64,
-    /// `K` with its diagonal raised, where it was factored.
+    /// `K` with its diagonal increased, if it was factored.
     raised: Option<Raised>,
 }
 
-/// `K` with its diagonal raised, factored.
+/// `K` with its diagonal increased, factored.
 #[derive(Debug)]
 struct Raised {
     factor: Factor,
@@ -100,9 +97,9 @@ impl Raised {
         self.factor.recover(f, 1);
     }
 
-    /// `x − (K + σ D)⁻¹ K x`, `K x` in twice the precision: of `x` what costs nothing
-    /// stays as it is, to the last digit of each entry, and what is stiff goes.
-    fn soften(&self, k: &Owned, x: &mut [f64]) {
+    /// `x − (K + σ D)⁻¹ K x` with `K x` in twice the precision: it keeps the part of `x`
+    /// without energy to the last digit and removes the stiff part.
+    fn soften(&self, k: &OwnedMatrix, x: &mut [f64]) {
         for _ in 0..2 {
             let mut change = k.residual(x, &vec![0.0; x.len()]);
             self.solve(&mut change);
@@ -113,21 +110,21 @@ impl Raised {
     }
 }
 
-impl Verdict {
-    /// Whether the block held all motions that may be null.
+impl SoftestMotions {
+    /// Whether the block contained all motions that may be null.
     pub(super) fn is_complete(&self, shift: f64) -> bool {
         self.stiffest >= LOST * shift
     }
 }
 
-/// What makes the diagonal of K one.
+/// Scaling that makes the diagonal of K one.
 #[derive(Debug)]
-pub(super) struct Weights {
+pub(super) struct DiagonalScaling {
     roots: Vec<f64>,
 }
 
-impl Weights {
-    pub(super) fn new(k: &Owned) -> Self {
+impl DiagonalScaling {
+    pub(super) fn new(k: &OwnedMatrix) -> Self {
         let diagonal = k.view().diagonal();
         let root = |&x: &f64| if x > 0.0 { x.sqrt() } else { 1.0 };
         Self {
@@ -135,8 +132,8 @@ impl Weights {
         }
     }
 
-    /// Gram–Schmidt, twice, in the variables in which the diagonal of K is one, first
-    /// against `known`. Columns of which nothing is left are dropped.
+    /// Gram–Schmidt, twice, in variables in which the diagonal of K is one; first against
+    /// `known`. Columns that vanish are dropped.
     fn orthonormalise(&self, known: &[Vec<f64>], block: &mut Vec<Vec<f64>>) {
         let mut done: Vec<Vec<f64>> = Vec::with_capacity(known.len() + block.len());
         for given in known.iter().chain(&*block) {
@@ -179,20 +176,19 @@ impl Weights {
     }
 }
 
-/// The softest motions of a body whose interior is definite: inverse iteration on `S`,
-/// whose kept unknowns `scale` makes of order one, and `x_i = −K_ii⁻¹ K_ic x_c`,
-/// corrected until the interior rows are in balance. `None` where `S` is far from
-/// semidefinite.
+/// The softest motions of a body with a definite interior: inverse iteration on `S`, whose kept
+/// unknowns are scaled to order one, with `x_i = −K_ii⁻¹ K_ic x_c`, corrected until the
+/// interior rows are in balance. `None` if `S` is far from semidefinite.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub(super) fn softest(
-    (k, kept, factor): (&Owned, &[usize], &Factor),
+    (k, kept, factor): (&OwnedMatrix, &[usize], &Factor),
     schur: &[f64],
     scale: &[f64],
     width: usize,
     stop: &AtomicBool,
-) -> Result<Option<Block>, Error> {
+) -> Result<Option<MotionBlock>, Error> {
     let m = scale.len();
     let shifted = |shift: f64| {
         let mut a = vec![0.0; m * m];
@@ -239,24 +235,24 @@ pub(super) fn softest(
         }
         x
     };
-    Ok(Some(Block {
+    Ok(Some(MotionBlock {
         columns: block.iter().map(whole).collect(),
         shift,
         raised: None,
     }))
 }
 
-/// The softest motions of a body whose interior may be singular: inverse iteration on
-/// K with its diagonal raised, in full. `None` where that is indefinite.
+/// The softest motions of a body whose interior may be singular: inverse iteration on the whole
+/// K with its diagonal increased. `None` if this matrix is indefinite.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub(super) fn softest_of_all(
-    (k, kept, symbolic): (&Owned, &[usize], &Arc<Symbolic>),
-    weights: &Weights,
+    (k, kept, symbolic): (&OwnedMatrix, &[usize], &Arc<Symbolic>),
+    weights: &DiagonalScaling,
     width: usize,
     stop: &AtomicBool,
-) -> Result<Option<Block>, Error> {
+) -> Result<Option<MotionBlock>, Error> {
     let mut shift = SHIFT;
     let (factor, s) = loop {
         let mut raised = k.clone();
@@ -297,7 +293,7 @@ pub(super) fn softest_of_all(
         }
         weights.orthonormalise(&[], &mut block);
     }
-    Ok(Some(Block {
+    Ok(Some(MotionBlock {
         columns: block,
         shift,
         raised: Some(raised),
@@ -306,7 +302,7 @@ pub(super) fn softest_of_all(
 
 /// The energy of the softest motion of the interior alone that inverse iteration finds,
 /// relative to that of the diagonal.
-pub(super) fn softest_interior(factor: &Factor, weights: &Weights, kept: &[usize]) -> f64 {
+pub(super) fn softest_interior(factor: &Factor, weights: &DiagonalScaling, kept: &[usize]) -> f64 {
     let mut x: Vec<f64> = (0..weights.roots.len()).map(start_value).collect();
     let mut quotient = f64::INFINITY;
     for _ in 0..3 {
@@ -337,17 +333,17 @@ fn solve_interior(factor: &Factor, kept: &[usize], f: &mut [f64]) {
     factor.recover(f, 1);
 }
 
-/// A start for inverse iterations that no rigid motion is orthogonal to.
+/// A start for inverse iteration that is orthogonal to no rigid motion.
 fn start_value(k: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a fixed, uneven sequence")]
     let phase = k as f64 * 0.618_033_988_749_895;
     0.5 + phase.fract()
 }
 
-/// Independent columns, all of space where they are as many as it has dimensions.
+/// Independent columns; a basis of the whole space if there are as many.
 fn starts(n: usize, width: usize) -> Vec<Vec<f64>> {
     let column = |c: usize| -> Vec<f64> {
-        let signs = signs(n, c as u64 + 1).into_iter().enumerate();
+        let signs = random_signs(n, c as u64 + 1).into_iter().enumerate();
         signs
             .map(|(k, sign)| sign * start_value(k * width + c + 1))
             .collect()
@@ -386,8 +382,8 @@ fn normalise(column: &mut [f64]) {
     }
 }
 
-/// The largest `|K x|` over what sizes of the terms of its row allow, in ε.
-fn rows_of(k: &Owned, x: &[f64]) -> f64 {
+/// The largest `|K x|` relative to the terms of its row, in ε.
+fn rows_of(k: &OwnedMatrix, x: &[f64]) -> f64 {
     let forces = k.residual(x, &vec![0.0; x.len()]);
     let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let sizes: Vec<f64> = x.iter().map(|x| x.abs().max(LEAST * largest)).collect();
@@ -397,19 +393,19 @@ fn rows_of(k: &Owned, x: &[f64]) -> f64 {
     forces.iter().zip(&terms).map(of_row).fold(0.0, f64::max) / f64::EPSILON
 }
 
-/// Parts a block of soft motions into those that cost nothing and others, by
-/// Rayleigh–Ritz with energies in twice the precision.
+/// Separates a block of soft motions into those without energy and others, by Rayleigh–Ritz
+/// with energies in twice the precision.
 pub(super) fn part(
-    k: &Owned,
-    weights: &Weights,
+    k: &OwnedMatrix,
+    weights: &DiagonalScaling,
     known: &[Vec<f64>],
-    Block {
+    MotionBlock {
         columns: mut block,
         raised,
         ..
-    }: Block,
-) -> Verdict {
-    let mut verdict = Verdict {
+    }: MotionBlock,
+) -> SoftestMotions {
+    let mut motions_found = SoftestMotions {
         null: Vec::new(),
         gap: f64::INFINITY,
         negative: false,
@@ -417,8 +413,8 @@ pub(super) fn part(
         stiffest: 0.0,
     };
     weights.orthonormalise(known, &mut block);
-    // Stiff motions of the block leave their rounding on the energies of soft ones:
-    // round by round they are set aside.
+    // Stiff motions of the block disturb the energies of soft ones by rounding: they are
+    // removed round by round.
     for aside in [1e-4, 1e-8, 1e-12, 0.0] {
         let images: Vec<Vec<f64>> = block
             .par_iter()
@@ -440,22 +436,28 @@ pub(super) fn part(
         let ritz = |&j: &usize| combine(&block, &energies[j * width..(j + 1) * width]);
         let mut all: Vec<Vec<f64>> = order.iter().map(ritz).collect();
         let mut values: Vec<f64> = order.iter().map(|&j| values[j]).collect();
-        verdict.stiffest = values.last().map_or(0.0, |v| v.abs()).max(verdict.stiffest);
+        motions_found.stiffest = values
+            .last()
+            .map_or(0.0, |v| v.abs())
+            .max(motions_found.stiffest);
         if aside > 0.0 {
             let soft = values.iter().take_while(|v| v.abs() <= aside).count();
             if soft < width {
-                verdict.gap = verdict.gap.min(over_rounding(k, &all[soft], values[soft]));
+                motions_found.gap =
+                    motions_found
+                        .gap
+                        .min(over_rounding(k, &all[soft], values[soft]));
                 let stiff = values[soft..].iter().zip(&all[soft..]);
                 let negative =
                     |(v, x): (&f64, &Vec<f64>)| *v < 0.0 && over_rounding(k, x, *v) > 1.0;
-                verdict.negative |= stiff.into_iter().any(negative);
+                motions_found.negative |= stiff.into_iter().any(negative);
             }
             block = all.into_iter().take(soft).collect();
             continue;
         }
         if let Some(raised) = &raised {
-            // Where a soft part moves with a stiff one, unit length is that of the stiff
-            // one, and rounding of it is much beside the small entries of the soft one.
+            // If a soft part moves with a stiff one, unit length is that of the stiff one, and
+            // its rounding is large relative to the small entries of the soft one.
             all.par_iter_mut().for_each(|x| {
                 raised.soften(k, x);
                 let length = dot_long(x, &weights.times(x)).sqrt();
@@ -466,7 +468,7 @@ pub(super) fn part(
         let rows: Vec<f64> = all.iter().map(|x| rows_of(k, x)).collect();
         let gaps = all.iter().zip(&values);
         let gaps: Vec<f64> = gaps.map(|(x, &v)| over_rounding(k, x, v)).collect();
-        let rest = verdict.gap;
+        let rest = motions_found.gap;
         let clear = rows
             .iter()
             .take_while(|&&row| row <= ROUNDING_APART)
@@ -481,24 +483,24 @@ pub(super) fn part(
         };
         for (at, x) in all.into_iter().enumerate() {
             if rows[at] <= bound && gaps[at] <= share {
-                verdict.null.push(x);
+                motions_found.null.push(x);
                 continue;
             }
-            verdict.negative |= values[at] < 0.0 && gaps[at] > 1.0;
-            verdict.doubtful |= gaps[at] <= 1.0;
-            verdict.gap = verdict.gap.min(gaps[at]);
+            motions_found.negative |= values[at] < 0.0 && gaps[at] > 1.0;
+            motions_found.doubtful |= gaps[at] <= 1.0;
+            motions_found.gap = motions_found.gap.min(gaps[at]);
         }
     }
-    verdict
+    motions_found
 }
 
 /// `xᵀ K x`.
-fn energy(k: &Owned, x: &[f64]) -> f64 {
+fn energy(k: &OwnedMatrix, x: &[f64]) -> f64 {
     -compensated::dot(x, &k.residual(x, &vec![0.0; x.len()])).value()
 }
 
-/// An energy `xᵀ K x` over what rounding of K may make of it.
-fn over_rounding(k: &Owned, x: &[f64], energy: f64) -> f64 {
+/// An energy `xᵀ K x` over the rounding error of K.
+fn over_rounding(k: &OwnedMatrix, x: &[f64], energy: f64) -> f64 {
     let sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
     energy.abs() / (ROUNDING * f64::EPSILON * k.absolute_form(&sizes)).max(f64::MIN_POSITIVE)
 }

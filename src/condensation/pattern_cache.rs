@@ -1,9 +1,9 @@
-//! Analyses of patterns met before, shared by problems: a mesh that comes again with
-//! other materials, gaps or friction needs no ordering.
+//! Stores the analyses of patterns for later problems: the same mesh with other materials, gaps
+//! or friction needs no ordering.
 //!
-//! An entry is found by its whole pattern, not by a number made of it, so that what is
-//! reused is what would be made. The list is bounded in bytes; who was asked for
-//! longest ago goes first. Every process has its own.
+//! An entry is found by its whole pattern, not by a hash, so that the reused analysis is
+//! exactly the one that would be made. The list is limited in bytes; the entry not used for
+//! longest is removed first. Each process has its own list.
 
 use std::sync::Arc;
 
@@ -12,46 +12,46 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::symbolic::Symbolic;
 use crate::per_process::PerProcess;
 
-/// Where the bound is read from [MB]; 0 keeps nothing.
+/// Environment variable of the limit [MB]; 0 stores nothing.
 pub const VARIABLE: &str = "BIPOT_PATTERN_CACHE_MB";
 
-/// The bound where nothing is said [MB]: some hundred patterns of a thousand unknowns,
-/// or one of fifty thousand in space.
+/// The default limit [MB]: some hundred patterns of a thousand unknowns, or one of fifty
+/// thousand in space.
 const DEFAULT: usize = 64;
 
-/// All that an analysis depends on.
+/// Everything that an analysis depends on.
 #[derive(Debug)]
-struct Pattern {
+struct PatternKey {
     start: Vec<u32>,
     index: Vec<u32>,
     kept: Vec<u32>,
-    /// Of the places, the bits.
+    /// The bits of the positions.
     places: Option<Vec<[u64; 3]>>,
 }
 
 #[derive(Debug)]
-struct Entry {
-    pattern: Pattern,
+struct CachedAnalysis {
+    pattern: PatternKey,
     symbolic: Symbolic,
 }
 
-/// The last one was asked for last.
-static KNOWN: PerProcess<Arc<Entry>> = PerProcess::new();
+/// The last entry was used last.
+static KNOWN: PerProcess<Arc<CachedAnalysis>> = PerProcess::new();
 
-/// What is asked for, borrowed.
+/// The pattern to look up, borrowed.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct Lookup<'a> {
     pub matrix: Symmetric<'a>,
     pub kept: &'a [usize],
     pub places: Option<&'a [[f64; 3]]>,
 }
 
-impl Asked<'_> {
-    /// The analysis of this pattern, if it is known.
+impl Lookup<'_> {
+    /// The analysis of this pattern, if it is stored.
     #[must_use]
     pub fn find(&self) -> Option<Arc<Symbolic>> {
-        // What is compared is not held meanwhile: others may look, too.
-        let list: Vec<Arc<Entry>> = KNOWN.lock()?.clone();
+        // Compare without the lock, so that others may look too.
+        let list: Vec<Arc<CachedAnalysis>> = KNOWN.lock()?.clone();
         let found = list.into_iter().find(|entry| self.is(&entry.pattern))?;
         let mut list = KNOWN.lock()?;
         if let Some(at) = list.iter().position(|entry| Arc::ptr_eq(entry, &found)) {
@@ -61,20 +61,20 @@ impl Asked<'_> {
         Some(Arc::new(found.symbolic.for_another()))
     }
 
-    /// Keeps the analysis of this pattern, where the bound allows it.
+    /// Stores the analysis of this pattern, within the limit.
     pub fn keep(&self, symbolic: &Symbolic) {
         let size = self.bytes() + symbolic.counts().bytes_symbolic;
         let Some(limit) = limit().ok().filter(|&limit| size <= limit) else {
             return;
         };
-        let entry = Arc::new(Entry {
+        let entry = Arc::new(CachedAnalysis {
             pattern: self.pattern(),
             symbolic: symbolic.for_another(),
         });
         let Some(mut list) = KNOWN.lock() else {
             return;
         };
-        // Another thread may have had the same one to analyse.
+        // Another thread may have analysed the same pattern.
         if list.iter().any(|known| self.is(&known.pattern)) {
             return;
         }
@@ -91,9 +91,9 @@ impl Asked<'_> {
         drop(gone);
     }
 
-    fn is(&self, known: &Pattern) -> bool {
+    fn is(&self, known: &PatternKey) -> bool {
         fn same(a: &[usize], b: &[u32]) -> bool {
-            // Blocks: a comparison that may end anywhere is one by one.
+            // By blocks: a comparison that may end anywhere works entry by entry.
             let equal = |(a, b): (&[usize], &[u32])| {
                 let pairs = a.iter().zip(b);
                 pairs.filter(|&(&a, &b)| a != b as usize).count() == 0
@@ -116,12 +116,12 @@ impl Asked<'_> {
             && same(self.matrix.row_idx(), &known.index)
     }
 
-    /// The pattern by itself; its numbers have been analysed, so that they are short.
-    fn pattern(&self) -> Pattern {
+    /// The pattern itself; its indices have been analysed, so they fit 32 bits.
+    fn pattern(&self) -> PatternKey {
         #[expect(clippy::cast_possible_truncation, reason = "checked by the analysis")]
         let short = |list: &[usize]| list.iter().map(|&i| i as u32).collect();
         let bits = |places: &[[f64; 3]]| places.iter().map(|at| at.map(f64::to_bits)).collect();
-        Pattern {
+        PatternKey {
             start: short(self.matrix.col_ptr()),
             index: short(self.matrix.row_idx()),
             kept: short(self.kept),
@@ -135,9 +135,9 @@ impl Asked<'_> {
     }
 }
 
-impl Entry {
+impl CachedAnalysis {
     fn bytes(&self) -> usize {
-        let Pattern {
+        let PatternKey {
             start,
             index,
             kept,
@@ -149,10 +149,10 @@ impl Entry {
     }
 }
 
-/// Bytes that all of them may take; an empty variable counts as missing.
+/// The limit of all entries in bytes; an empty variable counts as missing.
 ///
 /// # Errors
-/// [`Error::Megabytes`] for what is not a number of them.
+/// [`Error::Megabytes`] if it is not a number of megabytes.
 pub fn limit() -> Result<usize, Error> {
     let asked = std::env::var_os(VARIABLE).unwrap_or_default();
     let asked = asked.to_string_lossy();

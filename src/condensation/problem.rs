@@ -1,4 +1,4 @@
-//! A contact problem, posed on all contacts or on those that may close.
+//! A contact problem with all contacts, or with those that may close.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -6,22 +6,22 @@ use std::sync::atomic::AtomicBool;
 use crate::condensation::bodies::{Bodies, Loaded};
 use crate::condensation::body::DIGITS;
 use crate::condensation::candidates::{Candidates, seeds};
-use crate::condensation::condense::{Condensed, Sorted};
+use crate::condensation::condense::{Condensed, SortedProblem};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
-/// Relative displacements by `W` and by `u` may differ by this share of the largest
-/// motion of a contact: `W` may have lost [`DIGITS`] before
-/// it is mended, 2e-11 of it, and a path adds these up.
+/// Largest difference between relative displacements from `W` and from `u`, as a share of the
+/// largest motion of a contact. `W` may lose [`DIGITS`] before it is corrected, 2e-11 of it,
+/// and a path adds up these errors.
 const CONFIRMED: f64 = 1e-8;
 
-/// What is lost is estimated to this factor.
+/// The factor to which this loss is estimated.
 const ALLOWED: f64 = 8.0;
 
-/// A contact problem, `W` of all contacts formed or not.
+/// A contact problem, with `W` of all contacts formed or not.
 #[derive(Debug)]
 pub enum Problem<const D: usize> {
     Whole(Condensed<D>),
@@ -32,14 +32,14 @@ pub enum Problem<const D: usize> {
 }
 
 impl<const D: usize> Problem<D> {
-    /// Condenses onto all contacts, or onto few where far more are candidates than
-    /// touch. `grow` says which, `None` leaves it to the gaps; `before` is a problem
-    /// of which analyses may be used again.
+    /// Condenses onto all contacts, or onto few if there are many more candidates than touching
+    /// contacts. `grow` decides this, `None` lets the gaps decide. Analyses of the problem
+    /// `before` may be used again.
     ///
     /// # Errors
     /// As [`Condensed::new`].
     pub fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         grow: Option<bool>,
         before: Option<&Self>,
         stop: &AtomicBool,
@@ -51,7 +51,7 @@ impl<const D: usize> Problem<D> {
             && let Some(seeds) = seeds(&sorted.surface, grow == Some(true))
         {
             match Candidates::new(sorted.clone(), seeds, before, stop) {
-                // The few do not hold the body; all of them may.
+                // The few contacts do not hold the body; all of them may.
                 Err(Error::FloatingBody { .. }) => {}
                 made => {
                     return Ok(Self::Growing {
@@ -101,7 +101,7 @@ impl<const D: usize> Problem<D> {
         }
     }
 
-    /// Bytes that the compliance formed so far holds.
+    /// Bytes of the compliance formed so far.
     #[must_use]
     pub fn bytes_compliance(&self) -> usize {
         match self {
@@ -113,7 +113,7 @@ impl<const D: usize> Problem<D> {
         }
     }
 
-    /// With `W` of all contacts, formed now where it was not.
+    /// The problem with `W` of all contacts, formed now if needed.
     ///
     /// # Errors
     /// As [`Condensed::new`].
@@ -142,7 +142,7 @@ impl<const D: usize> Problem<D> {
         })
     }
 
-    /// The same bodies and contacts with other gaps, of which those to begin with stay.
+    /// The same bodies and contacts with other gaps; the initial contacts stay.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`].
@@ -158,24 +158,24 @@ impl<const D: usize> Problem<D> {
         })
     }
 
-    /// The same contacts in stretched variables, on the same bodies.
+    /// The same contacts in scaled variables, on the same bodies.
     ///
     /// # Errors
-    /// As [`Condensed::stretched`].
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+    /// As [`Condensed::scaled`].
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         Ok(match self {
-            Self::Whole(problem) => Self::Whole(problem.stretched(stretch)?),
+            Self::Whole(problem) => Self::Whole(problem.scaled(elliptic)?),
             Self::Growing { candidates, mu } => Self::Growing {
-                candidates: Arc::new(candidates.stretched(stretch)),
+                candidates: Arc::new(candidates.scaled(elliptic)),
                 mu: mu.clone(),
             },
         })
     }
 
-    /// What the rigid motions are at all contacts, `B R`.
+    /// The rigid motions at all contacts, `B R`.
     ///
     /// # Errors
-    /// None that a motion of its own can cause.
+    /// None for a motion of its own.
     pub fn modes(&self) -> Result<Vec<Vec<[f64; D]>>, Error> {
         let candidates = match self {
             Self::Whole(problem) => return Ok(problem.modes()),
@@ -198,10 +198,10 @@ impl<const D: usize> Problem<D> {
         self.bodies().displacements(self.surface(), states)
     }
 
-    /// Whether `B u + gap` is `v` at the displacements `u` of a state.
+    /// Checks that `B u + gap` is `v` at the displacements `u` of a state.
     ///
     /// # Errors
-    /// [`Error::NotConfirmed`] at the contact where it is furthest from it; as
+    /// [`Error::NotConfirmed`] at the contact with the largest difference; as
     /// [`Problem::displacements`].
     pub fn confirm(
         &self,
@@ -222,7 +222,7 @@ impl<const D: usize> Problem<D> {
         let Some((contact, off)) = off.max_by(|a, b| a.1.total_cmp(&b.1)) else {
             return Ok(());
         };
-        // Where all contacts stick, `v` is the rounding of what loads make of the bodies.
+        // If all contacts stick, `v` is the rounding of the displacements under the loads.
         let explained = |u: &[f64]| {
             let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             off <= CONFIRMED * size + ALLOWED * DIGITS * f64::EPSILON * farthest
@@ -230,7 +230,7 @@ impl<const D: usize> Problem<D> {
         if explained(u) {
             return Ok(());
         }
-        // And where the bodies hardly move at all, of what loads alone would make of them.
+        // And if the bodies hardly move, of the displacements under the loads alone.
         let nothing = vec![[0.0; D]; v.len()];
         let alone = Loaded {
             reaction: &nothing,
@@ -251,12 +251,12 @@ impl<const D: usize> Problem<D> {
     }
 }
 
-/// What `B u + gap` is held to.
+/// The values for comparison with `B u + gap`.
 #[derive(Clone, Debug)]
 pub struct Confirmed<const D: usize> {
     pub v: Vec<[f64; D]>,
     pub gap: Vec<[f64; D]>,
-    /// What the step added to the tangential parts of `v`, and nothing along the normal:
-    /// rounding of what was before it stays.
+    /// The change of the tangential parts of `v` in the step, and zero along the normal: the
+    /// rounding of earlier steps stays.
     pub slip: Vec<[f64; D]>,
 }

@@ -1,48 +1,48 @@
-//! Rigid motions of a body by its geometry.
+//! Finds the rigid motions of a body from its geometry.
 //!
-//! Where the places of the degrees of freedom are known, so are all rigid motions `Z`,
-//! to the last digit. Which of them supports leave free is the rank of the few columns
-//! `K Z` on the rows where they are not rounding: no eigenvalue of a stiffness decides
-//! it, and a body that bends ever so softly is never taken for one that is free.
+//! If the positions of the degrees of freedom are known, all rigid motions `Z` are known
+//! exactly. The motions that supports leave free follow from the rank of the few columns `K Z`,
+//! on the rows above rounding. No eigenvalue of a stiffness decides it, so a body that bends
+//! softly is never taken for a free one.
 
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::small::{dot_long, norm};
 
-/// `|K z|`, of a rigid motion of size 1, over the sum of sizes of a row, in ε. Assembled
-/// stiffnesses of first and second order, flat ones too, leave 1.2 at the most, and more
-/// where they were turned afterwards; a spring or a support leaves its share of the row.
+/// `|K z|` of a rigid motion of size 1, over the sum of sizes of a row, in ε. Assembled
+/// stiffnesses of first and second order, also of flat elements, give at most 1.2, and more
+/// after a rotation. A spring or a support gives its share of the row.
 const ROUNDING: f64 = 64.0;
 
-/// The same of a combination of motions, which adds the rounding of the rotations.
+/// The same for a combination of motions, which adds the rounding of the rotations.
 const COMBINED: f64 = 256.0;
 
-/// Of the rows that no support reaches, the share that must be in balance for the
-/// directions found to be believed: with wrong ones hardly any row is.
+/// Least share of the rows without supports that must be in balance to accept the directions
+/// found: with wrong ones hardly any row is.
 const BELIEVED: f64 = 0.25;
 
-/// Columns below this, relative to the largest, are those of motions that the body has
-/// not, such as the rotation of a straight line about itself.
+/// Smaller columns, relative to the largest, belong to motions that the body does not have,
+/// such as the rotation of a straight line about itself.
 const NO_MOTION: f64 = 1e-10;
 
-/// Where the degrees of freedom are, and in which direction each of them moves.
+/// The position and the direction of each degree of freedom.
 #[derive(Debug)]
 pub struct Geometry {
     places: Vec<[f64; 3]>,
     dimension: usize,
-    /// Whether the stiffness couples a degree of freedom to one that is prescribed: its
-    /// row is out of balance in a rigid motion of all others.
+    /// Whether the stiffness couples a degree of freedom to a prescribed one: its row is not in
+    /// balance in a rigid motion of all others.
     supported: Vec<bool>,
-    directions: OnceLock<Vec<Option<Direction>>>,
+    directions: OnceLock<Vec<Option<DofDirection>>>,
 }
 
-/// What a degree of freedom is: a displacement along an axis, or a rotation about one.
+/// The kind of a degree of freedom: a displacement along an axis, or a rotation about one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Direction {
+enum DofDirection {
     Along(usize),
     About(usize),
 }
@@ -58,11 +58,11 @@ impl Geometry {
         }
     }
 
-    /// Rigid motions of a body that nothing holds, a basis over its degrees of freedom
-    /// `dofs` of the stiffness `k`. Nothing where the directions of the degrees of
-    /// freedom do not show, or do not fit the stiffness.
+    /// Rigid motions of a body without supports, a basis over its degrees of freedom `dofs` of
+    /// the stiffness `k`. `None` if the directions of the degrees of freedom cannot be found,
+    /// or do not fit the stiffness.
     #[must_use]
-    pub fn left_free(&self, dofs: &[usize], k: &Owned) -> Option<Vec<Vec<f64>>> {
+    pub fn left_free(&self, dofs: &[usize], k: &OwnedMatrix) -> Option<Vec<Vec<f64>>> {
         let motions = self.motions(dofs)?;
         let nothing = vec![0.0; dofs.len()];
         let forces: Vec<Vec<f64>> = motions
@@ -100,10 +100,10 @@ impl Geometry {
         )
     }
 
-    /// Whether a motion of a body is a rigid one, whatever holds it.
+    /// Whether a motion of a body is rigid, with or without supports.
     #[must_use]
     pub fn is_rigid(&self, dofs: &[usize], motion: &[f64]) -> bool {
-        /// What a motion found by iteration may differ from a rigid one by.
+        /// Largest difference between a motion found by iteration and a rigid one.
         const NEAR: f64 = 1e-3;
         let Some(mut rigid) = self.motions(dofs) else {
             return false;
@@ -124,7 +124,7 @@ impl Geometry {
         let all = self
             .directions
             .get_or_init(|| directions(&self.places, self.dimension));
-        let own: Vec<Direction> = dofs.iter().map(|&i| all[i]).collect::<Option<_>>()?;
+        let own: Vec<DofDirection> = dofs.iter().map(|&i| all[i]).collect::<Option<_>>()?;
         let d = self.dimension;
         let mut centre = [0.0; 3];
         for &i in dofs {
@@ -140,16 +140,16 @@ impl Geometry {
             .flat_map(|&i| arm(i))
             .fold(0.0_f64, |m, x| m.max(x.abs()));
         let translation = |axis: usize| {
-            let of = |own: &Direction| f64::from(u8::from(*own == Direction::Along(axis)));
+            let of = |own: &DofDirection| f64::from(u8::from(*own == DofDirection::Along(axis)));
             own.iter().map(of).collect::<Vec<_>>()
         };
         let rotation = |axis: usize| {
             // e_axis × x has −x_b along a and x_a along b, (axis, a, b) in cyclic order.
             let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-            let of = |(own, &i): (&Direction, &usize)| match *own {
-                Direction::Along(k) if k == a => -arm(i)[b] / reach,
-                Direction::Along(k) if k == b => arm(i)[a] / reach,
-                Direction::About(k) if k == axis => 1.0 / reach,
+            let of = |(own, &i): (&DofDirection, &usize)| match *own {
+                DofDirection::Along(k) if k == a => -arm(i)[b] / reach,
+                DofDirection::Along(k) if k == b => arm(i)[a] / reach,
+                DofDirection::About(k) if k == axis => 1.0 / reach,
                 _ => 0.0,
             };
             own.iter().zip(dofs).map(of).collect::<Vec<_>>()
@@ -159,7 +159,7 @@ impl Geometry {
             let axes = if d == 2 { 2..3 } else { 0..3 };
             found.extend(axes.map(rotation));
         }
-        // A point, or a line in space, has fewer motions than there are columns.
+        // A point, or a line in space, has fewer motions than columns.
         let mut independent = found.clone();
         let amounts = orthogonalise(&mut independent);
         let largest = independent.iter().map(|z| norm(z)).fold(0.0, f64::max);
@@ -172,11 +172,11 @@ impl Geometry {
     }
 }
 
-/// Directions of degrees of freedom by their places: those of one place are, in
-/// ascending order, displacements along the axes, and behind them rotations where there
-/// are as many as a node of a beam or a shell has. Bodies that touch share places: then
-/// runs of numbers without a gap are nodes.
-fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
+/// Directions of degrees of freedom from their positions. Those at one position are, in
+/// ascending order, displacements along the axes, then rotations if their number is that of a
+/// node of a beam or a shell. Bodies that touch share positions: then runs of consecutive
+/// numbers are nodes.
+fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<DofDirection>> {
     let key = |i: usize| places[i].map(|x| (x + 0.0).to_bits());
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by_key(|&i| (key(i), i));
@@ -185,11 +185,11 @@ fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
         for node in nodes(at_place, dimension) {
             for (k, &dof) in node.iter().enumerate() {
                 found[dof] = Some(if k < dimension {
-                    Direction::Along(k)
+                    DofDirection::Along(k)
                 } else if dimension == 2 {
-                    Direction::About(2)
+                    DofDirection::About(2)
                 } else {
-                    Direction::About(k - 3)
+                    DofDirection::About(k - 3)
                 });
             }
         }
@@ -197,7 +197,7 @@ fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
     found
 }
 
-/// The nodes at one place, each with its degrees of freedom in the order of directions.
+/// The nodes at one position, each with its degrees of freedom in the order of directions.
 fn nodes(dofs: &[usize], dimension: usize) -> Vec<Vec<usize>> {
     let with_rotations = if dimension == 2 { 3 } else { 6 };
     let of_node = |count: usize| count == dimension || count == with_rotations;
@@ -216,7 +216,7 @@ fn nodes(dofs: &[usize], dimension: usize) -> Vec<Vec<usize>> {
             .collect();
     }
     if dofs.len().is_multiple_of(dimension) {
-        // All x first, then all y: of each axis one from every node.
+        // First all x, then all y: for each axis one from each node.
         let count = dofs.len() / dimension;
         let node = |k: usize| (0..dimension).map(|axis| dofs[axis * count + k]).collect();
         return (0..count).map(node).collect();

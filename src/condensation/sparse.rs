@@ -1,4 +1,4 @@
-//! Rows, columns and parts of the caller's sparse matrices.
+//! Rows, columns and parts of the sparse matrices of the caller.
 
 use std::collections::HashMap;
 
@@ -65,10 +65,10 @@ impl<'a> Rows<'a> {
             .zip(self.values[range].iter().copied())
     }
 
-    /// The columns that `number` gives a new number, under that number.
+    /// The columns that `number` gives a new number, under this number.
     #[must_use]
-    pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> Owned {
-        let mut out = Owned::default();
+    pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> OwnedMatrix {
+        let mut out = OwnedMatrix::default();
         for row in 0..self.row_ptr.len() - 1 {
             for (column, value) in self.row(row) {
                 if let Some(column) = number(column) {
@@ -81,8 +81,8 @@ impl<'a> Rows<'a> {
         out
     }
 
-    /// The nonzero entries of a row at free degrees of freedom, body by body,
-    /// under local numbers.
+    /// The nonzero entries of a row at free degrees of freedom, for each body, under local
+    /// numbers.
     pub(crate) fn by_body(
         &self,
         row: usize,
@@ -102,15 +102,15 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// A matrix of our own, compressed by rows or by columns as its owner says.
+/// An owned matrix, compressed by rows or by columns as its owner decides.
 #[derive(Clone, Debug)]
-pub struct Owned {
+pub struct OwnedMatrix {
     pub pointer: Vec<usize>,
     pub index: Vec<usize>,
     pub values: Vec<f64>,
 }
 
-impl Default for Owned {
+impl Default for OwnedMatrix {
     fn default() -> Self {
         Self {
             pointer: vec![0],
@@ -120,8 +120,8 @@ impl Default for Owned {
     }
 }
 
-impl Owned {
-    /// As a symmetric matrix, which it is: the free part of one, or a component of it.
+impl OwnedMatrix {
+    /// As a symmetric matrix: it is the free part of one, or a component of it.
     #[must_use]
     pub fn view(&self) -> Symmetric<'_> {
         Symmetric::of_checked(&self.pointer, &self.index, &self.values)
@@ -141,13 +141,13 @@ impl Owned {
         out
     }
 
-    /// Whether no entry of a row is other than zero.
+    /// Whether all entries of a row are zero.
     #[must_use]
     pub fn is_empty_row(&self, row: usize) -> bool {
         self.entries(row).all(|(_, value)| value == 0.0)
     }
 
-    /// `b − A x` for the matrix by rows, in twice the precision.
+    /// `b − A x` for the matrix by rows, with sums in twice the precision.
     pub(crate) fn residual(&self, x: &[f64], b: &[f64]) -> Vec<f64> {
         let of_row = |(k, b): (usize, &f64)| {
             let mut sum = Sum::new(*b);
@@ -159,7 +159,8 @@ impl Owned {
         b.iter().enumerate().map(of_row).collect()
     }
 
-    /// `b − A x` as [`Owned::residual`], and `|A| |x| + |b|`; `low` is what `x` lacks.
+    /// `b − A x` as [`OwnedMatrix::residual`], and `|A| |x| + |b|`; `low` are the digits of `x`
+    /// below its rounding.
     pub(crate) fn residual_and_size(
         &self,
         x: &[f64],
@@ -189,7 +190,7 @@ impl Owned {
         }
     }
 
-    /// Entry `i` of the diagonal, of columns in ascending order.
+    /// Entry `i` of the diagonal; columns are ascending.
     pub(crate) fn diagonal(&self, i: usize) -> f64 {
         let column = self.pointer[i]..self.pointer[i + 1];
         let at = self.index[column.clone()].binary_search(&i);
@@ -240,15 +241,14 @@ impl Owned {
     }
 }
 
-/// The free part of a symmetric matrix, both triangles from its lower one, and
-/// the global numbers of its rows. Stored zeros connect nothing: they are left out but
-/// where [`in_use`] says.
+/// The free part of a symmetric matrix, both triangles from its lower one, and the global
+/// numbers of its rows. Stored zeros are omitted except where [`in_use`] keeps them.
 #[must_use]
 pub fn free_part(
     k: &Symmetric,
     symmetry: Symmetry,
     fixed: &[Option<usize>],
-) -> (Owned, Vec<usize>) {
+) -> (OwnedMatrix, Vec<usize>) {
     let global: Vec<usize> = (0..k.n()).filter(|&i| fixed[i].is_none()).collect();
     let mut number = vec![usize::MAX; k.n()];
     for (local, &i) in global.iter().enumerate() {
@@ -279,8 +279,8 @@ pub fn free_part(
     for i in 0..global.len() {
         pointer[i + 1] += pointer[i];
     }
-    // Columns are visited in order, so that every column is filled in order:
-    // its upper entries come before its own turn, its lower ones at it.
+    // Columns are visited in order, so that each column is filled in order: its upper entries
+    // come before its own turn, its lower ones in it.
     let mut cursor = pointer.clone();
     let entries = pointer[global.len()];
     let (mut index, mut values) = (vec![0; entries], vec![0.0; entries]);
@@ -297,7 +297,7 @@ pub fn free_part(
         }
     }
     (
-        Owned {
+        OwnedMatrix {
             pointer,
             index,
             values,
@@ -306,9 +306,14 @@ pub fn free_part(
     )
 }
 
-/// The rows and columns `global` under the numbers that they have: of a matrix that is
-/// symmetric to the bit nothing need be mirrored.
-fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bool]>) -> Owned {
+/// The rows and columns `global` under their new numbers, for a matrix that is bitwise
+/// symmetric: no triangle needs to be copied.
+fn chosen(
+    k: &Symmetric,
+    global: &[usize],
+    number: &[usize],
+    in_use: Option<&[bool]>,
+) -> OwnedMatrix {
     let entries = k.row_idx().len();
     let (mut index, mut values) = (vec![0; entries], vec![0.0; entries]);
     let mut pointer = Vec::with_capacity(global.len() + 1);
@@ -317,7 +322,7 @@ fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bo
     for &j in global {
         for at in k.col_ptr()[j]..k.col_ptr()[j + 1] {
             let row = number[k.row_idx()[at]];
-            // Written in any case, and counted if it stays: no branch to be guessed.
+            // Always written, and counted if it stays: this needs no branch.
             (index[next], values[next]) = (row, k.values()[at]);
             next += usize::from(row != usize::MAX && in_use.is_none_or(|used| used[at]));
         }
@@ -327,20 +332,19 @@ fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bo
     values.truncate(next);
     index.shrink_to_fit();
     values.shrink_to_fit();
-    Owned {
+    OwnedMatrix {
         pointer,
         index,
         values,
     }
 }
 
-/// Of each stored entry whether it is part of the pattern; `None` if all are.
+/// Whether each stored entry belongs to the pattern; `None` if all do.
 ///
-/// On a grid some entries of the block of two nodes cancel, others of the same block do
-/// not, and which of them is a matter of the material. Without these zeros the unknowns
-/// of a node would have patterns of their own, and the analysis, which works on nodes,
-/// three times as many of them and nine times the edges. Blocks that are zero throughout
-/// are no part of it, nor is any other zero.
+/// On a grid some entries of the block of two nodes cancel and others do not, depending on the
+/// material. Without these zeros the unknowns of a node would have different patterns. The
+/// analysis works on nodes, and would have three times as many nodes and nine times the edges.
+/// Blocks of zeros only are not part of the pattern, nor are other zeros.
 fn in_use(k: &Symmetric) -> Option<Vec<bool>> {
     let values = k.values();
     if values.iter().all(|&value| value != 0.0) {
@@ -349,7 +353,7 @@ fn in_use(k: &Symmetric) -> Option<Vec<bool>> {
     let (node_of, members) = nodes(k);
     let entries = |j: usize| k.col_ptr()[j]..k.col_ptr()[j + 1];
     let mut used = vec![false; values.len()];
-    // The last node that each one shares a block with that is not zero.
+    // The last node with a nonzero block for each node.
     let mut met = vec![usize::MAX; members.len()];
     for (node, own) in members.iter().enumerate() {
         for at in own.iter().flat_map(|&j| entries(j)) {
@@ -367,17 +371,17 @@ fn in_use(k: &Symmetric) -> Option<Vec<bool>> {
     Some(used)
 }
 
-/// Groups of a few unknowns whose stored columns have one pattern, and the group of
-/// each unknown.
+/// Groups of a few unknowns whose stored columns have one pattern, and the group of each
+/// unknown.
 fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
-    /// Unknowns of a node at the most, rotations included; more are no node.
+    /// Largest number of unknowns of a node, with rotations.
     const MOST: usize = 6;
     let column = |j: usize| &k.row_idx()[k.col_ptr()[j]..k.col_ptr()[j + 1]];
     let mut first: HashMap<u64, Vec<usize>> = HashMap::new();
     let mut node_of = vec![0; k.n()];
     let mut members: Vec<Vec<usize>> = Vec::new();
     for j in 0..k.n() {
-        // Unknowns of a node mostly follow one another.
+        // The unknowns of a node are mostly consecutive.
         let near = j.checked_sub(1).filter(|&i| column(i) == column(j));
         let known = near.map(|i| node_of[i]);
         let node = known.unwrap_or_else(|| {
@@ -406,10 +410,10 @@ fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
     (node_of, members)
 }
 
-/// Columns of a symmetric matrix at `fixed`, rows that are not fixed only.
+/// Columns of a symmetric matrix at `fixed`, with the rows that are not fixed.
 #[must_use]
-pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> Owned {
-    let mut out = Owned::default();
+pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> OwnedMatrix {
+    let mut out = OwnedMatrix::default();
     for &j in fixed {
         for (i, value) in k.column(j).filter(|&(i, _)| position[i].is_none()) {
             out.index.push(i);
@@ -433,14 +437,15 @@ pub fn local_numbers(component: &[usize], count: usize) -> Vec<usize> {
 
 /// Splits a block-diagonal matrix into its components, with their rows.
 #[must_use]
-pub fn split(k: Owned, component: &[usize]) -> Vec<(Vec<usize>, Owned)> {
+pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatrix)> {
     let count = component.iter().max().map_or(0, |c| c + 1);
     if count == 1 {
         return vec![((0..component.len()).collect(), k)];
     }
     let local = local_numbers(component, count);
-    let mut parts: Vec<(Vec<usize>, Owned)> =
-        (0..count).map(|_| (Vec::new(), Owned::default())).collect();
+    let mut parts: Vec<(Vec<usize>, OwnedMatrix)> = (0..count)
+        .map(|_| (Vec::new(), OwnedMatrix::default()))
+        .collect();
     for (j, &c) in component.iter().enumerate() {
         let (rows, part) = &mut parts[c];
         rows.push(j);

@@ -1,4 +1,4 @@
-//! What a condensation cost, counted and timed.
+//! The cost of a condensation, counted and timed.
 
 /// Counts and seconds of a condensation.
 #[derive(Clone, Debug, Default)]
@@ -6,7 +6,7 @@ pub struct Stats {
     pub nnz_factor: usize,
     pub flops: f64,
     pub bytes_factor: usize,
-    /// Predicted before anything was allocated.
+    /// Predicted before the allocation.
     pub bytes_peak: u128,
     /// Whether the factor was kept, for displacements.
     pub factor_kept: bool,
@@ -14,10 +14,10 @@ pub struct Stats {
     pub bodies: usize,
     pub islands: usize,
     pub cond_s: f64,
-    /// Relative error that `W` may have, in ε; at least `cond_s`.
+    /// Bound of the relative error of `W`, in ε; at least `cond_s`.
     pub amplification: f64,
     pub ordering: &'static str,
-    /// Bodies that had to be ordered: of no other was the analysis at hand.
+    /// Bodies that were ordered; for the others an analysis was known.
     pub orderings: usize,
     pub seconds_order: f64,
     pub seconds_symbolic: f64,

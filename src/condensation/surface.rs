@@ -1,17 +1,17 @@
-//! The contacts as the bodies feel them: the rows of `B`, body by body.
+//! The contacts on the bodies: the rows of `B` of each body.
 
 use std::sync::Arc;
 
 use crate::condensation::body::Body;
-use crate::condensation::sparse::{Owned, Rows};
+use crate::condensation::sparse::{OwnedMatrix, Rows};
 use crate::linalg::compensated::Sum;
 use crate::linalg::small::dot_long;
 use crate::linalg::sparse::reach::Reach;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct ContactRow {
     pub row: usize,
     pub entries: Vec<(usize, f64)>,
 }
@@ -19,12 +19,12 @@ pub struct Row {
 /// The rows of one body, in ascending order.
 #[derive(Clone, Debug, Default)]
 pub struct Share {
-    pub rows: Vec<Row>,
-    /// Their half solves, where they touch more than the body's kept unknowns.
+    pub rows: Vec<ContactRow>,
+    /// Their half solves, if they contain more than the kept unknowns of the body.
     pub far: Option<Far>,
 }
 
-/// Columns `b` of `Bᵀ` carried through the factor, one a row of the share.
+/// Columns `b` of `Bᵀ` after the forward solve, one for each row of the share.
 #[derive(Clone, Debug)]
 pub struct Far {
     pub reach: Arc<Reach>,
@@ -45,8 +45,8 @@ impl Far {
         )
     }
 
-    /// Every column times its factor.
-    fn stretch(&mut self, factors: &[f64]) {
+    /// Multiplies each column by its factor.
+    fn scale(&mut self, factors: &[f64]) {
         for values in [&mut self.inside, &mut self.kept] {
             let length = values.len() / factors.len().max(1);
             let columns = values.chunks_exact_mut(length.max(1));
@@ -60,7 +60,7 @@ impl Far {
 }
 
 impl Share {
-    /// `v += B_c u_c`, of unknowns kept by `body`.
+    /// `v += B_c u_c` of the kept unknowns of `body`.
     fn add_kept(&self, body: &Body, u: &[f64], v: &mut [f64]) {
         for (k, row) in self.rows.iter().enumerate() {
             v[row.row] += match &self.far {
@@ -83,7 +83,7 @@ impl Share {
         }
     }
 
-    /// `v += B K⁻¹ f` of condensed forces, their rigid part taken out.
+    /// `v += B K⁻¹ f` of condensed forces without their rigid part.
     pub fn add_free_displacement(&self, body: &Body, condensed: &[f64], v: &mut [f64]) {
         self.add_kept(body, &body.free_displacement(condensed), v);
         if let Some(far) = &self.far {
@@ -95,7 +95,7 @@ impl Share {
         }
     }
 
-    /// `v += B u` for this body's part of a displacement of all degrees of freedom.
+    /// `v += B u` for the part of a displacement on this body.
     fn add_to_sums(&self, body: &Body, u: &[f64], v: &mut [Sum]) {
         for row in &self.rows {
             for &(i, b) in &row.entries {
@@ -104,7 +104,7 @@ impl Share {
         }
     }
 
-    /// `unit Bᵀ r` at the body's degrees of freedom.
+    /// `unit Bᵀ r` at the degrees of freedom of the body.
     #[must_use]
     pub fn push(&self, body: &Body, reaction: &[f64]) -> Vec<f64> {
         let mut push = vec![0.0; body.dofs().len()];
@@ -117,23 +117,23 @@ impl Share {
     }
 }
 
-/// All that is known of contacts but their friction. Copies share all but the gap,
-/// which obstacles that move change from step to step.
+/// The data of all contacts except friction. Copies share all but the gap, which changes in
+/// each step with moving obstacles.
 #[derive(Clone, Debug, Default)]
 pub struct Surface<const D: usize> {
-    /// One a body.
+    /// One for each body.
     pub shares: Arc<Vec<Share>>,
     /// `B` at the prescribed degrees of freedom.
-    pub held: Arc<Owned>,
-    /// Gap, by component.
+    pub held: Arc<OwnedMatrix>,
+    /// Gap by components.
     pub gap: Vec<[f64; D]>,
-    /// Contacts whose normal row touches no free degree of freedom.
+    /// Contacts whose normal row has no free degree of freedom.
     pub unmoved: Arc<Vec<usize>>,
 }
 
 impl<const D: usize> Surface<D> {
-    /// Sorts the rows of `B` by body; `place` holds the body and the local number of
-    /// each free degree of freedom, `position` the number of each prescribed one.
+    /// Sorts the rows of `B` by bodies. `place` has the body and the local number of each free
+    /// degree of freedom, `position` the number of each prescribed one.
     #[must_use]
     pub fn new(
         contact: &Rows,
@@ -150,7 +150,7 @@ impl<const D: usize> Surface<D> {
                 unmoved.push(row / D);
             }
             for (body, entries) in found {
-                shares[body].rows.push(Row { row, entries });
+                shares[body].rows.push(ContactRow { row, entries });
             }
         }
         Self {
@@ -166,10 +166,10 @@ impl<const D: usize> Surface<D> {
         self.gap.len()
     }
 
-    /// `T B` and `T g` in the place of `B` and `g`.
-    pub fn stretch(&mut self, stretch: &Stretch) {
-        self.gap = stretch.times(&self.gap);
-        let factor = |row: usize| stretch.factor(row / D, row % D);
+    /// Replaces `B` and `g` by `T B` and `T g`.
+    pub fn scale(&mut self, elliptic: &EllipticScaling) {
+        self.gap = elliptic.times(&self.gap);
+        let factor = |row: usize| elliptic.factor(row / D, row % D);
         let held = Arc::make_mut(&mut self.held);
         for (row, ends) in held.pointer.windows(2).enumerate() {
             for value in &mut held.values[ends[0]..ends[1]] {
@@ -184,13 +184,13 @@ impl<const D: usize> Surface<D> {
                 }
             }
             if let Some(far) = &mut share.far {
-                far.stretch(&factors);
+                far.scale(&factors);
             }
         }
     }
 
-    /// `B u + gap` of a displacement, in twice the precision and rounded once; `low` is
-    /// what `u` lacks, `fixed` are the prescribed degrees of freedom.
+    /// `B u + gap` of a displacement, with sums in twice the precision. `low` are the digits of
+    /// `u` below its rounding, `fixed` the prescribed degrees of freedom.
     #[must_use]
     pub fn relative_displacement(
         &self,
@@ -202,7 +202,7 @@ impl<const D: usize> Surface<D> {
         self.sums(bodies, fixed, (u, low), self.gap.as_flattened())
     }
 
-    /// `B u`, likewise.
+    /// `B u` in the same way.
     #[must_use]
     pub fn product(&self, bodies: &[Body], fixed: &[usize], u: &[f64]) -> Vec<[f64; D]> {
         let nothing = vec![0.0; D * self.contacts()];
@@ -229,16 +229,16 @@ impl<const D: usize> Surface<D> {
         values.as_chunks::<D>().0.to_vec()
     }
 
-    /// Some of the contacts only, ascending, without half solves.
+    /// Some of the contacts, ascending, without half solves.
     #[must_use]
     pub fn of(&self, members: &[usize]) -> Self {
         let mut number = vec![usize::MAX; self.contacts()];
         for (k, &contact) in members.iter().enumerate() {
             number[contact] = k;
         }
-        let renumbered = |row: &Row| {
+        let renumbered = |row: &ContactRow| {
             let k = number[row.row / D];
-            (k != usize::MAX).then(|| Row {
+            (k != usize::MAX).then(|| ContactRow {
                 row: D * k + row.row % D,
                 entries: row.entries.clone(),
             })

@@ -48,7 +48,7 @@ pub fn linearised<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> Linear
     if mu > 0.0 {
         t = Vector::from(x) / length;
         t[0] = 0.0;
-        // (c/‖x_t‖)(I − t tᵀ): how the direction of x_t turns with x_t.
+        // (c/‖x_t‖)(I − t tᵀ): the derivative of c t.
         g = (Block::identity() - t * t.transpose()) * (c / length);
     }
     let mut slip = Linearised {

@@ -12,13 +12,12 @@ pub fn corrected<const D: usize>(v: &[f64; D], mu: f64) -> [f64; D] {
     corrected
 }
 
-/// One step of (11), `proj(r − ρ ṽ, K_μ)`, and the status it finds: the whole
-/// law of a contact, [dSF91, 79].
+/// One step of (11), `proj(r − ρ ṽ, K_μ)`, and its status: the law of a contact, [dSF91, 79].
 ///
-/// The height of `τ = r − ρ ṽ` over the polar cone,
-/// `τ_n + μ‖τ_t‖ = r_n − ρ v_n − μ (ρ‖v_t‖ − ‖r_t − ρ v_t‖)`, is formed with the
-/// difference of norms as a quotient that cannot cancel: a large μ would
-/// otherwise drown `v_n` in the rounding of `μ‖v_t‖`, and penetration with it.
+/// The height of `τ = r − ρ ṽ` over the polar cone is
+/// `τ_n + μ‖τ_t‖ = r_n − ρ v_n − μ (ρ‖v_t‖ − ‖r_t − ρ v_t‖)`. The difference of norms is
+/// computed as a quotient without cancellation: for a large μ, the rounding of `μ‖v_t‖` would
+/// otherwise hide `v_n`, and penetration with it.
 #[must_use]
 pub fn law_step<const D: usize>(
     r: &[f64; D],
@@ -39,7 +38,7 @@ pub fn law_step<const D: usize>(
 
 /// The gap of the bipotential, `γ = r·ṽ = r·v + μ r_n ‖v_t‖` in units of work (10).
 ///
-/// Never negative for `v_n ≥ 0` and `r ∈ K_μ`, and zero exactly on the law.
+/// Non-negative for `v_n ≥ 0` and `r ∈ K_μ`, and zero exactly if the law holds.
 #[must_use]
 pub fn gap<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> f64 {
     dot(r, &corrected(v, mu))
@@ -58,11 +57,10 @@ impl<const D: usize> StartState<D> {
     /// The bipotential `b(−Δu, Δt)` of [dSF91, 54]: finite on its effective
     /// domain, `+∞` outside it.
     ///
-    /// `b = t_n⁰ Δu_n + t_t⁰·Δu_t + Δt_n (u_n⁰ + h₀) + μ (t_n⁰ + Δt_n) ‖Δu_t‖`,
-    /// and the indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The print
-    /// leaves out the constant `t_n⁰ (u_n⁰ + h₀)`, which is zero for a start state
-    /// on the law; it is added here, so that `b + Δt·Δu` is a sum of two terms
-    /// that cannot be negative, whatever the start state.
+    /// `b = t_n⁰ Δu_n + t_t⁰·Δu_t + Δt_n (u_n⁰ + h₀) + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, with the
+    /// indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The paper omits the constant
+    /// `t_n⁰ (u_n⁰ + h₀)`, which is zero for a start state on the law. It is included here, so
+    /// that `b + Δt·Δu` is a sum of two non-negative terms for any start state.
     #[must_use]
     pub fn bipotential(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
         let gap = self.gap(du, dt, mu);
@@ -73,19 +71,18 @@ impl<const D: usize> StartState<D> {
         }
     }
 
-    /// `b(−Δu, Δt) + Δu·Δt`, the gap of the incremental law: zero exactly on
-    /// the law, positive off it, `+∞` outside the domain of `b`.
+    /// `b(−Δu, Δt) + Δu·Δt`, the gap of the incremental law: zero if the law holds, positive
+    /// otherwise, `+∞` outside the domain of `b`.
     ///
-    /// Formed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and
-    /// `(t_t⁰ + Δt_t)·Δu_t + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, where nothing cancels but
-    /// the friction work itself.
+    /// Computed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and
+    /// `(t_t⁰ + Δt_t)·Δu_t + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, where only the friction work cancels.
     #[must_use]
     pub fn gap(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
         let total: [f64; D] = std::array::from_fn(|k| self.reaction[k] + dt[k]);
         let mut v = *du;
         v[0] = du[0] + self.opening;
-        // The sums above are exact to an ulp of their terms: a point of the
-        // boundary may fall outside by so much, and is on it.
+        // The sums above have an error of one ulp of their terms: a point this far outside
+        // counts as a point of the boundary.
         let ulp = 2.0 * f64::EPSILON;
         let slack_v = ulp * (du[0].abs() + self.opening.abs());
         let slack_r = ulp

@@ -3,7 +3,7 @@
 
 use crate::linalg::small::{Block, Vector, tangential_norm};
 
-/// The three states of a contact, and the only three words for them.
+/// The three states of a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(i8)]
 pub enum Status {
@@ -15,11 +15,10 @@ pub enum Status {
 
 /// Euclidean projection onto the cone (7), in closed form (12).
 ///
-/// Components are normal first. Positively homogeneous, `project(s * tau) =
-/// s * project(tau)`, so no absolute tolerance hides in it; `mu = 0` gives the
-/// frictionless half-line, where a pressed node is [`Status::Slip`]: it is free
-/// to slide. `mu` must be finite and non-negative: the border checks it once
-/// for all nodes.
+/// Components are normal first. The projection is positively homogeneous,
+/// `project(s * tau) = s * project(tau)`, so it contains no absolute tolerance. `mu = 0` gives
+/// the frictionless half-line, where a pressed node is [`Status::Slip`]: it is free to slide.
+/// `mu` must be finite and non-negative; the arguments are checked before, once for all nodes.
 #[must_use]
 pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
     shifted(tau, |tau| {
@@ -28,9 +27,9 @@ pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
     })
 }
 
-/// A projection onto a cone at any size. Homogeneity brings the ends of the range,
-/// where squares overflow and quotients lose digits, back to its middle; powers of two
-/// are exact.
+/// A projection onto a cone for numbers of any size. Near the ends of the range, squares
+/// overflow and quotients lose digits; homogeneity allows a shift by a power of two, which is
+/// exact.
 pub(super) fn shifted<const D: usize>(
     tau: &[f64; D],
     project: impl Fn(&[f64; D]) -> ([f64; D], Status),
@@ -49,8 +48,8 @@ pub(super) fn shifted<const D: usize>(
 const HUGE: f64 = 1e150;
 const SHIFT: i32 = 512;
 
-/// [`project`] where `τ_n + μ‖τ_t‖`, which says how far `τ` lies above the polar
-/// cone, is known better than the sum would give it.
+/// [`project`] with a given height `τ_n + μ‖τ_t‖` of `τ` over the polar cone, for a caller that
+/// knows it with a smaller error than the sum has.
 pub(super) fn project_with_height<const D: usize>(
     tau: &[f64; D],
     height: f64,
@@ -84,8 +83,7 @@ pub(super) fn project_with_height<const D: usize>(
 /// Projection of an increment onto `ΔK_μ = K_μ − t⁰` [dSF91, 53]: translate,
 /// project, translate back.
 ///
-/// A sticking increment is returned as it came, bit for bit, and an open one
-/// is `−t⁰` exactly.
+/// A sticking increment is returned unchanged, bit for bit. An open one is exactly `−t⁰`.
 #[must_use]
 pub fn project_increment<const D: usize>(
     tau: &[f64; D],
@@ -95,7 +93,7 @@ pub fn project_increment<const D: usize>(
     translated(tau, base, |total| project(total, mu))
 }
 
-/// Onto a cone translated by `−t⁰`, by a projection onto the cone itself.
+/// Projects onto a cone translated by `−t⁰`, with a projection onto the cone.
 pub(super) fn translated<const D: usize>(
     tau: &[f64; D],
     base: &[f64; D],

@@ -1,17 +1,18 @@
 //! The elliptic cone of friction that depends on direction, `K_D = {r : ‖D⁻¹ r_t‖ ≤ r_n}`
 //! with `D = diag(μ₁, μ₂)`: its Euclidean projection and its set of increments.
 //!
-//! Solvers never meet this cone: a change of variables,
-//! [`Stretch`](crate::reduced::elliptic_scaling::Stretch), makes it Coulomb's.
+//! Solvers do not use this cone: the change of variables
+//! [`EllipticScaling`](crate::reduced::elliptic_scaling::EllipticScaling) makes the law
+//! Coulomb's.
 
 use crate::law::cone::{Status, project, shifted, translated};
 
-/// Coefficients of an elliptic cone lie between this and its inverse: their squares,
-/// and what they are multiplied by, then stay in the range of doubles.
+/// Coefficients of an elliptic cone lie between this and its inverse: then products with their
+/// squares stay in the range of doubles.
 pub const LEAST: f64 = 1e-75;
 
-/// Euclidean projection onto `K_D`, with the coefficients of both tangents: both
-/// positive, within [`LEAST`] and its inverse, or both zero.
+/// Euclidean projection onto `K_D`. The coefficients of both tangents are positive, within
+/// [`LEAST`] and its inverse, or both zero.
 ///
 /// Open where `‖D τ_t‖ ≤ −τ_n`, the polar cone; stick where `‖D⁻¹ τ_t‖ ≤ τ_n`.
 /// Otherwise `τ − r = λ (−r_n, D⁻² r_t)` with `λ > 0`, a normal of the cone at `r`:
@@ -28,10 +29,10 @@ pub const LEAST: f64 = 1e-75;
 /// c = D⁻¹ τ_t, w_i = 1/μ_i²  above,   c = D τ_t, w_i = μ_i²  below.
 /// ```
 ///
-/// `1/φ` is concave, as in the secular equation of trust regions, so the left side less
-/// the right one is convex and falls: Newton's steps from `s = 0`, the border of the cone
-/// or of its polar, never pass the root but for rounding, at which they end. Near either
-/// border the first step has all digits that the distance from it has.
+/// `1/φ` is concave, as in the secular equation of trust regions, so that the difference of
+/// both sides is convex and decreasing. Newton's iteration from `s = 0`, the boundary of the
+/// cone or of its polar, does not pass the root except by rounding, where it stops. Near this
+/// boundary the first step is accurate to the digits of the distance from it.
 #[must_use]
 pub fn project_elliptic(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
     if mu[0].to_bits() == mu[1].to_bits() {
@@ -50,9 +51,9 @@ pub fn project_elliptic_increment(
     translated(tau, base, |total| project_elliptic(total, mu))
 }
 
-/// Newton's steps. Of 8·10⁶ points, half of them near the borders of the cone and its
-/// polar, none took more than 18, with coefficients of any ratio that is allowed; two on
-/// the average.
+/// Limit of Newton's iterations. Of 8·10⁶ points, half of them near the boundaries of the cone
+/// and its polar, with all admissible ratios of the coefficients, none needed more than 18; the
+/// average is two.
 const MOST_STEPS: usize = 40;
 
 fn onto(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {

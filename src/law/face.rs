@@ -1,34 +1,34 @@
-//! The face of `K_μ` that a reaction lies on, and how far `V(v)` is from the face of
-//! the dual that is orthogonal to it: what a bound of the error is made of.
+//! The face of `K_μ` that contains a reaction, and the distance of `V(v)` from the orthogonal
+//! face of the dual cone: the terms of an error bound.
 //!
-//! `V = (p v_n + μ‖v_t‖, v_t)` with any weight `p > 0`; `p = 1` is de Saxcé's ṽ. The law (9)
-//! reads `K_μ ∋ r ⊥ V ∈ K*_μ` for each of them, `V·r` being a sum of terms ≥ 0.
+//! `V = (p v_n + μ‖v_t‖, v_t)` with any weight `p > 0`; `p = 1` is de Saxcé's ṽ. The law (9) is
+//! `K_μ ∋ r ⊥ V ∈ K*_μ` for each `p`, because `V·r` is a sum of terms ≥ 0.
 //!
-//! Numbers are not points of a cone but to rounding. So a face stands for the *exact*
-//! point of it next to the numbers, with the distance, and what is computed comes
-//! with what rounding may have made of it.
+//! Rounded numbers are near a cone, not on it. A face therefore stands for the *exact* point of
+//! the cone nearest to the numbers, with its distance. Results come with a bound of their
+//! rounding error.
 
 use crate::law::bipotential::law_step;
 use crate::linalg::small::tangential_norm;
 
-/// Lengths and quotients of two or three components are right to this.
+/// Relative error of lengths and quotients of two or three components.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// A reaction below this is none: products with it would leave the range of doubles.
+/// A smaller reaction counts as zero: products with it are outside the range of doubles.
 /// Variables are scaled to order one.
 const NOTHING: f64 = 1e-200;
 
-/// Where in the cone a reaction lies.
+/// The part of the cone that contains a reaction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place<const D: usize> {
     Apex,
-    /// On the ray `(1, μ t)`; the unit vector `(0, t)` to rounding.
+    /// On the ray `(1, μ t)`; the unit vector `(0, t)`, rounded.
     Ray([f64; D]),
-    /// Within; of a cone without friction, on its axis.
+    /// Inside; for a cone without friction, on its axis.
     Inside,
 }
 
-/// A point of `K_μ`, as numbers that are right to `moved` in each component.
+/// A point of `K_μ`: its numbers have an error of at most `moved` in each component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face<const D: usize> {
     pub reaction: [f64; D],
@@ -37,7 +37,7 @@ pub struct Face<const D: usize> {
 }
 
 impl<const D: usize> Face<D> {
-    /// Of a reaction that lies in the cone to rounding, as a projection gives it.
+    /// The face of a reaction that lies in the cone up to rounding, such as a projection.
     #[must_use]
     pub fn of(r: &[f64; D], mu: f64) -> Self {
         let mut axis = [0.0; D];
@@ -73,11 +73,11 @@ impl<const D: usize> Face<D> {
         }
     }
 
-    /// `e = y − V(v)`, `y` the nearest to `V` of those points of `K*_μ` that are
-    /// orthogonal to the face, and what `e` may be off by, for any `v` within `dv`.
+    /// `e = y − V(v)` and its error for any `v` within `dv`, where `y` is the point nearest to
+    /// `V` among the points of `K*_μ` orthogonal to the face.
     ///
-    /// `y` is the projection of `V` onto a convex set, the dual at the apex, a ray along
-    /// `m = (μ, −t)` on a ray, zero inside; so `e` moves no more than `V` does.
+    /// `y` is the projection of `V` onto a convex set: the dual at the apex, a ray along
+    /// `m = (μ, −t)` on a ray, zero inside. So `e` changes by no more than `V`.
     #[must_use]
     pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
         // Without friction K* is v_n ≥ 0, and y has the tangents of V.
@@ -92,7 +92,7 @@ impl<const D: usize> Face<D> {
         let uncertain = spread + 8.0 * ROUNDING * size;
         match self.place {
             Place::Apex => {
-                // V lies in K*_μ if and only if v_n ≥ 0: certain, then e is zero exactly.
+                // V lies in K*_μ if and only if v_n ≥ 0; then e is exactly zero.
                 if v[0] > dv[0] {
                     return ([0.0; D], [0.0; D]);
                 }
@@ -122,8 +122,8 @@ impl<const D: usize> Face<D> {
             }
         }
     }
-    /// The same where the reaction is known to lie on the ray of this face, so that
-    /// `V·r = p v_n r_n`: of a contact that slides in a known direction.
+    /// The same for a contact that slides in a known direction: its reaction lies on the ray of
+    /// this face, so that `V·r = p v_n r_n`.
     #[must_use]
     pub fn misfit_along(&self, v: f64, dv: f64, p: f64) -> (f64, f64) {
         if self.place == Place::Apex && v > dv {
@@ -137,7 +137,7 @@ impl<const D: usize> Face<D> {
         }
     }
 
-    /// The same where `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
+    /// The same if `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
     #[must_use]
     pub fn misfit_held(v: &[f64; D], dv: &[f64; D], p: f64) -> ([f64; D], [f64; D]) {
         let mut e = v.map(|c| -c);

@@ -1,5 +1,5 @@
-//! What a variational principle freezes of the law of one contact: a projection onto
-//! a fixed convex set is left, the law of a convex problem.
+//! The law of one contact with some quantities fixed, as in a variational principle: a
+//! projection onto a fixed convex set, which is the law of a convex problem.
 //!
 //! With `v = W r + q` and `W` symmetric positive semidefinite,
 //!
@@ -7,23 +7,22 @@
 //! r = proj(r − ρ (v + s n), C)   at every contact
 //! ```
 //!
-//! are the conditions for `½ rᵀW r + (q + s n)ᵀ r` to be least over `r ∈ C`.
+//! are the conditions for a minimum of `½ rᵀW r + (q + s n)ᵀ r` over `r ∈ C`.
 
 use crate::law::alart_curnier::Linearised;
 use crate::law::cone::{Status, derivative, project};
 use crate::linalg::small::{Block, Vector, minus_scaled, tangential_norm};
 
-/// The set `C` of one contact, and the slip work `s` that is frozen with it.
+/// The set `C` of one contact, and the fixed slip work `s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Frozen<const D: usize> {
-    /// Tresca: `r_n ≥ 0`, `‖r_t‖ ≤ limit`, whatever `r_n` becomes [dSF91, 68].
+    /// Tresca: `r_n ≥ 0` and `‖r_t‖ ≤ limit` for any `r_n` [dSF91, 68].
     Tresca { limit: f64 },
-    /// Contact under given tangential reactions, those of `tangential`: `r_n ≥ 0`
-    /// [dSF91, 69].
+    /// Contact with given tangential reactions `tangential`: `r_n ≥ 0` [dSF91, 69].
     Contact { tangential: [f64; D] },
-    /// Friction under a given normal reaction: `‖r_t‖ ≤ limit` [dSF91, 70].
+    /// Friction with a given normal reaction: `‖r_t‖ ≤ limit` [dSF91, 70].
     Friction { normal: f64, limit: f64 },
-    /// The cone `K_μ`, with `s = slip` beside `v_n` [dSF91, 72].
+    /// The cone `K_μ`, with `s = slip` added to `v_n` [dSF91, 72].
     Cone { mu: f64, slip: f64 },
 }
 
@@ -75,9 +74,8 @@ impl<const D: usize> Frozen<D> {
         x
     }
 
-    /// A map whose zeros are those of `r − step(r, v, 1)`, with an element of its
-    /// generalised derivative at `(r, v)`. The status is `Open` where nothing but
-    /// `r = 0` is asked.
+    /// A map with the same zeros as `r − step(r, v, 1)`, and an element of its generalised
+    /// derivative at `(r, v)`. The status is `Open` if the only condition is `r = 0`.
     #[must_use]
     pub fn linearised(&self, r: &[f64; D], v: &[f64; D]) -> Linearised<D> {
         let x = minus_scaled(r, 1.0, v);
@@ -121,7 +119,7 @@ impl<const D: usize> Frozen<D> {
     }
 }
 
-/// The tangential part brought into the disc of a radius.
+/// The tangential part projected onto the disc of a radius.
 fn onto_disc<const D: usize>(x: &mut [f64; D], radius: f64) {
     let length = tangential_norm(x);
     if length > radius {
@@ -142,8 +140,8 @@ fn normal_row<const D: usize>(rows: &mut Linearised<D>, x: &[f64; D], r: &[f64; 
     }
 }
 
-/// `r_t` in the disc of a radius, opposed to `v_t` on its rim: the tangential rows of
-/// (19) with the radius given.
+/// `r_t` in the disc of a radius, and opposite to `v_t` on its boundary: the tangential rows of
+/// (19) with a given radius.
 fn disc_rows<const D: usize>(
     rows: &mut Linearised<D>,
     x: &[f64; D],

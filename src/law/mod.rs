@@ -1,4 +1,4 @@
-//! The law of one contact: no assembled matrix, no second node.
+//! The law of one contact: no assembled matrix, no other contact.
 
 pub mod alart_curnier;
 pub mod bipotential;

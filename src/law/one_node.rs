@@ -1,8 +1,8 @@
-//! The exact solution of one contact against a fixed rest, (18).
+//! The exact solution of one contact, with the reactions of all others fixed, (18).
 //!
-//! Find `r` with `v = W r + q`, `K*_μ ∋ ṽ ⊥ r ∈ K_μ`, for one block `W` of the
-//! compliance. The block is used as it is given: symmetric to rounding in an
-//! elastic problem, anything in a measured one.
+//! Find `r` with `v = W r + q`, `K*_μ ∋ ṽ ⊥ r ∈ K_μ`, for one block `W` of the compliance. The
+//! block need not be symmetric: it is so up to rounding in an elastic problem, but not in a
+//! measured one.
 
 use std::ops::RangeInclusive;
 
@@ -11,24 +11,23 @@ use crate::law::sliding::Sliding;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::Block;
 
-/// What a contact did before, which decides between solutions where there are several.
+/// The previous status of a contact, which selects one of several solutions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Habit {
-    /// Nothing is known: open first.
+    /// Unknown: open is tried first.
     None,
-    /// The contact was closed: sticking is tried before opening, so that a load
-    /// path stays on its branch (a wedged node stays wedged while it can).
+    /// The contact was closed: sticking is tried before opening, so that a load path stays on
+    /// its branch. A wedged node then stays wedged while it can.
     Closed,
 }
 
-/// Solves the one-node problem (18) exactly: for a positive definite block, to
-/// rounding of the terms that `v = W r + q` is summed from.
-///
-/// Where several answers fit, open comes before stick unless `habit` says
-/// otherwise, stick before slip, and of several ways to slip one is found.
-/// `None` is returned where there is no answer: the normal displacement cannot
-/// move (`W_nn ≤ 0`) and penetrates, or the block is singular and sliding turns
-/// the reaction away for ever, or it is beyond the range of doubles. `mu` and the numbers of `w` and `q` must be finite.
+/// Solves the one-node problem (18). For a positive definite block the error is the rounding of
+/// the terms of `v = W r + q`.
+/// If there are several solutions, open comes before stick unless `habit` says otherwise, and
+/// stick before slip; of several slip solutions it returns one. It returns `None` if there is
+/// no solution: the normal displacement cannot change (`W_nn ≤ 0`) and penetrates; or the block
+/// is singular and the reaction never opposes the slip; or the numbers are outside the range of
+/// doubles. `mu` and the numbers of `w` and `q` must be finite.
 #[must_use]
 pub fn solve<const D: usize>(
     w: &Block<D>,
@@ -77,12 +76,12 @@ pub fn solve<const D: usize>(
     found.filter(|(r, _)| r.iter().all(|c| c.is_finite()))
 }
 
-/// Sizes of `W` and `q` of which products of degree four neither overflow nor
-/// vanish, where their smallest numbers are many orders below.
+/// Sizes of `W` and `q` for which products of degree four neither overflow nor underflow, even
+/// if their smallest numbers are many orders smaller.
 const MIDDLE: RangeInclusive<f64> = 1e-20..=1e20;
 
-/// [`solve`] in other units, `2^w_exponent` and `2^q_exponent`, in which the
-/// largest numbers are of order one; powers of two are exact.
+/// [`solve`] in other units, `2^w_exponent` and `2^q_exponent`, in which the largest numbers
+/// are of order one; powers of two are exact.
 #[cold]
 fn shifted<const D: usize>(
     w: &Block<D>,
@@ -109,7 +108,7 @@ struct Plane {
     w: f64,
     /// `q̃ = q_t − W_tn q_n / W_nn`.
     q: f64,
-    /// Size of the terms that `q̃` was formed from.
+    /// Size of the terms of `q̃`.
     magnitude: f64,
 }
 
@@ -127,10 +126,10 @@ impl Plane {
         }
     }
 
-    /// The sticking reaction, `v = 0`, if the cone of `mu` holds it.
+    /// The sticking reaction, `v = 0`, if it lies in the cone of `mu`.
     ///
-    /// A tangent that cannot move sticks without a force of its own if it does
-    /// not ask to slide.
+    /// A tangential component that cannot move sticks without force if its free displacement is
+    /// zero.
     fn stick<const D: usize>(&self, mu: f64) -> Option<[f64; D]> {
         let r_t = if self.w > 0.0 {
             -self.q / self.w
@@ -140,12 +139,12 @@ impl Plane {
             return None;
         };
         let r_n = -(self.q_n + self.w_nt * r_t) / self.w_nn;
-        // A tie of stick and slip is stick; r = 0 is open.
+        // If stick and slip both fit, it is stick; r = 0 is open.
         (r_t.abs() <= mu * r_n && r_n > 0.0).then(|| reaction(r_n, r_t))
     }
 
-    /// The sliding reaction, for `q_n < 0` where sticking leaves the cone:
-    /// `r_t = s μ r_n` with the sign that opposes the free slip.
+    /// The sliding reaction for `q_n < 0`, if the sticking reaction is outside the cone:
+    /// `r_t = s μ r_n`, with the sign that opposes the free slip.
     fn slip<const D: usize>(&self, mu: f64) -> Option<([f64; D], Status)> {
         let s = -self.q.signum();
         let held = self.w_nn + s * mu * self.w_nt;
@@ -153,8 +152,8 @@ impl Plane {
             let r_n = -self.q_n / held;
             return Some((reaction(r_n, s * mu * r_n), Status::Slip));
         }
-        // Sticking that leaves the cone on this side makes `held` positive:
-        // rounding alone refused it.
+        // A sticking reaction outside the cone on this side makes `held` positive, except by
+        // rounding.
         let r_t = -self.q / self.w;
         (self.w > 0.0).then(|| (reaction(r_t.abs() / mu, r_t), Status::Stick))
     }

@@ -1,7 +1,7 @@
-//! The second-order cone `L = {x₀ ≥ ‖x_t‖}` at one contact, for interior points.
+//! The second-order cone `L = {x₀ ≥ ‖x_t‖}` at one contact, for interior-point methods.
 //!
-//! Coulomb's law in it: `z = (μ r_n, r_t) ∈ L`, `s = (ṽ_n/μ, v_t) ∈ L`, `z·s = r·ṽ = 0`.
-//! Products and scalings are those of the cone's Jordan algebra [AG03], [NT97].
+//! Coulomb's law is: `z = (μ r_n, r_t) ∈ L`, `s = (ṽ_n/μ, v_t) ∈ L`, `z·s = r·ṽ = 0`. Products
+//! and scalings are those of the Jordan algebra of the cone [AG03], [NT97].
 
 use crate::linalg::small::{Block, Vector};
 
@@ -29,7 +29,7 @@ pub fn quotient<const D: usize>(b: &Vector<D>, x: &Vector<D>) -> Vector<D> {
     y
 }
 
-/// The largest `α` for which `x + α dx` lies in the cone, infinite where all do.
+/// The largest `α` for which `x + α dx` lies in the cone; infinite if all do.
 #[must_use]
 pub fn longest_step<const D: usize>(x: &Vector<D>, dx: &Vector<D>) -> f64 {
     // The first positive root of `a α² + 2 b α + c`, c > 0.
@@ -51,8 +51,7 @@ pub fn longest_step<const D: usize>(x: &Vector<D>, dx: &Vector<D>) -> f64 {
     longest
 }
 
-/// The symmetric `P` of Nesterov and Todd, by which two points of the cone become one:
-/// `P z = P⁻¹ s = λ`.
+/// The symmetric Nesterov–Todd matrix `P`, with `P z = P⁻¹ s = λ`.
 #[derive(Clone, Copy, Debug)]
 pub struct NesterovTodd<const D: usize> {
     pub forward: Block<D>,
@@ -62,7 +61,7 @@ pub struct NesterovTodd<const D: usize> {
 }
 
 impl<const D: usize> NesterovTodd<D> {
-    /// Of `z` and `s`; nothing where rounding has put one of them on the rim.
+    /// Made from `z` and `s`; `None` if rounding has put one of them on the boundary.
     #[must_use]
     pub fn new(z: &Vector<D>, s: &Vector<D>) -> Option<Self> {
         let (of_z, of_s) = (determinant(z), determinant(s));

@@ -1,38 +1,38 @@
-//! The tangential problem of one contact in space: sticking, and the scalar
-//! equation whose root is the sliding reaction, (18).
+//! The tangential problem of one contact in space, (18): sticking, and the scalar equation of
+//! the sliding reaction.
 //!
-//! With `v_n = 0` eliminated, `v_t = W̃ r_t + q̃`, and `r_t(λ) = −(W̃ + λI)⁻¹ q̃` is
-//! the reaction of a contact that slips by `−λ r_t`. Multiplied by the
-//! determinant nothing is left but polynomials of λ,
+//! After elimination of `v_n = 0`, `v_t = W̃ r_t + q̃`, and `r_t(λ) = −(W̃ + λI)⁻¹ q̃` is the
+//! reaction of a contact that slips by `−λ r_t`. Multiplication by the determinant gives
+//! polynomials of λ,
 //!
 //! ```text
 //! u = adj(W̃ + λI) q̃,   r_t = −u/det,   W_nn r_n = P/det,   P = −q_n det + W_nt u,
 //! ```
 //!
-//! so that a try of λ costs a square root and a division or two.
+//! so that an evaluation at one λ costs a square root and one or two divisions.
 
 use crate::linalg::small::{Block, tangential_norm};
 
-/// A determinant of at least this share of the squared trace is formed from the
-/// entries as they are: cancellation takes a digit. Below it the symmetric part
-/// is brought to its axes first, where sums are of one sign.
+/// A determinant above this share of the squared trace is computed from the entries: it loses
+/// about one digit. Below, the symmetric part is first transformed to its axes, where all terms
+/// have one sign.
 const WELL_CONDITIONED: f64 = 1.0 / 32.0;
 
-/// Squares below this have lost digits.
+/// Smaller squares have lost digits.
 const TINY: f64 = 1e-280;
 
-/// Tries of λ: Newton's method alone takes two to six, and halving the
-/// exponents of a bracket as wide as the range of doubles 70.
+/// Limit of evaluations. Newton's method takes two to six; halving the exponents of a bracket
+/// as wide as the range of doubles takes 70.
 const TRIES: u32 = 160;
 
-/// A step of this share of the distance over which `r_t(λ)` changes is the last.
+/// The last step is below this share of the distance over which `r_t(λ)` changes.
 const SHORT: f64 = 1e-8;
 
-/// Tries after which every other one halves the bracket.
+/// After this many evaluations every second one halves the bracket.
 const TRUSTED: u32 = 10;
 
-/// `r_t(λ)` for all λ, in axes `(x, y)` and `(−y, x)` that are not of unit
-/// length: products of two components carry the factor `z = 1/(x² + y²)`.
+/// `r_t(λ)` for all λ, in axes `(x, y)` and `(−y, x)` of any length: products of two components
+/// have the factor `z = 1/(x² + y²)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sliding {
     w_nn: f64,
@@ -45,11 +45,11 @@ pub(super) struct Sliding {
     w: [f64; 2],
     axis: [f64; 2],
     z: f64,
-    /// `W̃` is of rank one or zero, but for the rounding it was formed with.
+    /// Whether `W̃` has rank one or zero up to rounding.
     singular: bool,
-    /// From here on `W̃ + λI` is positive.
+    /// `W̃ + λI` is positive for larger λ.
     least: f64,
-    /// Size of the terms that `q̃` was formed from.
+    /// Size of the terms of `q̃`.
     magnitude: f64,
 }
 
@@ -66,8 +66,8 @@ struct At {
     squares: f64,
 }
 
-/// The axes of the symmetric part of a matrix, not of unit length, and the
-/// matrix in them: a diagonal, and the skew part, which no rotation changes.
+/// The axes of the symmetric part of a matrix, of any length, and the matrix in these axes: a
+/// diagonal, and the skew part, which no rotation changes.
 struct Axes {
     axis: [f64; 2],
     /// One over the squared length of the axes.
@@ -75,23 +75,23 @@ struct Axes {
     /// The larger first.
     diagonal: [f64; 2],
     skew: f64,
-    /// The smaller was nothing but rounding, and is as small as that now.
+    /// The smaller eigenvalue was below rounding and is set to zero.
     singular: bool,
 }
 
 impl Axes {
-    /// `terms` are the sizes of what the diagonal of `m` was formed from.
+    /// `terms` are the sizes of the terms of the diagonal of `m`.
     fn new([[a, b], [c, d]]: [[f64; 2]; 2], terms: [f64; 2]) -> Self {
         let size = terms[0] + terms[1];
         let (symmetric, mut skew) = (0.5 * (b + c), 0.5 * (b - c));
-        // The two were rounded apart.
+        // The two entries differ by rounding.
         if skew.abs() <= 4.0 * f64::EPSILON * size {
             skew = 0.0;
         }
         let (mean, half) = (0.5 * (a + d), 0.5 * (a - d));
         let spread = (half * half + symmetric * symmetric).sqrt();
         let reach = half.abs() + spread;
-        // Far below rounding any axes will do, and squares of these might vanish.
+        // Far below rounding any axes are accurate enough, and squares might underflow.
         let axis = if spread <= f64::EPSILON * f64::EPSILON * size {
             [1.0, 0.0]
         } else if half >= 0.0 {
@@ -124,7 +124,7 @@ impl Axes {
 }
 
 impl Sliding {
-    /// For `W_nn > 0` and `D` of three.
+    /// For `W_nn > 0` and `D = 3`.
     #[inline]
     pub(super) fn new<const D: usize>(block: &Block<D>, free: &[f64; D]) -> Self {
         let w_nn = block[(0, 0)];
@@ -192,29 +192,29 @@ impl Sliding {
         }
     }
 
-    /// The sticking reaction, `v = 0`, if the cone of `mu` holds it.
+    /// The sticking reaction, `v = 0`, if it lies in the cone of `mu`.
     ///
-    /// A singular block (a tangential component that is prescribed, or redundant)
-    /// sticks where what it cannot move does not ask to slide, with the shortest `r_t`.
+    /// A singular block, with a tangential component that is prescribed or redundant, sticks
+    /// with the shortest `r_t` if `q̃` is in its range.
     #[inline]
     pub(super) fn stick(&self, mu: f64) -> Option<[f64; 3]> {
         if let Some(r) = self.singular.then(|| self.shortest(mu)).flatten() {
             return Some(r);
         }
         let at = self.at(0.0);
-        // The same comparison as the sign of the scalar equation at λ = 0: a
-        // contact that rounding refuses here has a root there.
+        // The same comparison as the sign of the scalar equation at λ = 0: a reaction that is
+        // refused here by rounding gives a root there.
         if !(at.det > 0.0 && at.p > 0.0 && mu * at.p >= self.w_nn * at.squares.sqrt()) {
             return None;
         }
         let mut r = self.tangential(&at);
         r[0] = at.p / (at.det * self.w_nn);
-        // ‖u‖² may have vanished where u has not.
+        // ‖u‖² may underflow while u does not.
         (at.squares > TINY || tangential_norm(&r) <= mu * r[0]).then_some(r)
     }
 
-    /// Where `W̃` is of rank one or zero, its own diagonal form inverted where it
-    /// can be; none where `q̃` is not in its range or the cone does not hold it.
+    /// The case of `W̃` of rank one or zero, with its diagonal form inverted where possible.
+    /// `None` if `q̃` is not in its range, or the reaction is outside the cone.
     fn shortest(&self, mu: f64) -> Option<[f64; 3]> {
         let rounding = 64.0 * f64::EPSILON * self.magnitude;
         let lost = self.q.map(|c| c * c * self.z);
@@ -229,14 +229,14 @@ impl Sliding {
         (r_n > 0.0 && tangential_norm(&r) <= mu * r_n).then_some(r)
     }
 
-    /// The sliding reaction, for `q_n < 0` where sticking leaves the cone, on
-    /// the cone to rounding; `None` where no λ makes it so.
+    /// The sliding reaction for `q_n < 0`, if the sticking reaction is outside the cone. It
+    /// lies on the cone up to rounding; `None` if no λ gives one.
     ///
-    /// The root sought is that of `h = μ r_n/‖r_t‖ − 1`, which is linear in λ for
-    /// an isotropic `W̃` and concave for an uncoupled one: Newton's method from
-    /// the left end, kept inside a bracket. `h < 0` there (sticking leaves the
-    /// cone), `h > 0` at the right end, where
-    /// `‖r_t‖ (W_nn + μ‖W_nt‖) < μ |q_n|` by the bound on `‖r_t‖`.
+    /// It finds the root of `h = μ r_n/‖r_t‖ − 1`, which is linear in λ for an isotropic `W̃`
+    /// and concave for an uncoupled one: Newton's method from the left end, kept inside a
+    /// bracket. At the left end `h < 0`, because the sticking reaction is outside the cone. At
+    /// the right end `h > 0`, because the bound on `‖r_t‖` gives `‖r_t‖ (W_nn + μ‖W_nt‖) < μ
+    /// |q_n|`.
     #[inline]
     pub(super) fn slip(&self, mu: f64) -> Option<[f64; 3]> {
         let (mut low, mut high) = (self.least, f64::INFINITY);
@@ -247,7 +247,7 @@ impl Sliding {
             let length = at.squares.sqrt();
             // h ‖u‖, with the sign of h.
             let value = mu * at.p - self.w_nn * length;
-            // Rounding of its terms: v_n can be no nearer to zero.
+            // Rounding of its terms: a smaller v_n has no meaning.
             let terms = mu * (self.pressed * at.det + at.coupled.abs()) + self.w_nn * length;
             if value.abs() <= 2.0 * f64::EPSILON * terms && length > 0.0 {
                 return self.on_cone(&at, mu);
@@ -277,8 +277,8 @@ impl Sliding {
                 continue;
             }
             lambda = next;
-            // What Newton's method leaves, by the last two steps once they are short
-            // enough to be of one kind, or by the last where it is the square root of ε.
+            // The remaining error of Newton's method: from the last two steps once both are
+            // short, or from the last one if it is below the square root of ε.
             let (step, reach) = (newton.abs(), reach + newton);
             let local = 8.0 * last_step <= reach;
             if step <= SHORT * reach
@@ -295,11 +295,11 @@ impl Sliding {
     fn bound(&self, mu: f64) -> f64 {
         let (q, w) = (self.product(self.q, self.q), self.product(self.w, self.w));
         let bound = q.sqrt() * (self.w_nn / mu + w.sqrt()) / self.pressed;
-        // Rounding must not leave the root outside.
+        // Rounding must not exclude the root.
         self.least + 2.0 * bound
     }
 
-    /// Halfway in exponents, because the root may be many orders below the bound.
+    /// The mean of the exponents, because the root may be many orders below the bound.
     fn between(&self, low: f64, high: f64) -> f64 {
         let shift = self.m[1][1].min(self.m[0][0]);
         let middle = ((low + shift) * (high + shift)).sqrt() - shift;
@@ -310,9 +310,9 @@ impl Sliding {
         }
     }
 
-    /// The reaction with the slip of `at`, its normal part by the cone.
+    /// The reaction with the slip of `at`, with its normal part from the cone.
     ///
-    /// By `v_n = 0` it would be a difference that cancels for a large μ.
+    /// From `v_n = 0` it would be a difference that cancels for a large μ.
     #[inline]
     fn on_cone(&self, at: &At, mu: f64) -> Option<[f64; 3]> {
         let mut r = self.tangential(at);
@@ -320,7 +320,7 @@ impl Sliding {
         if at.det.is_finite() {
             return (r[0] > 0.0 && r.iter().all(|c| c.is_finite())).then_some(r);
         }
-        // λ near the end of the range of doubles, for a tiny μ: r_t is along −q̃.
+        // λ near the end of the range of doubles, for a tiny μ: r_t has the direction of −q̃.
         let length = self.product(self.q, self.q).sqrt();
         let against = -self.product(self.w, self.q) / length;
         let r_n = self.pressed / (self.w_nn + mu * against);

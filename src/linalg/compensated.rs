@@ -1,10 +1,10 @@
-//! Sums of products in twice the working precision, for residuals: what is left
-//! of terms that cancel is right to the last digit of the data.
+//! Sums of products in twice the working precision, for residuals: after cancellation, the
+//! result is accurate to the last digit of the data.
 //!
-//! Knuth's sum and the product by a fused multiply-add are exact to the bit;
-//! their errors are carried in a second number [ORO05].
+//! Knuth's sum and the product by a fused multiply-add have exactly known errors, which a
+//! second number collects [ORO05].
 
-/// A sum, and what its rounding has left out so far.
+/// A sum, and the rounding errors so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sum {
     high: f64,
@@ -43,7 +43,7 @@ impl Sum {
 /// `a · b`.
 #[must_use]
 pub fn dot(a: &[f64], b: &[f64]) -> Sum {
-    // Four sums side by side: each waits for the one before it.
+    // Four sums in parallel: in one sum each term waits for the one before.
     let mut sums = [Sum::default(); 4];
     let (a4, a_rest) = a.as_chunks::<4>();
     let (b4, b_rest) = b.as_chunks::<4>();

@@ -2,33 +2,32 @@
 
 use crate::linalg::small::{dot_long, norm};
 
-/// What GMRES found.
+/// The result of GMRES.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct GmresSolution {
     pub x: Vec<f64>,
-    /// Products with the matrix that it took.
+    /// Products with the matrix used.
     pub products: usize,
-    /// `‖b − A x‖ / ‖b‖`, by the recurrence, and what rounding may have hidden from it.
+    /// `‖b − A x‖ / ‖b‖` from the recurrence, plus its rounding.
     pub residual: f64,
 }
 
-/// Minimises `‖b − A M⁻¹ y‖` over growing Krylov spaces, `x = M⁻¹ y`, until the
-/// residual is `tol ‖b‖` or `most` products are spent.
+/// Minimises `‖b − A M⁻¹ y‖` over growing Krylov spaces, `x = M⁻¹ y`, until the residual is
+/// `tol ‖b‖` or `most` products are used.
 ///
-/// `apply` is `A`; `precondition` is `M⁻¹`, in place; either gives up with an
-/// error, which comes back.
+/// `apply` is `A`; `precondition` is `M⁻¹`, in place. An error of either is returned.
 ///
 /// # Errors
-/// What `apply` returns.
+/// The error of `apply`.
 pub fn solve<E>(
     apply: impl Fn(&[f64]) -> Result<Vec<f64>, E>,
     precondition: impl Fn(&mut [f64]),
     b: &[f64],
     tol: f64,
     most: usize,
-) -> Result<Found, E> {
+) -> Result<GmresSolution, E> {
     let size = norm(b);
-    let mut found = Found {
+    let mut found = GmresSolution {
         x: vec![0.0; b.len()],
         products: 0,
         residual: 0.0,
@@ -51,7 +50,7 @@ pub fn solve<E>(
         let before = norm(&w);
         largest = largest.max(before);
         let mut column = vec![0.0; basis.len()];
-        // Twice is enough for orthogonality to rounding.
+        // Two passes give orthogonality up to rounding.
         for _ in 0..2 {
             for (h, q) in column.iter_mut().zip(&basis) {
                 let along = dot_long(q, &w);
@@ -91,8 +90,8 @@ pub fn solve<E>(
             *value -= solved * h;
         }
     }
-    // The recurrence does not see the rounding of the products, which is as large as
-    // the solution: where that has grown without bound, the matrix is singular.
+    // The recurrence does not contain the rounding of the products, which is as large as the
+    // solution. If the solution has grown without bound, the matrix is singular.
     let amounts = norm(&right[..triangle.len()]);
     found.residual += 4.0 * f64::EPSILON * largest * amounts / size;
     for (y, q) in right.iter().zip(&basis).take(triangle.len()) {

@@ -1,15 +1,15 @@
-//! Singular values of a matrix of a few columns, small ones to as many digits as
-//! large ones: one-sided Jacobi rotations [Demmel and Veselić 1992]. Products
-//! `Aᵀ A` would lose all below the root of rounding.
+//! Singular values of a matrix of a few columns, with the same relative accuracy for small and
+//! large ones: one-sided Jacobi rotations [Demmel and Veselić 1992]. The product `Aᵀ A` would
+//! lose all values below the square root of rounding.
 
 use crate::linalg::small::{dot_long, norm};
 
-/// Sweeps over all pairs of columns at the most; six suffice in practice.
+/// Largest number of sweeps over all pairs of columns; six suffice in practice.
 const SWEEPS: usize = 30;
 
-/// Rotates `columns` among one another until they are orthogonal, and returns the
-/// amounts: column `j` becomes `Σ_i amounts[j][i] column_i`. Norms of the columns are
-/// then the singular values; `amounts` is orthogonal.
+/// Rotates `columns` until they are orthogonal, and returns the amounts: column `j` becomes
+/// `Σ_i amounts[j][i] column_i`. The norms of the columns are then the singular values;
+/// `amounts` is orthogonal.
 pub fn orthogonalise(columns: &mut [Vec<f64>]) -> Vec<Vec<f64>> {
     let count = columns.len();
     let mut amounts: Vec<Vec<f64>> = (0..count)
@@ -64,8 +64,8 @@ mod tests {
 
     #[test]
     fn small_singular_values_keep_their_digits() {
-        // Columns (1, 0, 0), (1, 1e-12, 0): the singular values are √2 and 1e-12/√2, to
-        // 1e-12 of themselves; from the product of both the smaller would be 0.
+        // Columns (1, 0, 0), (1, 1e-12, 0): the singular values are √2 and 1e-12/√2, with a
+        // relative error of 1e-12; from Aᵀ A the smaller one would be 0.
         let mut columns = vec![vec![1.0, 0.0, 0.0], vec![1.0, 1e-12, 0.0]];
         let given = columns.clone();
         let amounts = orthogonalise(&mut columns);

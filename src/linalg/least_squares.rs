@@ -2,12 +2,12 @@
 
 use crate::linalg::small::{dot_long, norm};
 
-/// A column that is this small beside its own length, after the ones before it
-/// are taken out, is rounding.
+/// A column whose remainder, after the columns before it are removed, is below this share of
+/// its length is rounding.
 const DEPENDENT: f64 = 1e-10;
 
-/// `x` that minimises `‖b − Σ x_j a_j‖` by Gram–Schmidt over the columns in
-/// their order; a column that depends on those before it gets `x_j = 0`.
+/// `x` that minimises `‖b − Σ x_j a_j‖`, by Gram–Schmidt over the columns in their order. A
+/// column that depends on those before it gets `x_j = 0`.
 #[must_use]
 pub fn solve(columns: &[&[f64]], b: &[f64]) -> Vec<f64> {
     let mut basis: Vec<(usize, Vec<f64>, Vec<f64>)> = Vec::with_capacity(columns.len());
@@ -38,7 +38,7 @@ pub fn solve(columns: &[&[f64]], b: &[f64]) -> Vec<f64> {
     x
 }
 
-/// Removes the span of the basis from `a`; gives the coefficients.
+/// Removes the span of the basis from `a`; returns the coefficients.
 fn take_out(a: &mut [f64], basis: &[(usize, Vec<f64>, Vec<f64>)]) -> Vec<f64> {
     let remove = |(_, q, _): &(usize, Vec<f64>, Vec<f64>)| {
         let along = dot_long(q, a);

@@ -1,9 +1,9 @@
 //! LU factorisation with pivoting of a general dense matrix, in tiles.
 //!
-//! The matrix comes by rows, which is how the rows of a Newton system are made;
-//! what is factored is its transpose, by columns, so that the pivoting chooses
-//! among columns of the matrix. Panels are factored on one thread, the columns
-//! right of them in tiles cut at fixed places: bits do not depend on threads.
+//! The matrix is given by rows, as Newton systems are made. Its transpose is factored, by
+//! columns, so that pivoting chooses among columns of the matrix. Panels are factored on one
+//! thread, the columns to their right in tiles cut at fixed places: the bits do not depend on
+//! threads.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,27 +15,27 @@ use crate::linalg::dense;
 /// Columns of a panel.
 const PANEL: usize = 64;
 
-/// Columns that a thread updates together.
+/// Columns in one task.
 const TILE: usize = 64;
 
 /// `Aᵀ = P L U`.
 #[derive(Debug)]
 pub struct Lu {
     n: usize,
-    /// `L` below the diagonal, its unit diagonal left out, and `U`, by columns.
+    /// `L` below the diagonal, without its unit diagonal, and `U`, by columns.
     factors: Vec<f64>,
-    /// Row of `Aᵀ` that stands at each place.
+    /// The row of `Aᵀ` at each place.
     order: Vec<usize>,
-    /// Whether the exchanges of rows are odd in number.
+    /// Whether the number of row exchanges is odd.
     odd: bool,
 }
 
 impl Lu {
-    /// Factors the matrix of order `n` whose rows are `a`; nothing where a pivot
-    /// is zero to rounding beside the largest entry.
+    /// Factors the matrix of order `n` with the rows `a`; `None` if a pivot is below the
+    /// rounding of the largest entry.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] when `stop` is raised.
+    /// [`Error::Interrupted`] if `stop` is set.
     ///
     /// # Panics
     /// If `a` has not `n²` entries.
@@ -76,7 +76,7 @@ impl Lu {
     /// `b ← A⁻¹ b`.
     ///
     /// # Panics
-    /// If `b` has not as many entries as the matrix has rows.
+    /// If the length of `b` is not the order of the matrix.
     pub fn solve(&self, b: &mut [f64]) {
         assert_eq!(b.len(), self.n);
         // A = Uᵀ Lᵀ Pᵀ.
@@ -88,14 +88,13 @@ impl Lu {
     }
 }
 
-/// The order of rows, and whether it took an odd number of exchanges.
+/// The order of the rows, and whether it needs an odd number of exchanges.
 type Exchanges = (Vec<usize>, bool);
 
-/// Factors a matrix of order `n` by columns, in place; nothing where a pivot is at
-/// most `rounding`.
+/// Factors a matrix of order `n` by columns, in place; `None` if a pivot is at most `rounding`.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` is raised.
+/// [`Error::Interrupted`] if `stop` is set.
 pub(crate) fn factor(
     columns: &mut [f64],
     n: usize,
@@ -131,7 +130,7 @@ pub(crate) fn factor(
     Ok(Some((order, odd)))
 }
 
-/// Brings values into the order of rows that [`factor`] found.
+/// Sorts values into the order of rows from [`factor`].
 pub(crate) fn reorder<T: Copy>(values: &mut [T], rows: &[usize]) {
     let old = values.to_vec();
     for (value, &row) in values.iter_mut().zip(rows) {

@@ -1,7 +1,7 @@
-//! Sparse and dense linear algebra; knows no mechanics.
+//! Sparse and dense linear algebra, without mechanics.
 //!
-//! The one idea is the partial factorisation: eliminate the interior of a
-//! symmetric matrix, stop at the kept unknowns, and what is left there is `S`.
+//! Its main function is the partial factorisation: it eliminates the interior of a symmetric
+//! matrix and stops at the kept unknowns. The remaining matrix is the Schur complement `S`.
 
 pub mod compensated;
 pub mod dense;

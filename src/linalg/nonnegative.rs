@@ -1,20 +1,20 @@
-//! Least squares with non-negative amounts of columns that are generated on demand.
+//! Least squares with non-negative amounts of columns generated on demand.
 
 use crate::linalg::least_squares;
 use crate::linalg::small::norm;
 
-/// Rounds for each component: about two are needed where the cone of the columns
-/// has flat sides, up to twelve where it is curved.
+/// Rounds for each component: about two if the cone of the columns has flat sides, up to twelve
+/// if it is curved.
 const MOST_ROUNDS: usize = 50;
 
-/// Operations, about a second's, after which the best so far must do.
+/// Limit of operations, about one second; then the best result so far is returned.
 const MOST_OPERATIONS: usize = 1 << 30;
 
-/// The shortest `s = target + Σ x_j c_j`, `x_j ≥ 0`, over columns that `price`
-/// generates: given `s` and its length, one that makes it shorter, or `None`.
+/// The shortest `s = target + Σ x_j c_j`, `x_j ≥ 0`, over columns from `price`. Given `s` and
+/// its length, `price` returns a column that makes `s` shorter, or `None`.
 ///
-/// Lawson and Hanson's active set with the columns unlimited: those in use are
-/// independent, and a column that comes in makes `s` shorter.
+/// It is the active-set method of Lawson and Hanson with any number of columns: the active
+/// columns are independent, and each new one makes `s` shorter.
 #[must_use]
 pub fn shortest(
     target: &[f64],
@@ -37,14 +37,14 @@ pub fn shortest(
         amounts.push(0.0);
         fit(target, &mut columns, &mut amounts);
         let mut next = combine(target, &columns, &amounts);
-        // At right angles to the columns to the rounding of its own length, not of
-        // the target's.
+        // Orthogonal to the columns up to the rounding of its own length, not of that of the
+        // target.
         let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let minus: Vec<f64> = next.iter().map(|x| -x).collect();
         for (x, column) in least_squares::solve(&views, &minus).iter().zip(&columns) {
             add(&mut next, *x, column);
         }
-        // A column that resists by θ shortens by θ²: rounding hides it early.
+        // A column with the resistance θ shortens s by θ²: rounding hides this early.
         if !(norm(&next) <= before * (1.0 + 4.0 * f64::EPSILON)) {
             break;
         }
@@ -53,18 +53,18 @@ pub fn shortest(
     s
 }
 
-/// Amounts of least squares, columns that would be pulled out taken away.
+/// Amounts of least squares, without the columns whose amount would be negative.
 fn fit(target: &[f64], columns: &mut Vec<Vec<f64>>, amounts: &mut Vec<f64>) {
     while !columns.is_empty() {
         let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let minus = |s: Vec<f64>| s.into_iter().map(|x| -x).collect::<Vec<f64>>();
         let mut goal = least_squares::solve(&views, &minus(target.to_vec()));
-        // Once more for what rounding left: s is small beside the target.
+        // Once more for the rounding: s is small relative to the target.
         let rest = minus(combine(target, columns, &goal));
         for (x, change) in goal.iter_mut().zip(least_squares::solve(&views, &rest)) {
             *x += change;
         }
-        // The share of the way to the goal at which the first amount is used up.
+        // The share of the way at which the first amount becomes zero.
         let mut share = 1.0;
         let mut first = None;
         for (j, (x, to)) in amounts.iter().zip(&goal).enumerate() {

@@ -1,9 +1,9 @@
-//! Storage of fronts, and adding the update of one to another.
+//! Storage of fronts, and the addition of one update to another.
 //!
-//! Only the upper triangle of a front exists. Its pivots' rows, the *panel*, are
-//! kept by blocks of rows and become the factor; the rest, the *update*, is kept
-//! by blocks of columns. Either way a block is a plain column-major matrix and
-//! what lies below the diagonal, but for the diagonal blocks, is not stored.
+//! Only the upper triangle of a front is stored. The rows of its pivots, the *panel*, are
+//! stored by blocks of rows and become the factor; the rest, the *update*, is stored by blocks
+//! of columns. Each block is a column-major matrix. Below the diagonal only the diagonal blocks
+//! have entries.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ pub(crate) struct Run {
     pub(crate) len: u32,
 }
 
-/// Rows in a block of a panel: as many pivots are factored at a time.
+/// Rows in a block of a panel: this many pivots are factored together.
 pub(crate) const PIVOTS: usize = 128;
 
 /// Columns in a block of an update.
@@ -37,8 +37,7 @@ impl Panel {
         self.blocks().last().map_or(0, |(_, range)| range.end)
     }
 
-    /// Rows of each block, and where it lies; its columns begin with the first
-    /// of its rows.
+    /// Rows of each block, and its position; its columns begin with the first of its rows.
     pub(crate) fn blocks(self) -> impl DoubleEndedIterator<Item = (Range<usize>, Range<usize>)> {
         (0..self.np.div_ceil(PIVOTS)).map(move |block| {
             let first = block * PIVOTS;
@@ -52,8 +51,7 @@ impl Panel {
         PIVOTS * block * self.nf - PIVOTS * PIVOTS * (block * block.saturating_sub(1) / 2)
     }
 
-    /// Where entry `(row, column)` lies; the rows below it, to the end of the
-    /// block, follow.
+    /// Position of entry `(row, column)`; the rows below it, to the end of the block, follow.
     pub(crate) fn at(self, row: usize, column: usize) -> usize {
         let block = row / PIVOTS;
         let first = block * PIVOTS;
@@ -79,7 +77,7 @@ impl Packed {
         BLOCK * BLOCK * whole * (whole + 1) / 2 + (self.n - whole * BLOCK) * self.n
     }
 
-    /// Where column `j` starts; its rows `0..=j` follow.
+    /// Position of column `j`; its rows `0..=j` follow.
     pub(crate) fn column(self, j: usize) -> usize {
         let block = j / BLOCK;
         let rows = self.n.min((block + 1) * BLOCK);
@@ -95,12 +93,12 @@ pub(crate) struct Segment {
     pub(crate) len: usize,
 }
 
-/// How the rows of an update lie in the front that takes it; `first` and `np`
-/// are that front's pivots, `parent` the rows after them.
+/// Positions of the rows of an update in the front that takes it; `first` and `np` are the
+/// pivots of that front, `parent` the rows after them.
 pub(crate) fn segments(child: &[Run], first: usize, np: usize, parent: &[Run]) -> Vec<Segment> {
     let mut list = Vec::with_capacity(child.len() + 4);
     let mut from = 0;
-    // The stretch of the parent that is looked at: start, end, place in front.
+    // The current range of the parent: start, end, position in the front.
     let mut stretch = (first, first + np, 0);
     let mut next = parent.iter();
     for run in child {
@@ -132,7 +130,7 @@ fn add(target: &mut [f64], source: &[f64]) {
     }
 }
 
-/// Adds to a panel what a child updates there.
+/// Adds the update of a child to a panel.
 pub(crate) fn add_to_panel(panel: &mut [f64], layout: Panel, child: &[f64], map: &[Segment]) {
     let source_layout = Packed::new(map.last().map_or(0, |s| s.from + s.len));
     let in_panel = map.partition_point(|s| s.to < layout.np);
@@ -160,8 +158,8 @@ pub(crate) fn add_to_panel(panel: &mut [f64], layout: Panel, child: &[f64], map:
     }
 }
 
-/// Adds to an update what a child contributes beyond the pivots; `start(j)` is
-/// where column `j` of the update begins.
+/// Adds the update of a child beyond the pivots to an update; column `j` of the latter begins
+/// at `start(j)`.
 pub(crate) fn add_to_update(
     update: &mut [f64],
     start: impl Fn(usize) -> usize,

@@ -1,10 +1,10 @@
-//! Memory as the system gives it: a page costs a fault when it is first touched, two
-//! microseconds for four kilobytes, and a large page of two megabytes hardly more.
+//! Memory pages of the system. Each page costs a fault at its first access: two microseconds
+//! for four kilobytes, and little more for a large page of two megabytes.
 
-/// A vector of zeros that the system may back with large pages: memory touched
-/// for the first time costs a fault a page, a second a gigabyte with small ones.
+/// A vector of zeros that the system may put on large pages. With small pages, the first access
+/// to a gigabyte takes a second.
 pub(crate) fn zeros(len: usize) -> Vec<f64> {
-    /// Below this, large pages have nothing to gain.
+    /// Smaller vectors gain nothing from large pages.
     #[cfg(target_os = "linux")]
     const LARGE: usize = 1 << 22;
     let values = vec![0.0; len];
@@ -15,8 +15,8 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
         let inner = begin.next_multiple_of(page);
         let end = begin + std::mem::size_of_val(values.as_slice());
         let start = values.as_ptr().cast::<u8>().wrapping_add(inner - begin);
-        // SAFETY: the range lies inside the allocation, and the advice changes
-        // neither its contents nor who may use it. Refusal does no harm.
+        // SAFETY: the range lies inside the allocation, and the advice changes neither its
+        // contents nor its owner. A refusal has no effect.
         unsafe {
             libc::madvise(
                 start.cast_mut().cast(),
@@ -28,9 +28,9 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
     values
 }
 
-/// Frees a vector, and its pages at once: the allocator would keep those of
-/// vectors below some 32 MB, in pieces that the next, larger one does not fit.
-/// Small ones it may keep: to touch their like anew costs more than they hold.
+/// Frees a vector and its pages at once. The allocator would keep vectors below about 32 MB in
+/// pieces that are too small for the next, larger one. It keeps small vectors: new pages would
+/// cost more than their memory.
 pub(crate) fn release(values: Vec<f64>) {
     #[cfg(not(target_os = "linux"))]
     drop(values);
@@ -44,9 +44,9 @@ pub(crate) fn release(values: Vec<f64>) {
         let end = begin + size_of_val(values.as_slice());
         if inner + LARGE <= end {
             let start = values.as_mut_ptr().cast::<u8>().wrapping_add(inner - begin);
-            // SAFETY: the range lies inside the allocation, which is ours alone
-            // and never read again; it holds numbers, and zeros are numbers.
-            // Refusal, as where pages are larger, does no harm.
+            // SAFETY: the range lies inside the allocation, which belongs to this function and
+            // is never read again; all its contents are valid numbers. A refusal, as for larger
+            // pages, has no effect.
             unsafe {
                 libc::madvise(
                     start.cast(),
@@ -58,51 +58,51 @@ pub(crate) fn release(values: Vec<f64>) {
     }
 }
 
-/// Makes the heap of this process one that keeps what is freed: for a program of our
-/// own, whose arrays of some megabytes come and go, and are touched anew each time
-/// otherwise.
+/// Makes the heap of this process keep freed memory, for a program whose arrays of some
+/// megabytes come and go; otherwise each of them needs new pages.
 ///
-/// Arrays above some megabytes come from the system and go back to it as ever. No
+/// Arrays above some megabytes still come from the system and return to it. No result depends
+/// on this; with another C library it has no effect.
 /// result depends on it; where the C library is another, nothing happens.
 pub fn keep_heap() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
-        /// What the heap grows by.
+        /// Increment of the heap.
         const GROWTH: i32 = 1 << 24;
-        /// Arrays above this are no part of the heap [bytes].
+        /// Larger arrays are not part of the heap [bytes].
         const APART: i32 = 1 << 23;
-        // SAFETY: these set thresholds of the allocator, which it locks itself.
+        // SAFETY: these calls set thresholds of the allocator, which has its own lock.
         unsafe {
-            // One heap for all threads: what one has freed serves the others.
+            // One heap for all threads: each can use what another has freed.
             libc::mallopt(libc::M_ARENA_MAX, 1);
             libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
             libc::mallopt(libc::M_TRIM_THRESHOLD, 8 * GROWTH);
             libc::mallopt(libc::M_TOP_PAD, GROWTH);
         }
         if crate::threads::count(None).is_ok_and(|threads| threads > 1) {
-            // Where there is no thread to be had, pages are touched when they are needed.
+            // Without a thread, pages are touched when they are needed.
             let _ = std::thread::Builder::new().spawn(touch_heap);
         }
     }
 }
 
-/// Takes from the heap what a job of some thousand unknowns will want, writes a byte
-/// into each page, and gives it back: by a thread beside imports, which leave other
-/// cores idle, so that the job itself meets pages that are there.
+/// Allocates the memory of a job of some thousand unknowns, writes a byte into each page, and
+/// frees it. A thread does this during imports, when other cores are idle, so that the job
+/// finds pages in memory.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn touch_heap() {
     const PAGE: usize = 1 << 12;
-    /// Below what the heap gives away as arrays apart [bytes].
+    /// Below the size of separate arrays of the heap [bytes].
     const PIECE: usize = 1 << 22;
     const PIECES: usize = 10;
     let touched = |_| {
         let mut piece = Vec::<u8>::new();
-        // Where memory is short, it is for the job.
+        // If memory is short, leave it to the job.
         piece.try_reserve_exact(PIECE).ok()?;
         for page in piece.spare_capacity_mut().chunks_mut(PAGE) {
             page[0].write(1);
         }
-        // Else nobody would see the writes, and they would be left out.
+        // Without this, the compiler would omit the writes.
         Some(std::hint::black_box(piece))
     };
     let all: Vec<Vec<u8>> = (0..PIECES).map_while(touched).collect();

@@ -1,4 +1,4 @@
-//! Powers of two, by which a number is scaled without rounding.
+//! Powers of two, which scale a number without rounding.
 
 /// `e` with `2^e ≤ x < 2^(e+1)`, 0 for zero.
 #[must_use]
@@ -8,7 +8,7 @@ pub fn exponent(x: f64) -> i32 {
     }
     #[expect(clippy::cast_possible_truncation, reason = "within ±1075")]
     let guess = x.log2().floor() as i32;
-    // log2 may round across a power of two.
+    // log2 may round to the next power of two.
     if times_two_to(1.0, guess) > x {
         guess - 1
     } else if times_two_to(1.0, guess + 1) <= x {
@@ -18,8 +18,8 @@ pub fn exponent(x: f64) -> i32 {
     }
 }
 
-/// `x · 2^e`, exact inside the range of doubles, in two factors because `2^e`
-/// alone may leave it.
+/// `x · 2^e`, exact inside the range of doubles. Two factors, because `2^e` alone may be
+/// outside it.
 #[must_use]
 pub fn times_two_to(x: f64, e: i32) -> f64 {
     let half = e / 2;

@@ -1,8 +1,8 @@
-//! Vectors that no structure of a matrix is blind to.
+//! Irregular vectors, which are orthogonal to no regular one.
 
-/// Plus and minus ones without a pattern, the same at each call.
+/// Irregular plus and minus ones, the same in each call.
 #[must_use]
-pub fn signs(n: usize, seed: u64) -> Vec<f64> {
+pub fn random_signs(n: usize, seed: u64) -> Vec<f64> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     (0..n)
         .map(|_| {

@@ -1,4 +1,4 @@
-//! Vectors and blocks of 2 and 3, one-sided types from nalgebra.
+//! Vectors and blocks of order 2 and 3, with types of nalgebra.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -8,8 +8,8 @@ pub type Vector<const D: usize> = SVector<f64, D>;
 /// A block that couples two contacts, or one with itself.
 pub type Block<const D: usize> = SMatrix<f64, D, D>;
 
-/// Euclidean length of the tangential part, without overflow or underflow on
-/// the way: a slip of 1e-200 is a slip.
+/// Euclidean length of the tangential part, without overflow or underflow of the squares: a
+/// slip of 1e-200 is not zero.
 #[must_use]
 pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
     if D == 2 {
@@ -35,12 +35,12 @@ pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64;
     std::array::from_fn(|k| a[k] - s * b[k])
 }
 
-/// Squares whose sum lies between these lost nothing.
+/// Squares whose sum lies between these have lost nothing.
 const LEAST: f64 = 1e-280;
 const MOST: f64 = 1e280;
 
-/// Euclidean norm of a long vector. Where plain squares would leave the range of
-/// doubles, those of the numbers over the largest: what is not zero has a length.
+/// Euclidean norm of a long vector. If squares are outside the range of doubles, the vector is
+/// first divided by its largest number: a vector that is not zero has a length.
 #[must_use]
 pub fn norm(a: &[f64]) -> f64 {
     let squares = a.iter().map(|x| x * x).sum::<f64>();
@@ -54,8 +54,8 @@ pub fn norm(a: &[f64]) -> f64 {
     largest * a.iter().map(|x| (x / largest).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The root of a sum of squares, or the largest of what was squared where the squares
-/// leave the range of doubles: what is not zero has a length.
+/// The root of a sum of squares, or the largest number if the squares are outside the range of
+/// doubles: a vector that is not zero has a length.
 #[must_use]
 pub fn length(squares: f64, largest: f64) -> f64 {
     if squares <= 1e-280 {
@@ -65,8 +65,8 @@ pub fn length(squares: f64, largest: f64) -> f64 {
     }
 }
 
-/// `a · b` for long vectors, in eight running sums: the order is fixed, so the
-/// bits are, and the compiler can use wide registers.
+/// `a · b` for long vectors, in eight running sums. The order is fixed, and so are the bits;
+/// the compiler can use wide registers.
 #[must_use]
 pub fn dot_long(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();

@@ -1,14 +1,14 @@
 //! Disjoint sets of indices.
 
-/// Sets that only ever grow together; each is led by its smallest member, so
-/// that the result does not depend on the order of joins.
+/// Sets that only grow; the smallest member leads each, so that the result does not depend on
+/// the order of joins.
 #[derive(Clone, Debug)]
 pub struct Union {
     parent: Vec<usize>,
 }
 
 impl Union {
-    /// Every index below `n` alone.
+    /// Every index below `n` in a set of its own.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self {
@@ -16,7 +16,7 @@ impl Union {
         }
     }
 
-    /// Smallest member of the set of `i`; paths are halved on the way.
+    /// Smallest member of the set of `i`; it halves the paths.
     pub fn leader(&mut self, mut i: usize) -> usize {
         while self.parent[i] != i {
             self.parent[i] = self.parent[self.parent[i]];
@@ -25,9 +25,9 @@ impl Union {
         i
     }
 
-    /// Makes one set of those of `i` and `j`.
+    /// Joins the sets of `i` and `j`.
     pub fn join(&mut self, i: usize, j: usize) {
-        // Mostly they are in one set already, and next to its leader.
+        // They are usually in one set already, and next to its leader.
         if self.parent[i] == self.parent[j] {
             return;
         }

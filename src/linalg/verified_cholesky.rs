@@ -1,10 +1,9 @@
-//! Matrices `L Lᵀ` that are proved to lie below a symmetric one, in the order of
-//! quadratic forms, with rounding counted: what is concluded of them holds for the
-//! exact matrix.
+//! Matrices `L Lᵀ` that are proved to be below a symmetric one in the order of quadratic forms.
+//! Rounding is bounded: conclusions hold for the exact matrix.
 //!
-//! If Cholesky's algorithm runs to its end on `M` of order n, in whatever order sums
-//! are taken, its factor satisfies `L Lᵀ = M + E` with `‖E‖ ≤ (n + 1) u tr M / (1 − (n + 1) u)`,
-//! `u` half of `f64::EPSILON` [Rump 2006]. So for `M = A − s 1` with `s` above that, `L Lᵀ ≼ A`.
+//! If Cholesky's algorithm ends on `M` of order n, with sums in any order, its factor satisfies
+//! `L Lᵀ = M + E` with `‖E‖ ≤ (n + 1) u tr M / (1 − (n + 1) u)`, where `u` is half of
+//! `f64::EPSILON` [Rump 2006]. So for `M = A − s 1` with `s` above this bound, `L Lᵀ ≼ A`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,8 +11,8 @@ use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
 
-/// What sums of `n` products may lose, relative to the sum of sizes: twice
-/// `(n + 8) u`, which leaves room for its own rounding.
+/// Relative rounding error of a sum of `n` products: twice `(n + 8) u`, which includes its own
+/// rounding.
 #[must_use]
 pub fn gamma(n: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
@@ -25,25 +24,25 @@ pub fn gamma(n: usize) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Lower {
     n: usize,
-    /// Lower triangle, column by column.
+    /// Lower triangle, by columns.
     factor: Vec<f64>,
-    /// `‖A − L Lᵀ‖`, from above.
+    /// `‖A − L Lᵀ‖`, rounded up.
     lowered: f64,
 }
 
-/// The same with the inverse of `L`: what solves with it are worth.
+/// The same with the inverse of `L`, for bounds of solves with it.
 #[derive(Clone, Debug)]
-pub struct Below {
+pub struct VerifiedCholesky {
     lower: Lower,
-    /// Columns of the inverse, to rounding.
+    /// Columns of the inverse, rounded.
     inverse: Vec<f64>,
-    /// `‖L⁻¹‖`, from above.
+    /// `‖L⁻¹‖`, rounded up.
     inverse_norm: f64,
-    /// `‖1 − L Y‖` for the inverse `Y` at hand, from above.
+    /// `‖1 − L Y‖` for the computed inverse `Y`, rounded up.
     miss: f64,
 }
 
-/// A point `c` and a radius, see [`Below::ellipsoid`].
+/// A point `c` and a radius, see [`VerifiedCholesky::ellipsoid`].
 #[derive(Clone, Debug)]
 pub struct Ellipsoid {
     pub centre: Vec<f64>,
@@ -51,9 +50,8 @@ pub struct Ellipsoid {
 }
 
 impl Lower {
-    /// From a symmetric matrix, column by column, its lower triangle, that differs
-    /// from `A` by at most `error` in norm. Nothing where `A` is not positive
-    /// definite, rounding subtracted.
+    /// Makes it from the lower triangle, by columns, of a symmetric matrix that differs from
+    /// `A` by at most `error` in norm. `None` if `A` is not positive definite beyond rounding.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -87,26 +85,26 @@ impl Lower {
         self.n
     }
 
-    /// `‖A − L Lᵀ‖`, from above.
+    /// `‖A − L Lᵀ‖`, rounded up.
     #[must_use]
     pub fn lowered(&self) -> f64 {
         self.lowered
     }
 
-    /// `x ← L⁻¹ x`, to rounding.
+    /// `x ← L⁻¹ x`, rounded.
     pub fn forward(&self, x: &mut [f64]) {
         dense::solve_lower(&self.factor, self.n, x, 1);
     }
 
-    /// `x ← L⁻ᵀ x`, to rounding.
+    /// `x ← L⁻ᵀ x`, rounded.
     pub fn backward(&self, x: &mut [f64]) {
         dense::solve_lower_transpose(&self.factor, self.n, x, 1);
     }
 }
 
-impl Below {
-    /// As [`Lower::new`]; nothing, too, where the factor is too nearly singular for
-    /// anything to be said of solves with it.
+impl VerifiedCholesky {
+    /// As [`Lower::new`]; also `None` if the factor is so nearly singular that solves with it
+    /// have no bound.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -126,7 +124,7 @@ impl Below {
         dense::solve_lower(&lower.factor, n, &mut inverse, n);
         let room = 1.0 + gamma(n);
         let (size, of_inverse) = (room * norm(&lower.factor), room * norm(&inverse));
-        // (L + ΔL) y = e_j with |ΔL| ≤ γ |L|, column by column.
+        // (L + ΔL) y = e_j with |ΔL| ≤ γ |L|, for each column.
         let miss = gamma(n) * size * of_inverse;
         if !(miss < 0.1) {
             return Ok(None);
@@ -148,8 +146,8 @@ impl Below {
         self.lower.n
     }
 
-    /// All `d` with `dᵀ L Lᵀ d + e·d ≤ 0`, whatever `e` is within `error` of what is
-    /// given: `d = −c + L⁻ᵀ x` with `‖x‖` at most the radius.
+    /// Contains all `d` with `dᵀ L Lᵀ d + e·d ≤ 0` for any `e` within `error` of the given one:
+    /// `d = −c + L⁻ᵀ x` with `‖x‖` at most the radius.
     ///
     /// With `f = L⁻¹ e` the condition is `‖Lᵀ d + ½ f‖ ≤ ½ ‖f‖`. For the computed `f̃` and
     /// `c = ½ L⁻ᵀ f̃`, whose solves have backward errors `γ |L|`,
@@ -175,7 +173,7 @@ impl Below {
         }
     }
 
-    /// `‖L⁻¹ e‖` from above.
+    /// `‖L⁻¹ e‖`, rounded up.
     #[must_use]
     pub fn length(&self, e: &[f64]) -> f64 {
         let mut f = e.to_vec();
@@ -183,8 +181,8 @@ impl Below {
         (1.0 + gamma(self.order())) * (1.0 + self.kappa()) * norm(&f)
     }
 
-    /// `‖L⁻¹ e_j‖` for every `j`, from above: half the widths of the unit ellipsoid
-    /// of `L Lᵀ` along the axes.
+    /// `‖L⁻¹ e_j‖` for every `j`, rounded up: half the widths of the unit ellipsoid of `L Lᵀ`
+    /// along the axes.
     #[must_use]
     pub fn widths(&self) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
@@ -192,8 +190,8 @@ impl Below {
         columns.map(|column| room * norm(column)).collect()
     }
 
-    /// The same along the `rows` of a matrix, row by row of length n, each of which may
-    /// be off by as much as `errors` say in norm.
+    /// The same along the `rows` of a matrix, rows of length n, each with an error of at most
+    /// `errors` in norm.
     #[must_use]
     pub fn widths_along(&self, rows: &[f64], errors: &[f64]) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
@@ -206,17 +204,17 @@ impl Below {
             .collect()
     }
 
-    /// What is lost of `‖L⁻¹ e‖` by the rounding of a solve, relative to it.
+    /// Relative error of `‖L⁻¹ e‖` by the rounding of a solve.
     fn kappa(&self) -> f64 {
         gamma(self.order()) * self.size() * self.inverse_norm
     }
 
-    /// `‖L‖`, from above.
+    /// `‖L‖`, rounded up.
     fn size(&self) -> f64 {
         (1.0 + gamma(self.order())) * norm(&self.lower.factor)
     }
 
-    /// `max ‖L⁻¹ x‖` over `|x| ≤ error`, from above.
+    /// `max ‖L⁻¹ x‖` over `|x| ≤ error`, rounded up.
     fn reach(&self, error: &[f64]) -> f64 {
         let mut sums = vec![0.0; self.order()];
         for (column, &x) in self.inverse.chunks_exact(self.order().max(1)).zip(error) {
@@ -230,7 +228,7 @@ impl Below {
     }
 }
 
-/// Whether all that differs from a symmetric matrix, given as in [`Lower::new`], by at
+/// Whether every matrix that differs from a symmetric one, given as in [`Lower::new`], by at
 /// most `error` is positive definite.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Load paths: step after step, of all contacts or of those that may close.
+//! Load paths, step by step, with all contacts or with a working set.
 
 pub mod stepping;
 pub mod working_set;

@@ -1,5 +1,5 @@
-//! The load path, (21)–(23): one reduced problem a step, with the slip history
-//! of the last step folded into `q`, committed only when the step has converged.
+//! The load path, (21)–(23): one reduced problem for each step. `q` contains the slip of the
+//! last step. The state changes only after a step has converged.
 
 use std::sync::atomic::AtomicBool;
 
@@ -8,13 +8,13 @@ use crate::condensation::body::DIGITS;
 use crate::condensation::condense::Condensed;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::reduced::balance;
+use crate::reduced::existence;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::newton::refine::{Point, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
-/// What a step leaves behind.
+/// The state after a step.
 #[derive(Clone, Debug, Default)]
 pub struct State<const D: usize> {
     pub reaction: Vec<[f64; D]>,
@@ -24,25 +24,23 @@ pub struct State<const D: usize> {
     pub rigid: Vec<f64>,
 }
 
-/// A load path in progress. Without a state, the next step is the first from
-/// the unloaded body.
+/// A load path in progress. Without a state it starts from the unloaded body.
 #[derive(Clone, Debug, Default)]
 pub struct LoadPath<const D: usize> {
     state: Option<State<D>>,
 }
 
-/// One step, whether it converged or not.
+/// A step, converged or not.
 #[derive(Clone, Debug)]
 pub struct Step<const D: usize> {
-    /// `relative_displacement` is the total one here.
+    /// `relative_displacement` is the total one.
     pub solution: Solution<D>,
-    /// Increment of the tangential part over the step, `(t1[, t2])` in the
-    /// places 1 and up.
+    /// Increment of the tangential part in the step; components `(t1[, t2])` have the indices 1
+    /// and up.
     pub slip: Vec<[f64; D]>,
 }
 
-/// `q` of a step: the total free displacement, less where the contacts slid to
-/// before, (22).
+/// `q` of a step: the total free displacement minus the earlier slip, (22).
 #[must_use]
 pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
     let mut q = q.to_vec();
@@ -56,7 +54,7 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> 
     q
 }
 
-/// `v` of a step from the total one, as in (22), and what the subtraction rounds.
+/// `v` of a step from the total one as in (22), and the rounding of the subtraction.
 #[must_use]
 pub fn increment<const D: usize>(
     total: &[[f64; D]],
@@ -74,8 +72,8 @@ pub fn increment<const D: usize>(
     (v, rounding)
 }
 
-/// The reduced problem of a step to the total loads, of which a state has the
-/// relative displacement that the step before left.
+/// The reduced problem of a step to the total loads. `state` has the relative displacement
+/// after the step before.
 ///
 /// # Errors
 /// Wrong loads.
@@ -90,9 +88,9 @@ pub fn reduced_step<'a, const D: usize>(
     Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
 }
 
-/// How far the rounding of the entries of `K` may have moved the reactions and the
-/// relative displacements of a step, relative to them; of a problem that keeps its
-/// digits, nothing. `before` is as in [`forward_error`](crate::solver::newton::refine::forward_error).
+/// Relative changes of the reactions and the relative displacements of a step by the rounding
+/// of the entries of `K`; zero for a problem that keeps its digits. `before` is as in
+/// [`forward_error`](crate::solver::newton::refine::forward_error).
 ///
 /// # Errors
 /// Wrong loads, [`Error::Interrupted`].
@@ -117,11 +115,11 @@ pub fn stiffness_rounding<const D: usize>(
     let wander = problem.bodies().stiffness_rounding(problem.surface(), &u)?;
     let wander = compliance.gather(&wander);
     let moved = forward_change(reduced, point, &wander, before, stop)?;
-    // Where the correction is not determined, no digit is known to be left.
+    // If the correction is not determined, no digit is known to be correct.
     Ok(moved.unwrap_or((1.0, 1.0)))
 }
 
-/// `v` of reactions by way of `u` and `K` itself, where `W` may have lost digits.
+/// `v` of reactions, computed with `u` and `K`, because `W` may have lost digits.
 ///
 /// # Errors
 /// Wrong loads.
@@ -150,23 +148,23 @@ pub fn evaluate<const D: usize>(
 }
 
 impl<const D: usize> LoadPath<D> {
-    /// From a state, or from the unloaded bodies.
+    /// Starts from a state, or from the unloaded bodies.
     #[must_use]
     pub fn new(state: Option<State<D>>) -> Self {
         Self { state }
     }
 
-    /// Where the path stands.
+    /// The state of the path.
     #[must_use]
     pub fn into_state(self) -> Option<State<D>> {
         self.state
     }
 
-    /// Takes one step to the total loads; commits it if it converged.
+    /// Makes a step to the total loads; the state changes only if it converges.
     ///
     /// # Errors
-    /// Wrong loads, [`Error::ContradictoryContact`], [`Error::Interrupted`]; the
-    /// path then stands where it stood.
+    /// Wrong loads, [`Error::ContradictoryContact`], [`Error::Interrupted`]. The state does not
+    /// change then.
     pub fn advance(
         &mut self,
         problem: &Condensed<D>,
@@ -194,9 +192,9 @@ impl<const D: usize> LoadPath<D> {
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
         if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
-            // Loads that balance one another leave rounding, which nothing need carry.
+            // Loads that balance each other leave rounding, which no reaction must balance.
             reduced.load_rounding = problem.bodies().load_rounding(load, prescribed)?;
-            if !balance::works(&reduced, &solution.free_motion) {
+            if !existence::works(&reduced, &solution.free_motion) {
                 let rounding = reduced.load_rounding;
                 let mut free = problem.free_part(load, prescribed)?;
                 let q = incremental(&free.q, self.state.as_ref());

@@ -1,6 +1,6 @@
-//! The load path on a working set of the candidates, grown in each step until no
-//! contact outside it penetrates: the answer is then one of all candidates, for an
-//! open contact with `v_n ≥ 0` fulfils the law with `r = 0`.
+//! The load path on a working set of the candidates. The set grows in each step until no
+//! contact outside penetrates. The solution is then one for all candidates, because an open
+//! contact with `v_n ≥ 0` satisfies the law with `r = 0`.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -14,39 +14,38 @@ use crate::law::cone::Status;
 use crate::path::stepping::{LoadPath, State, Step};
 use crate::solver::{Outcome, Settings, Solution};
 
-/// Contacts that may be added at once, however few there are.
+/// Contacts that may always be added together.
 const AT_ONCE: usize = 256;
 
-/// One candidate in so many in the set: from there on `W` of all costs less.
+/// Above one candidate in so many, `W` of all candidates costs less.
 const MOST: usize = 3;
 
-/// What a step leaves of its working set, besides its state: with it, another path
-/// goes on from there to the same bits.
+/// The working set of a step. With it and the state, another path continues bitwise equally.
 #[derive(Clone, Debug, Default)]
 pub struct Set {
     /// Contacts, ascending.
     pub members: Vec<usize>,
-    /// Rigid motions in the amounts of the bodies condensed onto all contacts; empty
-    /// where they are those of the state.
+    /// Rigid motions in the amounts of the bodies condensed onto all contacts; empty if they
+    /// are those of the state.
     pub motion: Vec<f64>,
-    /// Whether the inverse of their `W` had been made, whose cost is then paid.
+    /// Whether the inverse of their `W` has been made, so that its cost is not counted again.
     pub inverse: bool,
 }
 
-/// A load path in progress, over all candidates.
+/// A load path in progress, with all candidates.
 #[derive(Clone, Debug, Default)]
-pub struct Path<const D: usize> {
-    /// Rigid motions in the amounts of the candidates' bodies.
+pub struct WorkingSetPath<const D: usize> {
+    /// Rigid motions in the amounts of the bodies of the candidates.
     state: Option<State<D>>,
     view: Option<View<D>>,
-    /// The same rigid motions in the amounts of the view's bodies, where it has others.
+    /// The same rigid motions in the amounts of the bodies of the view, if these differ.
     carried: Option<Vec<f64>>,
-    /// The set to begin with, where it is known from another path.
+    /// The initial set, if another path gives one.
     first: Option<Set>,
 }
 
-impl<const D: usize> Path<D> {
-    /// From a state and the set it was found with, or from the unloaded bodies.
+impl<const D: usize> WorkingSetPath<D> {
+    /// Starts from a state and its working set, or from the unloaded bodies.
     #[must_use]
     pub fn new(state: Option<State<D>>, first: Option<Set>) -> Self {
         Self {
@@ -57,15 +56,14 @@ impl<const D: usize> Path<D> {
         }
     }
 
-    /// Changes the state, as one is changed that goes through the caller's hands.
+    /// Rounds the state as if the caller had stored and returned it.
     pub fn restate(&mut self, change: impl FnOnce(&mut State<D>)) {
         if let Some(state) = &mut self.state {
             change(state);
         }
     }
 
-    /// The set that the last step was found with; nothing where it was all contacts
-    /// from the start.
+    /// The working set of the last step; `None` if it was all contacts from the start.
     #[must_use]
     pub fn set(&self) -> Option<Set> {
         self.view.as_ref().map(|view| Set {
@@ -75,11 +73,11 @@ impl<const D: usize> Path<D> {
         })
     }
 
-    /// Takes one step to the total loads; commits it if it converged.
+    /// Makes a step to the total loads; the state changes only if it converges.
     ///
     /// # Errors
-    /// As [`LoadPath::advance`], contacts numbered among all candidates; and what
-    /// forming `W` of more contacts may meet.
+    /// As [`LoadPath::advance`], with contact numbers of all candidates, and the errors of
+    /// forming `W` of more contacts.
     pub fn advance(
         &mut self,
         problem: &Problem<D>,
@@ -117,7 +115,7 @@ impl<const D: usize> Path<D> {
         let mu = problem.mu();
         let mut view = match self.view.take() {
             Some(mut view) => {
-                // The view was made with the gaps of an earlier step.
+                // The view has the gaps of an earlier step.
                 let gap = pick(&problem.surface().gap, &view.members);
                 view.problem = view.problem.with_gap(gap);
                 view
@@ -199,8 +197,8 @@ impl<const D: usize> Path<D> {
             asked.truncate(AT_ONCE.max(2 * members.len()));
             let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
             members.sort_unstable();
-            // Where some of them come to no answer, or to one that K does not confirm,
-            // the rest is taken in, however far away.
+            // If some contacts give no solution, or one that K does not confirm, add all other
+            // contacts.
             view = if whole || MOST * members.len() >= problem.contacts() {
                 all(problem, stop)?
             } else {
@@ -209,7 +207,7 @@ impl<const D: usize> Path<D> {
         }
     }
 
-    /// The view to begin with, of the set that is known or of a new one.
+    /// The initial view, with a given set or a new one.
     fn begin(
         &mut self,
         problem: &Problem<D>,
@@ -224,7 +222,7 @@ impl<const D: usize> Path<D> {
             all(problem, stop)?
         } else {
             match candidates.view(known.members, problem.mu(), None) {
-                // Those to begin with do not feel a motion that others do.
+                // The initial contacts do not resist a motion that other contacts resist.
                 Err(Error::FloatingBody { .. }) => all(problem, stop)?,
                 made => made?,
             }
@@ -238,7 +236,7 @@ impl<const D: usize> Path<D> {
         Ok(view)
     }
 
-    /// A new set: the seeds, and what was closed in the state before.
+    /// A new set: the seeds, and the contacts closed in the state before.
     fn seeded(&self, candidates: &Candidates<D>) -> Vec<usize> {
         let mut members = candidates.seeds().to_vec();
         if let Some(state) = &self.state {
@@ -293,8 +291,7 @@ impl<const D: usize> Path<D> {
     }
 }
 
-/// The problem of the contacts that carry something in an answer, or of all where
-/// `W` of all is formed.
+/// The problem of the contacts with a reaction, or of all contacts if `W` of all is formed.
 ///
 /// # Errors
 /// As [`Candidates::view`].
@@ -317,7 +314,7 @@ pub fn around<const D: usize>(
     }
 }
 
-/// All candidates, `W` formed of them.
+/// All candidates, with `W` of all of them.
 fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D>, Error> {
     Ok(View {
         members: (0..problem.contacts()).collect(),
@@ -325,30 +322,29 @@ fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D
     })
 }
 
-/// Whether the relative displacements of the members, found with `W`, are others than
-/// those that `K` gives.
+/// Whether the relative displacements of the members with `W` differ from those with `K`.
 fn differs<const D: usize>(
     problem: &Problem<D>,
     members: &[usize],
     own: &[[f64; D]],
     total: &[[f64; D]],
 ) -> bool {
-    /// Of the largest terms: far above the rounding of a sound `W`.
+    /// Relative to the largest terms: far above the rounding of an accurate `W`.
     const MOST: f64 = 1e-9;
     let gap = &problem.surface().gap;
     let (mut apart, mut size) = (0.0_f64, 0.0_f64);
     for (&i, own) in members.iter().zip(own) {
         for ((a, b), g) in own.iter().zip(&total[i]).zip(&gap[i]) {
             apart = apart.max((a - b).abs());
-            // A contact that sticks has v = 0: what it has moved is u.
+            // A sticking contact has v = 0: it has moved by u.
             size = size.max((b - g).abs()).max(g.abs());
         }
     }
     apart > MOST * size
 }
 
-/// Contacts that a step of the members asks for, the worst first, and the total
-/// relative displacement of all.
+/// Contacts to add after a step of the members, the worst first, and the total relative
+/// displacement of all contacts.
 fn outside<const D: usize>(
     problem: &Problem<D>,
     candidates: &Candidates<D>,
@@ -376,10 +372,10 @@ fn outside<const D: usize>(
         return Ok((worst(&outside, |i| total[i][0]), total));
     }
     if solution.free_motion.is_empty() {
-        // Exhausting the statuses of some contacts proves nothing of the others.
+        // Trying all statuses of some contacts proves nothing about the others.
         return Ok((worst(&outside, |_| -1.0), total));
     }
-    // A proof for all of them, unless the motion runs into some.
+    // A proof for all contacts, unless the motion closes some of the others.
     let d = candidates.motion(&solution.free_motion)?;
     let mu = problem.mu();
     let runs_into = |i: usize| {
@@ -389,8 +385,8 @@ fn outside<const D: usize>(
     Ok((worst(&outside, runs_into), total))
 }
 
-/// The rigid motions of an answer of bodies condensed onto all contacts, in the
-/// amounts of the candidates' bodies: what the displacements of the two differ by.
+/// The rigid motions of a solution with bodies condensed onto all contacts, in the amounts of
+/// the bodies of the candidates: from the difference of their displacements.
 fn amounts<const D: usize>(
     problem: &Problem<D>,
     view: &View<D>,
@@ -423,7 +419,7 @@ fn spent_time<const D: usize>(solution: &Solution<D>, settings: &Settings) -> bo
     solution.seconds >= settings.max_seconds
 }
 
-/// What a state is at some contacts.
+/// The state of some contacts.
 #[must_use]
 pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
     State {
@@ -434,7 +430,7 @@ pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
     }
 }
 
-/// Values at some contacts; none where none are known.
+/// Values of some contacts; empty if there are none.
 #[must_use]
 pub fn pick<T: Copy>(values: &[T], members: &[usize]) -> Vec<T> {
     members

@@ -1,5 +1,5 @@
-//! The number `L = √(αβ)` of section 10, from above: with `L < 1` alternating principles
-//! contract, and the energy `B` that is missing from an answer bounds its error.
+//! An upper bound of `L = √(αβ)` of section 10. If `L < 1`, alternating principles contract,
+//! and the missing energy `B` of a point bounds its error.
 
 use std::sync::atomic::AtomicBool;
 
@@ -9,7 +9,7 @@ use crate::linalg::verified_cholesky::{self, gamma};
 use crate::proof::monotonicity::Monotonicity;
 use crate::proof::weights::Common;
 
-/// An upper bound of `L` that is certain, where it is below 1 and `W` symmetric.
+/// A proved upper bound of `L`, if it is below 1 and `W` is symmetric.
 ///
 /// `c ≥ α = λ_max(M½ W_tt M½)` if `c 1 − M½ W_tt M½` has a Cholesky factor, and then `L ≤ ℓ`
 /// if `W − (c/ℓ²) P_nᵀ M P_n` has one.
@@ -21,7 +21,7 @@ pub fn contraction<const D: usize>(
     common: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    /// Above what was estimated; the last ones for clustered eigenvalues.
+    /// Margins above the estimate; the last ones for clustered eigenvalues.
     const ABOVE: [f64; 3] = [1.02, 1.1, 1.5];
     if !monotonicity.symmetric {
         return Ok(None);

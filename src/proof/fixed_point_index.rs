@@ -1,9 +1,9 @@
-//! The index of an answer, whose sign may prove that there are others.
+//! The index of a solution. Its sign may prove that there are other solutions.
 //!
-//! For `W` positive definite the map (19) has degree +1: as μ falls to zero its
-//! zeros stay bounded, and at μ = 0 there is one, of index +1. Were an answer alone,
-//! at which (19) has a derivative that is not singular, the sign of that derivative's
-//! determinant would be the degree: an answer of index −1 is not alone.
+//! For `W` positive definite the map (19) has degree +1: as μ decreases to zero its zeros stay
+//! bounded, and at μ = 0 there is one, of index +1. If a solution with a regular derivative of
+//! (19) is unique, the sign of the determinant is the degree. So a solution of index −1 is not
+//! unique.
 
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -12,24 +12,23 @@ use crate::error::Error;
 use crate::law::alart_curnier::linearised;
 use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{Block, Vector, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 
-/// An answer this near to a border between statuses, beside the largest
-/// `r̂ − v̂`, is on it.
+/// A solution is at a boundary between two statuses if its distance, relative to the largest
+/// `r̂ − v̂`, is smaller.
 const BORDER: f64 = 1e-8;
 
-/// Newton corrections that an answer may need to be known that well.
+/// Newton corrections that a solution may need for this accuracy.
 const CORRECTIONS: usize = 3;
 
-/// Above this condition rounding might turn the sign of a determinant.
+/// With a larger condition number, rounding might change the sign of a determinant.
 const WORST_CONDITION: f64 = 1e10;
 
-/// The index of an answer, `det(B + A W)/|det(B + A W)|`, with `B`, `A` the
-/// derivatives of (19) by `r` and by `v`; open contacts count 1. `None` at a border
-/// between statuses, where (19) has no derivative, and where rounding might turn
-/// the sign.
+/// The index of a solution, `det(B + A W)/|det(B + A W)|`, with `B`, `A` the derivatives of
+/// (19) by `r` and by `v`; open contacts give 1. `None` at a boundary between statuses, where
+/// (19) has no derivative, and if rounding might change the sign.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -66,7 +65,7 @@ pub fn index<const D: usize>(
     Ok(None)
 }
 
-/// What an answer is away from all borders at least; `None` where it is on one.
+/// The least distance of a solution from all boundaries; `None` if it is on one.
 fn margin<const D: usize>(
     problem: &Reduced<D>,
     nodes: Range<usize>,
@@ -90,14 +89,14 @@ fn margin<const D: usize>(
     nodes.clone().all(clear).then_some(margin)
 }
 
-/// The next point of Newton's method on (19).
+/// The next point of Newton's method for (19).
 struct Corrected<const D: usize> {
     r: Vec<[f64; D]>,
     /// Sign of the determinant of its system.
     sign: f64,
 }
 
-/// `None` where the system is near to singular.
+/// `None` if the system is nearly singular.
 fn newton_step<const D: usize>(
     problem: &Reduced<D>,
     nodes: Range<usize>,
@@ -144,7 +143,7 @@ fn newton_step<const D: usize>(
     };
     // For random signs z, E ‖A⁻¹ z‖² is the square of Frobenius' norm of A⁻¹.
     for seed in 1..=3 {
-        let mut z = signs(n, seed);
+        let mut z = random_signs(n, seed);
         lu.solve(&mut z);
         if !(size * norm(&z) <= WORST_CONDITION) {
             return Ok(None);

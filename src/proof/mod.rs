@@ -1,5 +1,5 @@
-//! What is proved of the answer of a solver: how far it is off, and whether it is the
-//! only one. No solver uses any of it.
+//! Proofs about the result of a solver: its error, and whether the solution is unique. No
+//! solver uses this.
 
 pub mod contraction;
 pub mod error_bound;

@@ -1,4 +1,4 @@
-//! Monotonicity of `r ↦ V`, which proves that there is one answer and bounds how far it is.
+//! Monotonicity of `r ↦ V`. It proves that the solution is unique, and bounds its distance.
 //!
 //! With weights `p_i`, `θ_i > 0`, `S = diag(p on n, 1 on t)`, `V = (p v_n + μ‖v_t‖, v_t)`,
 //! `d = r − r'` and `w = W d`, the triangle inequality and Young's give
@@ -8,8 +8,8 @@
 //! A = sym(S W) − ½ [ Wᵀ P_tᵀ diag(μθ) P_t W + P_nᵀ diag(μ/θ) P_n ]
 //! ```
 //!
-//! `W` need not be symmetric. Where it is known that a contact slides, and nearly
-//! whither, the triangle inequality is not needed: see [`Known`].
+//! `W` need not be symmetric. For a contact that slides in an approximately known direction,
+//! the triangle inequality is not needed: see [`KnownSlip`].
 
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -17,12 +17,12 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::reduced::reduced::Reduced;
 
-/// Weights of contacts, one each.
+/// Weights of all contacts.
 #[derive(Clone, Debug)]
 pub struct Weights {
     /// `p`.
@@ -31,23 +31,23 @@ pub struct Weights {
     pub theta: Vec<f64>,
 }
 
-/// What is known of `v_t` at a contact, at all points between which `V` is compared.
+/// What is known of `v_t` at a contact, for all points whose `V` are compared.
 #[derive(Clone, Copy, Debug)]
-pub enum Known<const D: usize> {
+pub enum KnownSlip<const D: usize> {
     Nothing,
-    /// It has, within `turn`, the direction of this vector `(0, t)`:
+    /// Its direction is, within `turn`, that of the vector `(0, t)`:
     /// `|‖v_t‖ − ‖v_t'‖ − t·w_t| ≤ turn ‖w_t‖`.
     Slides {
         direction: [f64; D],
         turn: f64,
     },
-    /// Its reaction lies inside the cone, and so `v = 0`: there `V` may as well be
-    /// `(p v_n, v_t)`, without the correction that the inequalities are for.
+    /// Its reaction lies inside the cone, so that `v = 0`: then `V = (p v_n, v_t)` may be used,
+    /// without the term that needs the inequalities.
     Sticks,
 }
 
-impl<const D: usize> Known<D> {
-    /// The share of Young's term that is left.
+impl<const D: usize> KnownSlip<D> {
+    /// The remaining share of Young's term.
     fn share(self) -> f64 {
         match self {
             Self::Nothing => 1.0,
@@ -57,11 +57,11 @@ impl<const D: usize> Known<D> {
     }
 }
 
-/// Reactions that are combinations of fewer unknowns: each is one of those kept,
-/// and some of these carry another along, `d_tied = factor · d_kept`.
+/// Reactions that depend on fewer unknowns: each is a kept unknown, and some kept unknowns
+/// determine another one, `d_tied = factor · d_kept`.
 #[derive(Clone, Debug, Default)]
 pub struct Ties {
-    /// Unknowns kept.
+    /// The kept unknowns.
     pub kept: Vec<usize>,
     pub tied: Vec<Option<(usize, f64)>>,
 }
@@ -88,7 +88,7 @@ impl Ties {
         self.kept.is_empty()
     }
 
-    /// Unknowns that take part, ascending.
+    /// The unknowns used, ascending.
     #[must_use]
     pub fn unknowns(&self) -> Vec<usize> {
         let tied = self.tied.iter().flatten().map(|&(unknown, _)| unknown);
@@ -97,13 +97,13 @@ impl Ties {
         all
     }
 
-    /// `‖Z‖²`, `d = Z δ`, from above.
+    /// `‖Z‖²` with `d = Z δ`, rounded up.
     fn stretch(&self) -> f64 {
         let squares = self.tied.iter().flatten().map(|(_, f)| f * f);
         (1.0 + squares.fold(0.0, f64::max)) * (1.0 + gamma(0))
     }
 
-    /// `Zᵀ A Z` of a symmetric matrix over [`Ties::unknowns`] that is right to `error`.
+    /// `Zᵀ A Z` of a symmetric matrix over [`Ties::unknowns`] with an error of `error`.
     #[must_use]
     pub fn compress(&self, (a, error): (Vec<f64>, f64)) -> (Vec<f64>, f64) {
         if self.tied.iter().all(Option::is_none) {
@@ -137,10 +137,10 @@ impl Ties {
     }
 }
 
-/// Units of a problem in powers of two: what is scaled by them is exact.
+/// Units of a problem as powers of two: scaling with them is exact.
 #[derive(Clone, Debug)]
 pub struct Units {
-    /// `v̂ = v · 2^to_v`, contact by contact.
+    /// `v̂ = v · 2^to_v` of each contact.
     pub to_v: Vec<i32>,
     /// `r̂ = r · 2^to_r`.
     pub to_r: Vec<i32>,
@@ -155,8 +155,8 @@ impl Units {
         let scaling = &problem.scaling;
         let to_v: Vec<i32> = scaling.to_v.iter().map(|&s| exponent(s)).collect();
         let first = scaling.to_v.first().zip(scaling.to_r.first());
-        // Their product is a power of two but for rounding, and may leave the range of
-        // doubles, which neither of them does.
+        // Their product is a power of two up to rounding. It may be outside the range of
+        // doubles while both are inside.
         let to_energy = first.map_or(0, |(&v, &r)| {
             let (of_v, of_r) = (exponent(v), exponent(r));
             let digits = times_two_to(v, -of_v) * times_two_to(r, -of_r);
@@ -170,7 +170,7 @@ impl Units {
     }
 }
 
-/// `Ŵ` on the components that friction can act on, exactly.
+/// `Ŵ` on the components that can have a reaction, exactly.
 #[derive(Clone, Debug)]
 pub struct Monotonicity<const D: usize> {
     pub nodes: Range<usize>,
@@ -179,28 +179,28 @@ pub struct Monotonicity<const D: usize> {
     /// Unknown of each component of each contact.
     place: Vec<[Option<usize>; D]>,
     pub mu: Vec<f64>,
-    /// A common θ of other variables in these units, up to a factor: of those with blocks
-    /// of `W` of mean diagonal one, and of the caller's.
+    /// A common θ for other variables in these units, up to a factor: those in which blocks of
+    /// `W` have a mean diagonal of one, and those of the caller.
     pub shapes: [Vec<f64>; 2],
     /// Column by column.
     matrix: Vec<f64>,
-    /// Symmetric to the bit.
+    /// Whether it is bitwise symmetric.
     pub symmetric: bool,
 }
 
-/// Nothing moves the contact at this position, which just touches or does not slide:
-/// its reaction is any.
+/// Nothing moves the contact at this position, which just touches or does not slide: any
+/// reaction is possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Touching(pub usize);
 
 impl<const D: usize> Monotonicity<D> {
-    /// Left out are tangents without friction, whose reaction is zero; contacts that
-    /// stay open since nothing moves their normals; and tangents that nothing moves,
-    /// on which `V` depends by a constant.
+    /// It omits tangents without friction, whose reaction is zero; contacts that stay open
+    /// because nothing moves their normals; and tangents that nothing moves, which add a
+    /// constant to `V`.
     ///
     /// # Errors
-    /// [`Touching`] where the reaction of a component that nothing moves is not
-    /// determined by the rest.
+    /// [`Touching`] if the other reactions do not determine the reaction of a component that
+    /// nothing moves.
     pub fn new(problem: &Reduced<D>, units: &Units, nodes: Range<usize>) -> Result<Self, Touching> {
         let mut components = Vec::new();
         let mut place = vec![[None; D]; nodes.len()];
@@ -264,21 +264,21 @@ impl<const D: usize> Monotonicity<D> {
         (0..self.order()).collect()
     }
 
-    /// Unknown of a component of the contact at a position, where it is one.
+    /// The unknown of a component of the contact at a position, if there is one.
     #[must_use]
     pub fn unknown(&self, position: usize, k: usize) -> Option<usize> {
         self.place[position - self.nodes.start][k]
     }
 
-    /// Contact, counted from the first, and component of an unknown.
+    /// The contact, from the first one, and the component of an unknown.
     #[must_use]
     pub fn contact(&self, unknown: usize) -> (usize, usize) {
         let (position, k) = self.components[unknown];
         (position - self.nodes.start, k)
     }
 
-    /// A tangent with friction that nothing moves, at a contact that may close: its
-    /// reaction follows from the others, and no bound of theirs is one of it.
+    /// Whether a tangent with friction that nothing moves belongs to a contact that may close:
+    /// its reaction follows from the others, and their bound is not a bound of it.
     #[must_use]
     pub fn led_tangent(&self) -> Option<usize> {
         self.nodes.clone().find(|&position| {
@@ -288,8 +288,8 @@ impl<const D: usize> Monotonicity<D> {
         })
     }
 
-    /// The symmetric part of `Ŵ` on some unknowns, column by column, and what rounding
-    /// has made of it in norm.
+    /// The symmetric part of `Ŵ` on some unknowns, by columns, and the norm of its rounding
+    /// error.
     #[must_use]
     pub fn symmetric_part(&self, kept: &[usize]) -> (Vec<f64>, f64) {
         let order = self.order();
@@ -307,11 +307,15 @@ impl<const D: usize> Monotonicity<D> {
         (half, error)
     }
 
-    /// `A` on some unknowns, column by column, and what rounding has made of it in
-    /// norm. `kept` is ascending; contacts none of whose unknowns is kept have the
-    /// same reaction at all points that are compared.
+    /// `A` on some unknowns, by columns, and the norm of its rounding error. `kept` is
+    /// ascending; a contact without kept unknowns has the same reaction at all points compared.
     #[must_use]
-    pub fn form(&self, kept: &[usize], weights: &Weights, known: &[Known<D>]) -> (Vec<f64>, f64) {
+    pub fn form(
+        &self,
+        kept: &[usize],
+        weights: &Weights,
+        known: &[KnownSlip<D>],
+    ) -> (Vec<f64>, f64) {
         let (m, order) = (kept.len(), self.order());
         let entry = |row: usize, column: usize| self.matrix[column * order + row];
         // Rows of the Young term: unknown, and root of its weight.
@@ -324,7 +328,7 @@ impl<const D: usize> Monotonicity<D> {
                 rows.push((unknown, weight.sqrt()));
             }
         }
-        // S W with the directions of sliding in its normal rows, and its sizes.
+        // S W with the directions of sliding in its normal rows, and the sizes of its terms.
         let mut moved = Vec::with_capacity(m * m);
         let mut young = Vec::with_capacity(rows.len() * m);
         let mut squares = 0.0;
@@ -336,7 +340,7 @@ impl<const D: usize> Monotonicity<D> {
                 if k == 0 {
                     value *= weights.normal[contact];
                     size *= weights.normal[contact];
-                    if let Known::Slides { direction, .. } = known[contact] {
+                    if let KnownSlip::Slides { direction, .. } = known[contact] {
                         for (l, t) in direction.iter().enumerate().skip(1) {
                             if let Some(tangent) = self.place[contact][l] {
                                 let term = self.mu[contact] * t * entry(tangent, column);
@@ -380,16 +384,16 @@ impl<const D: usize> Monotonicity<D> {
                 largest = largest.max(loss);
             }
         }
-        // Of each entry of S W some three roundings, of the product those of sums of
-        // as many terms as it has rows, of their difference one more.
+        // About three roundings in each entry of S W; in the product, those of sums with as
+        // many terms as rows; one more in the difference.
         let error = 8.0 * f64::EPSILON * (squares.sqrt() + largest)
             + gamma(rows.len() + 8) * norm(&young).powi(2);
         (a, error)
     }
 }
 
-/// An `α` with `L Lᵀ ≽ α H`, proved, for a symmetric `A` of which `lower` is below, and
-/// a positive definite `H`; each with what rounding has made of it.
+/// An `α` with `L Lᵀ ≽ α H`, proved, for a symmetric `A` with the lower factor `lower` and a
+/// positive definite `H`; both with their rounding errors.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -399,7 +403,7 @@ pub fn least_ratio(
     (half, of_half): (&[f64], f64),
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    /// Above what the iteration finds, which lies below the truth.
+    /// A margin above the estimate, which is too small.
     const ABOVE: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
     let m = lower.order();
     if m == 0 {
@@ -415,7 +419,7 @@ pub fn least_ratio(
         let alpha = 1.0 / (above * largest);
         let pairs = form.iter().zip(half);
         let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
-        // L Lᵀ itself lies lower than A.
+        // L Lᵀ is even lower than A.
         let sizes = norm(form) + alpha * norm(half);
         let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
         if verified_cholesky::is_definite(rest, m, room, stop)? {
@@ -425,7 +429,7 @@ pub fn least_ratio(
     Ok(None)
 }
 
-/// An entry of `Ŵ`: by the reaction of one component on another.
+/// An entry of `Ŵ`: the displacement of one component by the reaction of another.
 pub(super) fn scaled_entry<const D: usize>(
     problem: &Reduced<D>,
     units: &Units,
@@ -436,16 +440,16 @@ pub(super) fn scaled_entry<const D: usize>(
     times_two_to(entry, units.to_v[i] - units.to_r[j])
 }
 
-/// The largest eigenvalue of a symmetric positive semidefinite operator, from below:
-/// Lanczos, whose first vector no structure is blind to.
+/// A lower estimate of the largest eigenvalue of a symmetric positive semidefinite operator, by
+/// Lanczos's method. The irregular first vector has components along all eigenvectors.
 pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
     const PRODUCTS: usize = 40;
-    let mut x = signs(n, 0);
+    let mut x = random_signs(n, 0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     let (mut length, mut size) = (norm(&x), 0.0_f64);
     for _ in 0..PRODUCTS.min(n) {
-        // What is left is rounding: all that the start holds has been seen.
+        // The remainder is rounding: the Krylov space is complete.
         if !(length > 1e-10 * size) {
             break;
         }
@@ -464,7 +468,7 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
         diagonal.push(along);
         size = size.max(along.abs()).max(norm(&y));
         basis.push(x);
-        // Against all of them: without, what has converged comes back.
+        // Orthogonal to all of them: otherwise converged vectors return.
         for _ in 0..2 {
             for earlier in &basis {
                 let part = dot_long(earlier, &y);
@@ -479,7 +483,7 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
     largest_of_tridiagonal(&diagonal, &beside)
 }
 
-/// By bisection, counting negative pivots.
+/// By bisection with counts of negative pivots.
 fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> f64 {
     const HALVINGS: usize = 50;
     let size = |values: &[f64]| values.iter().fold(0.0_f64, |m, x| m.max(x.abs()));

@@ -1,5 +1,5 @@
-//! Whether an answer is the only one: a proof that it is, a proof that it is
-//! not, or neither.
+//! Decides whether a solution is unique: a proof that it is, a proof that it is not, or
+//! neither.
 
 use std::cell::LazyCell;
 use std::ops::Range;
@@ -8,12 +8,12 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
-use crate::proof::monotonicity::{Known, Monotonicity, Units, Weights};
+use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
 
-/// What is known of the number of answers.
+/// What is known of the number of solutions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unique {
     Proved,
@@ -32,19 +32,19 @@ impl Unique {
     }
 }
 
-/// Up to this many plane contacts, 4⁶ leaves in milliseconds, statuses are
-/// exhausted where both criteria are silent.
+/// With at most this many plane contacts, 4⁶ leaves in milliseconds, all statuses are tried if
+/// both criteria decide nothing.
 const FEW: usize = 6;
 
-/// Unknowns of a sparse island above which nothing is proved: both criteria form
-/// dense matrices, which a sparse `W` was given to avoid.
+/// A sparse island with more unknowns is not decided: both criteria form dense matrices, which
+/// the caller avoids with a sparse `W`.
 const LARGEST: usize = 3000;
 
-/// Bytes above which nothing is proved of a dense island either: some seconds' work.
+/// A dense island that needs more bytes is not decided: this is some seconds of work.
 pub const MOST_BYTES: usize = 1 << 29;
 
-/// Bytes at the height of a proof, of as many contacts in `D` dimensions of which some
-/// have friction: `Ŵ` and its factor, or the form, the parts of it and what they are of.
+/// Largest number of bytes of a proof with this many contacts in `D` dimensions, some with
+/// friction: `Ŵ` and its factor, or the form with its terms.
 #[must_use]
 pub fn bytes<const D: usize>(contacts: usize, with_friction: usize) -> usize {
     let tangents = (D - 1) * with_friction;
@@ -53,7 +53,7 @@ pub fn bytes<const D: usize>(contacts: usize, with_friction: usize) -> usize {
     size_of::<f64>() * order * (matrices * order + tangents)
 }
 
-/// Whether the answer `r`, in the order of positions, is the only one.
+/// Decides whether the solution `r`, in the order of positions, is unique.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -65,7 +65,7 @@ pub fn assess<const D: usize>(
     if !problem.rigid.modes.is_empty() || problem.contradiction.is_some() {
         return Ok(Unique::Unknown);
     }
-    // A product with all of W, which nothing needs where no island is judged.
+    // This product needs the whole W: omit it if no island can be decided.
     let v = LazyCell::new(|| problem.relative_displacement(r, &[]));
     let mut verdict = Unique::Proved;
     for island in problem.compliance.islands() {
@@ -80,7 +80,7 @@ pub fn assess<const D: usize>(
         }
         match assess_island(problem, island.nodes.clone(), r, &v, stop)? {
             Unique::Proved => {}
-            // The other islands may stay as they are.
+            // The other islands do not change.
             Unique::OthersExist => return Ok(Unique::OthersExist),
             Unique::Unknown => verdict = Unique::Unknown,
         }
@@ -88,7 +88,7 @@ pub fn assess<const D: usize>(
     Ok(verdict)
 }
 
-/// [`assess`] in the plane, where few contacts can be exhausted.
+/// [`assess`] in the plane, where all statuses of few contacts can be tried.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -109,11 +109,11 @@ pub fn assess_plane(
     })
 }
 
-/// Two answers nearer than this, beside their size, may be one that a condition of
-/// ten digits has split.
+/// Two solutions with a smaller relative distance may be one that a condition number of 1e10
+/// has split.
 const APART: f64 = 1e-6;
 
-/// Whether some two answers differ by more than rounding can make of one.
+/// Whether two solutions differ by more than rounding.
 fn apart(problem: &Reduced<2>, answers: &[(Vec<[f64; 2]>, Vec<f64>)]) -> bool {
     let scaling = &problem.scaling;
     let first = &answers[0].0;
@@ -147,14 +147,14 @@ fn assess_island<const D: usize>(
     if monotonicity.mu.iter().all(|&mu| mu == 0.0) {
         return Ok(Unique::Proved);
     }
-    let known = vec![Known::Nothing; monotonicity.mu.len()];
+    let known = vec![KnownSlip::Nothing; monotonicity.mu.len()];
     let monotone = |weights: &Weights| {
         let (form, error) = monotonicity.form(&kept, weights, &known);
         verified_cholesky::is_definite(form, n, error, stop)
     };
     let common = weights::common(&monotonicity, &lower);
     drop(lower);
-    // Its least eigenvalue is 1 − κ, and κ is estimated from below.
+    // Its least eigenvalue is 1 − κ, and the estimate of κ is too small.
     let hopeless = monotonicity.symmetric && common.kappa() >= 1.0;
     if !hopeless && monotone(&common.weights)? {
         return Ok(Unique::Proved);

@@ -1,20 +1,21 @@
-//! Weights that make the matrix `A` of [`monotonicity`](crate::proof::monotonicity) as definite
-//! as may be.
+//! Weights for which the matrix `A` of [`monotonicity`](crate::proof::monotonicity) is as
+//! definite as possible.
 //!
-//! Any weights are right: what follows from them is proved afterwards. For `p = 1` and
-//! one common θ, `A ≽ (1 − κ) W` with, in closed form, `κ = ½ √(αβ)` at `θ = √(β/α)`, where
+//! Any weights are valid, because the result is proved afterwards. With `p = 1` and one common
+//! θ, `A ≽ (1 − κ) W` with, in closed form, `κ = ½ √(αβ)` at `θ = √(β/α)`, where
 //! `α = λ_max(M½ W_tt M½)`, `β = λ_max(M½ (W⁻¹)_nn M½)`, `M = diag μ`.
 //!
-//! Where that is not enough they are found contact by contact. `A` is concave in `θ` in
-//! the order of quadratic forms, and so is `log det (A − σ W)`: at its maximum
+//! If this is not sufficient, each contact gets its own weights. `A` is concave in `θ` in the
+//! order of quadratic forms, and so is `log det (A − σ W)`. At its maximum
 //!
 //! ```text
 //! θ_i² = X_nn,ii / tr (W X Wᵀ)_tt,ii,      X = (A − σ W)⁻¹
 //! ```
 //!
-//! and with `− Σ log p_i`, which takes out that p only scales rows, `p_i = 1/(W X)_nn,ii · p_i`.
-//! Steps towards these, in logarithms, go up component by component; they are shortened
-//! until the sum does. Then σ follows the least eigenvalue of `A` against `W` from below.
+//! The term `− Σ log p_i` removes the effect of p as a scaling of rows; with it,
+//! `p_i = 1/(W X)_nn,ii · p_i`. Steps towards these values, in logarithms, are ascent
+//! directions; they are shortened until the sum increases. Then σ follows the least eigenvalue
+//! of `A` relative to `W` from below.
 
 use std::sync::atomic::AtomicBool;
 
@@ -22,22 +23,22 @@ use crate::error::Error;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
 use crate::linalg::verified_cholesky::Lower;
-use crate::proof::monotonicity::{Known, Monotonicity, Weights, largest, product};
+use crate::proof::monotonicity::{KnownSlip, Monotonicity, Weights, largest, product};
 
-/// Below this κ a bound gains less from other weights than they cost.
+/// Below this κ, other weights improve a bound by less than they cost.
 const GOOD: f64 = 0.5;
 
-/// Unknowns up to which weights are sought contact by contact.
+/// With at most this many unknowns, each contact may get its own weights.
 pub const MOST_UNKNOWNS: usize = 1000;
 
-/// Rounds of that search: about five products of matrices each.
+/// Rounds of this search; each costs about five matrix products.
 const ROUNDS: usize = 24;
 
-/// Weights in closed form, with estimates of what they follow from.
+/// Weights in closed form, with the estimates that give them.
 #[derive(Clone, Debug)]
 pub struct Common {
     pub weights: Weights,
-    /// `θ` is a multiple of this: α and β are of `diag(μ shape)`, `diag(μ / shape)`.
+    /// `θ` is a multiple of this: α and β belong to `diag(μ shape)` and `diag(μ / shape)`.
     pub shape: Vec<f64>,
     pub alpha: f64,
     pub beta: f64,
@@ -51,7 +52,8 @@ impl Common {
     }
 }
 
-/// The best common θ, of scaled variables or of the caller's, with `p = 1`; `lower` is below the symmetric part of `W`.
+/// The best common θ of the scaled variables, or of those of the caller, with `p = 1`. `lower`
+/// is a factor below the symmetric part of `W`.
 #[must_use]
 pub fn common<const D: usize>(monotonicity: &Monotonicity<D>, lower: &Lower) -> Common {
     let of_shapes = monotonicity.shapes.each_ref();
@@ -117,8 +119,8 @@ fn of_shape<const D: usize>(
     }
 }
 
-/// Weights contact by contact, from common ones; nothing where those will do, or the
-/// search would take too long.
+/// Weights of each contact, from common ones; `None` if those suffice, or if the search would
+/// take too long.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -130,9 +132,9 @@ pub fn refined<const D: usize>(
     if start.kappa() < GOOD || monotonicity.order() > MOST_UNKNOWNS {
         return Ok(None);
     }
-    let mut search = Search::new(monotonicity);
+    let mut search = WeightSearch::new(monotonicity);
     let mut weights = start.weights.clone();
-    // 1 − κ is the least eigenvalue at the start.
+    // At the start the least eigenvalue is 1 − κ.
     let mut least = 1.0 - start.kappa();
     let mut gap = 0.3 * least.abs().max(0.1);
     let mut best = (f64::NEG_INFINITY, None);
@@ -179,10 +181,10 @@ pub fn refined<const D: usize>(
     Ok(best.1)
 }
 
-/// `log p` and `log θ` of every contact.
-type Step = (Vec<f64>, Vec<f64>);
+/// `log p` and `log θ` of each contact.
+type LogStep = (Vec<f64>, Vec<f64>);
 
-fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
+fn towards(weights: &Weights, step: &LogStep, share: f64) -> Weights {
     let along = |from: &[f64], by: &[f64]| {
         let pairs = from.iter().zip(by);
         pairs.map(|(w, s)| w * (share * s).exp()).collect()
@@ -193,27 +195,27 @@ fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
     }
 }
 
-struct Search<'a, const D: usize> {
+struct WeightSearch<'a, const D: usize> {
     monotonicity: &'a Monotonicity<D>,
     kept: Vec<usize>,
-    known: Vec<Known<D>>,
+    known: Vec<KnownSlip<D>>,
     half: Vec<f64>,
 }
 
-/// A factor of `A − σ W`, and what is made as large as may be.
+/// A factor of `A − σ W`, and the function to be maximised.
 struct Centre {
     sigma: f64,
     factor: Vec<f64>,
     value: f64,
 }
 
-impl<'a, const D: usize> Search<'a, D> {
+impl<'a, const D: usize> WeightSearch<'a, D> {
     fn new(monotonicity: &'a Monotonicity<D>) -> Self {
         let kept = monotonicity.all();
         let (half, _) = monotonicity.symmetric_part(&kept);
         Self {
             monotonicity,
-            known: vec![Known::Nothing; monotonicity.mu.len()],
+            known: vec![KnownSlip::Nothing; monotonicity.mu.len()],
             kept,
             half,
         }
@@ -242,11 +244,11 @@ impl<'a, const D: usize> Search<'a, D> {
         }))
     }
 
-    fn step(&mut self, here: &Centre, weights: &Weights) -> Step {
-        /// In logarithms.
+    fn step(&mut self, here: &Centre, weights: &Weights) -> LogStep {
+        /// Gradients for the logarithms.
         const LONGEST: f64 = 1.5;
         let n = self.kept.len();
-        // L⁻¹ and L⁻¹ Wᵀ: their columns have the lengths that are asked for.
+        // L⁻¹ and L⁻¹ Wᵀ: the lengths of their columns are needed.
         let mut inverse = vec![0.0; n * n];
         for k in 0..n {
             inverse[k * (n + 1)] = 1.0;
@@ -254,7 +256,7 @@ impl<'a, const D: usize> Search<'a, D> {
         dense::solve_lower(&here.factor, n, &mut inverse, n);
         let mut moved = vec![0.0; n * n];
         let shape = (n, n, n);
-        // Of an asymmetric W the symmetric part: weights need not be the best ones.
+        // The symmetric part of an asymmetric W: weights need not be optimal.
         dense::matmul(
             &mut moved,
             shape,
@@ -302,7 +304,7 @@ impl<'a, const D: usize> Search<'a, D> {
         (finite(normal), finite(theta))
     }
 
-    /// The least eigenvalue of `A − σ W` against `W`, estimated.
+    /// An estimate of the least eigenvalue of `A − σ W` relative to `W`.
     fn least(&self, here: &Centre) -> f64 {
         let n = self.kept.len();
         let most = largest(n, |x| {

@@ -1,5 +1,5 @@
-//! NumPy arrays to slices and back. Python has checked types and shapes; what is
-//! checked here is what memory safety asks.
+//! Conversion of NumPy arrays to slices and back. Python checks types and shapes; here only
+//! memory safety is checked.
 
 use numpy::ndarray::Array2;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -8,21 +8,21 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::reduced::elliptic_scaling::{Friction, Stretch};
+use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// A C-contiguous matrix of `f64`.
 pub(super) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
-/// Indices or row pointers, as wide as the caller has them: a copy of those of `K`
-/// would be a good part of `K`.
+/// Indices or row pointers of 32 or 64 bits, as the caller has them: a copy of those of `K`
+/// needs a large part of the memory of `K`.
 #[derive(FromPyObject)]
 pub(super) enum Indices<'py> {
     Narrow(PyReadonlyArray1<'py, i32>),
     Wide(PyReadonlyArray1<'py, i64>),
 }
 
-/// Friction coefficients, one a contact or one a tangent of each.
+/// Friction coefficients: one for each contact, or one for each tangent.
 #[derive(FromPyObject)]
 pub(super) enum Coefficients<'py> {
     Round(Vector<'py>),
@@ -30,15 +30,14 @@ pub(super) enum Coefficients<'py> {
 }
 
 impl Coefficients<'_> {
-    /// `μ` of the problem that is solved in space of `D` dimensions, and the change of
-    /// variables that leads to it.
+    /// `μ` of the problem that is solved in `D` dimensions, and the change of variables to it.
     pub(super) fn friction<const D: usize>(&self) -> PyResult<Friction> {
         match self {
             Self::Round(mu) => Ok((mu.as_slice()?.to_vec(), None)),
             Self::Elliptic(_) if D == 2 => Err(PyValueError::new_err(
-                "mu has two coefficients a contact, in the plane there is one tangent",
+                "mu has two coefficients of each contact, expected one: a plane contact has one tangent",
             )),
-            Self::Elliptic(mu) => Ok(Stretch::new(rows::<2>(mu)?)?),
+            Self::Elliptic(mu) => Ok(EllipticScaling::new(rows::<2>(mu)?)?),
         }
     }
 }
@@ -56,7 +55,7 @@ pub(super) fn rows<'a, const D: usize>(array: &'a Matrix<'_>) -> PyResult<&'a [[
     }
 }
 
-/// [`rows`] of an array that must have one for each of `contacts`.
+/// [`rows`] of an array with one row for each of `contacts`.
 pub(super) fn rows_of<'a, const D: usize>(
     what: &'static str,
     array: &'a Matrix<'_>,
@@ -67,7 +66,7 @@ pub(super) fn rows_of<'a, const D: usize>(
     Ok(rows)
 }
 
-/// Refuses an array of another length than what it belongs to.
+/// Refuses an array of a wrong length.
 pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
     if found == expected {
         return Ok(());
@@ -79,7 +78,7 @@ pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Resul
     })
 }
 
-/// Indices as the core counts them.
+/// Indices as `usize`.
 pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
     fn convert<T: Copy>(values: &[T]) -> Option<Vec<usize>>
     where

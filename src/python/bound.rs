@@ -1,11 +1,11 @@
-//! How far a point is from the answer, proved.
+//! Proved error bounds of a point.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
 use crate::path::stepping::{increment, reduced_step};
-use crate::proof::error_bound::{Bound, Kind, Prepared, Reason};
+use crate::proof::error_bound::{Bound, BoundKind, Prepared, Reason};
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::elliptic_scaling::over;
@@ -13,14 +13,14 @@ use crate::reduced::elliptic_scaling::over;
 type Dicts<'py> = Vec<Told<'py>>;
 type Told<'py> = pyo3::Bound<'py, PyDict>;
 
-/// Bounds at some points of one problem, their reactions one below the other.
+/// Bounds at several points of one problem; their reactions are stacked.
 ///
-/// `reported` is what is told as relative displacement beside each of them.
+/// `reported` are the reported relative displacements of these points.
 #[pyfunction]
 #[pyo3(signature = (problem, reactions, points, rigid, reported=None, num_threads=None))]
 pub(super) fn error_bounds<'py>(
     py: Python<'py>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
     reactions: Matrix<'py>,
     points: usize,
     rigid: Vector<'py>,
@@ -38,9 +38,9 @@ pub(super) fn error_bounds<'py>(
             if let Some(told) = told {
                 arrays::length("reported", told.len(), rows.len())?;
             }
-            let stretch = $owned.stretch.as_ref();
+            let elliptic = $owned.elliptic.as_ref();
             let found = $owned.run(py, num_threads, None, |problem, stop, _| {
-                let prepared = match stretch {
+                let prepared = match elliptic {
                     None => Prepared::new(problem, stop)?,
                     Some(_) => Prepared::refused(problem, Reason::Directional),
                 };
@@ -48,7 +48,7 @@ pub(super) fn error_bounds<'py>(
                 let mut found = Vec::new();
                 for k in 0..points {
                     let r = &rows[k * contacts..][..contacts];
-                    let r = problem.compliance.gather(&over(stretch, r));
+                    let r = problem.compliance.gather(&over(elliptic, r));
                     let told =
                         told.map(|v| problem.compliance.gather(&v[k * contacts..][..contacts]));
                     let given = told.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
@@ -61,19 +61,19 @@ pub(super) fn error_bounds<'py>(
         }};
     }
     match &problem.kind {
-        solver::Kind::Two(owned) => of!(owned, 2),
-        solver::Kind::Three(owned) => of!(owned, 3),
+        solver::AnyReduced::Two(owned) => of!(owned, 2),
+        solver::AnyReduced::Three(owned) => of!(owned, 3),
     }
 }
 
-/// The same for a step of a load path: total loads, the total relative displacement
-/// that the step before left, and that of the step. Nothing with a working set.
+/// The same for a step of a load path, from the total loads, the total relative displacement
+/// after the step before, and that of the step. `None` with a working set.
 #[pyfunction]
 #[pyo3(signature = (problem, load, prescribed, before, reaction, reported, rigid))]
 #[expect(clippy::too_many_arguments, reason = "what makes a step, from Python")]
 pub(super) fn error_bound_of_step<'py>(
     py: Python<'py>,
-    problem: &problem::Condensed,
+    problem: &problem::PyCondensed,
     load: Vector<'py>,
     prescribed: Vector<'py>,
     before: Option<Matrix<'py>>,
@@ -88,7 +88,7 @@ pub(super) fn error_bound_of_step<'py>(
             let contacts = $inner.contacts();
             let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
-            let stretched = problem.stretch.is_some();
+            let is_elliptic = problem.elliptic.is_some();
             let reported = arrays::rows_of("reported", &reported, contacts)?;
             arrays::length("rigid_motion", rigid.len(), $inner.bodies().motions().len())?;
             let Problem::Whole(whole) = &**$inner else {
@@ -100,7 +100,7 @@ pub(super) fn error_bound_of_step<'py>(
                 let (v, error) = increment(reported, state.as_ref());
                 let (v, error) = (order.gather(&v), order.gather(&error));
                 let r = order.gather(&reaction);
-                let prepared = if stretched {
+                let prepared = if is_elliptic {
                     Prepared::refused(&reduced, Reason::Directional)
                 } else {
                     Prepared::new(&reduced, stop)?
@@ -112,8 +112,8 @@ pub(super) fn error_bound_of_step<'py>(
         }};
     }
     match &problem.kind {
-        problem::Kind::Two(inner) => of!(inner),
-        problem::Kind::Three(inner) => of!(inner),
+        problem::AnyProblem::Two(inner) => of!(inner),
+        problem::AnyProblem::Three(inner) => of!(inner),
     }
 }
 
@@ -127,7 +127,7 @@ fn dict<'py, const D: usize>(
     dict.set_item("unique", unique)?;
     dict.set_item("gap", arrays::from_vec(py, bound.gap.clone()))?;
     dict.set_item("share", bound.share)?;
-    if let Kind::NotAvailable(reason) = bound.kind {
+    if let BoundKind::NotAvailable(reason) = bound.kind {
         let (word, which) = reason.told();
         dict.set_item("reason", word)?;
         dict.set_item("which", which)?;

@@ -1,4 +1,4 @@
-//! One answer or several: what is known of their number, and all of them.
+//! The number of solutions, and all solutions.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,18 +12,18 @@ use crate::python::interrupt;
 use crate::python::solver::solution_dict;
 use crate::python::{problem, solver};
 use crate::solver::enumerate;
-use crate::solver::{Settings, judged};
+use crate::solver::{Settings, certified};
 
-/// The answers, and whether there is no other.
+/// The solutions, and whether there are no others.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
 
-/// Every answer of a small plane problem, by exhausting the statuses.
+/// All solutions of a small plane problem, found by trying all statuses.
 #[pyfunction]
 pub(super) fn answers<'py>(
     py: Python<'py>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
 ) -> PyResult<Option<Answers<'py>>> {
-    let solver::Kind::Two(owned) = &problem.kind else {
+    let solver::AnyReduced::Two(owned) = &problem.kind else {
         return Ok(None);
     };
     if owned.contacts() > enumerate::MOST_CONTACTS {
@@ -32,7 +32,7 @@ pub(super) fn answers<'py>(
     let (all, complete) = owned.run(py, Some(1), None, |reduced, stop, _| {
         let found = enumerate::answers(reduced, stop)?;
         let as_solution =
-            |(r, a): &(Vec<_>, Vec<_>)| judged(reduced, &Settings::default(), r, a, stop);
+            |(r, a): &(Vec<_>, Vec<_>)| certified(reduced, &Settings::default(), r, a, stop);
         let all: Result<Vec<_>, Error> = found.answers.iter().map(as_solution).collect();
         Ok((all?, found.complete))
     })?;
@@ -40,23 +40,23 @@ pub(super) fn answers<'py>(
     Ok(Some((dicts.collect::<PyResult<_>>()?, complete)))
 }
 
-/// What is known of the number of answers, from one of them.
+/// What one solution implies for the number of solutions.
 #[pyfunction]
 #[pyo3(signature = (problem, reaction, num_threads=None))]
 pub(super) fn assess(
     py: Python<'_>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
     reaction: Matrix<'_>,
     num_threads: Option<usize>,
 ) -> PyResult<&'static str> {
     let verdict = match &problem.kind {
-        solver::Kind::Two(owned) => {
+        solver::AnyReduced::Two(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess_plane(problem, &problem.compliance.gather(&r), stop)
             })?
         }
-        solver::Kind::Three(owned) => {
+        solver::AnyReduced::Three(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess(problem, &problem.compliance.gather(&r), stop)
@@ -66,13 +66,13 @@ pub(super) fn assess(
     Ok(verdict.name())
 }
 
-/// The same for a step of a load path: total loads, and the total relative
-/// displacement that the step before left.
+/// The same for a step of a load path, from the total loads and the total relative displacement
+/// after the step before.
 #[pyfunction]
 #[pyo3(signature = (problem, load, prescribed, before, reaction))]
 pub(super) fn assess_step(
     py: Python<'_>,
-    problem: &problem::Condensed,
+    problem: &problem::PyCondensed,
     load: Vector<'_>,
     prescribed: Vector<'_>,
     before: Option<Matrix<'_>>,
@@ -85,8 +85,7 @@ pub(super) fn assess_step(
             let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
             let Problem::Whole(whole) = &**$inner else {
-                // Of the contacts outside a working set nothing is known but that
-                // they are open in this answer.
+                // Contacts outside a working set are only known to be open in this solution.
                 return Ok(uniqueness::Unique::Unknown.name());
             };
             let r = whole.compliance().gather(&reaction);
@@ -97,8 +96,8 @@ pub(super) fn assess_step(
         }};
     }
     let verdict = match &problem.kind {
-        problem::Kind::Two(inner) => of!(inner, uniqueness::assess_plane),
-        problem::Kind::Three(inner) => of!(inner, uniqueness::assess),
+        problem::AnyProblem::Two(inner) => of!(inner, uniqueness::assess_plane),
+        problem::AnyProblem::Three(inner) => of!(inner, uniqueness::assess),
     };
     Ok(verdict.name())
 }

@@ -1,4 +1,4 @@
-//! The one place where [`Error`] becomes an exception.
+//! Converts [`Error`] to exceptions.
 
 use pyo3::exceptions::{
     PyArithmeticError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
@@ -44,14 +44,14 @@ impl From<Error> for PyErr {
             Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         };
         if let Some(dof) = dof {
-            // Whose it is, Python knows: it puts the name of the body in front.
+            // Python adds the name of the body.
             Python::attach(|py| drop(made.value(py).setattr("dof", dof)));
         }
         made
     }
 }
 
-/// The degree of freedom that an error speaks of.
+/// The degree of freedom of an error.
 fn place(error: &Error) -> Option<usize> {
     match *error {
         Error::FloatingBody { dof } | Error::FewDigits { dof } | Error::Indefinite { dof } => {
@@ -67,7 +67,7 @@ impl From<Panicked> for PyErr {
     }
 }
 
-/// An exception of `bipot_rs.contact.errors`, which is Python because it carries a result.
+/// An exception of `bipot_rs.contact.errors`. It is a Python class because it carries a result.
 fn ours(name: &str, text: String) -> PyErr {
     Python::attach(|py| {
         let made = PyModule::import(py, "bipot_rs.contact.errors")
@@ -75,7 +75,7 @@ fn ours(name: &str, text: String) -> PyErr {
             .and_then(|class| class.call1((text.clone(),)));
         match made {
             Ok(exception) => PyErr::from_value(exception),
-            // The package is broken; say at least what was to be said.
+            // The package is incomplete: keep the message.
             Err(_) => PyArithmeticError::new_err(text),
         }
     })

@@ -1,4 +1,4 @@
-//! What an answer is away from the exact one.
+//! Estimates of the error of a solution.
 
 use pyo3::prelude::*;
 
@@ -13,13 +13,13 @@ use crate::solver::newton::refine::{Point, forward_error};
 
 type Estimate = Option<(f64, f64)>;
 
-/// Relative forward errors of the reaction and of the relative displacement, by
-/// one further Newton correction.
+/// Relative forward errors of the reaction and of the relative displacement, from one further
+/// Newton correction.
 #[pyfunction]
 #[pyo3(signature = (problem, reaction, rigid, num_threads=None))]
 pub(super) fn forward_errors(
     py: Python<'_>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
     reaction: Matrix<'_>,
     rigid: Vector<'_>,
     num_threads: Option<usize>,
@@ -36,13 +36,13 @@ pub(super) fn forward_errors(
     let rigid = rigid.as_slice()?;
     problem.check_motion(rigid)?;
     match &problem.kind {
-        solver::Kind::Two(owned) => {
+        solver::AnyReduced::Two(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
             })
         }
-        solver::Kind::Three(owned) => {
+        solver::AnyReduced::Three(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
@@ -51,12 +51,12 @@ pub(super) fn forward_errors(
     }
 }
 
-/// The same for a step of a load path, judged by `K` itself: total loads, and the
-/// total relative displacement that the step before left.
+/// The same for a step of a load path, with `K` itself, from the total loads and the total
+/// relative displacement after the step before.
 #[pyfunction]
 pub(super) fn forward_errors_of_step(
     py: Python<'_>,
-    problem: &problem::Condensed,
+    problem: &problem::PyCondensed,
     load: Vector<'_>,
     prescribed: Vector<'_>,
     before: Option<Matrix<'_>>,
@@ -80,7 +80,8 @@ pub(super) fn forward_errors_of_step(
                 let r = r.gather(&working_set::pick(&reaction, members));
                 let reduced = reduced_step(of_view, loads.0, loads.1, state.as_ref())?;
                 let point = evaluate(of_view, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
-                // Of a step, the total is what is told: gaps are total anyway.
+                // The reported displacement is the total one; normal components are always
+                // total.
                 let mut total = Vec::new();
                 if let Some(state) = &state {
                     let before = &state.relative_displacement;
@@ -98,7 +99,7 @@ pub(super) fn forward_errors_of_step(
         }};
     }
     match &problem.kind {
-        problem::Kind::Two(inner) => of!(inner),
-        problem::Kind::Three(inner) => of!(inner),
+        problem::AnyProblem::Two(inner) => of!(inner),
+        problem::AnyProblem::Three(inner) => of!(inner),
     }
 }

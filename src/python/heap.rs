@@ -1,4 +1,4 @@
-//! The heap of a process of our own.
+//! The heap of a process that runs only bipot_rs.
 
 use pyo3::prelude::*;
 

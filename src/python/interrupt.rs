@@ -1,4 +1,4 @@
-//! Long work off the interpreter's lock, stopped by Ctrl-C within a tenth of a second.
+//! Runs long work without the interpreter lock; Ctrl-C stops it within a tenth of a second.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -10,14 +10,14 @@ use crate::error::Error;
 use crate::panics::caught;
 use crate::threads;
 
-/// How often the calling thread looks for a signal.
+/// Interval at which the calling thread checks for signals.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs `work` in the pool of `num_threads`, the interpreter released; the
-/// calling thread looks for signals meanwhile and raises the flag it is given.
+/// Runs `work` in the pool of `num_threads` without the interpreter lock. The calling thread
+/// checks for signals and then sets the flag.
 ///
 /// # Errors
-/// What `work` returns, or the exception of the signal; of a panic a `RuntimeError`.
+/// The error of `work`, or the exception of the signal; a `RuntimeError` for a panic.
 pub(super) fn run<T: Send>(
     py: Python<'_>,
     num_threads: Option<usize>,
@@ -26,11 +26,11 @@ pub(super) fn run<T: Send>(
     watch(py, num_threads, &|_| Ok(()), work)
 }
 
-/// [`run`], with `tell` called as often as signals are looked for; an exception
-/// from it stops the work as a signal does.
+/// [`run`], calling `tell` as often as it checks for signals. An exception from `tell` stops
+/// the work too.
 ///
 /// # Errors
-/// What `work` returns, or the exception of the signal or of `tell`.
+/// The error of `work`, or the exception of the signal or of `tell`.
 pub(super) fn watch<T: Send>(
     py: Python<'_>,
     num_threads: Option<usize>,
@@ -45,19 +45,19 @@ pub(super) fn watch<T: Send>(
     };
     let mut signal = None;
     let result = py.detach(|| {
-        // A worker of the pool does the work: a thread of its own would cost a
-        // small problem more than its solution.
+        // A worker of the pool does the work: starting a thread would take longer than a small
+        // problem.
         pool.in_place_scope(|scope| {
             let (done, finished) = mpsc::channel();
             let stop = &stop;
             scope.spawn(move |_| {
-                // The receiver outlives this task.
+                // The receiver exists longer than this task.
                 let _ = done.send(caught(|| work(stop)));
             });
             loop {
                 match finished.recv_timeout(LOOK) {
                     Ok(result) => return Some(result),
-                    // Not sent: the task was never run.
+                    // Nothing was sent: the task did not run.
                     Err(mpsc::RecvTimeoutError::Disconnected) => return None,
                     Err(mpsc::RecvTimeoutError::Timeout) => {}
                 }

@@ -12,6 +12,7 @@ mod errors;
 mod estimate;
 mod heap;
 mod interrupt;
+mod load_path;
 mod problem;
 mod solver;
 
@@ -28,9 +29,26 @@ mod _core {
     #[pymodule_export]
     use super::heap::keep_heap;
     #[pymodule_export]
-    use super::problem::{Condensed, Path, follow};
+    use super::load_path::{PyPath, follow};
     #[pymodule_export]
-    use super::solver::{Reduced, is_sparse, project, threads};
+    use super::problem::PyCondensed;
+    #[pymodule_export]
+    use super::solver::{PyReduced, is_sparse, isotropic, project, threads};
+
+    /// Two friction coefficients of a contact are within this factor of each other.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const largest_friction_ratio: f64 = crate::reduced::elliptic_scaling::LARGEST_RATIO;
+
+    /// Reactions that are this many times the loads are not a solution.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const largest_reaction: f64 = crate::reduced::existence::LARGEST_REACTION;
+
+    /// Loads that are out of balance by a smaller share count as balanced.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const least_work: f64 = crate::reduced::existence::LEAST_WORK;
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]
@@ -41,7 +59,7 @@ mod _core {
         "release"
     };
 
-    /// Of the crate that this module was compiled from.
+    /// The version of the crate.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const version: &str = env!("CARGO_PKG_VERSION");

@@ -1,80 +1,74 @@
-//! The condensed contact problem and its load path.
+//! The condensed contact problem.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use numpy::{PyArray1, PyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::prelude::*;
 
 use crate::condensation::bodies::{Loaded, Loads};
-use crate::condensation::condense::{Given, Sorted};
+use crate::condensation::condense::{ProblemArrays, SortedProblem};
 use crate::condensation::forecast::{Forecast, Notice};
 use crate::condensation::problem::{Confirmed, Problem};
 use crate::condensation::sparse::Rows;
 use crate::error::Error;
-use crate::law::cone::Status;
 use crate::linalg::sparse::csc::Symmetric;
-use crate::path::stepping::{State, Step};
-use crate::path::working_set;
+use crate::path::stepping::State;
 use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
 use crate::python::interrupt;
-use crate::python::solver::{settings, solution_dict};
-use crate::reduced::elliptic_scaling::{Stretch, over, times};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::memory::{self, Budget};
-use crate::solver::{Outcome, Settings};
 
 /// Row pointers, column indices and values of a matrix in CSR form.
 type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
-/// The same, given.
-type Parts<'py> = (
+/// The same arrays as results.
+type CsrOutput<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<f64>>,
 );
 
-type FreePart<'py> = (
+type FreePartArrays<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
 );
 
 #[derive(Clone)]
-pub(super) enum Kind {
+pub(super) enum AnyProblem {
     Two(Arc<Problem<2>>),
     Three(Arc<Problem<3>>),
 }
 
-/// Calls one generic body for both dimensions.
+/// Calls one generic expression for both dimensions.
 macro_rules! either {
     ($kind:expr, $inner:ident => $body:expr) => {
         match $kind {
-            Kind::Two($inner) => $body,
-            Kind::Three($inner) => $body,
+            AnyProblem::Two($inner) => $body,
+            AnyProblem::Three($inner) => $body,
         }
     };
 }
 
 /// `K`, `B`, gap and friction, condensed onto the contact set.
-#[pyclass(frozen, module = "bipot_rs._core")]
-pub(super) struct Condensed {
-    /// In the variables of [`Stretch`].
-    pub(super) kind: Kind,
-    pub(super) stretch: Option<Stretch>,
+#[pyclass(frozen, name = "Condensed", module = "bipot_rs._core")]
+pub(super) struct PyCondensed {
+    /// In the variables of [`EllipticScaling`].
+    pub(super) kind: AnyProblem,
+    pub(super) elliptic: Option<EllipticScaling>,
     pub(super) num_threads: Option<usize>,
 }
 
-/// A sparse matrix with indices as the core counts them.
-struct Sparse<'a> {
+/// A sparse matrix with indices as `usize`.
+struct CsrArrays<'a> {
     pointer: Vec<usize>,
     index: Vec<usize>,
     values: &'a [f64],
 }
 
-impl<'a> Sparse<'a> {
+impl<'a> CsrArrays<'a> {
     fn new(csr: &'a Csr<'_>, what: &'static str) -> PyResult<Self> {
         Ok(Self {
             pointer: arrays::indices(&csr.0, what)?,
@@ -84,12 +78,12 @@ impl<'a> Sparse<'a> {
     }
 }
 
-/// What a problem is made of, but for what depends on the dimension.
-struct Asked<'a> {
-    stiffness: Sparse<'a>,
-    contact: Sparse<'a>,
+/// The arguments that do not depend on the dimension.
+struct Arguments<'a> {
+    stiffness: CsrArrays<'a>,
+    contact: CsrArrays<'a>,
     mu: Vec<f64>,
-    stretch: Option<Stretch>,
+    elliptic: Option<EllipticScaling>,
     fixed: Vec<usize>,
     places: Option<&'a [[f64; 3]]>,
     known: Option<Vec<Loads>>,
@@ -98,18 +92,18 @@ struct Asked<'a> {
     notice: Option<Notice>,
 }
 
-impl Asked<'_> {
+impl Arguments<'_> {
     fn condense<const D: usize>(
         self,
         gap: &[[f64; D]],
         before: Option<&Problem<D>>,
         stop: &AtomicBool,
     ) -> Result<Arc<Problem<D>>, Error> {
-        // The indices that the core counts are gone before the factor is made.
+        // The converted indices are freed before the factor is made.
         let mut sorted = {
             let (k, b) = (self.stiffness, self.contact);
             let n = k.pointer.len().saturating_sub(1);
-            Sorted::new(Given {
+            SortedProblem::new(ProblemArrays {
                 stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
                 contact: Rows {
                     row_ptr: &b.pointer,
@@ -124,8 +118,8 @@ impl Asked<'_> {
                 budget: Budget { limit: self.limit },
             })?
         };
-        if let Some(stretch) = &self.stretch {
-            sorted.surface.stretch(stretch);
+        if let Some(elliptic) = &self.elliptic {
+            sorted.surface.scale(elliptic);
         }
         sorted.notice = self.notice;
         Problem::new(sorted, self.grow, before, stop).map(Arc::new)
@@ -133,12 +127,13 @@ impl Asked<'_> {
 }
 
 #[pymethods]
-impl Condensed {
-    /// `places` are those of the degrees of freedom in space; `known` are all loads there will be, a pair of total forces and prescribed
-    /// displacements each step; `memory_limit` is in bytes; `grow` says whether `W` is
-    /// formed of a working set, `None` leaves it to the gaps; the analyses of `before`
-    /// are used again where the pattern is the same. `on_forecast` is called with what
-    /// the analysis has counted, at most 0.1 s later; an exception from it stops the work.
+impl PyCondensed {
+    /// `places` are the positions in space of the degrees of freedom. `known` are all loads,
+    /// for each step a pair of total forces and prescribed displacements. `memory_limit` is in
+    /// bytes. `grow` decides whether `W` is formed for a working set; `None` lets the gaps
+    /// decide. The analyses of `before` are used again for equal patterns. `on_forecast` is
+    /// called with the counts of the analysis within 0.1 s; an exception from it stops the
+    /// work.
     #[new]
     #[pyo3(signature = (
         stiffness, contact, gap, mu, fixed, num_threads,
@@ -157,7 +152,7 @@ impl Condensed {
         known: Option<Vec<(Vector<'py>, Vector<'py>)>>,
         memory_limit: Option<u64>,
         grow: Option<bool>,
-        before: Option<PyRef<'py, Condensed>>,
+        before: Option<PyRef<'py, PyCondensed>>,
         on_forecast: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let notice = on_forecast.is_some().then(Notice::default);
@@ -172,17 +167,17 @@ impl Condensed {
         };
         let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
         let plane = gap.as_array().ncols() == 2;
-        let (mu, stretch) = if plane {
+        let (mu, elliptic) = if plane {
             mu.friction::<2>()?
         } else {
             mu.friction::<3>()?
         };
-        let asked = Asked {
-            stiffness: Sparse::new(&stiffness, "K")?,
-            contact: Sparse::new(&contact, "B")?,
+        let asked = Arguments {
+            stiffness: CsrArrays::new(&stiffness, "K")?,
+            contact: CsrArrays::new(&contact, "B")?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu,
-            stretch: stretch.clone(),
+            elliptic: elliptic.clone(),
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
             known: known.transpose()?,
             limit: memory_limit.map(u128::from),
@@ -193,29 +188,29 @@ impl Condensed {
         let kind = if plane {
             let gap = arrays::rows::<2>(&gap)?;
             let before = match before {
-                Some(Kind::Two(problem)) => Some(&**problem),
+                Some(AnyProblem::Two(problem)) => Some(&**problem),
                 _ => None,
             };
             let made = interrupt::watch(py, num_threads, &tell, |stop| {
                 asked.condense(gap, before, stop)
             });
-            Kind::Two(made?)
+            AnyProblem::Two(made?)
         } else {
             let gap = arrays::rows::<3>(&gap)?;
             let before = match before {
-                Some(Kind::Three(problem)) => Some(&**problem),
+                Some(AnyProblem::Three(problem)) => Some(&**problem),
                 _ => None,
             };
             let made = interrupt::watch(py, num_threads, &tell, |stop| {
                 asked.condense(gap, before, stop)
             });
-            Kind::Three(made?)
+            AnyProblem::Three(made?)
         };
-        // Small problems are done before anybody has looked.
+        // Small problems end before the first check.
         tell(py)?;
         Ok(Self {
             kind,
-            stretch,
+            elliptic,
             num_threads,
         })
     }
@@ -227,9 +222,9 @@ impl Condensed {
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
             let dense = interrupt::run(py, self.num_threads, |stop| {
                 let whole = inner.whole(stop)?;
-                Ok(match self.unstretch() {
+                Ok(match self.inverse_scaling() {
                     None => whole.compliance().to_dense(),
-                    Some(inverse) => whole.compliance().stretched(&inverse)?.to_dense(),
+                    Some(inverse) => whole.compliance().scaled(&inverse)?.to_dense(),
                 })
             });
             (dense?, n)
@@ -237,8 +232,8 @@ impl Condensed {
         arrays::square(py, dense, n, n)
     }
 
-    /// `W` in blocks where it is sparse: the first block of each row, the column of
-    /// each, and their entries, row-major.
+    /// The blocks of `W` if it is sparse: the first block of each row, the column of each, and
+    /// their entries, row-major.
     #[expect(clippy::type_complexity, reason = "the arrays of one sparse matrix")]
     fn sparse_compliance<'py>(
         &self,
@@ -247,9 +242,9 @@ impl Condensed {
         let blocks = either!(&self.kind, inner => {
             interrupt::run(py, self.num_threads, |stop| {
                 let whole = inner.whole(stop)?;
-                match self.unstretch() {
+                match self.inverse_scaling() {
                     None => whole.compliance().rows_of_blocks(),
-                    Some(inverse) => whole.compliance().stretched(&inverse)?.rows_of_blocks(),
+                    Some(inverse) => whole.compliance().scaled(&inverse)?.rows_of_blocks(),
                 }
             })?
         });
@@ -262,23 +257,23 @@ impl Condensed {
         py: Python<'py>,
         load: Vector<'py>,
         prescribed: Vector<'py>,
-    ) -> PyResult<FreePart<'py>> {
+    ) -> PyResult<FreePartArrays<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
         either!(&self.kind, inner => {
             let part = interrupt::run(py, self.num_threads, |stop| {
                 inner.whole(stop)?.free_part(load, prescribed)
             })?;
-            let modes = as_rows(py, &part.rigid.modes, components(inner), self.stretch.as_ref())?;
+            let modes = as_rows(py, &part.rigid.modes, components(inner), self.elliptic.as_ref())?;
             Ok((
-                arrays::from_rows(py, &over(self.stretch.as_ref(), &part.q))?,
+                arrays::from_rows(py, &over(self.elliptic.as_ref(), &part.q))?,
                 modes,
                 arrays::from_vec(py, part.rigid.load),
             ))
         })
     }
 
-    /// Row pointers, columns and values of `K`, as far as anything here depends on it.
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Parts<'py>> {
+    /// Row pointers, columns and values of the part of `K` that results depend on.
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
         let whole = either!(&self.kind, inner => {
             interrupt::run(py, self.num_threads, |_| Ok(inner.bodies().stiffness()))?
         });
@@ -289,15 +284,15 @@ impl Condensed {
         ))
     }
 
-    /// What each rigid motion is at the contacts, a row each.
+    /// Each rigid motion at the contacts, as a row.
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
             let modes = interrupt::run(py, self.num_threads, |_| inner.modes())?;
-            as_rows(py, &modes, components(inner), self.stretch.as_ref())
+            as_rows(py, &modes, components(inner), self.elliptic.as_ref())
         })
     }
 
-    /// Makes the inverse of `W`, where there is one, before a step asks for it.
+    /// Makes the inverse of `W`, if it exists, before a step needs it.
     fn make_inverse(&self, py: Python<'_>) -> PyResult<()> {
         either!(&self.kind, inner => {
             if let Problem::Whole(whole) = &**inner {
@@ -307,9 +302,9 @@ impl Condensed {
         Ok(())
     }
 
-    /// `u` of all degrees of freedom, a row each state: total loads, reaction and
-    /// rigid motion. `confirmed` are of each state `v`, the gap, and what the step added
-    /// to the tangential parts of `v`: what `B u + gap` is held to, where it is known.
+    /// `u` of all degrees of freedom, one row for each state of total loads, reaction and rigid
+    /// motion. `confirmed` has for each state `v`, the gap, and the change of the tangential
+    /// parts of `v` in the step; `B u + gap` is compared with these.
     #[pyo3(signature = (states, confirmed=None))]
     fn displacements<'py>(
         &self,
@@ -318,10 +313,10 @@ impl Condensed {
         confirmed: Option<Vec<[Matrix<'py>; 3]>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
-            let stretch = self.stretch.as_ref();
+            let elliptic = self.elliptic.as_ref();
             let reactions = states
                 .iter()
-                .map(|(_, _, reaction, _)| Ok(over(stretch, arrays::rows(reaction)?)))
+                .map(|(_, _, reaction, _)| Ok(over(elliptic, arrays::rows(reaction)?)))
                 .collect::<PyResult<Vec<_>>>()?;
             let loaded = states
                 .iter()
@@ -339,7 +334,7 @@ impl Condensed {
                 .iter()
                 .flatten()
                 .map(|[v, gap, slip]| {
-                    let of = |given| Ok::<_, PyErr>(times(stretch, arrays::rows(given)?).into_owned());
+                    let of = |given| Ok::<_, PyErr>(times(elliptic, arrays::rows(given)?).into_owned());
                     Ok(Confirmed {
                         v: of(v)?,
                         gap: of(gap)?,
@@ -363,40 +358,44 @@ impl Condensed {
         fn of<const D: usize>(
             inner: &Arc<Problem<D>>,
             mu: Vec<f64>,
-            change: Option<&Stretch>,
+            change: Option<&EllipticScaling>,
         ) -> Result<Arc<Problem<D>>, Error> {
             let made = inner.with_mu(mu)?;
             Ok(Arc::new(match change {
                 None => made,
-                Some(change) => made.stretched(change)?,
+                Some(change) => made.scaled(change)?,
             }))
         }
-        let (mu, stretch) = match &self.kind {
-            Kind::Two(_) => mu.friction::<2>()?,
-            Kind::Three(_) => mu.friction::<3>()?,
+        let (mu, elliptic) = match &self.kind {
+            AnyProblem::Two(_) => mu.friction::<2>()?,
+            AnyProblem::Three(_) => mu.friction::<3>()?,
         };
-        let change = Stretch::between(self.stretch.as_ref(), stretch.as_ref());
+        let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
         let kind = match &self.kind {
-            Kind::Two(inner) => Kind::Two(of(inner, mu, change.as_ref())?),
-            Kind::Three(inner) => Kind::Three(of(inner, mu, change.as_ref())?),
+            AnyProblem::Two(inner) => AnyProblem::Two(of(inner, mu, change.as_ref())?),
+            AnyProblem::Three(inner) => AnyProblem::Three(of(inner, mu, change.as_ref())?),
         };
         Ok(Self {
             kind,
-            stretch,
+            elliptic,
             num_threads: self.num_threads,
         })
     }
 
-    /// The same bodies and contacts with other gaps, as a step has where obstacles move.
+    /// The same bodies and contacts with other gaps, as in a step with moving obstacles.
     fn with_gap(&self, gap: Matrix<'_>) -> PyResult<Self> {
-        let stretch = self.stretch.as_ref();
+        let elliptic = self.elliptic.as_ref();
         let kind = match &self.kind {
-            Kind::Two(inner) => Kind::Two(moved(inner, stretch, Some(arrays::rows(&gap)?))?),
-            Kind::Three(inner) => Kind::Three(moved(inner, stretch, Some(arrays::rows(&gap)?))?),
+            AnyProblem::Two(inner) => {
+                AnyProblem::Two(moved(inner, elliptic, Some(arrays::rows(&gap)?))?)
+            }
+            AnyProblem::Three(inner) => {
+                AnyProblem::Three(moved(inner, elliptic, Some(arrays::rows(&gap)?))?)
+            }
         };
         Ok(Self {
             kind,
-            stretch: self.stretch.clone(),
+            elliptic: self.elliptic.clone(),
             num_threads: self.num_threads,
         })
     }
@@ -440,10 +439,10 @@ impl Condensed {
     }
 }
 
-impl Condensed {
-    /// From the variables that are solved for to the caller's.
-    fn unstretch(&self) -> Option<Stretch> {
-        self.stretch.as_ref().map(Stretch::inverse)
+impl PyCondensed {
+    /// The change of variables back to those of the caller.
+    fn inverse_scaling(&self) -> Option<EllipticScaling> {
+        self.elliptic.as_ref().map(EllipticScaling::inverse)
     }
 
     /// `r̃` of a reaction.
@@ -453,11 +452,10 @@ impl Condensed {
         contacts: usize,
     ) -> PyResult<Vec<[f64; D]>> {
         let rows = arrays::rows_of("reaction", array, contacts)?;
-        Ok(over(self.stretch.as_ref(), rows).into_owned())
+        Ok(over(self.elliptic.as_ref(), rows).into_owned())
     }
 
-    /// As much of the state before a step, if there was one, as its reduced problem asks
-    /// for: `ṽ`.
+    /// The part of the state before a step that its reduced problem needs: `ṽ`.
     pub(super) fn left<const D: usize>(
         &self,
         before: Option<&Matrix<'_>>,
@@ -468,16 +466,16 @@ impl Condensed {
         };
         let rows = arrays::rows_of("before", before, contacts)?;
         Ok(Some(State {
-            relative_displacement: times(self.stretch.as_ref(), rows).into_owned(),
+            relative_displacement: times(self.elliptic.as_ref(), rows).into_owned(),
             ..State::default()
         }))
     }
 }
 
-/// The problem of one step: with the gaps of the step, or its own where there are none.
-fn moved<const D: usize>(
+/// The problem of one step, with the gaps of the step if there are any.
+pub(super) fn moved<const D: usize>(
     problem: &Arc<Problem<D>>,
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
     gap: Option<&[[f64; D]]>,
 ) -> Result<Arc<Problem<D>>, Error> {
     let Some(gap) = gap else {
@@ -485,11 +483,11 @@ fn moved<const D: usize>(
     };
     arrays::length("gap", gap.len(), problem.contacts())?;
     Ok(Arc::new(
-        problem.with_gap(times(stretch, gap).into_owned())?,
+        problem.with_gap(times(elliptic, gap).into_owned())?,
     ))
 }
 
-/// Calls a function of Python with a forecast, as `stats` names its counts.
+/// Calls a Python function with a forecast; its keys are those of `stats`.
 fn call(told: &Bound<'_, PyAny>, found: &Forecast) -> PyResult<()> {
     let dict = PyDict::new(told.py());
     dict.set_item("bodies", found.bodies)?;
@@ -511,321 +509,10 @@ fn as_rows<'py, const D: usize>(
     py: Python<'py>,
     modes: &[Vec<[f64; D]>],
     components: usize,
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let flat = modes
         .iter()
-        .flat_map(|mode| over(stretch, mode).as_flattened().to_vec());
+        .flat_map(|mode| over(elliptic, mode).as_flattened().to_vec());
     arrays::square(py, flat.collect(), modes.len(), components)
-}
-
-enum Progress {
-    Two(Arc<Problem<2>>, working_set::Path<2>),
-    Three(Arc<Problem<3>>, working_set::Path<3>),
-}
-
-/// A load path in progress; without a state it starts from the unloaded bodies.
-#[pyclass(module = "bipot_rs._core")]
-pub(super) struct Path {
-    progress: Progress,
-    stretch: Option<Stretch>,
-    num_threads: Option<usize>,
-}
-
-/// Reaction, total relative displacement, status and rigid motion of a step.
-type StartArrays<'py> = (
-    Matrix<'py>,
-    Matrix<'py>,
-    numpy::PyReadonlyArray1<'py, i8>,
-    Vector<'py>,
-);
-
-fn state<const D: usize>(
-    problem: &Problem<D>,
-    stretch: Option<&Stretch>,
-    (reaction, displacement, status, rigid): &StartArrays<'_>,
-) -> PyResult<State<D>> {
-    let status = status.as_slice()?.iter().map(|s| match s {
-        1 => Status::Slip,
-        2 => Status::Stick,
-        _ => Status::Open,
-    });
-    let contacts = problem.contacts();
-    let reaction = arrays::rows_of("start", reaction, contacts)?;
-    let displacement = arrays::rows_of("start", displacement, contacts)?;
-    let state = State {
-        reaction: over(stretch, reaction).into_owned(),
-        relative_displacement: times(stretch, displacement).into_owned(),
-        status: status.collect(),
-        rigid: rigid.as_slice()?.to_vec(),
-    };
-    arrays::length("start", state.status.len(), contacts)?;
-    let motions = problem.bodies().motions().len();
-    arrays::length("start", state.rigid.len(), motions)?;
-    Ok(state)
-}
-
-/// Contacts of a working set, rigid motions of the bodies condensed onto all contacts,
-/// and whether the inverse of its `W` had been made.
-type SetArrays<'py> = (Indices<'py>, Vector<'py>, bool);
-
-fn set<const D: usize>(
-    problem: &Problem<D>,
-    (members, motion, inverse): &SetArrays<'_>,
-) -> PyResult<working_set::Set> {
-    let members = arrays::indices(members, "working_set of start")?;
-    let ascending = members.is_sorted_by(|a, b| a < b);
-    if !ascending || members.last().is_some_and(|&i| i >= problem.contacts()) {
-        return Err(PyValueError::new_err(format!(
-            "working_set of start is not ascending numbers of contacts below {}",
-            problem.contacts()
-        )));
-    }
-    Ok(working_set::Set {
-        members,
-        motion: motion.as_slice()?.to_vec(),
-        inverse: *inverse,
-    })
-}
-
-fn step_dict<'py, const D: usize>(
-    py: Python<'py>,
-    step: &Step<D>,
-    stretch: Option<&Stretch>,
-    set: Option<working_set::Set>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let dict = solution_dict(py, &step.solution, stretch)?;
-    let slip = over(stretch, &step.slip);
-    let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
-    dict.set_item("slip", arrays::square(py, flat, step.slip.len(), D - 1)?)?;
-    let set = set.map(|set| {
-        let members = arrays::from_indices(py, set.members)?;
-        PyResult::Ok((members, arrays::from_vec(py, set.motion)))
-    });
-    dict.set_item("working_set", set.transpose()?)?;
-    Ok(dict)
-}
-
-/// One step, after which the path stands where one does that is given the step in the
-/// caller's variables, to the rounding of the change.
-fn advance<const D: usize>(
-    path: &mut working_set::Path<D>,
-    problem: &Problem<D>,
-    (load, prescribed): (&[f64], &[f64]),
-    stretch: Option<&Stretch>,
-    settings: &Settings,
-    stop: &AtomicBool,
-) -> Result<Step<D>, Error> {
-    let step = path.advance(problem, load, prescribed, settings, stop)?;
-    if let (Some(stretch), Outcome::Converged) = (stretch, step.solution.outcome) {
-        path.restate(|state| {
-            state.reaction = stretch.over(&stretch.times(&state.reaction));
-            let v = stretch.over(&state.relative_displacement);
-            state.relative_displacement = stretch.times(&v);
-        });
-    }
-    Ok(step)
-}
-
-#[pymethods]
-impl Path {
-    #[new]
-    #[pyo3(signature = (problem, start=None, working_set=None))]
-    fn new(
-        problem: &Condensed,
-        start: Option<StartArrays<'_>>,
-        working_set: Option<SetArrays<'_>>,
-    ) -> PyResult<Self> {
-        let stretch = problem.stretch.as_ref();
-        let progress = match &problem.kind {
-            Kind::Two(inner) => {
-                let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
-                let set = working_set.as_ref().map(|arrays| set(inner, arrays));
-                let path = working_set::Path::new(state.transpose()?, set.transpose()?);
-                Progress::Two(Arc::clone(inner), path)
-            }
-            Kind::Three(inner) => {
-                let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
-                let set = working_set.as_ref().map(|arrays| set(inner, arrays));
-                let path = working_set::Path::new(state.transpose()?, set.transpose()?);
-                Progress::Three(Arc::clone(inner), path)
-            }
-        };
-        Ok(Self {
-            progress,
-            stretch: problem.stretch.clone(),
-            num_threads: problem.num_threads,
-        })
-    }
-
-    /// One step to the total loads, with the gaps of the problem unless others are
-    /// given; the path moves on only where it converged.
-    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the settings of one call from Python"
-    )]
-    fn step<'py>(
-        &mut self,
-        py: Python<'py>,
-        load: Vector<'py>,
-        prescribed: Vector<'py>,
-        gap: Option<Matrix<'py>>,
-        method: &str,
-        tol: f64,
-        max_iterations: Option<usize>,
-        max_seconds: Option<f64>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let settings = settings(method, tol, max_iterations, max_seconds)?;
-        let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let gap = gap.as_ref();
-        match &mut self.progress {
-            Progress::Two(inner, path) => {
-                let gap = gap.map(arrays::rows).transpose()?;
-                let inner = &moved(inner, self.stretch.as_ref(), gap)?;
-                let stretch = self.stretch.as_ref();
-                let step = interrupt::run(py, self.num_threads, |stop| {
-                    advance(path, inner, (load, prescribed), stretch, &settings, stop)
-                })?;
-                step_dict(py, &step, self.stretch.as_ref(), path.set())
-            }
-            Progress::Three(inner, path) => {
-                let gap = gap.map(arrays::rows).transpose()?;
-                let inner = &moved(inner, self.stretch.as_ref(), gap)?;
-                let stretch = self.stretch.as_ref();
-                let step = interrupt::run(py, self.num_threads, |stop| {
-                    advance(path, inner, (load, prescribed), stretch, &settings, stop)
-                })?;
-                step_dict(py, &step, self.stretch.as_ref(), path.set())
-            }
-        }
-    }
-}
-
-/// A path's steps, and what ended it early.
-type Followed<'py> = (Vec<Bound<'py, PyDict>>, Option<Py<PyAny>>);
-
-/// What is asked of one step: total forces, prescribed displacements, and gaps where
-/// they are not the problem's.
-type AskedStep<'py> = (Vector<'py>, Vector<'py>, Option<Matrix<'py>>);
-
-/// The same in memory of ours, gaps row after row.
-type OwnStep = (Vec<f64>, Vec<f64>, Option<Vec<f64>>);
-
-fn own<const D: usize>(steps: &[AskedStep<'_>]) -> PyResult<Vec<OwnStep>> {
-    let step = |(f, u, gap): &AskedStep<'_>| {
-        let gap = gap.as_ref().map(arrays::rows::<D>).transpose()?;
-        let gap = gap.map(|rows| rows.as_flattened().to_vec());
-        Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec(), gap))
-    };
-    steps.iter().map(step).collect()
-}
-
-/// Takes several paths through their steps, side by side. Of each the steps taken, of which the last may not
-/// have converged, and the exception that ended it.
-#[pyfunction]
-pub(super) fn follow<'py>(
-    py: Python<'py>,
-    mut paths: Vec<PyRefMut<'py, Path>>,
-    cases: Vec<Vec<AskedStep<'py>>>,
-    method: &str,
-    tol: f64,
-    max_iterations: Option<usize>,
-    max_seconds: Option<f64>,
-) -> PyResult<Vec<Followed<'py>>> {
-    let settings = settings(method, tol, max_iterations, max_seconds)?;
-    let num_threads = paths.first().and_then(|path| path.num_threads);
-    let asked = paths
-        .iter()
-        .zip(&cases)
-        .map(|(path, steps)| match path.progress {
-            Progress::Two(..) => own::<2>(steps),
-            Progress::Three(..) => own::<3>(steps),
-        });
-    let asked = asked.collect::<PyResult<Vec<_>>>()?;
-    let stretches: Vec<_> = paths.iter().map(|path| path.stretch.clone()).collect();
-    let all: Vec<&mut Path> = paths.iter_mut().map(|path| &mut **path).collect();
-    let followed = interrupt::run(py, num_threads, |stop| {
-        all.into_par_iter()
-            .zip(&asked)
-            .map(|(path, steps)| path.follow(steps, &settings, stop))
-            .collect::<Result<Vec<_>, Error>>()
-    })?;
-    let mut out = Vec::with_capacity(followed.len());
-    for ((steps, error), stretch) in followed.into_iter().zip(&stretches) {
-        let stretch = stretch.as_ref();
-        let dicts: PyResult<Vec<_>> = match steps {
-            Steps::Two(steps) => dicts_of(py, steps, stretch),
-            Steps::Three(steps) => dicts_of(py, steps, stretch),
-        };
-        let error = error.map(|error| PyErr::from(error).into_value(py).into_any());
-        out.push((dicts?, error));
-    }
-    Ok(out)
-}
-
-/// Steps with the working sets they were found with.
-type Taken<const D: usize> = Vec<(Step<D>, Option<working_set::Set>)>;
-
-enum Steps {
-    Two(Taken<2>),
-    Three(Taken<3>),
-}
-
-fn dicts_of<'py, const D: usize>(
-    py: Python<'py>,
-    steps: Taken<D>,
-    stretch: Option<&Stretch>,
-) -> PyResult<Vec<Bound<'py, PyDict>>> {
-    let dict = |(step, set)| step_dict(py, &step, stretch, set);
-    steps.into_iter().map(dict).collect()
-}
-
-impl Path {
-    /// All steps, or those up to one that did not converge or failed.
-    fn follow(
-        &mut self,
-        asked: &[OwnStep],
-        settings: &Settings,
-        stop: &AtomicBool,
-    ) -> Result<(Steps, Option<Error>), Error> {
-        fn through<const D: usize>(
-            (problem, stretch): (&Arc<Problem<D>>, Option<&Stretch>),
-            path: &mut working_set::Path<D>,
-            asked: &[OwnStep],
-            settings: &Settings,
-            stop: &AtomicBool,
-        ) -> Result<(Taken<D>, Option<Error>), Error> {
-            let mut done = Vec::with_capacity(asked.len());
-            for (load, prescribed, gap) in asked {
-                let gap = gap.as_ref().map(|rows| rows.as_chunks::<D>().0);
-                let loads = (&load[..], &prescribed[..]);
-                let taken = moved(problem, stretch, gap)
-                    .and_then(|own| advance(path, &own, loads, stretch, settings, stop));
-                match taken {
-                    Ok(step) => {
-                        let converged = step.solution.outcome == Outcome::Converged;
-                        done.push((step, path.set()));
-                        if !converged {
-                            break;
-                        }
-                    }
-                    Err(Error::Interrupted) => return Err(Error::Interrupted),
-                    Err(error) => return Ok((done, Some(error))),
-                }
-            }
-            Ok((done, None))
-        }
-        let stretch = self.stretch.as_ref();
-        Ok(match &mut self.progress {
-            Progress::Two(problem, path) => {
-                let (steps, error) = through((problem, stretch), path, asked, settings, stop)?;
-                (Steps::Two(steps), error)
-            }
-            Progress::Three(problem, path) => {
-                let (steps, error) = through((problem, stretch), path, asked, settings, stop)?;
-                (Steps::Three(steps), error)
-            }
-        })
-    }
 }

@@ -17,18 +17,19 @@ use crate::panics::caught;
 use crate::python::arrays::{self, Coefficients, Matrix, Vector};
 use crate::python::interrupt;
 use crate::reduced::compliance::{self, Compliance, Part};
-use crate::reduced::elliptic_scaling::{Stretch, over, times};
-use crate::reduced::reduced::{Reduced as Problem, Rigid};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::existence::{balances, is_contradiction, is_unresisted};
+use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Method, Settings, Solution, Start};
 
-/// Nodes a task: few enough to balance, enough to hide the cost of a task.
+/// Nodes in one task: few enough for balance, many enough for the cost of a task.
 const NODES_A_TASK: usize = 4096;
 
 type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
 
-/// How many are used where no argument says it.
+/// The default number of threads.
 #[pyfunction]
 pub(super) fn threads() -> PyResult<usize> {
     Ok(crate::threads::count(None)?)
@@ -55,6 +56,27 @@ pub(super) fn project<'py>(
             project_rows::<3, _>(py, &tau, mu.as_slice()?, base, onto_round)
         }
     }
+}
+
+type Isotropic<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Factors `(n_c, d)` of the components in which the friction law is Coulomb's, and its
+/// coefficients.
+#[pyfunction]
+pub(super) fn isotropic<'py>(
+    py: Python<'py>,
+    mu: Coefficients<'py>,
+    d: usize,
+) -> PyResult<Isotropic<'py>> {
+    let (mu, elliptic) = match d {
+        2 => mu.friction::<2>()?,
+        3 => mu.friction::<3>()?,
+        _ => return Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3"))),
+    };
+    let factor = |at: usize| elliptic.as_ref().map_or(1.0, |s| s.factor(at / d, at % d));
+    let factors = (0..d * mu.len()).map(factor).collect();
+    let factors = arrays::square(py, factors, mu.len(), d)?;
+    Ok((factors, arrays::from_vec(py, mu)))
 }
 
 type Onto<const D: usize, M> = fn(&[f64; D], Option<&[f64; D]>, M) -> ([f64; D], Status);
@@ -87,7 +109,9 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     let tau = arrays::rows::<D>(tau)?;
     let base = base.map(arrays::rows::<D>).transpose()?;
     if mu.len() != tau.len() || base.is_some_and(|b| b.len() != tau.len()) {
-        return Err(PyValueError::new_err("tau, mu and base differ in length"));
+        return Err(PyValueError::new_err(
+            "tau, mu and base have different lengths",
+        ));
     }
     let pool = crate::threads::pool(crate::threads::count(None)?)?;
     let mut out = vec![[0.0; D]; tau.len()];
@@ -119,7 +143,7 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
 }
 
-/// The settings as Python hands them over, checked by the core.
+/// Checks the settings that Python passes.
 pub(super) fn settings(
     method: &str,
     tol: f64,
@@ -148,20 +172,20 @@ pub(super) fn settings(
     Ok(settings)
 }
 
-/// What a solver returns, in the caller's variables, as a dictionary for
+/// The result of a solver in the variables of the caller, as a dictionary for
 /// `bipot_rs.contact.result.Solution`.
 pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let reaction = times(stretch, &solution.reaction);
-    let relative_displacement = over(stretch, &solution.relative_displacement);
+    let reaction = times(elliptic, &solution.reaction);
+    let relative_displacement = over(elliptic, &solution.relative_displacement);
     let numbers = reaction.iter().chain(&*relative_displacement);
     if !numbers.flatten().all(|c| c.is_finite()) || solution.residual.is_nan() {
         return Err(PyValueError::new_err(
-            "W r + q leaves the range of doubles: the entries of W differ by too much; \
-             choose units in which they do not",
+            "W r + q is outside the range of doubles: the entries of W differ by too much; \
+             choose other units",
         ));
     }
     let dict = PyDict::new(py);
@@ -202,59 +226,59 @@ pub(super) fn solution_dict<'py, const D: usize>(
     Ok(dict)
 }
 
-/// Whether an island of so many blocks and contacts is kept sparse.
+/// Whether an island with this many blocks and contacts is stored as a sparse matrix.
 #[pyfunction]
 pub(super) fn is_sparse(blocks: usize, contacts: usize) -> bool {
     compliance::is_sparse(blocks, contacts)
 }
 
-/// A reduced problem `v = W r + R a + q`, in the caller's numbering.
-#[pyclass(frozen, module = "bipot_rs._core")]
-pub(super) struct Reduced {
-    pub(super) kind: Kind,
+/// A reduced problem `v = W r + R a + q` in the numbering of the caller.
+#[pyclass(frozen, name = "Reduced", module = "bipot_rs._core")]
+pub(super) struct PyReduced {
+    pub(super) kind: AnyReduced,
 }
 
-pub(super) enum Kind {
-    Two(Owned<2>),
-    Three(Owned<3>),
+pub(super) enum AnyReduced {
+    Two(ReducedArrays<2>),
+    Three(ReducedArrays<3>),
 }
 
-/// Contacts of an island, the values of its `W`, and where it is sparse the first
-/// block of each row and the column of each block.
-type Given = (
+/// Contacts of an island, the values of its `W`, and for a sparse one the first block of each
+/// row and the column of each block.
+type IslandArrays = (
     Vec<usize>,
     Py<PyArray1<f64>>,
     Option<(Vec<usize>, Vec<usize>)>,
 );
 
-/// An island's part of `W`.
+/// The part of `W` of an island.
 enum Stored<const D: usize> {
-    /// Read where the caller has it.
+    /// The array of the caller.
     Dense(Py<PyArray1<f64>>),
     Sparse(Blocks<D>),
 }
 
-/// A problem whose dense `W` stays where the caller has it. All else is in the
-/// variables of [`Stretch`].
-pub(super) struct Owned<const D: usize> {
+/// A problem whose dense `W` stays in the array of the caller. All else is in the variables of
+/// [`EllipticScaling`].
+pub(super) struct ReducedArrays<const D: usize> {
     parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
-    pub(super) stretch: Option<Stretch>,
+    pub(super) elliptic: Option<EllipticScaling>,
     rigid: Rigid<D>,
 }
 
-impl<const D: usize> Owned<D> {
+impl<const D: usize> ReducedArrays<D> {
     fn new(
         py: Python<'_>,
-        given: Vec<Given>,
+        given: Vec<IslandArrays>,
         q: &Matrix<'_>,
         mu: &Coefficients<'_>,
         modes: &Matrix<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?;
-        let (mu, stretch) = mu.friction::<D>()?;
+        let (mu, elliptic) = mu.friction::<D>()?;
         arrays::length("mu", mu.len(), q.len())?;
         check_partition(&given, q.len())?;
         let (count, size) = modes.as_array().dim();
@@ -264,7 +288,7 @@ impl<const D: usize> Owned<D> {
         let columns = modes.as_slice()?.chunks_exact(D * q.len().max(1));
         let rigid = Rigid {
             modes: columns
-                .map(|column| times(stretch.as_ref(), column.as_chunks::<D>().0).into_owned())
+                .map(|column| times(elliptic.as_ref(), column.as_chunks::<D>().0).into_owned())
                 .collect(),
             load: load.as_slice()?.to_vec(),
         };
@@ -282,9 +306,9 @@ impl<const D: usize> Owned<D> {
         }
         Ok(Self {
             parts,
-            q: times(stretch.as_ref(), q).into_owned(),
+            q: times(elliptic.as_ref(), q).into_owned(),
             mu,
-            stretch,
+            elliptic,
             rigid,
         })
     }
@@ -296,29 +320,29 @@ impl<const D: usize> Owned<D> {
     /// `r̃` of a reaction.
     pub(super) fn reaction<'a>(&self, array: &'a Matrix<'_>) -> PyResult<Cow<'a, [[f64; D]]>> {
         let rows = arrays::rows_of("reaction", array, self.contacts())?;
-        Ok(over(self.stretch.as_ref(), rows))
+        Ok(over(self.elliptic.as_ref(), rows))
     }
 
-    /// Runs `work` off the interpreter's lock, on a `W` that is read in place and
-    /// checked anew: it may have been written to since the last time.
+    /// Runs `work` without the interpreter lock. `W` is read from the array of the caller and
+    /// checked again, because it may have changed.
     pub(super) fn run<T: Send>(
         &self,
         py: Python<'_>,
         num_threads: Option<usize>,
         callback: Option<&Py<PyAny>>,
-        work: impl FnOnce(&Problem<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
+        work: impl FnOnce(&Reduced<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
     ) -> PyResult<T> {
         self.with_compliance(py, num_threads, callback, |given, stop, progress| {
-            let made = match &self.stretch {
+            let made = match &self.elliptic {
                 None => given,
-                Some(stretch) => given.stretched(stretch)?,
+                Some(elliptic) => given.scaled(elliptic)?,
             };
-            let problem = Problem::new(&made, &self.q, &self.mu, &self.rigid)?;
+            let problem = Reduced::new(&made, &self.q, &self.mu, &self.rigid)?;
             work(&problem, stop, progress)
         })
     }
 
-    /// The same with `W` alone, as it was given.
+    /// The same with `W` alone, without the change of variables.
     fn with_compliance<T: Send>(
         &self,
         py: Python<'_>,
@@ -374,7 +398,7 @@ impl<const D: usize> Owned<D> {
             };
             solver::solve_watched(problem, settings, &start, stop, progress)
         })?;
-        solution_dict(py, &solved, self.stretch.as_ref())
+        solution_dict(py, &solved, self.elliptic.as_ref())
     }
 
     fn certificate(&self, py: Python<'_>, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
@@ -389,25 +413,38 @@ impl<const D: usize> Owned<D> {
         })
     }
 
-    /// Refuses what only the core looks at.
+    /// Checks that only the core makes.
     fn check(&self, py: Python<'_>) -> PyResult<()> {
         self.run(py, None, None, |_, _, _| Ok(()))
     }
 
-    /// Of `W` as it was given.
+    /// Calls `decide` with one number for each contact or each rigid motion.
+    fn decide<T: Send>(
+        &self,
+        py: Python<'_>,
+        witness: &[f64],
+        expected: usize,
+        decide: impl FnOnce(&Reduced<'_, D>, &[f64]) -> T + Send,
+    ) -> PyResult<T> {
+        arrays::length("witness", witness.len(), expected)?;
+        self.run(py, None, None, |problem, _, _| Ok(decide(problem, witness)))
+    }
+
+    /// The asymmetry of `W` as given.
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         self.with_compliance(py, None, None, |given, _, _| Ok(given.asymmetry()))
     }
 }
 
-/// Islands must hold every contact once: the core indexes by them.
-fn check_partition(parts: &[Given], contacts: usize) -> PyResult<()> {
+/// Each contact must be in exactly one island: the core uses these indices.
+fn check_partition(parts: &[IslandArrays], contacts: usize) -> PyResult<()> {
     let mut seen = vec![false; contacts];
     for &i in parts.iter().flat_map(|(nodes, ..)| nodes) {
         let first = seen.get_mut(i).map(|seen| !std::mem::replace(seen, true));
         if first != Some(true) {
             return Err(PyValueError::new_err(format!(
-                "W has contact {i} twice in its islands, or it is none of {contacts}"
+                "contact {i} is out of range, or twice in the islands of W, which has \
+                 {contacts} contacts"
             )));
         }
     }
@@ -415,38 +452,38 @@ fn check_partition(parts: &[Given], contacts: usize) -> PyResult<()> {
     Ok(arrays::length("W", found, contacts)?)
 }
 
-impl Reduced {
-    /// Refuses amounts of rigid motions that are not as many as there are.
+impl PyReduced {
+    /// Refuses a wrong number of amounts of rigid motions.
     pub(super) fn check_motion(&self, rigid: &[f64]) -> PyResult<()> {
         let expected = match &self.kind {
-            Kind::Two(owned) => owned.rigid.modes.len(),
-            Kind::Three(owned) => owned.rigid.modes.len(),
+            AnyReduced::Two(owned) => owned.rigid.modes.len(),
+            AnyReduced::Three(owned) => owned.rigid.modes.len(),
         };
         Ok(arrays::length("rigid_motion", rigid.len(), expected)?)
     }
 }
 
 #[pymethods]
-impl Reduced {
-    /// `parts` holds (contacts, values, pattern) of every island: a dense row-major
-    /// matrix without a pattern, or blocks with (first block of a row, columns).
+impl PyReduced {
+    /// `parts` has (contacts, values, pattern) for each island: a dense row-major matrix
+    /// without a pattern, or blocks with (first block of a row, columns).
     #[new]
     fn new(
         py: Python<'_>,
-        parts: Vec<Given>,
+        parts: Vec<IslandArrays>,
         q: Matrix<'_>,
         mu: Coefficients<'_>,
         modes: Matrix<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
         let kind = if q.as_array().ncols() == 2 {
-            let owned = Owned::new(py, parts, &q, &mu, &modes, &load)?;
+            let owned = ReducedArrays::new(py, parts, &q, &mu, &modes, &load)?;
             owned.check(py)?;
-            Kind::Two(owned)
+            AnyReduced::Two(owned)
         } else {
-            let owned = Owned::new(py, parts, &q, &mu, &modes, &load)?;
+            let owned = ReducedArrays::new(py, parts, &q, &mu, &modes, &load)?;
             owned.check(py)?;
-            Kind::Three(owned)
+            AnyReduced::Three(owned)
         };
         Ok(Self { kind })
     }
@@ -455,8 +492,8 @@ impl Reduced {
     #[getter]
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         match &self.kind {
-            Kind::Two(owned) => owned.asymmetry(py),
-            Kind::Three(owned) => owned.asymmetry(py),
+            AnyReduced::Two(owned) => owned.asymmetry(py),
+            AnyReduced::Three(owned) => owned.asymmetry(py),
         }
     }
 
@@ -470,8 +507,47 @@ impl Reduced {
     ) -> PyResult<f64> {
         let rigid = rigid.as_ref().map(|a| a.as_slice()).transpose()?;
         match &self.kind {
-            Kind::Two(owned) => owned.certificate(py, &reaction, rigid),
-            Kind::Three(owned) => owned.certificate(py, &reaction, rigid),
+            AnyReduced::Two(owned) => owned.certificate(py, &reaction, rigid),
+            AnyReduced::Three(owned) => owned.certificate(py, &reaction, rigid),
+        }
+    }
+
+    /// Whether amounts of the rigid motions prove that there is no equilibrium.
+    fn is_unresisted(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
+        let a = amounts.as_slice()?;
+        match &self.kind {
+            AnyReduced::Two(owned) => owned.decide(py, a, owned.rigid.modes.len(), is_unresisted),
+            AnyReduced::Three(owned) => owned.decide(py, a, owned.rigid.modes.len(), is_unresisted),
+        }
+    }
+
+    /// Whether amounts of normal displacements prove that contacts contradict each other.
+    fn is_contradiction(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
+        let amounts = amounts.as_slice()?;
+        match &self.kind {
+            AnyReduced::Two(owned) => owned.decide(py, amounts, owned.contacts(), |problem, a| {
+                is_contradiction(problem, &problem.compliance.gather(a))
+            }),
+            AnyReduced::Three(owned) => {
+                owned.decide(py, amounts, owned.contacts(), |problem, a| {
+                    is_contradiction(problem, &problem.compliance.gather(a))
+                })
+            }
+        }
+    }
+
+    /// Whether normal reactions balance the loads; `None` if they are too large to count.
+    fn balances(&self, py: Python<'_>, pressure: Vector<'_>) -> PyResult<Option<bool>> {
+        let pressure = pressure.as_slice()?;
+        match &self.kind {
+            AnyReduced::Two(owned) => owned.decide(py, pressure, owned.contacts(), |problem, p| {
+                balances(problem, &problem.compliance.gather(p))
+            }),
+            AnyReduced::Three(owned) => {
+                owned.decide(py, pressure, owned.contacts(), |problem, p| {
+                    balances(problem, &problem.compliance.gather(p))
+                })
+            }
         }
     }
 
@@ -497,8 +573,8 @@ impl Reduced {
         let start = (reaction.as_ref(), rigid);
         let callback = callback.as_ref();
         match &self.kind {
-            Kind::Two(owned) => owned.solve(py, &settings, start, num_threads, callback),
-            Kind::Three(owned) => owned.solve(py, &settings, start, num_threads, callback),
+            AnyReduced::Two(owned) => owned.solve(py, &settings, start, num_threads, callback),
+            AnyReduced::Three(owned) => owned.solve(py, &settings, start, num_threads, callback),
         }
     }
 }

@@ -1,83 +1,68 @@
-//! Whether contact can balance the loads on bodies that nothing else holds.
+//! Decides whether contact can balance the loads on bodies that only contact holds.
 //!
-//! The cone programme: is there an `r ∈ K_μ` with `Rᵀ r + e = 0`? If not, some
-//! rigid motion `d` proves it: `R d ∈ K*_μ` and `e·d > 0`, for then
-//! `d·(Rᵀ r + e) > 0` whatever `r ∈ K_μ` is.
+//! The cone programme asks for an `r ∈ K_μ` with `Rᵀ r + e = 0`. If there is none, a rigid
+//! motion `d` with `R d ∈ K*_μ` and `e·d > 0` proves it: then `d·(Rᵀ r + e) > 0` for each
+//! `r ∈ K_μ`.
 //!
-//! In scaled variables, rigid motions being orthonormal there, the loads are
-//! projected onto the motions that no contact resists: the imbalance of least
-//! length, `s = R̂ᵀ r̂ + ê`, is that motion. `r̂` is built by least squares with
-//! non-negative amounts of generated columns: each round adds the one force in
-//! the cones that works hardest against `s`.
+//! Rigid motions are orthonormal in scaled variables. There, the shortest imbalance
+//! `s = R̂ᵀ r̂ + ê` over all `r̂` of the cones is such a motion. Least squares with
+//! non-negative amounts of generated columns finds it: each round adds the force in the cones
+//! that does most work against `s`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::linalg::compensated::Sum;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
+use crate::reduced::existence::{LEAST_WORK, excludes, is_unresisted};
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::WORST_FLOOR;
 
-/// What the cone programme says.
+/// Result of the cone programme.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Balance {
-    /// Contact can balance the loads, or nothing shows that it cannot.
+    /// Contact can balance the loads, or there is no proof that it cannot.
     Possible,
-    /// It cannot: the loads work on a rigid motion that no contact resists.
+    /// Contact cannot balance the loads: they work on a rigid motion that no contact resists.
     Impossible {
-        /// Amounts `a` of the rigid motions, scaled so that the contact that
-        /// moves most moves by 1.
+        /// Amounts `a` of the rigid motions; the largest motion of a contact is 1.
         motion: Vec<f64>,
     },
 }
 
-/// Loads out of balance by less than this share of them count as balanced: ten
-/// times what a solution is held to by default, and far above what rounding
-/// leaves of loads that are found by condensation.
-const LEAST_WORK: f64 = 1e-9;
-
-/// Rounding of the motion of a contact, relative to the size of its rows.
+/// Rounding error of the motion of a contact, relative to the size of its rows.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// Rigid motions are null vectors of the condensed stiffness, known to about
-/// this: a proof that can do so keeps clear of it.
+/// Error of rigid motions, which are null vectors of the condensed stiffness. A proof has a
+/// larger slack where possible.
 const KNOWN: f64 = 1e-13;
 
-/// Reactions so many times the loads are no answer to any solver: the rounding
-/// of their balance, 4 ε of them, is above the floor that the judge believes in.
-const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
-
-/// A contact that works against a motion by less than this, relative to what it
-/// could do, does not resist it.
+/// A contact does not resist a motion if its work against it is a smaller share of its largest
+/// possible work.
 const AT_REST: f64 = 1e-13;
 
-/// Rounds for each rigid motion in which the resistance is to be halved.
+/// Rounds for each rigid motion within which the resistance must halve.
 const PATIENCE: usize = 10;
 
-/// A motion that opens contacts by less than this brings no other one out of
-/// them without undoing it.
+/// A motion with a smaller slack is not used to open contacts: it would undo the other motion.
 const LEAST_SLACK: f64 = 1e-6;
 
-/// Decides the cone programme, as far as rounding lets it be decided.
+/// Decides the cone programme up to rounding.
 ///
-/// `Impossible` is only said with a motion at hand that was checked: it lies in
-/// `K*_μ` at every contact, or so near to it that balance would take reactions
-/// above `1e9 ‖e‖`, and the loads work on it by more than `1e-9 ‖e‖`.
+/// It returns `Impossible` only with a motion that [`is_unresisted`] accepts.
 #[must_use]
 pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balance {
     for modes in coupled(problem) {
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        let part = Part::new(problem, &modes);
+        let part = MotionGroup::new(problem, &modes);
         if let Some(found) = part.unresisted(stop) {
             let mut scaled = vec![0.0; problem.scaling.modes.len()];
             for (&mode, amount) in modes.iter().zip(found) {
                 scaled[mode] = amount;
             }
             let motion = of_largest_one(problem, &scaled);
-            if works(problem, &motion) && proves_as_given(problem, &motion) {
+            if is_unresisted(problem, &motion) {
                 return Balance::Impossible { motion };
             }
         }
@@ -85,49 +70,12 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
     Balance::Possible
 }
 
-/// Whether a rigid motion `a` is a proof in the numbers that were given, `R`, `e` and μ,
-/// rather than in the scaled ones that it was found in: sums as in twice the precision.
-fn proves_as_given<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
-    let scaling = &problem.scaling;
-    let mut lack = 0.0_f64;
-    for (i, &mu) in problem.mu.iter().enumerate() {
-        let v: [f64; D] = std::array::from_fn(|k| {
-            let mut sum = Sum::default();
-            for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
-                sum.add_product(mode[i][k], amount);
-            }
-            sum.value() * scaling.to_v[i]
-        });
-        let slack = v[0] - mu * tangential_norm(&v);
-        // Without friction a contact resists by its normal force alone.
-        lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
-    }
-    let mut work = Sum::default();
-    for (e, a) in problem.rigid.load.iter().zip(a) {
-        work.add_product(*e, *a);
-    }
-    // r̂·v̂ over r·v is the same for every contact.
-    let unit = scaling.to_v.first().zip(scaling.to_r.first());
-    let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
-    work > 0.0 && work >= LARGEST_REACTION * lack * norm(&scaling.load)
-}
-
-/// Whether the loads work on a rigid motion `a` beyond what rounding has made of them.
-#[must_use]
-pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
-    let rounding = problem.load_rounding.iter().zip(a);
-    let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
-    dot_long(&problem.rigid.load, a) > least
-}
-
-/// How many times the deformation a rigid motion must be to be a body that
-/// slides away rather than one that has found its place.
+/// A body slides away if its rigid motion is this many times its deformation.
 const RUNAWAY: f64 = 30.0;
 
-/// The direction of a rigid motion `a` at which an iteration on reactions `r`
-/// stopped short of an answer, if it tells why: the motion dwarfs the
-/// deformation, the loads work on it, and no normal force stops it. That friction
-/// cannot stop it either is not proved by this.
+/// The direction of a rigid motion `a`, if it explains why an iteration at reactions `r` did
+/// not converge: the motion is much larger than the deformation, the loads work on it, and no
+/// normal force stops it. It is not a proof that friction does not stop it.
 #[must_use]
 pub fn runaway<const D: usize>(
     problem: &Reduced<D>,
@@ -146,16 +94,15 @@ pub fn runaway<const D: usize>(
     }
     let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
     let all: Vec<usize> = (0..motion.len()).collect();
-    let part = Part::new(problem, &all);
-    // An iteration does not find a motion exactly: a thousandth into a contact is
-    // along it.
+    let part = MotionGroup::new(problem, &all);
+    // The iteration finds the motion inexactly: tolerate a penetration of a thousandth.
     let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i];
     let work = dot_long(&motion, &part.load);
     let free = work > LEAST_WORK * norm(&part.load) && (0..part.size.len()).all(opens);
     free.then(|| of_largest_one(problem, &motion))
 }
 
-/// The motion `a` of a scaled one, the largest motion of a contact being 1.
+/// The unscaled rigid motion whose largest motion of a contact is 1.
 fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f64> {
     let mut a = problem.scaling.rigid_from_scaled(scaled);
     let mut largest = 0.0_f64;
@@ -172,8 +119,8 @@ fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f
     a
 }
 
-/// Rigid motions in groups that share no contact: each balances by itself, and
-/// a light body beside a heavy one is judged by its own loads.
+/// Groups of rigid motions that share no contact. Each group balances by itself, so that the
+/// loads of a heavy body do not hide those of a light one.
 fn coupled<const D: usize>(problem: &Reduced<D>) -> Vec<Vec<usize>> {
     let modes = &problem.scaling.modes;
     let mut sets = Union::new(modes.len());
@@ -194,9 +141,9 @@ fn coupled<const D: usize>(problem: &Reduced<D>) -> Vec<Vec<usize>> {
     groups.into_iter().map(|(_, members)| members).collect()
 }
 
-/// Some rigid motions, and the contacts that feel them.
-struct Part<const D: usize> {
-    /// `R̂`, contact by contact, a motion each.
+/// A group of rigid motions, and the contacts that they move.
+struct MotionGroup<const D: usize> {
+    /// `R̂`, for each contact and each motion.
     rows: Vec<[f64; D]>,
     /// Frobenius norm of the rows of each contact.
     size: Vec<f64>,
@@ -210,11 +157,11 @@ struct Part<const D: usize> {
 struct Resistance<const D: usize> {
     contact: usize,
     force: [f64; D],
-    /// Relative to the size of the contact's rows: negative where it resists.
+    /// Relative to the size of the rows of the contact; negative if the contact resists.
     work: f64,
 }
 
-impl<const D: usize> Part<D> {
+impl<const D: usize> MotionGroup<D> {
     fn new(problem: &Reduced<D>, modes: &[usize]) -> Self {
         let scaling = &problem.scaling;
         let mut part = Self {
@@ -250,14 +197,14 @@ impl<const D: usize> Part<D> {
         at
     }
 
-    /// Whether the force opposite to a motion lies in the cone. Without friction
-    /// a contact that opens has `‖v_t‖ ≤ −μ v_n` too.
+    /// Whether the force opposite to a motion lies in the cone. The sign of `v_n` is needed:
+    /// with `μ = 0` an opening contact also has `‖v_t‖ ≤ −μ v_n`.
     fn is_opposed(&self, contact: usize, v: &[f64; D]) -> bool {
         v[0] < 0.0 && tangential_norm(v) <= -self.mu[contact] * v[0]
     }
 
-    /// The least work of a force of length 1 in the cone of a contact that moves
-    /// by `v`: minus the distance of `v` from `K*_μ` where it lies outside.
+    /// The least work of a force of length 1 in the cone of a contact that moves by `v`.
+    /// Outside `K*_μ` it is minus the distance of `v` from `K*_μ`.
     fn least_work(&self, contact: usize, v: &[f64; D]) -> f64 {
         let [normal, tangential] = self.edge[contact];
         let slip = tangential_norm(v);
@@ -268,7 +215,7 @@ impl<const D: usize> Part<D> {
         }
     }
 
-    /// The contact, and its force, that resists a motion most.
+    /// The contact that resists a motion most, with its force.
     fn most_resisting(&self, motion: &[f64]) -> Option<Resistance<D>> {
         let mut worst: Option<(usize, f64)> = None;
         for (i, size) in self.size.iter().enumerate() {
@@ -300,7 +247,7 @@ impl<const D: usize> Part<D> {
         })
     }
 
-    /// `R̂ᵀ r̂` of one force, relative to the size of the contact's rows.
+    /// `R̂ᵀ r̂` of one force, relative to the size of the rows of the contact.
     fn column(&self, resistance: &Resistance<D>) -> Vec<f64> {
         let k = self.load.len();
         let first = k * resistance.contact;
@@ -337,16 +284,16 @@ impl<const D: usize> Part<D> {
         if balanced(norm(&imbalance)) {
             return None;
         }
-        // Without any contact no round was made.
+        // Without contacts there was no round.
         let motion = motion.unwrap_or_else(|| imbalance.iter().map(|x| x / size).collect());
         let lifted = self.lifted(&motion);
         let strict = lifted.filter(|lifted| self.proves(lifted));
         strict.or_else(|| self.proves(&motion).then_some(motion))
     }
 
-    /// Whether a motion of length about 1 is a proof, rounding counted: `m ≤
-    /// −Σ (R̂ d)_i·r̂_i ≤ ‖δ‖ ‖r̂‖` for every reaction in the cones that balances
-    /// the loads, `m = ê·d` and `δ_i` the distance of `(R̂ d)_i` from `K*_μ`.
+    /// Whether a motion of length about 1 is a proof despite rounding. With `m = ê·d` and `δ_i`
+    /// the distance of `(R̂ d)_i` from `K*_μ`, all reactions in the cones that balance the
+    /// loads have `m ≤ −Σ (R̂ d)_i·r̂_i ≤ ‖δ‖ ‖r̂‖`.
     fn proves(&self, motion: &[f64]) -> bool {
         let length = norm(motion);
         let distance = |i: usize| {
@@ -357,10 +304,10 @@ impl<const D: usize> Part<D> {
         let distance = (0..self.size.len()).map(distance).sum::<f64>().sqrt();
         let work = dot_long(motion, &self.load);
         let size = norm(&self.load) * length;
-        work > LEAST_WORK * size && work >= LARGEST_REACTION * distance * size
+        work > LEAST_WORK * size && excludes(work, distance, size)
     }
 
-    /// A motion brought into `K*_μ` by a little of one that lies well inside.
+    /// A motion moved into `K*_μ` by adding a little of a motion inside it.
     fn lifted(&self, motion: &[f64]) -> Option<Vec<f64>> {
         let (inside, slack) = self.inside()?;
         let found = self.most_resisting(motion)?;
@@ -369,10 +316,9 @@ impl<const D: usize> Part<D> {
         Some(motion)
     }
 
-    /// A motion of length 1 that opens every contact by more than friction
-    /// follows, `(R̂ d)_n > μ ‖(R̂ d)_t‖`, and by how much, relative to the size of
-    /// the contact's rows: the shortest point of the convex hull of the columns,
-    /// written as a projection with one more component.
+    /// A motion of length 1 with `(R̂ d)_n > μ ‖(R̂ d)_t‖` at each contact, and its least slack
+    /// relative to the size of the rows of a contact. It is the shortest point of the convex
+    /// hull of the columns, computed as a projection with one more component.
     fn inside(&self) -> Option<(Vec<f64>, f64)> {
         let k = self.load.len();
         let mut target = vec![0.0; k + 1];
@@ -383,8 +329,8 @@ impl<const D: usize> Part<D> {
             let found = self
                 .most_resisting(&s[..k])
                 .filter(|_| bound > LEAST_SLACK)?;
-            // The slack of the shortest point is its length, and −s_k that squared:
-            // half of it will do.
+            // The slack of the shortest point is its length, and −s_k is its square: half of it
+            // suffices.
             if found.work > -0.5 * s[k] && found.work > LEAST_SLACK * length {
                 let unit = s[..k].iter().map(|x| x / length).collect();
                 opened = Some((unit, found.work / length));

@@ -1,7 +1,7 @@
-//! The compliance `W` of (3): contacts that feel each other, island by island.
+//! The compliance `W` of (3), one matrix for each island of coupled contacts.
 //!
-//! Contacts are stored so that every island is a range of positions; `order`
-//! leads back to the caller's numbering. `W` is used as it is given.
+//! Contacts are stored such that each island is a range of positions; `order` gives the numbers
+//! of the caller. `W` is not copied or changed.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -15,15 +15,15 @@ use crate::linalg::compensated::Sum;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::sparse_lu::Analysis;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
 
-/// First block of each row, columns, and entries.
+/// First block of each row, columns and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
 
-/// Whether a matrix of so many blocks and contacts is better kept, and eliminated,
-/// as a sparse one: a walk over fronts, and rows of blocks, take longer a number.
+/// Whether a matrix with this many blocks is stored and factored as a sparse matrix. Sparse
+/// work takes longer for each number than dense work.
 #[must_use]
 pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
     const CONTACTS: usize = 64;
@@ -31,7 +31,7 @@ pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
     contacts >= CONTACTS && blocks.saturating_mul(SHARE) <= contacts.saturating_mul(contacts)
 }
 
-/// `W` over all contacts, island by island.
+/// `W` of all contacts, by islands.
 #[derive(Debug)]
 pub struct Compliance<'a, const D: usize> {
     islands: Vec<Island<'a, D>>,
@@ -39,11 +39,11 @@ pub struct Compliance<'a, const D: usize> {
     order: Vec<usize>,
     /// Island of each position.
     island_of: Vec<usize>,
-    /// Where it is sparse: the whole in blocks, made when first asked for.
+    /// `W` in blocks if it is sparse, made on first use.
     whole: OnceLock<Whole<D>>,
 }
 
-/// All of a `W` in blocks, and how matrices of its pattern are eliminated.
+/// A whole `W` in blocks, and the elimination order of matrices with its pattern.
 #[derive(Debug)]
 pub struct Whole<const D: usize> {
     pub blocks: Blocks<D>,
@@ -51,8 +51,8 @@ pub struct Whole<const D: usize> {
 }
 
 impl<'a, const D: usize> Compliance<'a, D> {
-    /// From islands: the caller's numbers of the contacts of each, and its part
-    /// of `W`, blocks in the order of those numbers.
+    /// Makes `W` from islands: the contact numbers of each, and its part of `W` with blocks in
+    /// the order of these numbers.
     ///
     /// # Errors
     /// As [`Island::new`]. The islands must partition `0..n_c`.
@@ -74,7 +74,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
         })
     }
 
-    /// From a dense row-major matrix of order `D n_c`, whole.
+    /// Makes `W` from a dense row-major matrix of order `D n_c`.
     ///
     /// # Errors
     /// As [`Compliance::new`].
@@ -85,11 +85,11 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// `T W T`.
     ///
     /// # Errors
-    /// As [`Compliance::new`], where factors leave the range of doubles.
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Compliance<'static, D>, Error> {
+    /// As [`Compliance::new`], if factors are outside the range of doubles.
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
-            (caller.to_vec(), island.part().stretched(stretch, caller))
+            (caller.to_vec(), island.part().scaled(elliptic, caller))
         };
         Compliance::new(self.islands.iter().map(part).collect())
     }
@@ -104,8 +104,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
         &self.islands
     }
 
-    /// Whether so much of `W` is zero that matrices of its pattern are eliminated
-    /// as sparse ones.
+    /// Whether `W` has so many zeros that matrices of its pattern are factored as sparse ones.
     #[must_use]
     pub fn is_sparse(&self) -> bool {
         let mut islands = self.islands.iter();
@@ -113,7 +112,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
             || is_sparse(self.entries() / (D * D), self.contacts())
     }
 
-    /// All of `W` in blocks, where it is sparse.
+    /// `W` in blocks, if it is sparse.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -139,13 +138,13 @@ impl<'a, const D: usize> Compliance<'a, D> {
         self.islands.iter().map(Island::entries).sum()
     }
 
-    /// Caller's number of the contact at each position.
+    /// Contact number of the caller at each position.
     #[must_use]
     pub fn order(&self) -> &[usize] {
         &self.order
     }
 
-    /// Caller's node values in the order of positions.
+    /// Node values of the caller in the order of positions.
     #[must_use]
     pub fn gather<T: Copy>(&self, values: &[T]) -> Vec<T> {
         self.order.iter().map(|&i| values[i]).collect()
@@ -167,13 +166,13 @@ impl<'a, const D: usize> Compliance<'a, D> {
         8 * self.entries()
     }
 
-    /// Bytes held beside them, by transposes and inverses.
+    /// Bytes of transposes and inverses.
     #[must_use]
     pub fn bytes_beside(&self) -> usize {
         self.islands.iter().map(Island::bytes_beside).sum()
     }
 
-    /// Largest `|W_ij − W_ji|` over the largest entry: zero for an elastic `W`.
+    /// Largest `|W_ij − W_ji|` over the largest entry; zero for an elastic `W`.
     #[must_use]
     pub fn asymmetry(&self) -> f64 {
         let (apart, largest) = self
@@ -198,14 +197,14 @@ impl<'a, const D: usize> Compliance<'a, D> {
         self.pair(position, position)
     }
 
-    /// Whether any reaction moves the contact at `position` along its normal.
+    /// Whether a reaction moves the contact at `position` along its normal.
     #[must_use]
     pub fn moves(&self, position: usize) -> bool {
         let (island, contact) = self.find(position);
         island.moves(contact)
     }
 
-    /// The block by which the reaction at one position moves the contact at another.
+    /// The block `W_ij` with `i` the contact moved and `j` the contact pushed.
     #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::pair, moved, pushed)
@@ -231,14 +230,31 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
-    /// Component `k` of `W r` at a position, in twice the precision.
+    /// `y = Wᵀ r`, faster with fewer reactions.
+    pub fn transposed_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        y.fill([0.0; D]);
+        for island in &self.islands {
+            let y = &mut y[island.nodes.clone()];
+            for (contact, r) in r[island.nodes.clone()].iter().enumerate() {
+                if r.iter().any(|&c| c != 0.0) {
+                    island.row_blocks(contact, &mut |other, w| {
+                        for (k, value) in y[other].iter_mut().enumerate() {
+                            *value += (0..D).map(|l| w[(l, k)] * r[l]).sum::<f64>();
+                        }
+                    });
+                }
+            }
+        }
+    }
+
+    /// Component `k` of `W r` at a position, with sums in twice the precision.
     #[must_use]
     pub fn exact_row(&self, position: usize, k: usize, r: &[[f64; D]]) -> Sum {
         let (island, contact) = self.find(position);
         island.exact_row(contact, k, &r[island.nodes.clone()])
     }
 
-    /// `W r` at some positions only, in their order.
+    /// `W r` at some positions, in their order.
     #[must_use]
     pub fn product_at(&self, positions: &[usize], r: &[[f64; D]]) -> Vec<[f64; D]> {
         let at = |&position: &usize| {
@@ -252,28 +268,26 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
-    /// Whether `W` is symmetric to the bit.
+    /// Whether `W` is bitwise symmetric.
     #[must_use]
     pub fn is_symmetric(&self) -> bool {
         self.islands.iter().all(Island::is_symmetric)
     }
 
-    /// `y = |W| |r|`: what rounding in [`Compliance::product`] is measured against.
+    /// `y = |W| |r|`, for bounds on the rounding of [`Compliance::product`].
     pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
         for island in &self.islands {
             island.absolute_product(&r[island.nodes.clone()], &mut y[island.nodes.clone()]);
         }
     }
 
-    /// `y += W_{·i} dr` for the contact at `position`: the effect of one
-    /// reaction on every contact of its island.
+    /// `y += W_{·i} dr` for the contact at `position`.
     pub fn add_column(&self, position: usize, dr: &[f64; D], y: &mut [[f64; D]]) {
         let (island, contact) = self.find(position);
         island.add_column(contact, dr, &mut y[island.nodes.clone()]);
     }
 
-    /// `y += W dr` for some components of the reactions only: the part of the
-    /// product that belongs to their columns, and no more memory read than that.
+    /// `y += W dr` for some components of the reactions; reads only their columns.
     pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
         for island in &self.islands {
             let (dr, y) = (&dr[island.nodes.clone()], &mut y[island.nodes.clone()]);
@@ -281,14 +295,14 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
-    /// Whether an inverse may be tried: of a symmetric `W`, all of it dense. This does
-    /// not depend on what was solved before.
+    /// Whether an inverse may be tried: only if `W` is symmetric and dense. It does not depend
+    /// on earlier solves.
     #[must_use]
     pub fn may_have_inverse(&self) -> bool {
         self.islands.iter().all(Island::may_have_inverse)
     }
 
-    /// Whether the inverse of `W` is at hand, or known not to be had.
+    /// Whether the inverse of `W` has been made, or is known not to exist.
     #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {
         let mut known = self.islands.iter().map(Island::inverse_known);
@@ -298,8 +312,8 @@ impl<'a, const D: usize> Compliance<'a, D> {
         known.try_fold(true, |all, known| Some(all && known?))
     }
 
-    /// Makes the inverse of every island that has none yet; whether `W` has one
-    /// that is worth the name.
+    /// Makes the inverse of each island that has none. Returns whether `W` has an inverse of
+    /// sufficient accuracy.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -313,21 +327,21 @@ impl<'a, const D: usize> Compliance<'a, D> {
         Ok(self.inverse_known() == Some(true))
     }
 
-    /// `y = W⁻¹ x`, with the inverse that was made.
+    /// `y = W⁻¹ x`, with the inverse made before.
     pub fn inverse_product(&self, x: &[[f64; D]], y: &mut [[f64; D]]) {
         for island in &self.islands {
             island.inverse_product(&x[island.nodes.clone()], &mut y[island.nodes.clone()]);
         }
     }
 
-    /// A block of the inverse that was made.
+    /// A block of the inverse made before.
     #[must_use]
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::inverse_pair, moved, pushed)
     }
 
-    /// Where it is sparse, its blocks in the caller's numbering: the first of each row,
-    /// columns, and entries, row-major.
+    /// The blocks of a sparse `W` in the numbering of the caller: the first of each row,
+    /// columns, and row-major entries.
     ///
     /// # Errors
     /// As [`Compliance::whole`].
@@ -350,7 +364,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
         Ok(Some((start, column, values)))
     }
 
-    /// The whole matrix in the caller's numbering, row-major.
+    /// `W` as a dense row-major matrix in the numbering of the caller.
     #[must_use]
     pub fn to_dense(&self) -> Vec<f64> {
         let n = D * self.order.len();

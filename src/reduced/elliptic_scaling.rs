@@ -1,48 +1,47 @@
-//! Friction that depends on direction, made Coulomb's by a change of variables.
+//! Changes variables such that friction with two coefficients becomes Coulomb friction.
 //!
 //! With coefficients `D = diag(μ₁, μ₂)` along the tangents of a contact, the cone is
-//! `‖D⁻¹ r_t‖ ≤ r_n`, and a contact that slides has `r_t = −r_n D² v_t / ‖D v_t‖`. Let
+//! `‖D⁻¹ r_t‖ ≤ r_n`, and a sliding contact has `r_t = −r_n D² v_t / ‖D v_t‖`. Let
 //! `μ = max(μ₁, μ₂)`, `T = 1 ⊕ D/μ`, and
 //!
 //! ```text
 //! r = T r̃,   ṽ = T v:   r·v = r̃·ṽ,   ‖D⁻¹ r_t‖ = ‖r̃_t‖/μ,   ‖D v_t‖ = μ ‖ṽ_t‖
 //! ```
 //!
-//! so that the law between `r` and `v` is Coulomb's with `μ` between `r̃` and `ṽ`, and
-//! `v = W r + R a + q`, `Rᵀ r + e = 0` is the same problem with `T W T`, `T R`, `T q`,
-//! which are those of the contact matrix `T B` and the gap `T g`. Everything behind the
-//! border solves and judges that one. Equal coefficients have `T = I`, to the bit.
+//! Then Coulomb's law with `μ` holds between `r̃` and `ṽ`. The problem `v = W r + R a + q`,
+//! `Rᵀ r + e = 0` keeps its form with `T W T`, `T R` and `T q`, which belong to the contact
+//! matrix `T B` and the gap `T g`. The core solves this problem and computes its certificate.
+//! Equal coefficients give exactly `T = I`.
 
 use std::borrow::Cow;
 
 use crate::error::Error;
 use crate::linalg::small::Block;
 
-/// The tangential part of `T` of each contact in space, in the caller's numbering.
+/// The tangential part of `T` of each contact in space, in the numbering of the caller.
 #[derive(Clone, Debug)]
-pub struct Stretch {
+pub struct EllipticScaling {
     tangents: Vec<[f64; 2]>,
 }
 
-/// What [`Stretch::new`] finds in coefficients along two tangents: `μ`, and `T` unless
-/// it is the identity at every contact.
-pub type Friction = (Vec<f64>, Option<Stretch>);
+/// `μ`, and `T` unless it is the identity at each contact.
+pub type Friction = (Vec<f64>, Option<EllipticScaling>);
 
-/// Coefficients of a contact lie within this factor of each other. `v_t` is `T⁻¹ ṽ_t`:
-/// along the tangent of little friction it has that many times the error of `ṽ_t`, and
-/// the judge, who sees `ṽ`, would let pass what is no answer any more.
-pub const MOST_RATIO: f64 = 1e6;
+/// The largest ratio of the two coefficients of a contact. `v_t` is `T⁻¹ ṽ_t`: along the
+/// tangent with the smaller coefficient its error is this many times that of `ṽ_t`, and the
+/// certificate checks only `ṽ`.
+pub const LARGEST_RATIO: f64 = 1e6;
 
-impl Stretch {
+impl EllipticScaling {
     /// # Errors
     /// [`Error::Friction`] for a coefficient that is negative or not finite,
-    /// [`Error::EllipticFriction`] for two that differ by more than [`MOST_RATIO`], as
-    /// where one of them is zero.
+    /// [`Error::EllipticFriction`] for two coefficients with a ratio above [`LARGEST_RATIO`],
+    /// or if only one of them is zero.
     pub fn new(mu: &[[f64; 2]]) -> Result<Friction, Error> {
         let mut round = Vec::with_capacity(mu.len());
         let mut tangents = Vec::with_capacity(mu.len());
         for (node, &pair) in mu.iter().enumerate() {
-            // Written so that a NaN fails it.
+            // Written such that a NaN fails.
             if let Some(&mu) = pair.iter().find(|m| !(m.is_finite() && **m >= 0.0)) {
                 return Err(Error::Friction { node, mu });
             }
@@ -52,8 +51,12 @@ impl Stretch {
             } else {
                 [1.0; 2]
             };
-            if t[0].min(t[1]) * MOST_RATIO < 1.0 {
-                return Err(Error::EllipticFriction { node, mu: pair });
+            if t[0].min(t[1]) * LARGEST_RATIO < 1.0 {
+                return Err(Error::EllipticFriction {
+                    node,
+                    mu: pair,
+                    ratio: LARGEST_RATIO,
+                });
             }
             round.push(largest);
             tangents.push(t);
@@ -65,12 +68,12 @@ impl Stretch {
         Ok((round, (!identity).then_some(Self { tangents })))
     }
 
-    /// `T'' = T' T⁻¹`, from variables stretched by the one to those stretched by the
-    /// other, nothing standing for the identity.
+    /// `T'' = T' T⁻¹`, which changes variables scaled by `from` to variables scaled by `to`.
+    /// `None` is the identity.
     #[must_use]
     pub fn between(from: Option<&Self>, to: Option<&Self>) -> Option<Self> {
         let contacts = from.or(to)?.tangents.len();
-        let of = |stretch: Option<&Self>, i: usize| stretch.map_or([1.0; 2], |s| s.tangents[i]);
+        let of = |elliptic: Option<&Self>, i: usize| elliptic.map_or([1.0; 2], |s| s.tangents[i]);
         let ratio = |i: usize| {
             let (from, to) = (of(from, i), of(to, i));
             [to[0] / from[0], to[1] / from[1]]
@@ -99,9 +102,8 @@ impl Stretch {
         }
     }
 
-    /// `T_i w T_j`, of the block by which the reaction at `pushed` moves the contact
-    /// `moved`. The product of factors comes first, so that what is symmetric stays so
-    /// to the bit.
+    /// `T_i w T_j`, where `w` is the block `W_ij`. The product of factors comes first, so that
+    /// a symmetric matrix stays bitwise symmetric.
     #[must_use]
     pub fn block<const D: usize>(&self, w: &Block<D>, moved: usize, pushed: usize) -> Block<D> {
         Block::from_fn(|k, l| w[(k, l)] * (self.factor(moved, k) * self.factor(pushed, l)))
@@ -122,20 +124,20 @@ impl Stretch {
     }
 }
 
-/// [`Stretch::times`], or `x` itself where nothing is stretched.
+/// [`EllipticScaling::times`], or `x` itself without a scaling.
 #[must_use]
 pub fn times<'a, const D: usize>(
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
 ) -> Cow<'a, [[f64; D]]> {
-    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.times(x)))
+    elliptic.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.times(x)))
 }
 
-/// [`Stretch::over`], or `x` itself where nothing is stretched.
+/// [`EllipticScaling::over`], or `x` itself without a scaling.
 #[must_use]
 pub fn over<'a, const D: usize>(
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
 ) -> Cow<'a, [[f64; D]]> {
-    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
+    elliptic.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
 }

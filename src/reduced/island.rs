@@ -1,8 +1,8 @@
-//! Contacts that feel each other: their part of `W`, dense, or sparse where the
-//! caller's `W` is.
+//! The part of `W` of one island: contacts that are coupled by `W`. It is dense, or sparse if
+//! the caller gives sparse blocks.
 //!
-//! Everything here is in positions within the island. Dense rows are contiguous;
-//! an asymmetric matrix keeps its transpose beside it for the columns of a sweep.
+//! All indices are positions within the island. Dense rows are contiguous; an asymmetric matrix
+//! also stores its transpose, for access to columns.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -17,13 +17,13 @@ use crate::linalg::dense;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, Vector, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
 
-/// Below this many rows a product is not worth a second thread.
+/// With fewer rows, a second thread does not make a product faster.
 pub(super) const PARALLEL_ROWS: usize = 768;
 
-/// The part of `W` that an island is made of.
+/// The matrix of an island.
 #[derive(Clone, Debug)]
 pub enum Part<'a, const D: usize> {
     /// Row-major, of order `D` times the contacts.
@@ -32,18 +32,18 @@ pub enum Part<'a, const D: usize> {
 }
 
 impl<const D: usize> Part<'_, D> {
-    /// `T W T` of the contacts `caller`, in their order.
+    /// `T W T` for the contacts `caller`, in their order.
     #[must_use]
-    pub fn stretched(&self, stretch: &Stretch, caller: &[usize]) -> Part<'static, D> {
+    pub fn scaled(&self, elliptic: &EllipticScaling, caller: &[usize]) -> Part<'static, D> {
         match self {
             Part::Sparse(blocks) => {
-                let of = |i: usize, j: usize, w: &Block<D>| stretch.block(w, caller[i], caller[j]);
+                let of = |i: usize, j: usize, w: &Block<D>| elliptic.block(w, caller[i], caller[j]);
                 Part::Sparse(Cow::Owned(blocks.map(of)))
             }
             Part::Dense(matrix) => {
-                let factor = |k: usize| stretch.factor(caller[k / D], k % D);
+                let factor = |k: usize| elliptic.factor(caller[k / D], k % D);
                 let factors: Vec<f64> = (0..D * caller.len()).map(factor).collect();
-                // As `Stretch::block`: the product of factors first.
+                // As in `EllipticScaling::block`: the product of factors first.
                 let row = |(row, t): (&[f64], &f64)| {
                     let entries = row.iter().zip(&factors);
                     entries.map(|(w, s)| w * (t * s)).collect::<Vec<f64>>()
@@ -55,20 +55,20 @@ impl<const D: usize> Part<'_, D> {
     }
 }
 
-/// Contacts that feel each other.
+/// Contacts coupled by `W`.
 #[derive(Clone, Debug)]
 pub struct Island<'a, const D: usize> {
-    /// Their positions in the whole.
+    /// Their positions in the whole `W`.
     pub nodes: Range<usize>,
     part: Part<'a, D>,
-    /// The transpose, where a dense matrix is not symmetric to the bit.
+    /// The transpose of a dense matrix that is not bitwise symmetric.
     transpose: Option<Vec<f64>>,
-    /// The inverse, made when it is first asked for; nothing where there is none.
+    /// The inverse, made on first use; `None` if there is none.
     inverse: OnceLock<Option<Vec<f64>>>,
 }
 
 impl<'a, const D: usize> Island<'a, D> {
-    /// At the positions `nodes`, `caller` their numbers there.
+    /// Makes an island at the positions `nodes`, with `caller` the contact numbers there.
     ///
     /// # Errors
     /// [`Error::Shape`] for a matrix of the wrong size, [`Error::EntryNotFinite`]
@@ -107,18 +107,18 @@ impl<'a, const D: usize> Island<'a, D> {
         })
     }
 
-    /// Unknowns.
+    /// Number of unknowns.
     fn order(&self) -> usize {
         D * self.nodes.len()
     }
 
-    /// What it is made of.
+    /// The matrix.
     #[must_use]
     pub fn part(&self) -> &Part<'a, D> {
         &self.part
     }
 
-    /// Its blocks, where it is sparse.
+    /// Its blocks, if it is sparse.
     #[must_use]
     pub fn blocks(&self) -> Option<&Blocks<D>> {
         match &self.part {
@@ -136,7 +136,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// Bytes held beside `W`, by a transpose and an inverse.
+    /// Bytes of the transpose and the inverse.
     #[must_use]
     pub fn bytes_beside(&self) -> usize {
         let inverse = self.inverse.get().and_then(Option::as_ref);
@@ -151,7 +151,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// Largest difference between an entry and its mirror image, and largest entry.
+    /// Largest difference between an entry and its mirror entry, and largest entry.
     #[must_use]
     pub fn asymmetry(&self) -> (f64, f64) {
         match &self.part {
@@ -164,7 +164,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// The block by which the reaction at one contact moves another.
+    /// The block `W_ij` with `i` the contact moved and `j` the contact pushed.
     #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
         match &self.part {
@@ -191,7 +191,7 @@ impl<'a, const D: usize> Island<'a, D> {
         Block::from_fn(|i, j| matrix[(row + i) * m + column + j])
     }
 
-    /// Whether any reaction moves a contact along its normal.
+    /// Whether a reaction moves a contact along its normal.
     #[must_use]
     pub fn moves(&self, contact: usize) -> bool {
         match &self.part {
@@ -218,7 +218,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// One contact's part of `W r`.
+    /// The part of `W r` of one contact.
     #[must_use]
     pub fn product_at(&self, contact: usize, r: &[[f64; D]]) -> [f64; D] {
         match &self.part {
@@ -229,7 +229,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// Component `k` of a contact's part of `W r`, in twice the precision.
+    /// Component `k` of `W r` at a contact, with sums in twice the precision.
     #[must_use]
     pub fn exact_row(&self, contact: usize, k: usize, r: &[[f64; D]]) -> Sum {
         match &self.part {
@@ -260,8 +260,8 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// Every row by one thread from left to right: the bits do not depend on
-    /// the number of threads.
+    /// One thread sums each row from left to right: the bits do not depend on the number of
+    /// threads.
     fn each_row(&self, matrix: &[f64], y: &mut [[f64; D]], of_row: impl Fn(&[f64]) -> f64 + Sync) {
         let m = self.order().max(1);
         let out = y.as_flattened_mut();
@@ -277,7 +277,7 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// `y += W_{·i} dr`: the effect of one reaction on every contact.
+    /// `y += W_{·i} dr`.
     pub fn add_column(&self, contact: usize, dr: &[f64; D], y: &mut [[f64; D]]) {
         let matrix = match &self.part {
             Part::Dense(matrix) => matrix,
@@ -306,10 +306,9 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// `y += W dr` for some components of the reactions only: the part of the
-    /// product that belongs to their columns, and no more memory read than that.
+    /// `y += W dr` for some components of the reactions; reads only their columns.
     pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
-        /// Entries of `y` that a task holds in the cache while columns go by.
+        /// Entries of `y` in one task. They stay in the cache.
         const ROWS: usize = 256;
         let matrix = match &self.part {
             Part::Dense(matrix) => matrix,
@@ -352,7 +351,7 @@ impl<'a, const D: usize> Island<'a, D> {
         self.blocks().is_none() && self.is_symmetric()
     }
 
-    /// Whether the inverse is at hand, or known not to be had.
+    /// Whether the inverse has been made, or is known not to exist.
     #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {
         if !self.may_have_inverse() {
@@ -361,7 +360,7 @@ impl<'a, const D: usize> Island<'a, D> {
         self.inverse.get().map(Option::is_some)
     }
 
-    /// Makes the inverse where it is not known whether there is one.
+    /// Makes the inverse, unless it is known whether there is one.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -373,27 +372,27 @@ impl<'a, const D: usize> Island<'a, D> {
         Ok(())
     }
 
-    /// The inverse; empty where it was not made.
+    /// The inverse; empty if it was not made.
     fn inverse(&self) -> &[f64] {
         let made = self.inverse.get().and_then(Option::as_deref);
         made.unwrap_or(&[])
     }
 
-    /// `y = W⁻¹ x`, with the inverse that was made.
+    /// `y = W⁻¹ x`, with the inverse made before.
     pub fn inverse_product(&self, x: &[[f64; D]], y: &mut [[f64; D]]) {
         self.each_row(self.inverse(), y, |row| dot_long(row, x.as_flattened()));
     }
 
-    /// A block of the inverse that was made.
+    /// A block of the inverse made before.
     #[must_use]
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(self.inverse(), moved, pushed)
     }
 }
 
-/// `y_i = of(i)`, by several threads where there are many.
+/// `y_i = of(i)`, by several threads if there are many.
 fn each<const D: usize>(y: &mut [[f64; D]], of: impl Fn(usize) -> [f64; D] + Sync) {
-    /// A row of blocks is a microsecond's work at the most.
+    /// One row of blocks takes at most a microsecond.
     const PARALLEL: usize = 4096;
     if y.len() < PARALLEL {
         y.iter_mut().enumerate().for_each(|(i, y)| *y = of(i));
@@ -403,10 +402,9 @@ fn each<const D: usize>(y: &mut [[f64; D]], of: impl Fn(usize) -> [f64; D] + Syn
     }
 }
 
-/// The transpose of a row-major matrix, or nothing where it equals the matrix.
+/// The transpose of a row-major matrix, or `None` if it equals the matrix.
 fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
-    /// Rows and columns looked at together: both sides of the diagonal stay in
-    /// the cache.
+    /// Rows and columns in one tile: both sides of the diagonal stay in the cache.
     const TILE: usize = 32;
     #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
     let same = |i: usize, j: usize| matrix[i * m + j] == matrix[j * m + i];
@@ -433,17 +431,17 @@ fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
     Some(transpose)
 }
 
-/// An inverse whose matrix has a condition above this, with its diagonal scaled
-/// to one, is mostly rounding.
+/// With a larger condition number of the matrix with unit diagonal, the inverse is mostly
+/// rounding.
 const WORST_CONDITION: f64 = 1e10;
 
-/// The inverse of a symmetric positive definite matrix; nothing for another.
+/// The inverse of a symmetric positive definite matrix; `None` for another matrix.
 fn inverse(matrix: &[f64], m: usize, stop: &AtomicBool) -> Result<Option<Vec<f64>>, Error> {
     if memory::check("the inverse of W", 3 * 8 * (m as u128).pow(2)).is_err() {
         return Ok(None); // steps are taken without it
     }
     let diagonal: Vec<f64> = (0..m).map(|i| matrix[i * (m + 1)]).collect();
-    // A power of two leaves no trace: bits are those of any other unit.
+    // A power of two does not change the bits of any other unit.
     let unit = -exponent(diagonal.iter().fold(0.0_f64, |a, &b| a.max(b)));
     let mut inverse: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
     if dense::cholesky(&mut inverse, m, stop)?.is_some() {

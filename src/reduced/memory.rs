@@ -1,20 +1,20 @@
-//! Refuses what cannot fit, with the figure, before it is allocated.
+//! Refuses work that needs too much memory, before any memory is allocated.
 
 use crate::error::Error;
 
-/// How much may be taken: as much as the machine has, or less by the caller's wish.
+/// A limit of memory: that of the machine, or a smaller one of the caller.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Budget {
-    /// Bytes, the caller's limit.
+    /// The limit of the caller, in bytes.
     pub limit: Option<u128>,
 }
 
 impl Budget {
-    /// Of `bytes` some may be `held` already.
+    /// Checks `bytes`, of which `held` are allocated already.
     ///
     /// # Errors
-    /// [`Error::Memory`] when `what` needs more than there is, [`Error::MemoryLimit`]
-    /// when it needs more than the caller allows.
+    /// [`Error::Memory`] if `what` needs more than the free memory, [`Error::MemoryLimit`] if
+    /// it needs more than the limit of the caller.
     pub fn check(self, what: &'static str, bytes: u128, held: u128) -> Result<(), Error> {
         match self.limit {
             Some(limit) if bytes > limit => Err(Error::MemoryLimit { what, bytes, limit }),
@@ -23,7 +23,7 @@ impl Budget {
     }
 }
 
-/// Bytes that this machine can still give, where it tells (Linux).
+/// Free bytes of this machine, if known (Linux).
 fn available() -> Option<u128> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text
@@ -34,7 +34,7 @@ fn available() -> Option<u128> {
 }
 
 /// # Errors
-/// [`Error::Memory`] when `what` needs more than there is.
+/// [`Error::Memory`] if `what` needs more than the free memory.
 pub fn check(what: &'static str, bytes: u128) -> Result<(), Error> {
     match available() {
         Some(available) if bytes > available => Err(Error::Memory {

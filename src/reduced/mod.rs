@@ -1,11 +1,11 @@
-//! The contact problem in the reactions alone, `v = W r + q`, and no algorithm.
+//! The contact problem in the reactions, `v = W r + q`, without any algorithm.
 
 pub mod balance;
 pub mod compliance;
 pub mod elliptic_scaling;
+pub mod existence;
 pub mod island;
 pub mod memory;
-pub mod overlap;
 pub mod reduced;
 pub mod residual;
 pub mod validate;

@@ -1,4 +1,4 @@
-//! The reduced problem (5), `v = W r + R a + q`, checked once and scaled once.
+//! The reduced problem (5), `v = W r + R a + q`, checked and scaled once.
 
 use crate::error::Error;
 use crate::linalg::power_of_two::{exponent, times_two_to};
@@ -6,16 +6,16 @@ use crate::linalg::small::{length, norm};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
-/// Bodies held by contact alone: `v = W r + R a + q` with `Rᵀ r + e = 0`.
+/// Rigid motions of bodies that only contact holds: `v = W r + R a + q` with `Rᵀ r + e = 0`.
 #[derive(Clone, Debug, Default)]
 pub struct Rigid<const D: usize> {
-    /// Columns of `R`, one a rigid motion, each over all contacts.
+    /// Columns of `R`, one for each rigid motion, each with all contacts.
     pub modes: Vec<Vec<[f64; D]>>,
-    /// `e`, what the loads do on each rigid motion.
+    /// `e`, the work of the loads on each rigid motion.
     pub load: Vec<f64>,
 }
 
-/// `v = W r + R a + q`, `Rᵀ r + e = 0`, and the law at every contact.
+/// `v = W r + R a + q`, `Rᵀ r + e = 0`, and the law at each contact.
 ///
 /// All node arrays are in the order of positions of `compliance`.
 #[derive(Clone, Debug)]
@@ -24,22 +24,21 @@ pub struct Reduced<'a, const D: usize> {
     pub q: Vec<[f64; D]>,
     pub mu: Vec<f64>,
     pub rigid: Rigid<D>,
-    /// What rounding may have made of `e`, a number each rigid motion; empty
-    /// where `e` is taken as it is.
+    /// Rounding error of `e`, one number for each rigid motion; empty if `e` is exact.
     pub load_rounding: Vec<f64>,
     pub scaling: Scaling<D>,
-    /// A contact that penetrates and that nothing can move, in the caller's
-    /// numbering, and by how much: there is no answer then.
+    /// A contact that penetrates and that nothing can move, in the numbering of the caller, and
+    /// its penetration. Then there is no solution.
     pub contradiction: Option<(usize, f64)>,
 }
 
 impl<'a, const D: usize> Reduced<'a, D> {
-    /// Takes node arrays in the caller's numbering.
+    /// Takes node arrays in the numbering of the caller.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`] and [`Error::Friction`] for wrong
-    /// arguments, [`Error::DependentMotion`] for a rigid motion that no contact
-    /// feels, [`Error::Range`] for numbers that cannot be scaled.
+    /// [`Error::Shape`], [`Error::NotFinite`] and [`Error::Friction`] for wrong arguments,
+    /// [`Error::DependentMotion`] for a rigid motion that moves no contact, [`Error::Range`]
+    /// for numbers that cannot be scaled.
     pub fn new(
         compliance: &'a Compliance<'a, D>,
         q: &[[f64; D]],
@@ -91,7 +90,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
         self.q.len()
     }
 
-    /// `v = W r + R a + q`, afresh.
+    /// Computes `v = W r + R a + q`.
     #[must_use]
     pub fn relative_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
         let mut v = vec![[0.0; D]; r.len()];
@@ -100,7 +99,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
         v
     }
 
-    /// [`Self::relative_displacement`] with sums as in twice the precision.
+    /// [`Self::relative_displacement`] with sums in twice the precision.
     #[must_use]
     pub fn exact_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
         let mut v = vec![[0.0; D]; r.len()];
@@ -139,20 +138,20 @@ impl<'a, const D: usize> Reduced<'a, D> {
     }
 }
 
-/// Node scaling: `r = D r̂`, `v = v̂ / D`, one scalar a node, so that `Ŵ = D W D`
-/// has blocks of mean diagonal one. Cones and `μ‖v_t‖` survive, and ρ = 1 suits
-/// every node.
+/// Scaling with one number for each node: `r = D r̂`, `v = v̂ / D`, so that the mean of the
+/// diagonal of each block of `Ŵ = D W D` is one. Cones and `μ‖v_t‖` keep their form, and ρ = 1
+/// suits each node.
 ///
-/// Two powers of two, one for displacements and one for forces, are taken out
-/// first: a change of units by powers of two changes no bit of a scaled
-/// quantity, and any other only its rounding.
+/// Two powers of two, one for displacements and one for forces, are factored out first: a
+/// change of units by powers of two does not change a bit of a scaled quantity, and another
+/// change only its rounding.
 #[derive(Clone, Debug)]
 pub struct Scaling<const D: usize> {
     /// `v̂ = to_v v`.
     pub to_v: Vec<f64>,
     /// `r̂ = to_r r`.
     pub to_r: Vec<f64>,
-    /// Orthonormal columns of the scaled border, `R̂ T = D R`.
+    /// Orthonormal columns of the scaled rigid motions, `R̂ T = D R`.
     pub modes: Vec<Vec<[f64; D]>>,
     /// `ê = T⁻ᵀ e`, scaled as a force.
     pub load: Vec<f64>,
@@ -239,7 +238,7 @@ impl<const D: usize> Scaling<D> {
         })
     }
 
-    /// `a` in the caller's units from the scaled `â = T a`.
+    /// `a` in the units of the caller from the scaled `â = T a`.
     #[must_use]
     pub fn rigid_from_scaled(&self, scaled: &[f64]) -> Vec<f64> {
         let mut a: Vec<f64> = scaled.iter().map(|x| x * self.rigid_unit).collect();
@@ -305,7 +304,7 @@ fn orthonormalise<const D: usize>(mut columns: Vec<Vec<[f64; D]>>) -> Result<Fac
             }
         }
         t[j] = norm(column);
-        // What is left of a dependent column is rounding.
+        // The remainder of a dependent column is rounding.
         if t[j] <= 1e-12 * before {
             return Err(Error::DependentMotion { mode: j });
         }

@@ -1,9 +1,9 @@
-//! The certificate that every solver is judged by, (11) and (13), and what is
-//! reported beside it.
+//! The certificate that decides whether a point is a solution, (11) and (13). All solvers share
+//! it.
 //!
 //! `F(r) = r̂ − proj(r̂ − ṽ̂, K_μ)` in scaled variables, where ρ = 1, and
-//! `η = ‖F(r)‖ / max(‖r̂‖, ‖F(0)‖)`, zero when both are. With bodies held by
-//! contact alone, the larger of that and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
+//! `η = ‖F(r)‖ / max(‖r̂‖, ‖F(0)‖)`, zero if both are zero. If only contact holds a body, η is
+//! the larger of this and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
 
 use crate::law::bipotential;
 use crate::law::cone::{Status, derivative};
@@ -11,22 +11,22 @@ use crate::linalg::least_squares;
 use crate::linalg::small::{Vector, length, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 
-/// A rounding floor above this is not convergence.
+/// A point with a larger rounding floor has not converged.
 pub const WORST_FLOOR: f64 = 1e-6;
 
-/// Of every term of a sum, what rounding may have made of it.
+/// Rounding error of each term of a sum, relative to the term.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// What may be left of the free displacement of closed contacts, or the wish where
-/// that is larger. Where two reactions undo each other, as between walls that
-/// overlap, both grow until η, which is relative to them, is small whatever is left.
+/// Largest remainder of the free displacement of closed contacts, or the tolerance if that is
+/// larger. Two reactions that cancel each other, as between walls that overlap, can grow until
+/// η, which is relative to them, is small for any remainder.
 const WORST_LEFT: f64 = 1e-6;
 
-/// Penetration, or opening under pressure, in tolerances, that goes with an η within
-/// them for a moderate μ.
+/// Largest penetration, or opening under pressure, in tolerances. For a moderate μ, η within
+/// the tolerance implies it.
 const DEEPEST: f64 = 10.0;
 
-/// What a fresh evaluation says of a point `(r, a)`.
+/// The certificate of a point `(r, a)`, evaluated afresh.
 #[derive(Clone, Debug)]
 pub struct Certificate<const D: usize> {
     /// `v = W r + R a + q`.
@@ -35,31 +35,31 @@ pub struct Certificate<const D: usize> {
     pub status: Vec<Status>,
     /// η.
     pub residual: f64,
-    /// What rounding alone may leave of η, `WORST_FLOOR` at the most.
+    /// Rounding error of η, at most `WORST_FLOOR`.
     pub floor: f64,
-    /// Whether the rounding of `v` leaves η a meaning.
+    /// Whether the rounding of `v` is small enough for η to have a meaning.
     pub sound: bool,
-    /// `‖F‖` over the displacement that the reactions are to undo.
+    /// `‖F‖` over the displacement that the reactions must cancel.
     left: f64,
-    /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding. A large μ
-    /// hides it from η, where a sliding contact counts `v_n/√(1 + μ²)`.
+    /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding. A large μ hides it from η, in which
+    /// a sliding contact counts only `v_n/√(1 + μ²)`.
     penetration: f64,
-    /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components: where
-    /// `W_ii = 0`, no compliance makes reactions a measure of displacements.
+    /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components, for contacts with
+    /// `W_ii = 0`: without compliance, reactions do not measure displacements.
     depth: f64,
-    /// `‖min(r̂_n, v̂_n)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding: a
-    /// contact that is open and pressed. A large μ hides it as it hides penetration.
+    /// `‖min(r̂_n, v̂_n)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, less rounding: a contact that is open and
+    /// pressed. A large μ hides it from η as it hides penetration.
     apart: f64,
 }
 
 impl<const D: usize> Certificate<D> {
-    /// Evaluates `v` afresh, and judges.
+    /// Evaluates `v` and computes the certificate.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> Self {
         Self::of(problem, r, problem.relative_displacement(r, a), a)
     }
 
-    /// Judges a point whose `v` was evaluated by another route than `W`.
+    /// Computes the certificate of a point whose `v` was not evaluated with `W`.
     #[must_use]
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
@@ -89,13 +89,13 @@ impl<const D: usize> Certificate<D> {
         }
     }
 
-    /// What η is held to for a wish of `tol`.
+    /// The tolerance of η if the caller asks for `tol`.
     #[must_use]
     pub fn tolerance(&self, tol: f64) -> f64 {
         if self.sound { tol.max(self.floor) } else { tol }
     }
 
-    /// Whether this point is an answer.
+    /// Whether this point is a solution.
     #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
         let tolerance = self.tolerance(tol);
@@ -104,13 +104,13 @@ impl<const D: usize> Certificate<D> {
             && self.left <= WORST_LEFT.max(tol)
             && self.penetration <= DEEPEST * tolerance
             && self.depth <= WORST_LEFT.max(DEEPEST * tol)
-            // To the wish: in the floor is μ times the rounding of slip, which is no
-            // excuse for a contact that is open.
+            // Compared with `tol`: the floor contains μ times the rounding of slip, which does
+            // not explain an open contact.
             && self.apart <= DEEPEST * tol
     }
 }
 
-/// η of a point whose `v` is at hand.
+/// η of a point with a known `v`.
 #[must_use]
 pub fn residual<const D: usize>(
     problem: &Reduced<D>,
@@ -122,15 +122,15 @@ pub fn residual<const D: usize>(
     relative(problem, r, law, size(problem, r, a))
 }
 
-/// `‖(F, R̂ᵀ r̂ + ê)‖`, no ratio: what a line search lowers. The ratio η would
-/// reward a rigid motion that runs away, which makes `‖F(0)‖` grow.
+/// `‖(F, R̂ᵀ r̂ + ê)‖`, which a line search reduces. The ratio η would favour a rigid motion
+/// that grows without bound, because `‖F(0)‖` grows with it.
 #[must_use]
 pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
     let imbalance = norm(&scaled_imbalance(problem, r));
     law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
 }
 
-/// η from `‖F(r)‖` and what it is relative to.
+/// η from `‖F(r)‖` and its reference size.
 fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whole: f64) -> f64 {
     let law = ratio(law, whole);
     if problem.rigid.modes.is_empty() {
@@ -142,7 +142,7 @@ fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whol
     ))
 }
 
-/// `‖F(r)‖`, with the status of every contact told.
+/// `‖F(r)‖`; calls `told` with the status of each contact.
 fn law_norm<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -179,10 +179,10 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
         .max(problem.scaling.reaction_norm(r))
 }
 
-/// `‖ê‖`, or `‖r̂‖` where no load acts on the rigid motions; of loads so small
-/// beside the reactions that rounding alone would leave more, what it allows.
+/// `‖ê‖`, or `‖r̂‖` if no load acts on the rigid motions. If the loads are smaller than the
+/// rounding of the reactions, the size for which this rounding is tolerated.
 fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
-    /// `4 ε ‖r̂‖` is below [`WORST_FLOOR`] of so much of `‖r̂‖`.
+    /// `4 ε ‖r̂‖` is below [`WORST_FLOOR`] times this share of `‖r̂‖`.
     const LEAST: f64 = 1e-9;
     let load = norm(&problem.scaling.load);
     let reactions = problem.scaling.reaction_norm(r);
@@ -211,10 +211,10 @@ pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) ->
         .collect()
 }
 
-/// The rigid motion `a` of least squares for a reaction: it makes `‖F‖` small.
+/// The rigid motion `a` that makes `‖F‖` small for a given reaction.
 ///
-/// Gauss–Newton on `â ↦ F`, from the motion by which contacts that press do not
-/// open and those inside their cone do not slip.
+/// Gauss–Newton on `â ↦ F`. It starts from the motion of least squares for which pressed
+/// contacts do not open and contacts inside their cone do not slip.
 #[must_use]
 pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
     let scaling = &problem.scaling;
@@ -268,7 +268,7 @@ fn fit(columns: &[Vec<f64>], right: &[f64]) -> Vec<f64> {
     least_squares::solve(&columns, right)
 }
 
-/// `∂F/∂â`, column by column, and `−F`, at a scaled rigid motion.
+/// Columns of `∂F/∂â`, and `−F`, at a scaled rigid motion.
 fn linearised<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
@@ -303,11 +303,11 @@ fn linearised<const D: usize>(
     (columns, right)
 }
 
-/// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite
-/// where there is nothing to undo.
+/// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite if it is
+/// zero.
 ///
-/// Of a rigid motion counts what loads can ask for: one that has run away, and reactions
-/// that have grown with it, are no measure of themselves.
+/// The rigid motion counts only up to the size that loads can cause. A motion that has grown
+/// without bound, and reactions that have grown with it, are not a measure of themselves.
 fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
     let scaling = &problem.scaling;
     let rows = problem.q.iter().zip(&scaling.to_v);
@@ -330,29 +330,28 @@ fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f6
     if undone > 0.0 { undone } else { f64::INFINITY }
 }
 
-/// What rounding may have made of `F`, absolutely.
+/// Rounding errors of `F`, in absolute value.
 struct Rounding {
-    /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as `F` feels it.
+    /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as it changes `F`.
     felt: f64,
-    /// The same of normal components, felt or not.
+    /// The same for normal components, whether they change `F` or not.
     normal: f64,
-    /// The same of all components, with that of motions and reactions themselves.
+    /// The same for all components, including the rounding of motions and reactions.
     plain: f64,
-    /// The whole, with what friction makes of it: where `r ≠ 0`, `ṽ_n` takes in
-    /// the rounding of `v_t`, μ times.
+    /// The total with friction: if `r ≠ 0`, `ṽ_n` includes μ times the rounding of `v_t`.
     bound: f64,
-    /// Of the balance of forces, relative to them.
+    /// Rounding of the balance of forces, relative to the forces.
     balance: f64,
 }
 
-/// Rigid motions, in lengths of what they are to undo, that an answer may need: where
-/// contacts stand so that a turn moves them by a ten-thousandth of what moves the body.
+/// Largest rigid motion of a solution, relative to the displacement that it cancels: contacts
+/// may stand such that a rotation moves them ten thousand times less than the body.
 const LONGEST_MOTION: f64 = 1e4;
 
-/// The share of a rigid motion whose rounding counts as that of an answer.
+/// The share of a rigid motion whose rounding is tolerated.
 ///
-/// At an answer the motion undoes deformation and free displacement, and is of their
-/// size. One that is longer runs away: its rounding is no reason to hold η to less.
+/// In a solution, the rigid motion cancels deformation and free displacement and has their
+/// size. A larger motion grows without bound; its rounding is no reason for a larger tolerance.
 fn needed<const D: usize>(problem: &Reduced<D>, still: &[[f64; D]], a: &[f64]) -> f64 {
     let scaling = &problem.scaling;
     let motion = norm(&scaling.rigid_to_scaled(a));
@@ -367,8 +366,7 @@ fn needed<const D: usize>(problem: &Reduced<D>, still: &[[f64; D]], a: &[f64]) -
 }
 
 impl Rounding {
-    /// Of a point as it is: `felt`; and with no more of its rigid motion than an answer
-    /// would need: the rest.
+    /// `felt` for the point as it is; all else with at most the rigid motion of a solution.
     fn new<const D: usize>(
         problem: &Reduced<D>,
         r: &[[f64; D]],
@@ -410,8 +408,9 @@ impl Rounding {
             }
         }
         let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
-        // Motions are known to ε of their length: of one along a wall the normal part
-        // is rounding, and times a motion that runs away it would press.
+        // Rigid motions have an error of ε times their length. The normal part of a motion
+        // along a wall is such an error; times a motion without bound it would look like
+        // pressure.
         for (i, value) in terms.iter_mut().enumerate() {
             let rigid = problem.rigid.modes.iter().zip(a);
             let blur = rigid.map(|(mode, a)| norm(&mode[i]) * a.abs()).sum::<f64>();
@@ -420,9 +419,9 @@ impl Rounding {
                 *c = c.max(blur);
             }
         }
-        // τ = r̂ − ṽ̂ rounds r̂ too. With W_ii near its mean that is counted already;
-        // a contact of rigid bodies has W_ii = 0, and reactions may grow until ṽ̂
-        // drowns in them.
+        // τ = r̂ − ṽ̂ rounds r̂ too. If W_ii is near its mean, this is already included. A
+        // contact of rigid bodies has W_ii = 0, and its reactions may grow until ṽ̂ is below
+        // their rounding.
         for (i, value) in terms.iter_mut().enumerate() {
             for (c, r) in value.iter_mut().zip(&r[i]) {
                 *c = c.max(ROUNDING * (r * problem.scaling.to_r[i]).abs());
@@ -457,18 +456,17 @@ impl Rounding {
         }
     }
 
-    /// What an absolute rounding makes of η, whose denominator is `whole`.
+    /// The error of η for an absolute error; `whole` is the denominator of η.
     fn floor(&self, absolute: f64, whole: f64) -> f64 {
-        // η is zero where there is nothing to measure, exactly.
+        // η is exactly zero if its reference size is zero.
         let law = if whole > 0.0 { absolute / whole } else { 0.0 };
         law.max(self.balance)
     }
 }
 
-/// What `F` of a contact feels of changes of the components of `v̂`, at the most:
-/// nothing where the contact is open by more than `rounding`, and little of the
-/// tangential ones where it slides far and presses little, for they only turn
-/// the direction of a small force.
+/// Upper bounds for the change of `F` of a contact with the components of `v̂`: zero if the
+/// contact is open by more than `rounding`; small for tangential components if the contact
+/// slides far under a small pressure, because they only turn a small force.
 fn feeling<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64, rounding: f64) -> [f64; D] {
     if r.iter().all(|&c| c == 0.0) && v[0] > rounding {
         return [0.0; D];
@@ -483,7 +481,7 @@ fn feeling<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64, rounding: f64) -
     share
 }
 
-/// A ratio that is zero when there is nothing to measure, and never NaN.
+/// A ratio that is zero for a zero numerator, and never NaN.
 fn ratio(part: f64, whole: f64) -> f64 {
     if part == 0.0 {
         0.0

@@ -1,4 +1,4 @@
-//! Checks of the caller's arrays, made once.
+//! Checks the arrays of the caller, once.
 
 use crate::error::Error;
 

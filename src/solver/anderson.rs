@@ -1,14 +1,14 @@
 //! Anderson acceleration of a fixed-point map (type II, windowed).
 //!
-//! With `f = G(x) − x`, the next point is `G(x) − ΔG γ`, `γ` the least-squares
-//! solution of `ΔF γ = f` over the last steps. Anything affine in `x` (here `v`,
-//! and the balance of forces) follows by the same `γ`, without a product.
+//! With `f = G(x) − x`, the next point is `G(x) − ΔG γ`, where `γ` is the least-squares
+//! solution of `ΔF γ = f` over the last steps. Quantities that are affine in `x` (here `v`, and
+//! the balance of forces) follow with the same `γ`, without a product.
 
 use std::collections::VecDeque;
 
 use crate::linalg::least_squares;
 
-/// Steps remembered.
+/// Number of stored steps.
 const MEMORY: usize = 10;
 
 /// The last steps.
@@ -20,14 +20,14 @@ pub struct Anderson {
 }
 
 impl Anderson {
-    /// Forgets all steps.
+    /// Removes all steps.
     pub fn restart(&mut self) {
         self.last = None;
         self.steps.clear();
     }
 
-    /// Takes `f` and the payload `p` that belongs to `G(x)`; gives the
-    /// extrapolated payload, or nothing while there is no earlier step.
+    /// Takes `f` and the payload `p` of `G(x)`. Returns the extrapolated payload, or `None`
+    /// without an earlier step.
     pub fn extrapolate(&mut self, f: &[f64], payload: &[f64]) -> Option<Vec<f64>> {
         if let Some((last_f, last_p)) = &self.last {
             let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).collect();
@@ -41,7 +41,7 @@ impl Anderson {
         if self.steps.is_empty() {
             return None;
         }
-        // Newest first: where steps are nearly dependent the old one is left out.
+        // Newest first: of nearly dependent steps the older one is omitted.
         let columns: Vec<&[f64]> = self.steps.iter().rev().map(|(f, _)| f.as_slice()).collect();
         let gamma = least_squares::solve(&columns, f);
         let mut next = payload.to_vec();

@@ -1,9 +1,9 @@
-//! The default method: sweeps find the statuses, Newton the digits, and where
-//! both come to a stand, proximal points move on, and interior points begin anew.
+//! The default method. Gauss–Seidel sweeps find the statuses, Newton finds the digits. If both
+//! stall, proximal points continue, and then an interior-point method starts again.
 //!
-//! Its decisions count work, in products with `W`, and never time it, so that
-//! runs repeat bit for bit. What they were chosen by: median / mean products to
-//! η = 1e-10 on the sets of `benches/problems.py`, seeds 0–149.
+//! Decisions count work in products with `W`, not time, so that runs repeat bit for bit. The
+//! constants were chosen by the median / mean number of products to η = 1e-10 on the sets of
+//! `benches/problems.py`, seeds 0–149.
 //!
 //! | proximal points from failure | held | floating | rigid, unsolved |
 //! |---|---|---|---|
@@ -17,47 +17,47 @@
 use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
-use crate::solver::gauss_seidel::{Point, Sweeper};
+use crate::solver::gauss_seidel::{GaussSeidelPoint, Sweeper};
 use crate::solver::interior;
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, NewtonEnd};
 use crate::solver::outcome::Outcome;
 use crate::solver::proximal::{self, Attempt};
 use crate::solver::settings::Start;
 
-/// Sweeps before Newton is tried, at first and at least.
+/// Sweeps before the first Newton attempt.
 const FIRST_SWEEPS: usize = 5;
 
-/// Sweeps after a Newton that stalled, at first; doubled at each next one.
+/// Sweeps after the first failure of Newton; the number doubles after each further failure.
 const NEXT_SWEEPS: usize = 20;
 const MOST_SWEEPS: usize = 1280;
 
-/// The failure after which a body held by contact alone starts again from nothing.
+/// After this many failures, a body that only contact holds starts again from zero.
 const COLD: usize = 2;
 
-/// The failure from which on proximal points come before the next sweeps, and that
-/// of bodies held by contact alone, which have started again from nothing before it.
+/// After this many failures, proximal points are tried before the next sweeps. The second
+/// number is for bodies that only contact holds, which have started again from zero before.
 const PROXIMAL: usize = 2;
 const PROXIMAL_HELD: usize = 3;
 
-/// Attempts with proximal points before interior points are tried.
+/// Attempts with proximal points before the interior-point method.
 const INTERIOR: usize = 3;
 
-/// Contacts of a sparse `W` from which on steps of Newton take so long that proximal
-/// points come after its first failure and interior points after their first attempt, and
-/// the steps that this is given: half of what they need themselves. Between two paths of interior points it is given more, for it ends
-/// most of what they began.
+/// With this many contacts and a sparse `W`, Newton steps take so long that proximal points
+/// follow the first failure and the interior-point method follows their first attempt. They get
+/// this number of steps, half of what they need themselves; between two interior-point paths
+/// they get more, because they then complete most attempts.
 const MANY: usize = 500;
 const BEFORE_INTERIOR: usize = 20;
 const AFTER_INTERIOR: usize = 250;
 
-/// Plane contacts whose statuses are exhausted in milliseconds, and the failure
-/// after which they are.
+/// With at most this many plane contacts, all statuses are tried in milliseconds, after this
+/// many failures.
 const FEW: usize = 6;
 const EXHAUST: usize = 3;
 
-/// What Newton or proximal points must leave of η for sweeps to go on from where they
-/// ended: sweeps that were on their way to the statuses lose it otherwise.
+/// Sweeps continue from the result of Newton or proximal points if these have reduced η at
+/// least by this factor. Otherwise sweeps that were about to find the statuses would lose them.
 const GAIN: f64 = 0.3;
 
 /// Runs until the monitor stops it.
@@ -71,22 +71,22 @@ pub fn run<const D: usize>(
 ) -> Result<Outcome, Error> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
+    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
     if !start.closed.is_empty() {
-        // A load step: what was closed sticks, what was open stays open. Most of
-        // it is true, and where several answers exist it keeps to the path.
+        // In a load step, closed contacts start as sticking and open contacts as open. Most of
+        // them keep this status, and of several solutions the path keeps its own.
         let closed = |node: usize| start.closed[node];
         if let Some(held) = newton::held_at(problem, closed, monitor)? {
             point = sweeper.point(held.r, &held.rigid);
             monitor.count(1.0);
-            if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, true)? {
+            if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, true)? {
                 return Ok(outcome);
             }
         }
     }
-    // Where there is something to start from, Newton is tried at once.
+    // With a start value, Newton comes first.
     let mut sweeps = if start.reaction.is_empty() {
         FIRST_SWEEPS
     } else {
@@ -118,7 +118,7 @@ pub fn run<const D: usize>(
         )]
         let step = newton::step_cost(problem, &sweeper.law(&point)).0 as usize;
         if sweeps > 0 && step > sweeps {
-            // Sweeps are given what two steps of Newton would cost before the first.
+            // Before the first Newton attempt, sweeps get the cost of two Newton steps.
             if let Some(outcome) =
                 sweeper.run(&mut point, monitor, step.saturating_mul(2) - sweeps)?
             {
@@ -127,13 +127,13 @@ pub fn run<const D: usize>(
         }
         let rigid = sweeper.rigid_motion(&point);
         match newton::run(problem, &point.r, &rigid, monitor)? {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
-            End::Stalled => {}
+            NewtonEnd::Stop(outcome) => return Ok(outcome),
+            NewtonEnd::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
+            NewtonEnd::Stalled => {}
         }
         if failure == COLD && !problem.rigid.modes.is_empty() && start.closed.is_empty() {
-            // The bilateral start may lie beside a minimum of the merit that is no
-            // answer: sweeps are given one chance from nothing.
+            // The bilateral start may be near a minimum of the merit that is no solution:
+            // sweeps try once from zero.
             point = sweeper.start(&Start::default(), monitor);
         }
         if failure == EXHAUST
@@ -157,14 +157,14 @@ pub fn run<const D: usize>(
         }
         if failure >= interior_from {
             match interior::run(problem, &mut path, monitor)? {
-                End::Stop(outcome) => return Ok(outcome),
-                End::Better(r, rigid) => {
-                    // However large its η is: what is lost there is not lost in the middle.
+                NewtonEnd::Stop(outcome) => return Ok(outcome),
+                NewtonEnd::Better(r, rigid) => {
+                    // For any η: if it was lost there, no later point helps.
                     point = sweeper.point(r, &rigid);
                     sweeps = 0;
                     continue;
                 }
-                End::Stalled => {}
+                NewtonEnd::Stalled => {}
             }
         }
         sweeps = next;
@@ -173,13 +173,13 @@ pub fn run<const D: usize>(
     Ok(Outcome::Stalled)
 }
 
-/// Where sweeps go on: from `(r, a)`, at which another method ended, if it gained.
+/// The point where sweeps continue: `(r, a)`, the result of another method, if it is better.
 fn further<const D: usize>(
     sweeper: &Sweeper<D>,
-    point: Point<D>,
+    point: GaussSeidelPoint<D>,
     r: Vec<[f64; D]>,
     rigid: &[f64],
-) -> Point<D> {
+) -> GaussSeidelPoint<D> {
     let end = sweeper.point(r, rigid);
     if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
         end
@@ -188,7 +188,8 @@ fn further<const D: usize>(
     }
 }
 
-/// Tries all statuses of a few contacts: an answer, a proof that there is none, or nothing.
+/// Tries all statuses of a few contacts: it gives a solution, a proof that there is none, or
+/// `None`.
 fn exhaust<const D: usize>(
     problem: &Reduced<D>,
     monitor: &mut Monitor<D>,
@@ -202,7 +203,7 @@ fn exhaust<const D: usize>(
     for (r, rigid) in found.answers {
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
             return Ok(Some(outcome));
         }
     }

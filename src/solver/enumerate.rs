@@ -1,21 +1,18 @@
-//! Every answer of a small plane problem, or the proof that there is none, by
-//! exhausting the statuses: open, stick, slip one way, slip the other.
+//! Finds every solution of a small plane problem, or proves that there is none, by trying all
+//! statuses: open, stick, slip to either side.
 //!
-//! With all statuses chosen the law is a linear system. Contacts are decided one
-//! after the other, depth first, on a tableau of scaled variables whose rows are
-//! affine functions of the reactions of contacts still undecided: a decision
-//! eliminates one contact, and what it leaves serves all leaves below it. A pivot
-//! that is small now may be good later, so equations and unknowns wait, the
-//! balance of bodies held by contact alone and their rigid motions from the
-//! start, until a pivot is safe.
+//! With all statuses chosen, the law is a linear system. The search decides one contact after
+//! the other, depth first, on a tableau of scaled variables. Its rows are affine functions of
+//! the reactions of undecided contacts: a decision eliminates one contact, for all leaves below
+//! it. A pivot that is small now may be large later. So equations and unknowns wait for a safe
+//! pivot, from the start those of rigid motions.
 //!
-//! A branch is cut where a test of a decided contact fails for every reaction
-//! that undecided ones may have. Reactions lie in their cones, so a test
-//! `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of them if `c < 0` and every
-//! `l_n + μ |l_t| ≤ 0`. Tests that all may be met one by one may contradict each other:
-//! then some sum of them with shares `y ≥ 0` fails so. `v_n ≥ 0` is among them, of
-//! undecided contacts too. Where `W` is definite these have bounded reactions: the law
-//! says `r·v ≤ 0`, and `rᵀW r + qᵀr ≤ 0` is an ellipsoid. Nothing else is assumed of them.
+//! A branch is cut if a test of a decided contact fails for all reactions of the undecided
+//! ones. These lie in their cones, so a test `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of
+//! them if `c < 0` and each `l_n + μ |l_t| ≤ 0`. Several tests may contradict each other: then
+//! a sum of them with shares `y ≥ 0` fails in this way. `v_n ≥ 0` is such a test, also for
+//! undecided contacts. If `W` is definite, reactions are bounded: the law implies `r·v ≤ 0`,
+//! and `rᵀW r + qᵀr ≤ 0` is an ellipsoid.
 
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,45 +20,45 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
-use crate::linalg::verified_cholesky::Below;
+use crate::linalg::verified_cholesky::VerifiedCholesky;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;
 use crate::solver::farkas::Inequalities;
 
-/// Up to this many contacts, 4¹² leaves, all answers take seconds.
+/// With at most this many contacts, 4¹² leaves, all solutions take seconds.
 pub const MOST_CONTACTS: usize = 12;
 
-/// A pivot this large beside its column is taken at once: it magnifies rounding
-/// by a hundred at the most.
+/// A pivot above this share of its column is used at once: it magnifies rounding by at most a
+/// hundred.
 const SAFE_PIVOT: f64 = 1e-2;
 
-/// Below this beside blocks of mean diagonal one, entries are rounding.
+/// Smaller entries are rounding; blocks have a mean diagonal of one.
 const RANK: f64 = 1e-12;
 
-/// A test fails when it is missed by more than this times the largest value in
-/// sight, over the weakest pivot: above the rounding of some thirty eliminations.
+/// A test fails if its value is below minus this share of the largest value, divided by the
+/// weakest pivot. This exceeds the rounding of thirty eliminations.
 const ROUNDING: f64 = 1e-12;
 
-/// Coefficients are taken for larger by this where a contradiction of tests is sought:
-/// what contradicts even so has sums that are clearly negative, see [`RANK`].
+/// In a search for a contradiction, coefficients are increased by this. The sums of a
+/// contradiction are then clearly negative, see [`RANK`].
 const NUDGE: f64 = 1e-10;
 
-/// Reactions and displacements this near beside their size are one answer, and
-/// a residual between what rounding leaves and this decides nothing.
+/// Reactions and displacements that differ by a smaller share are the same solution. A residual
+/// between rounding and this decides nothing.
 const SAME: f64 = 1e-9;
 
-/// η that an answer is held to, or its rounding floor.
+/// Limit of η of a solution, or its rounding floor.
 const TOLERANCE: f64 = 1e-12;
 
-/// Nodes of the tree between two looks at the stop flag.
+/// Nodes of the tree between two checks of the stop flag.
 const LOOK: usize = 4096;
 
-/// Nodes that a solver visits at the most, seconds of work: bounds that cut off most
-/// of the tree where W is elastic cut off nothing where it is indefinite.
+/// Nodes that a solver visits at most, some seconds of work. The bounds that cut most of the
+/// tree for an elastic W cut nothing for an indefinite one.
 const MOST_NODES: usize = 200_000;
 
-/// In how many ways contacts with these coefficients can be open, stick or slip.
+/// Number of choices of statuses for contacts with these coefficients.
 #[must_use]
 pub fn statuses(mu: &[f64]) -> u64 {
     let of = |&mu: &f64| if mu > 0.0 { ROUGH.len() } else { SMOOTH.len() };
@@ -70,21 +67,21 @@ pub fn statuses(mu: &[f64]) -> u64 {
         .fold(1, |all: u64, one| all.saturating_mul(one as u64))
 }
 
-/// What exhausting the statuses found.
+/// Result of trying all statuses.
 #[derive(Clone, Debug)]
 pub struct Enumeration {
-    /// Reactions, in the order of positions, and rigid motions.
+    /// Reactions in the order of positions, and rigid motions.
     pub answers: Vec<(Vec<[f64; 2]>, Vec<f64>)>,
-    /// Whether no other answer exists. False where a choice of statuses leaves a
-    /// family of reactions undetermined, or misses an answer by about rounding.
+    /// Whether no other solution exists. False if a choice of statuses does not determine the
+    /// reactions, or fails a test only by rounding.
     pub complete: bool,
-    /// Choices of statuses for some of the contacts, or for all, that were looked at.
+    /// Number of choices visited, for some of the contacts or for all.
     pub visited: usize,
 }
 
-/// All answers of a plane problem of up to [`MOST_CONTACTS`] contacts.
+/// Finds all solutions of a plane problem of up to [`MOST_CONTACTS`] contacts.
 ///
-/// None of them with `complete` is the proof that the problem has no answer.
+/// An empty list with `complete` proves that the problem has no solution.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -92,13 +89,13 @@ pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, E
     within(problem, usize::MAX, stop)
 }
 
-/// [`answers`], not complete where so many nodes of the tree are not enough.
+/// [`answers`], incomplete if it needs more than `nodes` nodes of the tree.
 fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enumeration, Error> {
     let mut search = Search::new(problem, nodes, stop);
     if problem.contradiction.is_none() {
         search.bound()?;
         search.visit(0)?;
-        // With a definite W there is an answer: that none was found is rounding.
+        // With a definite W a solution exists: rounding has hidden it.
         if search.found.answers.is_empty() && problem.rigid.modes.is_empty() {
             let mut whole = problem.compliance.to_dense();
             let order = 2 * problem.contacts();
@@ -108,7 +105,7 @@ fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enume
     Ok(search.found)
 }
 
-/// [`Enumeration`] in the type of a problem that is known to be plane only here.
+/// [`Enumeration`] in the type of a problem whose dimension is `D`.
 #[derive(Clone, Debug)]
 pub struct Few<const D: usize> {
     pub answers: Vec<(Vec<[f64; D]>, Vec<f64>)>,
@@ -116,17 +113,17 @@ pub struct Few<const D: usize> {
 }
 
 impl<const D: usize> Few<D> {
-    /// Whether this proves that the problem has no answer. With a definite `W` one
-    /// exists whatever μ is: that none was found would be rounding. Only bodies that
-    /// contact alone holds may have none.
+    /// Whether this proves that the problem has no solution. With a definite `W` a solution
+    /// exists for any μ, and an empty list is due to rounding. Only bodies that only contact
+    /// holds may have no solution.
     #[must_use]
     pub fn proves_none(&self, problem: &Reduced<D>) -> bool {
         self.complete && self.answers.is_empty() && !problem.rigid.modes.is_empty()
     }
 }
 
-/// [`answers`] of a problem that may be plane and may have few contacts, in its
-/// own positions; nothing for another one.
+/// [`answers`] in the positions of the problem, if it is plane and has few contacts; else
+/// `None`.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -141,7 +138,7 @@ pub fn few<const D: usize>(
     let whole = &problem.compliance;
     let dense = Cow::Owned(whole.to_dense());
     let compliance = Compliance::<2>::from_dense(problem.contacts(), dense)?;
-    // The caller's numbering for the copy, ours for what comes back.
+    // Numbering of the caller for the copy, positions for the results.
     let modes = problem.rigid.modes.iter();
     let rigid = Rigid {
         modes: modes.map(|mode| plane(&whole.scatter(mode))).collect(),
@@ -161,7 +158,7 @@ pub fn few<const D: usize>(
     }))
 }
 
-/// A status with its side, `s` of `r_t = −s μ r_n`.
+/// A status; for slip with the sign `s` of `r_t = −s μ r_n`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Label {
     Open,
@@ -169,8 +166,7 @@ enum Label {
     Slip(f64),
 }
 
-/// Without friction a pressed contact has one status, and nothing to decide about
-/// its slip.
+/// Without friction a pressed contact has one status for both directions of slip.
 const SMOOTH: [Label; 2] = [Label::Open, Label::Slip(1.0)];
 const ROUGH: [Label; 4] = [
     Label::Open,
@@ -181,24 +177,24 @@ const ROUGH: [Label; 4] = [
 
 const NOWHERE: usize = usize::MAX;
 
-/// Affine functions of unknowns, one a row.
+/// Affine functions of unknowns, one in each row.
 ///
-/// Unknowns are `r_n, r_t` of each contact and the amounts of rigid motions; rows
-/// begin as `v_n, v_t` of each contact and the balance of forces.
+/// Unknowns are `r_n, r_t` of each contact and the amounts of rigid motions. At the start, the
+/// rows are `v_n, v_t` of each contact and the balance of forces.
 #[derive(Clone, Debug, Default)]
 struct Tableau {
     height: usize,
-    /// Column by column: the constants, then one column for each of `unknowns`.
+    /// By columns: the constants, then one column for each of `unknowns`.
     entries: Vec<f64>,
     unknowns: Vec<usize>,
-    /// The column of an unknown that has one.
+    /// The column of each unknown, if it has one.
     place: Vec<usize>,
-    /// The row that gives an unknown, once one is solved for it.
+    /// The row of each unknown, once an equation is solved for it.
     row_of: Vec<usize>,
-    /// Rows that must vanish, and the unknowns to solve them for.
+    /// Rows that must be zero, and the unknowns that they are to be solved for.
     equations: Vec<usize>,
     waiting: Vec<usize>,
-    /// Smallest pivot so far, beside its column and one.
+    /// Smallest pivot so far, relative to its column and to one.
     weakest: f64,
 }
 
@@ -243,7 +239,7 @@ impl Tableau {
         }
     }
 
-    /// `*self = other.clone()` in the memory at hand.
+    /// `*self = other.clone()` without a new allocation.
     fn copy_from(&mut self, other: &Self) {
         self.height = other.height;
         self.entries.clone_from(&other.entries);
@@ -268,7 +264,7 @@ impl Tableau {
         &self.entries[place * self.height..(place + 1) * self.height]
     }
 
-    /// Brings a column to the end, whence it can be taken.
+    /// Moves a column to the end, so that it can be removed.
     fn last(&mut self, unknown: usize) {
         let (place, last) = (self.place[unknown], self.unknowns.len());
         if place < last {
@@ -280,7 +276,7 @@ impl Tableau {
         }
     }
 
-    /// Takes the column of an unknown out: it is zero, or given by another.
+    /// Removes the column of an unknown that is zero, or given by another one.
     fn remove(&mut self, unknown: usize) {
         self.last(unknown);
         self.unknowns.pop();
@@ -312,8 +308,8 @@ impl Tableau {
         }
     }
 
-    /// Solves equations that wait for unknowns that wait, as long as a pivot is
-    /// at least `share` of its column, and more than rounding.
+    /// Solves waiting equations for waiting unknowns, as long as a pivot is at least `share` of
+    /// its column, and above rounding.
     fn reduce(&mut self, share: f64) {
         while !self.waiting.is_empty() {
             let mut best = (0.0, 0, 0, 0.0);
@@ -338,7 +334,7 @@ impl Tableau {
         }
     }
 
-    /// Solves the equation of a row for an unknown, whose value the row then is.
+    /// Solves the equation of a row for an unknown. The row then holds its value.
     fn pivot(&mut self, row: usize, unknown: usize) {
         self.last(unknown);
         let last = self.unknowns.len();
@@ -358,8 +354,7 @@ impl Tableau {
         self.row_of[unknown] = row;
     }
 
-    /// Values of all unknowns with every status chosen; `None` where they are not
-    /// determined.
+    /// Values of all unknowns with every status chosen; `None` if they are not determined.
     fn solve(&self, labels: &[Label], mu: &[f64]) -> Option<Vec<f64>> {
         let mut tableau = self.clone();
         for (contact, (&label, &mu)) in labels.iter().zip(mu).enumerate() {
@@ -380,7 +375,7 @@ impl Tableau {
         Some(x)
     }
 
-    /// All rows at a point.
+    /// Values of all rows at a point.
     fn at(&self, x: &[f64]) -> Vec<f64> {
         let mut rows = self.constants().to_vec();
         for (c, &unknown) in self.unknowns.iter().enumerate() {
@@ -396,21 +391,21 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0_f64, |m, x| m.max(x.abs()))
 }
 
-/// A test of the law, `Σ share · row ≥ 0` over two rows.
+/// A test of the law, `Σ share · row ≥ 0` with two rows.
 type Test = [(usize, f64); 2];
 
 struct Search<'p> {
     problem: &'p Reduced<'p, 2>,
     stop: &'p AtomicBool,
-    /// Nodes to visit at the most.
+    /// Nodes that remain to be visited.
     most: usize,
-    /// The tableau with as many contacts decided as its place says.
+    /// The tableau for each number of decided contacts.
     levels: Vec<Tableau>,
     labels: Vec<Label>,
     together: Inequalities,
-    /// Scaled normal reactions at the most, where they are bounded, else infinite.
+    /// Upper bounds of scaled normal reactions; infinite without a bound.
     limits: Vec<f64>,
-    /// Scaled `(r̂, v̂)` of the answers so far.
+    /// Scaled `(r̂, v̂)` of the solutions found so far.
     points: Vec<Vec<f64>>,
     found: Enumeration,
 }
@@ -436,7 +431,7 @@ impl<'p> Search<'p> {
         }
     }
 
-    /// Bounds reactions by `rᵀW r + qᵀr ≤ 0`, where bodies are held by supports.
+    /// Bounds the reactions by `rᵀW r + qᵀr ≤ 0`, if supports hold all bodies.
     fn bound(&mut self) -> Result<(), Error> {
         if !self.problem.rigid.modes.is_empty() {
             return Ok(());
@@ -448,13 +443,13 @@ impl<'p> Search<'p> {
             .map(|k| 0.5 * (entry(k / n, k % n) + entry(k % n, k / n)))
             .collect();
         let rounding = 4.0 * f64::EPSILON * norm(&half);
-        let Some(below) = Below::new(half, n, rounding, self.stop)? else {
+        let Some(cholesky) = VerifiedCholesky::new(half, n, rounding, self.stop)? else {
             return Ok(());
         };
         let free = root.constants();
         let error: Vec<f64> = free.iter().map(|q| 4.0 * f64::EPSILON * q.abs()).collect();
-        let reach = below.ellipsoid(free, &error);
-        let widths = below.widths();
+        let reach = cholesky.ellipsoid(free, &error);
+        let widths = cholesky.widths();
         for (contact, limit) in self.limits.iter_mut().enumerate() {
             let k = 2 * contact;
             let most = reach.radius * widths[k] - reach.centre[k];
@@ -494,7 +489,7 @@ impl<'p> Search<'p> {
         Ok(())
     }
 
-    /// Whether some sum of tests fails whatever the undecided contacts carry.
+    /// Whether a sum of tests fails for all reactions of the undecided contacts.
     fn contradicts(&mut self, depth: usize, slack: f64) -> bool {
         let contacts = self.problem.contacts();
         if depth == contacts {
@@ -516,7 +511,7 @@ impl<'p> Search<'p> {
             .flatten()
             .filter(settled)
             .collect();
-        // A reaction is a sum of two on the sides of its cone.
+        // A reaction is a sum of two on the edges of its cone.
         let sides = |test: &Test, contact: usize| {
             let mu = self.problem.mu[contact];
             let along = value(test, column(2 * contact));
@@ -547,7 +542,7 @@ impl<'p> Search<'p> {
         let Some(shares) = self.together.contradiction() else {
             return false;
         };
-        // What was found is judged by the tests themselves.
+        // The shares are checked with the tests themselves.
         let shares = &shares[..tests.len()];
         let total: f64 = shares.iter().sum();
         let shared = || tests.iter().zip(shares).filter(|&(_, share)| *share > 0.0);
@@ -573,8 +568,8 @@ impl<'p> Search<'p> {
         sum < -slack * total
     }
 
-    /// Whether a test of a decided contact, or an equation, fails whatever the
-    /// undecided contacts carry; entries up to `rounding` count as zero.
+    /// Whether a test of a decided contact, or an equation, fails for all reactions of the
+    /// undecided contacts. Entries up to `rounding` count as zero.
     fn fails(&self, depth: usize, slack: f64, rounding: f64) -> bool {
         let contacts = self.problem.contacts();
         let tableau = &self.levels[depth];
@@ -590,7 +585,7 @@ impl<'p> Search<'p> {
             };
             let of = |unknown: usize| value(tableau.column(tableau.place[unknown]));
             value(tableau.constants()) < -slack
-                // What waits may have any sign, what is undecided lies in its cone.
+                // Waiting unknowns may have any sign; undecided reactions lie in their cones.
                 && tableau.waiting.iter().all(|&unknown| nothing(of(unknown)))
                 && (depth..contacts).all(|contact| {
                     let (along, across) = (of(2 * contact), of(2 * contact + 1));
@@ -610,7 +605,7 @@ impl<'p> Search<'p> {
         match self.labels[contact] {
             Label::Open => [Some([(n, 1.0), (n, 0.0)]), None],
             Label::Stick if normal == NOWHERE || tangent == NOWHERE => [None, None],
-            // Together they say r_n ≥ 0 as well.
+            // Together they imply r_n ≥ 0.
             Label::Stick => [-1.0, 1.0].map(|side| Some([(normal, mu), (tangent, side)])),
             Label::Slip(side) => [
                 (normal != NOWHERE).then_some([(normal, 1.0), (normal, 0.0)]),
@@ -619,15 +614,15 @@ impl<'p> Search<'p> {
         }
     }
 
-    /// All statuses chosen.
+    /// Handles a leaf: all statuses are chosen.
     fn leaf(&mut self) {
         let depth = self.labels.len();
         let tableau = &mut self.levels[depth];
         tableau.reduce(0.0);
         let size = tableau.size();
         if !tableau.waiting.is_empty() {
-            // Equations that depend on each other: they contradict each other, or
-            // a test fails for all they allow, or nothing is proved here.
+            // The equations are dependent: they contradict each other, or a test fails for all
+            // their solutions, or nothing is proved here.
             let constants = tableau.constants();
             let contradict = |&row: &usize| constants[row].abs() > SAME * size;
             if !tableau.equations.iter().any(contradict) && !self.fails(depth, SAME * size, RANK) {
@@ -641,14 +636,14 @@ impl<'p> Search<'p> {
         }
     }
 
-    /// Solves the chosen statuses afresh, and has the answer judged.
+    /// Solves the chosen statuses from the original numbers, and computes the certificate.
     fn confirm(&mut self) {
         let problem = self.problem;
         let root = &self.levels[0];
         let Some(mut x) = root.solve(&self.labels, &problem.mu) else {
             return; // a leaf has seen that there is a solution
         };
-        // One step of refinement: what is left of the equations at x.
+        // One step of iterative refinement.
         let mut rest = root.clone();
         rest.entries[..root.height].copy_from_slice(&root.at(&x));
         if let Some(correction) = rest.solve(&self.labels, &problem.mu) {
@@ -671,7 +666,7 @@ impl<'p> Search<'p> {
         for (v, s) in certificate.v.iter().zip(&scaling.to_v) {
             point.extend(v.map(|c| c * s));
         }
-        // At a border between statuses one answer comes by two names.
+        // At the boundary between two statuses, both give the same solution.
         let same = |other: &Vec<f64>| {
             let apart = point.iter().zip(other).map(|(x, y)| (x - y).abs());
             apart.fold(0.0, f64::max) <= SAME * largest(&point)

@@ -1,5 +1,5 @@
-//! After the method: the statuses of a few contacts are exhausted, which may take an
-//! answer back or find one, and projections are the last resort.
+//! Steps after a method: trying all statuses of a few contacts, which may confirm, withdraw or
+//! find a solution; and projections as the last resort.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -12,22 +12,20 @@ use crate::solver::outcome::Outcome;
 use crate::solver::settings::{Method, Settings};
 use crate::solver::solution::Solution;
 
-/// Contacts whose statuses are exhausted in milliseconds, whatever time is left.
+/// With at most this many contacts, all statuses are tried in milliseconds.
 const QUICK: usize = 7;
 
-/// Whether friction is so large that what a point misses the law by may be within the
-/// tolerance at every point that balances the loads: a body that friction alone holds
-/// presses with the loads over μ, and a contact that may be open by as much is no
-/// answer to the law, and one to the tolerance.
+/// Whether friction is so large that the error of the law may be within the tolerance at every
+/// point that balances the loads. A body that friction alone holds is pressed by the loads over
+/// μ. An opening of this size violates the law, but not the tolerance.
 pub(super) fn hides<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
-    /// Beside the tolerance: what is pressed by this share of the loads is in sight.
+    /// Factor of the tolerance: a pressure above this share of the loads is visible.
     const IN_SIGHT: f64 = 100.0;
     let largest = problem.mu.iter().fold(0.0_f64, |m, &mu| m.max(mu));
     !problem.rigid.modes.is_empty() && largest * IN_SIGHT * tol >= 1.0
 }
 
-/// Takes back that a point is an answer where exhausting the statuses of a few contacts
-/// proves that there is none.
+/// Withdraws a solution if trying all statuses of a few contacts proves that there is none.
 pub(super) fn confirm<const D: usize>(
     problem: &Reduced<D>,
     solution: &mut Solution<D>,
@@ -45,8 +43,8 @@ pub(super) fn confirm<const D: usize>(
     Ok(())
 }
 
-/// Where every method has come to a stand and the contacts are few, their
-/// statuses are exhausted: that finds an answer, or proves that there is none.
+/// Tries all statuses of a few contacts if every method has stalled. It finds a solution or
+/// proves that there is none.
 pub(super) fn exhaust<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -76,16 +74,16 @@ pub(super) fn exhaust<const D: usize>(
     Ok(())
 }
 
-/// Where every method has come to a stand, projections from nothing may still creep to
-/// an answer: they need no matrix that is sound, and do not look for statuses.
+/// Projections from zero, if every method has stalled. They may still converge slowly: they
+/// need no regular matrix and no statuses.
 pub(super) fn last_resort<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     solution: &mut Solution<D>,
     solve: impl Fn(&Settings) -> Result<Solution<D>, Error>,
 ) -> Result<(), Error> {
-    /// Products that are worth it, of matrices that are small, and additions and
-    /// multiplications of large ones.
+    /// Limits of this work: products for small matrices; additions and multiplications for
+    /// large ones.
     const MOST: usize = 20_000;
     const MOST_OPERATIONS: usize = 10_000_000_000;
     let affordable = MOST_OPERATIONS / problem.compliance.entries().max(1);

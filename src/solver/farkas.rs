@@ -1,21 +1,22 @@
-//! Systems of inequalities that contradict each other, with the shares that prove it.
+//! Decides whether linear inequalities contradict each other, and gives the shares that prove
+//! it.
 
-/// Below this beside the largest of its row a coefficient is no pivot.
+/// A coefficient below this share of the largest of its row is not used as a pivot.
 const SMALLEST_PIVOT: f64 = 1e-9;
 
-/// Values above this beside the largest at the start count as met: the search ends
-/// there, and proves nothing.
+/// A value above minus this share of the largest initial one satisfies its inequality: then the
+/// search ends without a proof.
 const MET: f64 = 1e-12;
 
-/// The system `c + T x ≥ 0`, `x ≥ 0`, with its memory for the next one.
+/// The system `c + T x ≥ 0`, `x ≥ 0`; its memory is used again.
 #[derive(Clone, Debug, Default)]
 pub struct Inequalities {
     columns: usize,
-    /// Row by row: the constant, then the coefficients.
+    /// By rows: the constant, then the coefficients.
     entries: Vec<f64>,
-    /// Of each row what it gives: an `x` below `columns`, or the value of an inequality.
+    /// The variable of each row: an `x` below `columns`, or the value of an inequality.
     given: Vec<usize>,
-    /// Of each column what it stands for.
+    /// The variable of each column.
     free: Vec<usize>,
     shares: Vec<f64>,
     pivots: Vec<f64>,
@@ -27,17 +28,17 @@ impl Inequalities {
         self.entries.clear();
     }
 
-    /// One more, its constant first.
+    /// Adds an inequality, its constant first.
     pub fn push(&mut self, row: impl IntoIterator<Item = f64>) {
         self.entries.extend(row);
     }
 
-    /// Shares `y ≥ 0` of the inequalities with `y·c < 0` and `yᵀ T ≤ 0`, to rounding:
-    /// no `x` meets them all. `None` where some does, or it was not found out.
+    /// Shares `y ≥ 0` of the inequalities with `y·c < 0` and `yᵀ T ≤ 0` up to rounding: no `x`
+    /// satisfies all of them. `None` if some `x` does, or if this was not decided.
     ///
-    /// The dual simplex method without an objective. Any order of pivots is right;
-    /// this one, the worst row and its largest coefficient, is not proved to end, and
-    /// is stopped.
+    /// It is the dual simplex method without an objective. Any order of pivots is correct. This
+    /// one, the worst row with its largest coefficient, may not terminate, so that the number
+    /// of pivots is limited.
     pub fn contradiction(&mut self) -> Option<&[f64]> {
         let width = self.columns + 1;
         let rows = self.entries.len() / width;
@@ -64,7 +65,7 @@ impl Inequalities {
         None
     }
 
-    /// Solves the row for what the column stands for.
+    /// Solves the equation of the row for the variable of the column.
     fn pivot(&mut self, row: usize, column: usize) {
         let width = self.columns + 1;
         self.pivots.clear();
@@ -88,7 +89,7 @@ impl Inequalities {
         std::mem::swap(&mut self.given[row], &mut self.free[column]);
     }
 
-    /// Of the inequalities whose sum a row is that cannot be met.
+    /// Shares of the inequalities whose sum is a row that cannot be satisfied.
     fn shares(&mut self, row: usize, rows: usize) -> &[f64] {
         self.shares.clear();
         self.shares.resize(rows, 0.0);

@@ -1,12 +1,12 @@
 //! Sweeps of exact one-node solves (17), accelerated by Anderson's method.
 //!
-//! One sweep visits every contact in order, solves it exactly against the rest
-//! (18) and adds what its change does to `v` of all others: one product with
-//! `W` a sweep, and η of its end for nothing. Contacts that stay open cost nothing.
+//! One sweep visits every contact in order, solves it exactly with the other reactions fixed
+//! (18) and adds the change to `v` of all others. It costs one product with `W` and gives η at
+//! its end. Contacts that stay open cost nothing.
 //!
-//! Bodies held by contact alone are swept on the proximal form `W + R̂ R̂ᵀ/δ`,
-//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep; Anderson's
-//! method sees `r̂` and `â` as one unknown.
+//! For bodies that only contact holds, sweeps use the proximal form `W + R̂ R̂ᵀ/δ`,
+//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep. Anderson's method treats
+//! `r̂` and `â` as one unknown.
 
 use crate::error::Error;
 use crate::law::bipotential::law_step;
@@ -15,27 +15,26 @@ use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
-/// The proximal parameter, in scaled variables. Smaller values tie the rigid
-/// motions so stiffly that a sweep hardly moves them; larger ones leave the
-/// balance of forces to the updates of `â`.
+/// The proximal parameter δ in scaled variables. With a smaller value a sweep hardly changes
+/// the rigid motions; with a larger one only the updates of `â` balance the forces.
 const DELTA: f64 = 0.3;
 
-/// An extrapolated point is taken if its residual is below this many times the
-/// one of the sweep it starts from: Anderson's points need not be better at
-/// once, but a wild one throws away what the sweeps have found.
+/// An extrapolated point is accepted if its residual is below this many times that of its
+/// sweep. It need not be better at once, but a much worse one destroys the result of the
+/// sweeps.
 const TRUST: f64 = 1.2;
 
-/// Sweeps between two fresh evaluations of `v`, whose running sum drifts.
+/// Sweeps between two fresh evaluations of `v`, whose running sum accumulates rounding.
 const REFRESH: usize = 50;
 
-/// A point and everything affine in it.
+/// A point and the quantities that are affine in it.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
+pub struct GaussSeidelPoint<const D: usize> {
     pub r: Vec<[f64; D]>,
     /// `W r + q`.
     v: Vec<[f64; D]>,
@@ -45,11 +44,11 @@ pub struct Point<const D: usize> {
     a: Vec<f64>,
 }
 
-/// The sweeps of one problem.
+/// The sweeps for one problem.
 #[derive(Debug)]
 pub struct Sweeper<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
-    /// Diagonal blocks, with the proximal term.
+    /// Diagonal blocks with the proximal term.
     blocks: Vec<Block<D>>,
     closed: Vec<bool>,
 }
@@ -65,7 +64,7 @@ pub fn run<const D: usize>(
 ) -> Result<Outcome, Error> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
+    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
     loop {
@@ -75,8 +74,8 @@ pub fn run<const D: usize>(
     }
 }
 
-impl<const D: usize> Point<D> {
-    /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
+impl<const D: usize> GaussSeidelPoint<D> {
+    /// `â + (R̂ᵀ r̂ + ê)/δ`: the rigid motion of a point of the proximal form.
     fn motion(&self) -> Vec<f64> {
         let total = |(a, s): (&f64, &f64)| a + s / DELTA;
         self.a.iter().zip(&self.s).map(total).collect()
@@ -128,8 +127,8 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         }
     }
 
-    /// The point that a start names.
-    pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> Point<D> {
+    /// The start point.
+    pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> GaussSeidelPoint<D> {
         let none = vec![0.0; self.problem.rigid.modes.len()];
         let rigid = if start.rigid.is_empty() {
             &none
@@ -137,7 +136,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             &start.rigid
         };
         if start.reaction.is_empty() {
-            return Point {
+            return GaussSeidelPoint {
                 r: vec![[0.0; D]; self.problem.contacts()],
                 v: self.problem.q.clone(),
                 s: self.problem.scaling.load.clone(),
@@ -150,11 +149,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// `a` of a point.
     #[must_use]
-    pub fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
+    pub fn rigid_motion(&self, point: &GaussSeidelPoint<D>) -> Vec<f64> {
         self.problem.scaling.rigid_from_scaled(&point.motion())
     }
 
-    /// `W r + q` of one contact with the rigid motion added.
+    /// `W r + q` of one contact, with the rigid motion.
     fn with_rigid(&self, i: usize, v: &[f64; D], motion: &[f64]) -> [f64; D] {
         let mut v = *v;
         for (mode, amount) in self.problem.scaling.modes.iter().zip(motion) {
@@ -165,7 +164,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         v
     }
 
-    fn total(&self, point: &Point<D>) -> Vec<[f64; D]> {
+    fn total(&self, point: &GaussSeidelPoint<D>) -> Vec<[f64; D]> {
         let motion = point.motion();
         point
             .v
@@ -175,22 +174,22 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             .collect()
     }
 
-    /// The law linearised at a point.
+    /// The law, linearised at a point.
     #[must_use]
-    pub fn law(&self, point: &Point<D>) -> Linearisation<D> {
+    pub fn law(&self, point: &GaussSeidelPoint<D>) -> Linearisation<D> {
         Linearisation::new(self.problem, &point.r, &self.total(point))
     }
 
-    /// Shows a point to the monitor.
+    /// Passes a point to the monitor.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
     pub fn look(
         &self,
-        point: &Point<D>,
+        point: &GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         iterated: bool,
-    ) -> Result<Verdict, Error> {
+    ) -> Result<NextStep, Error> {
         monitor.look(
             &point.r,
             &self.total(point),
@@ -201,25 +200,25 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// η of a point.
     #[must_use]
-    pub fn residual(&self, point: &Point<D>) -> f64 {
+    pub fn residual(&self, point: &GaussSeidelPoint<D>) -> f64 {
         let a = self.rigid_motion(point);
         crate::reduced::residual::residual(self.problem, &point.r, &self.total(point), &a)
     }
 
-    fn scaled_change(&self, point: &Point<D>, before: &[[f64; D]]) -> Vec<f64> {
+    fn scaled_change(&self, point: &GaussSeidelPoint<D>, before: &[[f64; D]]) -> Vec<f64> {
         let change = point.r.iter().zip(before).zip(&self.problem.scaling.to_r);
         change
             .flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s))
             .collect()
     }
 
-    /// Accelerated sweeps, `count` of them unless the monitor stops them before.
+    /// Makes `count` accelerated sweeps, unless the monitor stops them before.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
     pub fn run(
         &self,
-        point: &mut Point<D>,
+        point: &mut GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
     ) -> Result<Option<Outcome>, Error> {
@@ -229,13 +228,13 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             self.sweep(point);
             monitor.count(1.0);
             match self.look(point, monitor, true)? {
-                Verdict::Stop(outcome) => return Ok(Some(outcome)),
-                Verdict::Refresh => {
+                NextStep::Stop(outcome) => return Ok(Some(outcome)),
+                NextStep::Refresh => {
                     self.refresh(point);
                     anderson.restart();
                     continue;
                 }
-                Verdict::Continue => {}
+                NextStep::Continue => {}
             }
             if sweep % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
@@ -258,31 +257,31 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         Ok(None)
     }
 
-    /// Moves a point to given reactions and rigid motions.
+    /// Changes a point to given reactions and rigid motions.
     #[must_use]
-    pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> Point<D> {
-        let mut point = Point {
+    pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> GaussSeidelPoint<D> {
+        let mut point = GaussSeidelPoint {
             v: Vec::new(),
             s: Vec::new(),
             a: self.problem.scaling.rigid_to_scaled(rigid),
             r,
         };
         self.refresh(&mut point);
-        // The motion that belongs to the point is the one that was given.
+        // The rigid motion of the point is the given one.
         for (a, s) in point.a.iter_mut().zip(&point.s) {
             *a -= s / DELTA;
         }
         point
     }
 
-    /// Everything affine in the point, afresh.
-    fn refresh(&self, point: &mut Point<D>) {
+    /// Evaluates all quantities that are affine in the point.
+    fn refresh(&self, point: &mut GaussSeidelPoint<D>) {
         point.v = self.problem.relative_displacement(&point.r, &[]);
         point.s = scaled_imbalance(self.problem, &point.r);
     }
 
-    /// One sweep over all contacts.
-    fn sweep(&self, point: &mut Point<D>) {
+    /// Makes one sweep over all contacts.
+    fn sweep(&self, point: &mut GaussSeidelPoint<D>) {
         let scaling = &self.problem.scaling;
         let mut motion = point.motion();
         for i in 0..point.r.len() {
@@ -296,11 +295,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             } else {
                 Habit::None
             };
-            // A contact that cannot move was checked not to penetrate.
+            // A contact that cannot move does not penetrate: this was checked.
             let mu = self.problem.mu[i];
             let next = match one_node::solve(block, &free, mu, habit) {
                 Some((next, _)) => next,
-                // No answer against this rest: one projection, and the rest moves too.
+                // No solution with the other reactions fixed: make one projection.
                 None => law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], mu).0,
             };
             let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);

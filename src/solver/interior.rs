@@ -1,16 +1,16 @@
-//! Interior points, for large sets of rigid bodies with more reactions than motions.
+//! An interior-point method for large sets of rigid bodies with more reactions than motions.
 //!
-//! In `z = (μ r̂_n, r̂_t)` and `s = (ṽ̂_n/μ, v̂_t)` the law (9) is `L ∋ z ⊥ s ∈ L`. Newton
-//! steps follow `z ∘ s = σ e`, `σ → 0`, from inside the cones, as in convex programming
-//! with the scaling of Nesterov and Todd; what is not convex, the term `‖s_t‖` of
-//! `s₀ = v̂_n/μ + ‖s_t‖`, is part of the same Newton system. The points they lead to lie
-//! in the middle of all reactions that are answers: from there Newton and proximal
-//! points, which are lost where reactions are not determined, find the last digits.
+//! With `z = (μ r̂_n, r̂_t)` and `s = (ṽ̂_n/μ, v̂_t)` the law (9) is `L ∋ z ⊥ s ∈ L`. Newton
+//! steps follow `z ∘ s = σ e`, `σ → 0`, from inside the cones, as in convex programming with
+//! the Nesterov–Todd scaling. The non-convex term `‖s_t‖` of `s₀ = v̂_n/μ + ‖s_t‖` is part of
+//! the same Newton system. The points lead to the middle of the set of reactions that are
+//! solutions. From there Newton and proximal points, which fail where reactions are not
+//! determined, find the last digits.
 //!
-//! `‖s_t‖` has a kink where a contact sticks, at which steps come to a stand. In its
-//! place stands `h(s) = √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside
-//! the cone. The answers are the same: `v̂_n/μ = s₀ − h(s)` is zero where `s₀ = ‖s_t‖` and
-//! positive inside the cone.
+//! `‖s_t‖` has a kink where a contact sticks, at which steps stall. It is replaced by
+//! `h(s) = √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside the cone. The
+//! solutions stay the same: `v̂_n/μ = s₀ − h(s)` is zero if `s₀ = ‖s_t‖` and positive inside
+//! the cone.
 
 use std::f64::consts::LN_2;
 use std::sync::atomic::AtomicBool;
@@ -24,13 +24,13 @@ use crate::linalg::sparse::sparse_lu::SparseLu;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{residual, scaled_imbalance};
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::sparse_cost;
 use crate::solver::newton::linearisation::{factorisation_cost, movable};
-use crate::solver::newton::newton::End;
+use crate::solver::newton::newton::NewtonEnd;
 
-/// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
-/// stand on one path passes on another. Paths that begin far inside turn less often.
+/// `θ` and the initial `z = s`, in units of `e`, of each attempt: a path may succeed where
+/// another stalls. Paths that start far inside turn less often.
 const PATHS: [(f64, f64); 6] = [
     (0.9, 10.0),
     (0.8, 10.0),
@@ -40,39 +40,40 @@ const PATHS: [(f64, f64); 6] = [
     (0.8, 1.0),
 ];
 
-/// Steps at the most, and those within which what is left must be halved: walls of 1,600
-/// disks take 90 to 200, and turn for up to 50 of them about one place.
+/// Largest number of steps, and steps within which the remainder must halve. Walls of 1,600
+/// disks take 90 to 200 steps, up to 50 of them at one turn.
 const MOST_STEPS: usize = 260;
 const PATIENCE: usize = 100;
 
-/// `σ` where a path is worth being followed by Newton and proximal points: they solve
-/// what has come so far, and seldom what has not, for which another path costs less.
+/// Newton and proximal points follow a path that has reached this `σ`. They solve most problems
+/// that reach it and few others, for which another path costs less.
 const ENOUGH: f64 = 1e-3;
 
-/// What a step keeps of the way to the rim.
+/// Share of the distance to the boundary of the cone that a step keeps.
 const SHORTEST: f64 = 0.9;
 
-/// Lengths of steps along the path, where 1 comes to the rim: the longest and first, the
-/// least, what they are multiplied by when two have stayed near it and when one has left
-/// it, and how far from it a point may be, in the same lengths.
+/// Lengths of steps along the path, where 1 reaches the boundary: the largest and first, the
+/// smallest, the factor after two steps near the path, the factor after one far from it, and
+/// the largest distance from the path.
 const LONGEST: f64 = 0.7;
 const LEAST: f64 = 0.1;
 const GROW: f64 = 1.3;
 const SHRINK: f64 = 0.4;
 const ASTRAY: f64 = 1.0;
 
-/// What a step keeps of the way back to the path from beyond [`ASTRAY`], in the same
-/// lengths. Whole steps of Newton leap to and fro across a kink there, for ever.
+/// Share of the way back to the path from beyond [`ASTRAY`], in the same lengths. Full Newton
+/// steps there jump across a kink without end.
 const NEARER: f64 = 0.5;
 
-/// A second-order term longer than this is none: the step is taken without it.
+/// A longer second-order term is omitted.
 const MOST_BENT: f64 = 2.0;
 
-/// Unknowns above which a matrix that is not sparse is too large to factor so often.
+/// With more unknowns, a matrix that is not sparse is too large to factor repeatedly.
 const MOST_DENSE: usize = 1000;
 
-/// Follows paths, each from nothing, until one ends near an answer; `path` is the first
-/// to follow, and then the next. No path is followed twice: it would end where it did.
+/// Follows paths, each from its own start, until one ends near a solution. `path` is the first
+/// one to follow and becomes the next one. No path is followed twice: it would end at the same
+/// point.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -80,40 +81,40 @@ pub fn run<const D: usize>(
     problem: &Reduced<D>,
     path: &mut usize,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     while let Some(&(smoothing, first)) = PATHS.get(*path) {
         *path += 1;
         let Some(system) = System::new(problem, smoothing)? else {
             break;
         };
         let end = follow(&system, first, monitor)?;
-        if !matches!(end, End::Stalled) {
+        if !matches!(end, NewtonEnd::Stalled) {
             return Ok(end);
         }
     }
-    Ok(End::Stalled)
+    Ok(NewtonEnd::Stalled)
 }
 
 /// One path, from `z = s = first e`.
 ///
-/// On it `z ∘ s = σ e`, and what is missed is the share `σ/first²` of what the start
-/// misses. Where the sign of the determinant changes `σ` turns, and rises until it
-/// changes back: the sense in which a path is run through is the product of the two.
+/// On it `z ∘ s = σ e`, and the residual is `σ/first²` times that of the start. Where the
+/// determinant changes its sign, `σ` turns and increases until the sign changes back: the
+/// direction along the path is the product of the two signs.
 fn follow<const D: usize>(
     system: &System<D>,
     first: f64,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     let problem = system.problem;
     let n = problem.contacts();
     let e = unit::<D>();
-    let mut at = Place {
+    let mut at = InteriorPoint {
         z: vec![e * first; n],
         s: vec![e * first; n],
         a: vec![0.0; problem.scaling.modes.len()],
         left: 0.0,
     };
-    let mut before: Option<Place<D>> = None;
+    let mut before: Option<InteriorPoint<D>> = None;
     let mut start: Option<(Missed<D>, f64)> = None;
     let mut best: Option<(f64, Vec<[f64; D]>, Vec<f64>)> = None;
     let (mut reach, mut near) = (LONGEST, 0);
@@ -127,8 +128,8 @@ fn follow<const D: usize>(
         if best.as_ref().is_none_or(|(least, ..)| eta < *least) {
             best = Some((eta, r.clone(), rigid.clone()));
         }
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
-            return Ok(End::Stop(outcome));
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+            return Ok(NewtonEnd::Stop(outcome));
         }
         if at.left <= halved - LN_2 {
             (halved, last_halved) = (at.left, step);
@@ -149,7 +150,7 @@ fn follow<const D: usize>(
         let (missed_first, sense) = start.get_or_insert_with(|| (missed.clone(), factors.sign()));
         let share = at.left.exp();
         let sigma = first * first * share;
-        // Along the path, by the logarithm of σ, and back to it, at right angles.
+        // Along the path by the logarithm of σ, and back to it at right angles.
         let along = factors.direction(&vec![e * sigma; n], &missed_first.times(-share));
         let squares = factors.scalings.iter().map(|p| product(&p.point, &p.point));
         let aim: Vec<Vector<D>> = squares.map(|x| e * sigma - x).collect();
@@ -196,21 +197,23 @@ fn follow<const D: usize>(
         before = Some(std::mem::replace(&mut at, next));
     }
     Ok(match best {
-        Some((_, r, rigid)) if first * first * halved.exp() <= ENOUGH => End::Better(r, rigid),
-        _ => End::Stalled,
+        Some((_, r, rigid)) if first * first * halved.exp() <= ENOUGH => {
+            NewtonEnd::Better(r, rigid)
+        }
+        _ => NewtonEnd::Stalled,
     })
 }
 
-/// A point of a path; `left` is the logarithm of the share of the start.
-struct Place<const D: usize> {
+/// A point of a path; `left` is the logarithm of the remaining share.
+struct InteriorPoint<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
     a: Vec<f64>,
     left: f64,
 }
 
-impl<const D: usize> Place<D> {
-    fn moved(&self, way: &Direction<D>, change: f64, share: f64) -> Self {
+impl<const D: usize> InteriorPoint<D> {
+    fn moved(&self, way: &InteriorStep<D>, change: f64, share: f64) -> Self {
         let there = |x: &[Vector<D>], dx: &[Vector<D>]| {
             let pairs = x.iter().zip(dx);
             pairs.map(|(x, dx)| x + dx * share).collect()
@@ -230,7 +233,7 @@ fn pairing<const D: usize>(x: &[(Vector<D>, Vector<D>)], y: &[(Vector<D>, Vector
     pairs.map(|(x, y)| x.0.dot(&y.0) + x.1.dot(&y.1)).sum()
 }
 
-/// The longest of the pairs.
+/// The largest of the pairs.
 fn farthest<const D: usize>(pairs: &[(Vector<D>, Vector<D>)]) -> f64 {
     let squares = pairs
         .iter()
@@ -253,12 +256,12 @@ fn longest<const D: usize>(x: &[Vector<D>], dx: &[Vector<D>]) -> f64 {
 /// `s = A z + B â + b + h(s) e` with `A = S Ŵ S`, `B = S R̂`, `S = diag(1/μ, 1)`.
 struct System<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
-    /// Diagonals of `S`; a frictionless contact keeps its normal component alone.
+    /// Diagonals of `S`; a frictionless contact has only its normal component.
     stretch: Vec<Vector<D>>,
     smoothing: f64,
 }
 
-/// What a point misses.
+/// The residual of a point.
 #[derive(Clone, Debug)]
 struct Missed<const D: usize> {
     /// `s − A z − B â − b − h(s) e`.
@@ -286,13 +289,13 @@ impl<const D: usize> Missed<D> {
 }
 
 /// A step.
-struct Direction<const D: usize> {
+struct InteriorStep<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
     a: Vec<f64>,
 }
 
-impl<const D: usize> Direction<D> {
+impl<const D: usize> InteriorStep<D> {
     fn plus(&self, other: &Self, factor: f64) -> Self {
         let sum = |x: &[Vector<D>], y: &[Vector<D>]| {
             let pairs = x.iter().zip(y);
@@ -312,7 +315,8 @@ impl<const D: usize> Direction<D> {
 }
 
 impl<'p, const D: usize> System<'p, D> {
-    /// Nothing where it is too large, or a contact cannot move, which has no inside.
+    /// `None` if it is too large, or if a contact cannot move, because its cone has no
+    /// interior.
     fn new(problem: &'p Reduced<'p, D>, smoothing: f64) -> Result<Option<Self>, Error> {
         let n = problem.contacts();
         let modes = problem.scaling.modes.len();
@@ -428,7 +432,7 @@ impl<'p, const D: usize> System<'p, D> {
         let inner = if let Some(whole) = compliance.whole()? {
             monitor.count(sparse_cost(whole));
             let matrix = whole.blocks.map(entry);
-            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Inner::Sparse)
+            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Factorisation::Sparse)
         } else {
             let order = D * s.len();
             monitor.count(factorisation_cost(problem, order + modes));
@@ -441,7 +445,7 @@ impl<'p, const D: usize> System<'p, D> {
                     }
                 }
             }
-            Lu::new(matrix, order, monitor.stop())?.map(Inner::Dense)
+            Lu::new(matrix, order, monitor.stop())?.map(Factorisation::Dense)
         };
         let Some(inner) = inner else { return Ok(None) };
         let mut factors = Factors {
@@ -478,7 +482,7 @@ fn along<const D: usize>(x: &[Vector<D>], y: &[Vector<D>]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x.dot(y)).sum()
 }
 
-enum Inner<'w> {
+enum Factorisation<'w> {
     Sparse(SparseLu<'w>),
     Dense(Lu),
 }
@@ -490,11 +494,11 @@ struct Factors<'s, 'p, const D: usize> {
     slopes: Vec<Block<D>>,
     /// `N P²`.
     of_law: Vec<Block<D>>,
-    /// What rows and columns are multiplied by, so that open contacts, whose `P²` is
-    /// without bound, do not hide the pivots of those that stick.
+    /// Factors of rows and columns. `P²` of open contacts grows without bound; without these
+    /// factors it would hide the pivots of sticking contacts.
     scale: Vec<Vector<D>>,
-    inner: Inner<'s>,
-    /// `(A + N P²)⁻¹ B`, and `Bᵀ` of that.
+    inner: Factorisation<'s>,
+    /// `(A + N P²)⁻¹ B`, and `Bᵀ` times it.
     border: Vec<Vec<Vector<D>>>,
     balance: Option<Lu>,
 }
@@ -503,14 +507,14 @@ impl<const D: usize> Factors<'_, '_, D> {
     /// The sign of the determinant.
     fn sign(&self) -> f64 {
         let inner = match &self.inner {
-            Inner::Sparse(factors) => factors.sign(),
-            Inner::Dense(factors) => factors.sign(),
+            Factorisation::Sparse(factors) => factors.sign(),
+            Factorisation::Dense(factors) => factors.sign(),
         };
         self.balance.as_ref().map_or(inner, |lu| inner * lu.sign())
     }
 
     /// `P dz` and `P⁻¹ ds`, in units of the root of `aim`.
-    fn scaled(&self, way: &Direction<D>, aim: f64) -> Vec<(Vector<D>, Vector<D>)> {
+    fn scaled(&self, way: &InteriorStep<D>, aim: f64) -> Vec<(Vector<D>, Vector<D>)> {
         let unit = 1.0 / aim.sqrt();
         let pairs = self.scalings.iter().zip(way.z.iter().zip(&way.s));
         pairs
@@ -525,8 +529,8 @@ impl<const D: usize> Factors<'_, '_, D> {
             .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
             .collect();
         match &self.inner {
-            Inner::Sparse(factors) => factors.solve(&mut x),
-            Inner::Dense(factors) => factors.solve(&mut x),
+            Factorisation::Sparse(factors) => factors.solve(&mut x),
+            Factorisation::Dense(factors) => factors.solve(&mut x),
         }
         let (x, _) = x.as_chunks::<D>();
         let scaled = x.iter().zip(&self.scale);
@@ -579,7 +583,7 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     /// The step for which `λ ∘ (P dz + P⁻¹ ds)` is `aim`.
-    fn direction(&self, aim: &[Vector<D>], right: &Missed<D>) -> Direction<D> {
+    fn direction(&self, aim: &[Vector<D>], right: &Missed<D>) -> InteriorStep<D> {
         let known = aim.iter().zip(&self.scalings);
         let known: Vec<Vector<D>> = known
             .map(|(aim, p)| p.forward * quotient(aim, &p.point))
@@ -589,7 +593,7 @@ impl<const D: usize> Factors<'_, '_, D> {
             .collect();
         let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
         let (mut z, mut a) = self.bordered(&b, &balance);
-        // Rows are exchanged within fronts only: one refinement mends what that costs.
+        // Rows are exchanged within fronts only: one refinement corrects the error.
         let (left, unbalanced) = self.left((&b, &balance), (&z, &a));
         let (dz, da) = self.bordered(&left, &unbalanced);
         for (z, dz) in z.iter_mut().zip(&dz) {
@@ -604,6 +608,6 @@ impl<const D: usize> Factors<'_, '_, D> {
                 known[i] - forward * (forward * z[i])
             })
             .collect();
-        Direction { z, s, a }
+        InteriorStep { z, s, a }
     }
 }

@@ -1,5 +1,4 @@
-//! Algorithms on the reduced problem, and nothing else: what they are given,
-//! what they return, and how they are watched.
+//! Algorithms on the reduced problem, with their input, their result and the monitor.
 
 pub mod anderson;
 pub mod auto;
@@ -22,4 +21,4 @@ pub mod uzawa;
 pub use crate::solver::outcome::Outcome;
 pub use crate::solver::settings::{Method, Settings, Start};
 pub use crate::solver::solution::Solution;
-pub use crate::solver::solve::{judged, solve, solve_watched};
+pub use crate::solver::solve::{certified, solve, solve_watched};

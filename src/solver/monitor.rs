@@ -1,4 +1,4 @@
-//! Watches a solver: history, best point, limits, and the verdict.
+//! Monitors a solver: history, best point, limits, and whether to stop.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
@@ -14,20 +14,20 @@ use crate::solver::settings::Settings;
 /// Iterations without a better point after which a solver has stalled.
 const PATIENCE: usize = 5000;
 
-/// Below what rounding allows, but above the wish, iterations go on while they
-/// halve η within so many.
+/// If η is below the rounding floor but above the tolerance, iterations continue while they
+/// halve η within this number.
 const REST: usize = 5;
 
-/// What the solver does next.
+/// The next step of a solver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum NextStep {
     Continue,
-    /// The running `v` says converged and a fresh one does not: form it afresh.
+    /// The running `v` has converged and a fresh one has not: evaluate it again.
     Refresh,
     Stop(Outcome),
 }
 
-/// How far a solve is, for another thread to read at any time.
+/// Progress of a solve, readable by another thread at any time.
 #[derive(Debug)]
 pub struct Progress {
     iterations: AtomicUsize,
@@ -36,7 +36,7 @@ pub struct Progress {
 }
 
 impl Default for Progress {
-    /// Nothing has been looked at: a residual of zero would read as an answer.
+    /// No point yet: a residual of zero would look like a solution.
     fn default() -> Self {
         let progress = Self {
             iterations: AtomicUsize::new(0),
@@ -64,7 +64,7 @@ impl Progress {
     }
 }
 
-/// Watches one solve.
+/// The monitor of one solve.
 #[derive(Debug)]
 pub struct Monitor<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -75,17 +75,17 @@ pub struct Monitor<'p, const D: usize> {
     log: Log<D>,
     furthest_rigid: Vec<f64>,
     best: f64,
-    /// η when it was last halved, and when that was.
+    /// η when it last halved, and the iteration.
     halved: f64,
     last_halved: usize,
     last_better: usize,
-    /// η that rounding allows, as last measured.
+    /// The last measured rounding floor of η.
     floor: f64,
-    /// η of the last point that claimed to be an answer and was none.
+    /// η of the last point whose fresh evaluation failed.
     refuted: f64,
 }
 
-/// What is left of a solve.
+/// The results of a solve.
 #[derive(Clone, Debug, Default)]
 pub struct Log<const D: usize> {
     pub best_reaction: Vec<[f64; D]>,
@@ -125,13 +125,13 @@ impl<'p, const D: usize> Monitor<'p, D> {
         }
     }
 
-    /// Raised when the caller asks for a stop.
+    /// Set when the caller asks to stop.
     #[must_use]
     pub fn stop(&self) -> &'p AtomicBool {
         self.stop
     }
 
-    /// What η is wished to be.
+    /// The tolerance of η.
     #[must_use]
     pub fn wish(&self) -> f64 {
         self.settings.tol
@@ -148,8 +148,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.log.work += products;
     }
 
-    /// Looks at the point `(r, a)` whose running `v` is given, after an
-    /// iteration (`iterated`) or at the start.
+    /// Checks the point `(r, a)` with its running `v`, after an iteration (`iterated`) or at
+    /// the start.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -159,7 +159,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         v: &[[f64; D]],
         a: &[f64],
         iterated: bool,
-    ) -> Result<Verdict, Error> {
+    ) -> Result<NextStep, Error> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
@@ -173,7 +173,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.history.push((self.log.work, nothing.residual));
             self.log.best_reaction.fill([0.0; D]);
             self.log.best_rigid.copy_from_slice(a);
-            return Ok(Verdict::Stop(Outcome::Converged));
+            return Ok(NextStep::Stop(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
         let at_rest = self.log.iterations >= self.last_halved + REST;
@@ -192,14 +192,14 @@ impl<'p, const D: usize> Monitor<'p, D> {
             }
             self.tell();
             if converged {
-                return Ok(Verdict::Stop(Outcome::Converged));
+                return Ok(NextStep::Stop(Outcome::Converged));
             }
-            // The running v flattered, or η does: it is asked again at half of it.
+            // The running v was too good, or η is not sufficient: check again at half of it.
             self.refuted = eta;
-            return Ok(self.limits().map_or(Verdict::Refresh, Verdict::Stop));
+            return Ok(self.limits().map_or(NextStep::Refresh, NextStep::Stop));
         }
         if eta < self.best {
-            // A better point by less than a tenth of a percent is none for patience.
+            // An improvement of less than a tenth of a percent does not count for the patience.
             if eta < 0.999 * self.best {
                 self.last_better = self.log.iterations;
             }
@@ -212,7 +212,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.halved = eta;
             self.last_halved = self.log.iterations;
         }
-        Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
+        Ok(self.limits().map_or(NextStep::Continue, NextStep::Stop))
     }
 
     fn tell(&self) {
@@ -220,11 +220,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.progress.tell(log.iterations, log.work, self.best);
     }
 
-    /// Where no reaction at all is an answer, η is relative to reactions that an
-    /// iteration shrinks from wherever it was started, until doubles end: long before
-    /// that they are none, and the answer is judged as that.
+    /// If `r = 0` is a solution, iterations shrink the reactions until the end of the range of
+    /// doubles, and η, which is relative to them, stays large. Far below the other
+    /// displacements, the point `r = 0` is checked instead.
     fn vanished(&mut self, r: &[[f64; D]], a: &[f64]) -> Option<Certificate<D>> {
-        /// In scaled variables, where what moves the contacts is of order one.
+        /// In scaled variables, where displacements of contacts are of order one.
         const NONE: f64 = 1e-100;
         let size = self.problem.scaling.reaction_norm(r);
         if size == 0.0 || size > NONE {
@@ -235,20 +235,19 @@ impl<'p, const D: usize> Monitor<'p, D> {
         nothing.converged(self.settings.tol).then_some(nothing)
     }
 
-    /// Measures what rounding allows at `(r, a)`, for a residual that has
-    /// stopped falling.
+    /// Measures the rounding floor at `(r, a)`, for a residual that has stopped decreasing.
     pub fn measure_floor(&mut self, r: &[[f64; D]], a: &[f64]) {
         self.floor = Certificate::new(self.problem, r, a).floor;
         self.log.work += 2.0;
     }
 
-    /// What rounding allows of η, as last measured.
+    /// The last measured rounding floor of η.
     #[must_use]
     pub fn floor(&self) -> f64 {
         self.floor
     }
 
-    /// The largest rigid motion that was met: it goes on growing where a body slides away.
+    /// The largest rigid motion so far: it grows without bound if a body slides away.
     #[must_use]
     pub fn furthest_rigid(&self) -> &[f64] {
         &self.furthest_rigid
@@ -273,11 +272,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
     }
 }
 
-/// A point that claims to be an answer, brought into the cones; nothing where it is
-/// there already. A large μ hides from η how far outside it lies: a little pressure
-/// more would do.
+/// The projection of a candidate solution onto the cones; `None` if it lies in them. A large μ
+/// hides from η how far outside the cones a point is: a little more pressure suffices.
 fn within_cones<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Option<Vec<[f64; D]>> {
-    /// What sliding contacts may miss the rim by, and come from rounding.
+    /// Largest distance of sliding contacts from the boundary of the cone that is due to
+    /// rounding.
     const RIM: f64 = 1e-12;
     let outside =
         |(r, &mu): (&[f64; D], &f64)| tangential_norm(r) > mu * r[0] * (1.0 + RIM) || r[0] < 0.0;

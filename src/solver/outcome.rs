@@ -1,4 +1,4 @@
-//! How a solve ends.
+//! The outcome of a solve.
 
 /// Why a solver stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,23 +1,23 @@
 //! Complementary pivoting on the piecewise linear law [dSF91, 75; KB88].
 //!
-//! The disc of friction becomes a segment in the plane, which is exact, and a polygon in
-//! space. Every contact is then in one of a few cells, open, stick, a corner or an edge of
-//! its polygon, and the law of given cells is linear. Lemke's method follows
+//! The disc of friction is replaced by a segment in the plane, which is exact, and by a polygon
+//! in space. Each contact is then in one of a few cells: open, stick, a corner or an edge of
+//! its polygon. The law is linear in each cell. Lemke's method follows
 //!
 //! ```text
 //! v = W r + q + t c
 //! ```
 //!
-//! from a large `t`, where all contacts are open and `r = 0` is the only answer, to `t = 0`.
-//! A pivot is the step to the next border of a cell, where one contact changes to the
-//! neighbouring one; `t` may rise on the way. For `W` positive definite the path cannot
-//! end on a ray, whatever μ: `rᵀW r ≤ −rᵀ(q + t c)` bounds it, and no second path comes
-//! in from infinity. Where it would pass through more than one border at once pivots
-//! could go round; for almost every `c` it does not, and `c` has no pattern.
+//! from a large `t`, where all contacts are open and `r = 0` is the only solution, to `t = 0`.
+//! A pivot is a step to the next boundary of a cell, where one contact changes to the
+//! neighbouring cell; `t` may increase. If `W` is positive definite, the path cannot end on a
+//! ray for any μ, because `rᵀW r ≤ −rᵀ(q + t c)` bounds it, and no second path comes from
+//! infinity. At a point on several boundaries, pivots might cycle; this does not occur for
+//! almost every `c`, and `c` is irregular.
 //!
-//! In space the polygons are refined around the directions that were found, and the path
-//! goes on from there: from the law of the finer polygons with a `q'` that makes the last
-//! point its answer, to `q`.
+//! In space the polygons are then refined around the directions of friction. The path continues
+//! with the law of the finer polygons, from a `q'` for which the last point is a solution, to
+//! `q`.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -27,47 +27,47 @@ use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector, dot, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::ComplianceForm;
 use crate::solver::newton::linearisation::{Linearisation, movable};
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
-/// Corners of a polygon that knows no direction.
+/// Corners of a regular polygon.
 const CORNERS: usize = 8;
 
-/// Corners on each side of a direction that was found, `spacing` apart.
+/// Corners on each side of a known direction, `spacing` apart.
 const FAN: usize = 4;
 
-/// Their first spacing, and the largest: the fan keeps within two coarse corners.
+/// Their first and their largest spacing: they stay within two coarse corners.
 const WIDEST: f64 = 0.1;
 
-/// What spacing may fall to in one refinement.
+/// Smallest factor of the spacing in one refinement.
 const FINER: f64 = 1.0 / 16.0;
 
-/// Refinements at the most.
+/// Largest number of refinements.
 const STAGES: usize = 100;
 
-/// Refinements in a row that do not halve η.
+/// Largest number of consecutive refinements that do not halve η.
 const PATIENCE: usize = 10;
 
-/// Corrections of the linear law of the last cells.
+/// Corrections of the linear law of the final cells.
 const CORRECTIONS: usize = 3;
 
 /// Pivots between two fresh evaluations of `v`, whose running sum drifts.
 const REFRESH: usize = 50;
 
-/// A path that began at `t = 1` and goes beyond this has turned back.
+/// A path that starts at `t = 1` and exceeds this has turned back.
 const LOST: f64 = 2.0;
 
-/// A start on a border is moved off it by this share of what it measures.
+/// A start on a boundary is moved away by this share of its size.
 const OFF: f64 = 1e-6;
 
-/// Share of GMRES in the accuracy of a step.
+/// Accuracy of GMRES relative to that of a step.
 const TIGHT: f64 = 1e-13;
 
-/// Where a contact is; corners and edges are numbered counter-clockwise, edge `j`
-/// leads from corner `j` to the next.
+/// The cell of a contact. Corners and edges are numbered counter-clockwise; edge `j` leads from
+/// corner `j` to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Cell {
     Open,
@@ -78,14 +78,14 @@ enum Cell {
     Corner(usize),
 }
 
-/// Corners of the friction polygon of radius one, by ascending angles; in the plane
-/// the two ends of a segment.
+/// Corners of the friction polygon of radius one, by ascending angles; in the plane the two
+/// ends of a segment.
 #[derive(Clone, Debug)]
 struct Polygon<const D: usize> {
     angles: Vec<f64>,
 }
 
-/// A linear function that is not negative in a cell, and the cell behind its zero.
+/// A linear function that is non-negative in a cell, and the cell beyond its zero.
 struct Guard<const D: usize> {
     by_r: [f64; D],
     by_v: [f64; D],
@@ -98,7 +98,7 @@ impl<const D: usize> Guard<D> {
     }
 }
 
-/// The angle between corners of a polygon that knows no direction.
+/// The angle between corners of a regular polygon.
 fn coarse_step() -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a few")]
     let corners = CORNERS as f64;
@@ -120,13 +120,13 @@ impl<const D: usize> Polygon<D> {
         }
     }
 
-    /// Fine around a direction, coarse elsewhere.
+    /// A polygon that is fine around a direction and coarse elsewhere.
     fn around(centre: f64, spacing: f64) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "a few")]
         let shares = |most: usize, step: f64| {
             (1..=most).flat_map(move |k| [centre - step * k as f64, centre + step * k as f64])
         };
-        // Half of the coarse corners to either side.
+        // Half of the coarse corners on each side.
         let (half, coarse) = (CORNERS / 2, coarse_step());
         let mut angles = vec![centre];
         angles.extend(shares(FAN, spacing));
@@ -156,7 +156,7 @@ impl<const D: usize> Polygon<D> {
         (j + 1) % self.corners()
     }
 
-    /// Angle of the middle of an edge, and half the angle that it spans.
+    /// Angle of the middle of an edge, and half of its angle.
     fn edge(&self, e: usize) -> (f64, f64) {
         let from = self.angles[e];
         let to = if e + 1 < self.angles.len() {
@@ -168,8 +168,7 @@ impl<const D: usize> Polygon<D> {
         (from + half, half)
     }
 
-    /// `a` and `a × n`, where `a·r_t ≤ μ r_n` is the edge's side of the polygon; `a` is as
-    /// long as makes it so.
+    /// `a` and `a × n`, where the polygon satisfies `a·r_t ≤ μ r_n` at this edge.
     fn side(&self, e: usize) -> ([f64; D], [f64; D], f64) {
         let (middle, half) = self.edge(e);
         let along = unit(middle + FRAC_PI_2);
@@ -177,13 +176,13 @@ impl<const D: usize> Polygon<D> {
         (normal, along, half.sin())
     }
 
-    /// The corner that friction takes where it opposes `v_t`.
+    /// The corner of the friction that opposes `v_t`.
     fn against(&self, v: &[f64; D]) -> usize {
         let worth = |j: usize| -dot(&self.corner(j), v);
         (1..self.corners()).fold(0, |best, j| if worth(j) > worth(best) { j } else { best })
     }
 
-    /// Calls `tell` with every guard of a cell.
+    /// Calls `tell` with each guard of a cell.
     fn guards(&self, cell: Cell, mu: f64, mut tell: impl FnMut(Guard<D>)) {
         let nothing = [0.0; D];
         let normal: [f64; D] = std::array::from_fn(|k| if k == 0 { 1.0 } else { 0.0 });
@@ -196,7 +195,7 @@ impl<const D: usize> Polygon<D> {
             x
         };
         match cell {
-            // Where it closes is decided when it does.
+            // The cell of a closing contact is decided when it closes.
             Cell::Open => guard(nothing, normal, Cell::Open),
             Cell::Free => guard(normal, nothing, Cell::Open),
             Cell::Stick => {
@@ -227,7 +226,7 @@ impl<const D: usize> Polygon<D> {
         }
     }
 
-    /// The linear law of a cell; `value` is left to be filled in.
+    /// The linear law of a cell, without `value`.
     fn rows(&self, cell: Cell, mu: f64) -> Linearised<D> {
         let mut rows = Linearised {
             status: Status::Slip,
@@ -266,17 +265,17 @@ impl<const D: usize> Polygon<D> {
     }
 }
 
-/// How a path ended.
-enum End {
+/// The end of a path.
+enum PathEnd {
     Stop(Outcome),
     /// At `t = 0`.
     Arrived,
-    /// On a ray, back where it came from, or at a law that is singular.
+    /// It ended on a ray, returned to its start, or met a singular law.
     Lost,
 }
 
-/// A path, at a point of it; all but cells in the caller's units.
-struct Path<'p, const D: usize> {
+/// A path at one of its points. All but the cells is in the units of the caller.
+struct PivotingPath<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     polygons: Vec<Polygon<D>>,
     cells: Vec<Cell>,
@@ -285,11 +284,11 @@ struct Path<'p, const D: usize> {
     v: Vec<[f64; D]>,
     c: Vec<[f64; D]>,
     t: f64,
-    /// Beyond this `t` it is lost.
+    /// A path beyond this `t` has failed.
     most: f64,
 }
 
-/// Runs until the monitor stops it or no path leads on.
+/// Runs until the monitor stops it or no path continues.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -305,7 +304,7 @@ pub fn run<const D: usize>(
         v = problem.relative_displacement(&r, &[]);
         monitor.count(1.0);
     }
-    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
         return Ok(outcome);
     }
     // Direction and spacing of the corners of contacts that slide.
@@ -322,19 +321,19 @@ pub fn run<const D: usize>(
             .collect();
         let mut path = if known {
             monitor.count(1.0);
-            Path::near(problem, polygons.clone(), &r, &v)
+            PivotingPath::near(problem, polygons.clone(), &r, &v)
         } else {
-            Path::far(problem, polygons.clone())
+            PivotingPath::far(problem, polygons.clone())
         };
         let mut end = path.follow(monitor)?;
-        if known && matches!(end, End::Lost) {
-            path = Path::far(problem, polygons);
+        if known && matches!(end, PathEnd::Lost) {
+            path = PivotingPath::far(problem, polygons);
             end = path.follow(monitor)?;
         }
         match end {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Lost => return Ok(Outcome::Stalled),
-            End::Arrived => {}
+            PathEnd::Stop(outcome) => return Ok(outcome),
+            PathEnd::Lost => return Ok(Outcome::Stalled),
+            PathEnd::Arrived => {}
         }
         if let Some(outcome) = path.correct(monitor)? {
             return Ok(outcome);
@@ -372,15 +371,15 @@ fn trial<const D: usize>(problem: &Reduced<D>, i: usize, r: &[f64; D], v: &[f64;
     std::array::from_fn(|k| r[k] * scaling.to_r[i] - v[k] * scaling.to_v[i])
 }
 
-/// A fraction without a pattern, between 0 and 1: multiples of the golden ratio.
+/// An irregular fraction between 0 and 1: multiples of the golden ratio.
 fn fraction(k: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let turns = (k + 1) as f64 * 0.618_033_988_749_894_9;
     turns.fract()
 }
 
-impl<'p, const D: usize> Path<'p, D> {
-    /// From far away, where all contacts are open.
+impl<'p, const D: usize> PivotingPath<'p, D> {
+    /// Starts at a large `t`, where all contacts are open.
     fn far(problem: &'p Reduced<'p, D>, polygons: Vec<Polygon<D>>) -> Self {
         let scaling = &problem.scaling;
         let of_node = |i: usize| -> [f64; D] {
@@ -389,7 +388,7 @@ impl<'p, const D: usize> Path<'p, D> {
                 let share = if k == 0 {
                     1.0 + part
                 } else if movable(problem, i, k) {
-                    // Within the dual cone: c_n > μ ‖c_t‖.
+                    // Inside the dual cone: c_n > μ ‖c_t‖.
                     0.1 * (part - 0.5) / (1.0 + problem.mu[i])
                 } else {
                     0.0
@@ -399,7 +398,7 @@ impl<'p, const D: usize> Path<'p, D> {
         };
         let c: Vec<[f64; D]> = (0..problem.contacts()).map(of_node).collect();
         let closes = problem.q.iter().zip(&c).map(|(q, c)| -q[0] / c[0]);
-        // A little before the first contact closes.
+        // Slightly before the first contact closes.
         let t = 1.01 * closes.fold(0.0, f64::max);
         Self {
             problem,
@@ -413,7 +412,7 @@ impl<'p, const D: usize> Path<'p, D> {
         }
     }
 
-    /// From a point near by, which becomes an answer for another `q`.
+    /// Starts at a nearby point, which is a solution for another `q`.
     fn near(
         problem: &'p Reduced<'p, D>,
         polygons: Vec<Polygon<D>>,
@@ -441,7 +440,7 @@ impl<'p, const D: usize> Path<'p, D> {
             } else if tangential_norm(&x) <= mu * x[0] {
                 cells.push(Cell::Stick);
                 to_v[i][1..].fill(0.0);
-                // Within the polygon, which lies within the disc.
+                // Inside the polygon, which lies in the disc.
                 let mut over = 0.0_f64;
                 polygon.guards(Cell::Stick, mu, |guard| {
                     let mut tangential = to_r[i];
@@ -479,16 +478,16 @@ impl<'p, const D: usize> Path<'p, D> {
         }
     }
 
-    /// `v` of the problem itself.
+    /// `v` of the problem without `t c`.
     fn own_displacement(&self) -> Vec<[f64; D]> {
         plus(&self.v, -self.t, &self.c)
     }
 
     /// The angle of friction of a contact that slides, or did so (`slid`): that of
-    /// `r̂_t − v̂_t`, between the reaction and what opposes the slip, nearer to the larger
-    /// of the two.
+    /// `r̂_t − v̂_t`. It lies between the reaction and the direction opposite to the slip,
+    /// nearer to the larger of the two.
     ///
-    /// What slides on a polygon may stick on the disc around it: both are asked.
+    /// A contact that slides on a polygon may stick on the disc around it, so both are checked.
     fn direction(&self, i: usize, slid: bool) -> Option<f64> {
         let x = trial(self.problem, i, &self.r[i], &self.v[i]);
         let mu = self.problem.mu[i];
@@ -524,7 +523,7 @@ impl<'p, const D: usize> Path<'p, D> {
         }
     }
 
-    /// `dr` that solves a law from a point; `None` where it is singular.
+    /// `dr` that solves the law from a point; `None` if the law is singular.
     fn solve(
         &self,
         law: &Linearisation<D>,
@@ -541,16 +540,16 @@ impl<'p, const D: usize> Path<'p, D> {
         Ok(solved.map(|solved| solved.r))
     }
 
-    /// Pivots until the path ends.
-    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<End, Error> {
+    /// Makes pivots until the path ends.
+    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<PathEnd, Error> {
         let nothing = vec![[0.0; D]; self.r.len()];
-        // The contact that changed last, and from what.
+        // The last contact that changed, and its earlier cell.
         let mut entered: Option<(usize, Cell)> = None;
         for pivot in 1.. {
             let against: Vec<[f64; D]> = self.c.iter().map(|c| c.map(|c| -c)).collect();
             let law = self.law(&nothing, &against);
             let Some(mut dr) = self.solve(&law, &nothing, monitor)? else {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             };
             let mut dv = against;
             let mut effect = nothing.clone();
@@ -567,7 +566,7 @@ impl<'p, const D: usize> Path<'p, D> {
             }
             let (step, event) = self.next(entered, &dr, &dv, dt);
             if !step.is_finite() {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             }
             self.r = plus(&self.r, step, &dr);
             self.v = plus(&self.v, step, &dv);
@@ -580,18 +579,18 @@ impl<'p, const D: usize> Path<'p, D> {
                 self.refresh(monitor);
             }
             match monitor.look(&self.r, &self.own_displacement(), &[], true)? {
-                Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
-                Verdict::Refresh => self.refresh(monitor),
-                Verdict::Continue => {}
+                NextStep::Stop(outcome) => return Ok(PathEnd::Stop(outcome)),
+                NextStep::Refresh => self.refresh(monitor),
+                NextStep::Continue => {}
             }
             if entered.is_none() {
-                return Ok(End::Arrived);
+                return Ok(PathEnd::Arrived);
             }
             if self.t > self.most {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             }
         }
-        Ok(End::Lost)
+        Ok(PathEnd::Lost)
     }
 
     fn refresh(&mut self, monitor: &mut Monitor<D>) {
@@ -600,7 +599,7 @@ impl<'p, const D: usize> Path<'p, D> {
         monitor.count(1.0);
     }
 
-    /// Whether a contact, moved by `(dr, dv)`, goes back to the cell it came from.
+    /// Whether a contact that moves by `(dr, dv)` returns to its earlier cell.
     fn leaves(&self, i: usize, from: Cell, dr: &[f64; D], dv: &[f64; D]) -> bool {
         let mut slope = 0.0;
         let cell = self.cells[i];
@@ -620,8 +619,8 @@ impl<'p, const D: usize> Path<'p, D> {
         v.map(|c| c * self.problem.scaling.to_v[i])
     }
 
-    /// The length of the step to the next border, with the contact that meets it and
-    /// the cell behind it; or to `t = 0`.
+    /// The length of the step to the next boundary, with its contact and the cell beyond it; or
+    /// to `t = 0`.
     fn next(
         &self,
         entered: Option<(usize, Cell)>,
@@ -635,7 +634,7 @@ impl<'p, const D: usize> Path<'p, D> {
             let (r, v) = (self.to_r(i, &self.r[i]), self.to_v(i, &self.v[i]));
             let (dr, dv) = (self.to_r(i, &dr[i]), self.to_v(i, &dv[i]));
             self.polygons[i].guards(cell, self.problem.mu[i], |guard| {
-                // The border that was crossed last is behind.
+                // The boundary crossed last lies behind the point.
                 let back = |(j, from)| j == i && (cell == Cell::Open || guard.to == from);
                 let slope = guard.at(&dr, &dv);
                 if slope < 0.0 && !entered.is_some_and(back) {
@@ -650,7 +649,7 @@ impl<'p, const D: usize> Path<'p, D> {
         (step, event)
     }
 
-    /// Moves a contact to another cell; which one it was in.
+    /// Moves a contact to another cell; returns its earlier cell.
     fn enter(&mut self, i: usize, to: Cell) -> Cell {
         let from = self.cells[i];
         self.cells[i] = if from == Cell::Open {
@@ -669,7 +668,7 @@ impl<'p, const D: usize> Path<'p, D> {
         from
     }
 
-    /// Takes out what rounding has left of the linear law at `t = 0`.
+    /// Removes the rounding error of the linear law at `t = 0`.
     fn correct(&mut self, monitor: &mut Monitor<D>) -> Result<Option<Outcome>, Error> {
         let rounds = if D == 2 { CORRECTIONS } else { 1 };
         for _ in 0..rounds {
@@ -679,7 +678,7 @@ impl<'p, const D: usize> Path<'p, D> {
             };
             self.r = next;
             self.refresh(monitor);
-            if let Verdict::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
+            if let NextStep::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
                 return Ok(Some(outcome));
             }
         }

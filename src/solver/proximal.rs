@@ -1,52 +1,52 @@
-//! Proximal points, with Newton inside: for supports in excess, where the matrix
-//! of Newton is singular because reactions are not determined.
+//! Proximal points with Newton steps, for redundant supports: there the matrix of Newton is
+//! singular because the reactions are not determined.
 //!
-//! Each outer iteration solves the problem with `α (r̂ − ĉ)` added to `v̂`, `c` the
-//! point it starts from [R76]. Its matrix `Ŵ + α` has an inverse, its answer is
-//! near, and an answer of the problem is one of it. `α` falls as long as Newton
-//! follows, which makes the outer iteration converge faster than linearly, and
-//! rises, at each failure in a row by more, where it does not.
+//! Each outer iteration solves the problem with `α (r̂ − ĉ)` added to `v̂`, from the point `c`
+//! [R76]. Its matrix `Ŵ + α` has an inverse and its solution is near `c`; if `c` is a solution
+//! of the problem, it is also one of the iteration. `α` decreases as long as Newton converges,
+//! which makes the outer iteration superlinear, and increases after a failure, more after each
+//! consecutive one.
 
 use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, Near, NewtonEnd};
 use crate::solver::outcome::Outcome;
 
-/// `α` at first, in units of a contact's own compliance; each further attempt takes
-/// the next. With one value alone 2 of 150 assemblies of rigid bodies are not solved.
+/// Initial `α` in units of the compliance of a contact itself; each attempt uses the next. With
+/// a single value, 2 of 150 assemblies of rigid bodies are not solved.
 const FIRST: [f64; 3] = [0.1, 1.0, 0.01];
 
-/// What `α` is multiplied by after a success.
+/// Factor of `α` after a success.
 const FALL: f64 = 0.2;
 
-/// What it is multiplied by after a failure, and what that factor is after each
-/// further one; two successes in a row forget it. A fixed factor comes back for
-/// ever to the same two values of `α` on flows of 7000 grains.
+/// Factor of `α` after a failure, and the factor of that factor after each further one; two
+/// consecutive successes reset it. On flows of 7000 grains a fixed factor alternates between
+/// the same two values of `α`.
 const RISE: f64 = 5.0;
 const STEEPEST: f64 = 1e4;
 
-/// Between these `α` neither drowns in rounding nor holds the point still.
+/// Between these limits `α` is above rounding and does not hold the point.
 const LEAST: f64 = 1e-13;
 const MOST: f64 = 1.0;
 
-/// What an outer iteration leaves of the merit it began with.
+/// An outer iteration reduces the merit to this share.
 const ENOUGH: f64 = 0.05;
 
 /// Outer iterations of an attempt.
 const OUTER: usize = 60;
 
-/// How an attempt ended.
+/// The end of an attempt.
 #[derive(Debug)]
 pub enum Attempt<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
-    /// Its iterations are spent; `(r, a)` is the last point.
+    /// It used all its iterations; `(r, a)` is the last point.
     Spent(Vec<[f64; D]>, Vec<f64>),
 }
 
-/// The `number`-th attempt, from `(r, a)`, until `most` steps of Newton are spent.
+/// Makes the `number`-th attempt from `(r, a)`, with at most `most` Newton steps.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -75,9 +75,9 @@ pub fn attempt<const D: usize>(
         let enough = ENOUGH * left;
         let (next, next_rigid) =
             match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
-                End::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
-                End::Better(next, next_rigid) => (next, next_rigid),
-                End::Stalled => (r.clone(), rigid.clone()),
+                NewtonEnd::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
+                NewtonEnd::Better(next, next_rigid) => (next, next_rigid),
+                NewtonEnd::Stalled => (r.clone(), rigid.clone()),
             };
         let next_v = problem.relative_displacement(&next, &next_rigid);
         monitor.count(1.0);
@@ -98,7 +98,7 @@ pub fn attempt<const D: usize>(
             }
         }
         monitor.measure_floor(&r, &rigid);
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
             return Ok(Attempt::Stop(outcome));
         }
     }

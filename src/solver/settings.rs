@@ -1,8 +1,8 @@
-//! What a solver is given beside the problem: a method, limits, and where to start.
+//! The settings of a solver: a method, limits and a start value.
 
 use crate::error::Error;
 
-/// Which algorithm.
+/// The algorithms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// The default: accelerated Gauss–Seidel, finished by Newton.
@@ -18,20 +18,20 @@ pub enum Method {
     Uzawa,
     /// Two projections with the same step, [dSF91, 82–87].
     UzawaTwoProjection,
-    /// Friction limits frozen at the last pressures, [dSF91, 68].
+    /// Friction limits fixed at the last pressures, [dSF91, 68].
     DisplacementPrinciple,
-    /// Contact, then friction, the other's reactions frozen, [dSF91, 69, 70].
+    /// Contact with fixed friction, then friction with fixed contact, [dSF91, 69, 70].
     AlternatingPrinciples,
-    /// Slip frozen at the last displacements, [dSF91, 72].
+    /// Slip fixed at the last displacements, [dSF91, 72].
     StressPrinciple,
-    /// Displacements and reactions in turn, the bifunctional falling, [dSF91, 31–34].
+    /// Displacements and reactions alternately, decreasing the bifunctional, [dSF91, 31–34].
     MinimisingSequence,
     /// Complementary pivoting on the piecewise linear law, after [dSF91, 75].
     Pivoting,
 }
 
 impl Method {
-    /// The names a user writes, in the order of documentation.
+    /// The names of the methods in the order of the documentation.
     pub const NAMES: [(&'static str, Method); 11] = [
         ("auto", Method::Auto),
         ("newton", Method::Newton),
@@ -46,7 +46,7 @@ impl Method {
         ("pivoting", Method::Pivoting),
     ];
 
-    /// The name a user writes.
+    /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
         let mut names = Self::NAMES.iter();
@@ -55,8 +55,8 @@ impl Method {
             .map_or("", |(name, _)| name)
     }
 
-    /// Whether it takes bodies that contact alone holds: frozen tangential reactions
-    /// or none leave nothing to balance the loads on them with.
+    /// Whether it solves problems with bodies that only contact holds: methods that fix the
+    /// tangential reactions, or start without any, cannot balance the loads.
     #[must_use]
     pub fn balances(self) -> bool {
         !matches!(
@@ -66,11 +66,11 @@ impl Method {
     }
 }
 
-/// What the user may set; validated once.
+/// The settings of the user, validated once.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     pub method: Method,
-    /// Wished residual η; what it is held to is the larger of this and rounding.
+    /// Tolerance of η. The rounding floor replaces it if that is larger.
     pub tol: f64,
     pub max_iterations: usize,
     pub max_seconds: f64,
@@ -91,7 +91,7 @@ impl Settings {
     /// # Errors
     /// [`Error::Setting`] naming the first setting out of range.
     pub fn validate(&self) -> Result<(), Error> {
-        // Written so that a NaN fails each of them.
+        // Written such that a NaN fails.
         if !(self.tol > 0.0 && self.tol < 1.0) {
             return Err(Error::Setting {
                 what: "tol",
@@ -117,13 +117,13 @@ impl Settings {
     }
 }
 
-/// Where to start, in the order of positions.
+/// A start value, in the order of positions.
 #[derive(Clone, Debug, Default)]
 pub struct Start<const D: usize> {
     /// Reactions; empty for a cold start.
     pub reaction: Vec<[f64; D]>,
     /// Rigid motions `a`; empty for zero.
     pub rigid: Vec<f64>,
-    /// Contacts that were closed before, which try to stick first; empty for none.
+    /// Contacts that were closed before and start as sticking; empty for none.
     pub closed: Vec<bool>,
 }

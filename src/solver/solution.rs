@@ -1,4 +1,4 @@
-//! What a solver returns: a point in the caller's numbering, judged afresh.
+//! The result of a solver: a point in the numbering of the caller, with its certificate.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,20 +12,19 @@ use crate::solver::newton::refine;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Settings;
 
-/// The answer of a solver, or the best it reached, in the caller's numbering.
+/// The solution, or the best point, in the numbering of the caller.
 #[derive(Clone, Debug, Default)]
 pub struct Solution<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     pub relative_displacement: Vec<[f64; D]>,
     pub status: Vec<Status>,
-    /// Gap of the bipotential in units of work, contact by contact.
+    /// Gap of the bipotential of each contact, in units of work.
     pub bipotential_gap: Vec<f64>,
     pub rigid_motion: Vec<f64>,
-    /// Rigid motion that the loads set free: with `NoEquilibrium` a proof of it, with
-    /// another outcome what the iteration ran away along; empty where there is none.
+    /// Rigid motion that the loads cause: with `NoEquilibrium` the proof, with another outcome
+    /// the motion that grew during the iteration; empty without one.
     pub free_motion: Vec<f64>,
-    /// How many statuses were tried where that none of them holds is the proof of
-    /// `NoEquilibrium`, else 0.
+    /// Number of statuses tried if this proves `NoEquilibrium`, else 0.
     pub statuses_tried: u64,
     pub outcome: Outcome,
     pub residual: f64,
@@ -35,14 +34,14 @@ pub struct Solution<const D: usize> {
     pub iterations: usize,
     /// In products with `W`.
     pub work: f64,
-    /// `(work, η)`, a row an iteration.
+    /// `(work, η)` of each iteration.
     pub history: Vec<(f64, f64)>,
-    /// Bytes that the solver holds beside `W`: a transpose, an inverse.
+    /// Bytes of the transpose and inverse of `W` that the solver keeps.
     pub bytes_beside: usize,
     pub seconds: f64,
 }
 
-/// Judges the best point afresh and puts everything into the caller's numbering.
+/// Computes the certificate of the best point, in the numbering of the caller.
 pub(super) fn finish<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -73,11 +72,11 @@ pub(super) fn finish<const D: usize>(
     solution
 }
 
-/// Error of the reactions above which a refined solution is none.
+/// With a larger relative error of the reactions, a refined point is not a solution.
 const WORST_REACTION: f64 = 1e-6;
 
 impl<const D: usize> Solution<D> {
-    /// Puts a judged point here, in the caller's numbering.
+    /// Stores a point and its certificate, in the numbering of the caller.
     pub(super) fn put(
         &mut self,
         problem: &Reduced<D>,
@@ -90,7 +89,7 @@ impl<const D: usize> Solution<D> {
         let gap: Vec<f64> = nodes
             .map(|((r, v), &mu)| within_range(bipotential::gap(r, v, mu)))
             .collect();
-        // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
+        // r = 0 is open, for any rounding of r̂ − ṽ̂ at a grazing contact.
         let status: Vec<Status> = r
             .iter()
             .zip(&certificate.status)
@@ -114,9 +113,9 @@ impl<const D: usize> Solution<D> {
         self.bytes_beside = whole.bytes_beside();
     }
 
-    /// Refines a converged solution by a better evaluation of `v` than `W` gives,
-    /// which judges it from then on: the better of the point and the refined one, if
-    /// one of them is an answer, else it has stalled.
+    /// Refines a converged solution with a more accurate evaluation of `v` than `W` gives; the
+    /// certificate then uses it. The result is the better of the point and the refined one. If
+    /// neither is a solution, the outcome is stalled.
     ///
     /// # Errors
     /// What `evaluate` returns, and [`Error::Interrupted`].
@@ -137,8 +136,8 @@ impl<const D: usize> Solution<D> {
         });
         let [refined, as_it_was] = judged;
         let answers = |judged: &(Certificate<D>, _, _)| judged.0.converged(settings.tol);
-        // η is relative to what soft supports give way: where it is met and another
-        // correction still moves the reactions, it says nothing of them.
+        // η is relative to the displacement of soft supports. If another correction still
+        // changes the reactions, a small η does not imply accurate reactions.
         let settled = forward.is_none_or(|(of_r, _)| of_r <= WORST_REACTION);
         let better = match (answers(&refined), answers(&as_it_was)) {
             (true, _) if settled => refined,
@@ -154,8 +153,8 @@ impl<const D: usize> Solution<D> {
     }
 }
 
-/// The nearest number in the range of doubles: forces of 1e160 over displacements
-/// of 1e150 are a finite answer whose work is not.
+/// The nearest number in the range of doubles: with forces of 1e160 and displacements of 1e150,
+/// a solution is finite but its work is not.
 fn within_range(value: f64) -> f64 {
     if value.is_nan() {
         return 0.0; // infinities of both signs: nothing is known of their sum

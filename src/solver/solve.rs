@@ -1,11 +1,11 @@
-//! Chooses the method and puts together what it found.
+//! Calls the chosen method, and completes its result.
 
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::reduced::balance::{self, Balance};
-use crate::reduced::overlap::overlap;
+use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::auto;
@@ -26,12 +26,11 @@ use crate::solver::uzawa::{self, Variant};
 
 /// Solves the reduced problem.
 ///
-/// Not converged is an outcome, not an error: the best point seen comes back.
+/// A solver that does not converge gives no error: the best point is returned.
 ///
 /// # Errors
-/// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] where contact alone
-/// holds a body and the method cannot balance it, [`Error::Interrupted`] when `stop` is
-/// raised.
+/// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] if only contact holds a
+/// body and the method cannot balance it, [`Error::Interrupted`] if `stop` is set.
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -41,7 +40,7 @@ pub fn solve<const D: usize>(
     solve_watched(problem, settings, start, stop, &Progress::default())
 }
 
-/// [`solve`], while another thread may read how far it is.
+/// [`solve`] with its progress readable by another thread.
 ///
 /// # Errors
 /// As [`solve`].
@@ -87,19 +86,20 @@ pub fn solve_watched<const D: usize>(
     let furthest = monitor.furthest_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
     if solution.outcome == Outcome::NoEquilibrium {
-        // No method says so but by exhausting the statuses.
+        // A method gives this outcome only after it has tried all statuses.
         solution.statuses_tried = enumerate::statuses(&problem.mu);
     }
     if solution.outcome == Outcome::Converged && hides(problem, settings.tol) {
         confirm(problem, &mut solution, stop)?;
     }
-    // What only rounding has let pass may be reactions that have grown until they drown
-    // the walls between which they grew.
+    // A point that converged only within the rounding floor may have reactions that grew
+    // between walls until their rounding hides the overlap.
     let doubted = match solution.outcome {
         Outcome::Converged => solution.residual > settings.tol,
         outcome => matches!(outcome, Outcome::Stalled | Outcome::IterationLimit),
     };
-    if doubted && overlap(problem, &problem.compliance.gather(&solution.reaction)) {
+    let pressures: Vec<f64> = solution.reaction.iter().map(|r| r[0]).collect();
+    if doubted && is_contradiction(problem, &problem.compliance.gather(&pressures)) {
         solution.outcome = Outcome::NoEquilibrium;
     }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
@@ -121,13 +121,13 @@ pub fn solve_watched<const D: usize>(
     Ok(solution)
 }
 
-/// A bilateral start with a larger residual than this leaves most of the load
-/// unbalanced; the cold start has 1.
+/// A bilateral start with a larger residual leaves most of the load unbalanced; a start from
+/// zero has 1.
 const TRUSTED_START: f64 = 0.5;
 
-/// Where bodies held by contact alone start when nothing else is given: no
-/// iteration knows as much of their whole balance of forces as the bilateral
-/// solution, unless most of that came from contacts that pull.
+/// The start of bodies that only contact holds, if the caller gives none: the bilateral
+/// solution. It balances all forces better than an iteration, unless most of the balance comes
+/// from contacts that pull.
 fn bilateral_start<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
@@ -153,11 +153,11 @@ fn bilateral_start<const D: usize>(
     }))
 }
 
-/// A point that is known already, judged as any other; its work is that of judging.
+/// The solution at a known point, with its certificate; its work is that of the certificate.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
-pub fn judged<const D: usize>(
+pub fn certified<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     r: &[[f64; D]],

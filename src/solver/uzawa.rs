@@ -1,12 +1,11 @@
-//! The paper's algorithm (16): predictor `r̂ − ρ ṽ̂`, corrector `proj(·, K_μ)`,
-//! [dSF91, 79–81], its two-projection forerunner [dSF91, 82–87], and Nesterov's
-//! momentum with restarts; all three with one and the same adaptive step.
+//! The algorithm (16) of the paper: predictor `r̂ − ρ ṽ̂`, corrector `proj(·, K_μ)`, [dSF91,
+//! 79–81]; its earlier form with two projections [dSF91, 82–87]; and Nesterov's momentum with
+//! restarts. All three use the same adaptive step.
 //!
-//! ρ is one number in node-scaled variables. A step is kept when the map moves
-//! the predictor's displacement `ŵ` by no more than it moves `r`,
-//! `ρ ‖ŵ(r') − ŵ(r)‖ ≤ L ‖r̂' − r̂‖`; else ρ is cut and the step taken again; where
-//! it moves much less, ρ grows. `ŵ` is what the predictor subtracts: `ṽ̂` for one
-//! projection, `v̂` for two.
+//! ρ is one number in node-scaled variables. A step is accepted if the displacement `ŵ` of the
+//! predictor changes by no more than `r`, `ρ ‖ŵ(r') − ŵ(r)‖ ≤ L ‖r̂' − r̂‖`; otherwise ρ
+//! decreases and the step is repeated. If it changes much less, ρ increases. `ŵ` is `ṽ̂` for
+//! one projection and `v̂` for two.
 
 use std::ops::Range;
 
@@ -16,47 +15,47 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
-/// Above this ratio a step is cut, below the other the next one grows.
+/// Above the first ratio ρ decreases; below the second it increases.
 const CUT_ABOVE: f64 = 0.9;
 const GROW_BELOW: f64 = 0.3;
 const CUT: f64 = 2.0 / 3.0;
 const GROW: f64 = 1.5;
 
-/// The proximal parameter for bodies held by contact alone, in scaled
-/// variables: softer than for sweeps, because it limits ρ.
+/// The proximal parameter for bodies that only contact holds, in scaled variables. It is softer
+/// than for sweeps, because it limits ρ.
 const DELTA: f64 = 1.0;
 
 /// Iterations between two updates of the rigid motions.
 const STEPS_A_PHASE: usize = 5;
 
-/// Iterations between two measurements of what rounding allows.
+/// Iterations between two measurements of the rounding floor.
 const REFRESH: usize = 200;
 
-/// How the next reaction is found from the last.
+/// The variants of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
-    /// One projection onto `K_μ` a node, (16).
+    /// One projection of each node onto `K_μ`, (16).
     OneProjection,
-    /// Normal reactions onto the half-line, then tangential ones onto the disc of
-    /// the new normal reaction, [dSF91, 84–87].
+    /// Normal reactions onto the half-line, then tangential ones onto the disc of the new
+    /// normal reaction, [dSF91, 84–87].
     TwoProjections,
-    /// One projection from a point extrapolated by Nesterov's momentum, which is
-    /// dropped when a step turns against it.
+    /// One projection from a point extrapolated with Nesterov's momentum, which restarts when a
+    /// step turns against it.
     Momentum,
 }
 
-/// A point: reactions, and the relative displacement that belongs to them.
+/// Reactions with their relative displacement.
 #[derive(Clone, Debug)]
-struct Point<const D: usize> {
+struct UzawaPoint<const D: usize> {
     r: Vec<[f64; D]>,
     v: Vec<[f64; D]>,
 }
 
-impl<const D: usize> Point<D> {
+impl<const D: usize> UzawaPoint<D> {
     /// `self + share (self − before)`; `v` follows, affine in `r`.
     fn beyond(&self, before: &Self, share: f64) -> Self {
         let blend = |x: &[[f64; D]], y: &[[f64; D]]| {
@@ -85,7 +84,7 @@ pub fn run<const D: usize>(
     let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
-    if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
         return Ok(outcome);
     }
     loop {
@@ -95,7 +94,7 @@ pub fn run<const D: usize>(
     }
 }
 
-/// How a number of steps on frozen laws ended.
+/// The end of some steps with frozen laws.
 #[derive(Debug)]
 pub enum Burst<const D: usize> {
     /// The monitor stopped it.
@@ -104,8 +103,8 @@ pub enum Burst<const D: usize> {
     End(Vec<[f64; D]>, Vec<f64>),
 }
 
-/// Steps with momentum on frozen laws, `count` of them, from `(r, a)`: for a symmetric
-/// positive semidefinite `W` they come to an answer, if slowly.
+/// Makes `count` steps with momentum and frozen laws from `(r, a)`. For a symmetric positive
+/// semidefinite `W` they converge, but slowly.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -123,7 +122,7 @@ pub fn burst<const D: usize>(
         closed: Vec::new(),
     };
     let mut map = Map::new(problem, Variant::Momentum, frozen, &start);
-    // The motion that belongs to the point is the one that was given.
+    // The rigid motion of the point is the given one.
     let s = scaled_imbalance(problem, &start.reaction);
     for (a, s) in map.proximal.iter_mut().zip(s) {
         *a -= s / DELTA;
@@ -137,11 +136,11 @@ pub fn burst<const D: usize>(
     Ok(Burst::End(point.r, rigid))
 }
 
-/// The map of one problem, with its step and the rigid motions.
+/// The map of one problem, with its step length and rigid motions.
 struct Map<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     variant: Variant,
-    /// Laws in the place of Coulomb's, one a contact; none for Coulomb's.
+    /// Frozen laws, one for each contact; `None` for Coulomb's law.
     frozen: &'p [Frozen<D>],
     rho: f64,
     /// `â` of the proximal form.
@@ -169,7 +168,7 @@ impl<'p, const D: usize> Map<'p, D> {
         }
     }
 
-    fn start(&self, start: &Start<D>) -> Point<D> {
+    fn start(&self, start: &Start<D>) -> UzawaPoint<D> {
         let r = if start.reaction.is_empty() {
             vec![[0.0; D]; self.problem.contacts()]
         } else {
@@ -178,7 +177,7 @@ impl<'p, const D: usize> Map<'p, D> {
         self.point(r)
     }
 
-    /// `a`, the rigid motions that belong to reactions in the proximal form.
+    /// `a`, the rigid motions of given reactions in the proximal form.
     fn motion(&self, r: &[[f64; D]]) -> Vec<f64> {
         let s = scaled_imbalance(self.problem, r);
         let scaled: Vec<f64> = self
@@ -190,18 +189,18 @@ impl<'p, const D: usize> Map<'p, D> {
         self.problem.scaling.rigid_from_scaled(&scaled)
     }
 
-    fn rigid(&self, point: &Point<D>) -> Vec<f64> {
+    fn rigid(&self, point: &UzawaPoint<D>) -> Vec<f64> {
         self.motion(&point.r)
     }
 
-    fn point(&self, r: Vec<[f64; D]>) -> Point<D> {
+    fn point(&self, r: Vec<[f64; D]>) -> UzawaPoint<D> {
         let v = self.problem.relative_displacement(&r, &self.motion(&r));
-        Point { r, v }
+        UzawaPoint { r, v }
     }
 
     fn iterate(
         &mut self,
-        point: &mut Point<D>,
+        point: &mut UzawaPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
     ) -> Result<Option<Outcome>, Error> {
@@ -228,17 +227,17 @@ impl<'p, const D: usize> Map<'p, D> {
             };
             before = std::mem::replace(point, next);
             match monitor.look(&point.r, &point.v, &self.rigid(point), true)? {
-                Verdict::Stop(outcome) => return Ok(Some(outcome)),
-                Verdict::Refresh => {
+                NextStep::Stop(outcome) => return Ok(Some(outcome)),
+                NextStep::Refresh => {
                     *point = self.point(std::mem::take(&mut point.r));
                     theta = 1.0;
                 }
-                Verdict::Continue => {}
+                NextStep::Continue => {}
             }
             if iteration % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid(point));
                 if self.variant == Variant::TwoProjections {
-                    // Its v is a running sum, which drifts.
+                    // Its v is a running sum, which accumulates rounding.
                     *point = self.point(std::mem::take(&mut point.r));
                 }
             }
@@ -253,8 +252,8 @@ impl<'p, const D: usize> Map<'p, D> {
         Ok(None)
     }
 
-    /// Whether the step from `ahead` to `next` goes against the way from `last`.
-    fn turns(&self, ahead: &Point<D>, next: &Point<D>, last: &Point<D>) -> bool {
+    /// Whether the step from `ahead` to `next` is opposed to the one from `last`.
+    fn turns(&self, ahead: &UzawaPoint<D>, next: &UzawaPoint<D>, last: &UzawaPoint<D>) -> bool {
         let mut product = 0.0;
         for (i, to_r) in self.problem.scaling.to_r.iter().enumerate() {
             let back = minus_scaled(&ahead.r[i], 1.0, &next.r[i]);
@@ -264,8 +263,8 @@ impl<'p, const D: usize> Map<'p, D> {
         product > 0.0
     }
 
-    /// One step from a point, with ρ cut until it is kept.
-    fn advance(&mut self, from: &Point<D>, monitor: &mut Monitor<D>) -> Point<D> {
+    /// Makes one step from a point, decreasing ρ until the step is accepted.
+    fn advance(&mut self, from: &UzawaPoint<D>, monitor: &mut Monitor<D>) -> UzawaPoint<D> {
         loop {
             let next = match self.variant {
                 Variant::TwoProjections => self.two_projections(from),
@@ -273,8 +272,8 @@ impl<'p, const D: usize> Map<'p, D> {
             };
             monitor.count(1.0);
             let ratio = self.rho * self.contraction(from, &next);
-            // A ratio that is no number means a step without measure: it is taken as
-            // it is, and the monitor judges it.
+            // A ratio that is NaN gives no measure of the step: accept it, the monitor checks
+            // the point.
             if !(ratio > CUT_ABOVE) || self.rho < f64::EPSILON {
                 if ratio > 0.0 && ratio < GROW_BELOW {
                     self.rho *= GROW;
@@ -291,7 +290,7 @@ impl<'p, const D: usize> Map<'p, D> {
     }
 
     /// Predictor (80) and corrector (81) at every contact.
-    fn one_projection(&self, from: &Point<D>) -> Vec<[f64; D]> {
+    fn one_projection(&self, from: &UzawaPoint<D>) -> Vec<[f64; D]> {
         let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
             Some(law) => law.step(r, v, self.rho(i)),
             None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
@@ -302,7 +301,7 @@ impl<'p, const D: usize> Map<'p, D> {
     /// (84), (85) for all normal reactions, then (86), (87) for all tangential
     /// ones, with the displacement that the new normal reactions give: the
     /// columns of one product with `W`, in two parts.
-    fn two_projections(&self, from: &Point<D>) -> Point<D> {
+    fn two_projections(&self, from: &UzawaPoint<D>) -> UzawaPoint<D> {
         let mut r = from.r.clone();
         for (i, r) in r.iter_mut().enumerate() {
             r[0] = (r[0] - self.rho(i) * from.v[i][0]).max(0.0);
@@ -324,7 +323,12 @@ impl<'p, const D: usize> Map<'p, D> {
 
     /// The point with reactions `r`, which differ from those of `from` in some
     /// components only.
-    fn respond(&self, from: &Point<D>, r: Vec<[f64; D]>, parts: Range<usize>) -> Point<D> {
+    fn respond(
+        &self,
+        from: &UzawaPoint<D>,
+        r: Vec<[f64; D]>,
+        parts: Range<usize>,
+    ) -> UzawaPoint<D> {
         let dr: Vec<[f64; D]> = r
             .iter()
             .zip(&from.r)
@@ -335,11 +339,11 @@ impl<'p, const D: usize> Map<'p, D> {
         let motions = self.motion(&r).into_iter().zip(self.motion(&from.r));
         let change: Vec<f64> = motions.map(|(x, y)| x - y).collect();
         self.problem.add_rigid(&change, &mut v);
-        Point { r, v }
+        UzawaPoint { r, v }
     }
 
     /// `‖ŵ' − ŵ‖ / ‖r̂' − r̂‖`, zero where nothing moved.
-    fn contraction(&self, from: &Point<D>, next: &Point<D>) -> f64 {
+    fn contraction(&self, from: &UzawaPoint<D>, next: &UzawaPoint<D>) -> f64 {
         let scaling = &self.problem.scaling;
         let (mut moved_v, mut moved_r) = (0.0, 0.0);
         for i in 0..from.r.len() {

@@ -1,5 +1,5 @@
-//! Numbers of twice the precision, and elimination with them: what
-//! condensation in plain precision is judged by.
+//! Numbers of twice the precision, and elimination with them: the reference for condensation
+//! in plain precision.
 
 use std::ops::{Add, Div, Mul, Sub};
 

@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::judge::schur;
+use crate::comparison::schur;
 use crate::matrices::{Entries, Sparse, shuffle};
 
 /// Least common multiple of the stiffnesses 1 to 9.

@@ -4,7 +4,7 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::sparse::csc::Symmetry;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::judge::factor;
+use crate::comparison::factor;
 use crate::matrices::Sparse;
 use crate::rational::{as_floats, members, minor};
 
@@ -46,7 +46,7 @@ fn verdict(n: usize, dense: &[i64], interior: &[usize]) -> Verdict {
 }
 
 #[test]
-fn what_is_refused_is_what_has_no_positive_minors() {
+fn matrices_without_positive_minors_are_refused() {
     let mut random = StdRng::seed_from_u64(7);
     let n = 5;
     let mut met = [0; 5];

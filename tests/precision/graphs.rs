@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::judge::errors;
+use crate::comparison::errors;
 use crate::matrices::{Entries, Sparse, shuffle};
 
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,5 @@
-//! Condensation against twice the precision and against exact fractions: S of
-//! every shape of matrix, to the digits that its data determine.
+//! Condensation compared with twice the precision and with exact fractions: S of many kinds of
+//! matrices, to the digits that the data determine.
 #![expect(
     clippy::cast_precision_loss,
     clippy::unwrap_used,
@@ -7,10 +7,10 @@
 )]
 
 mod chains;
+mod comparison;
 mod definite;
 mod elements;
 mod graphs;
-mod judge;
 mod loads;
 mod matrices;
 mod meshes;

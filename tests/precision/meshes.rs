@@ -3,8 +3,8 @@
 use bipot_rs::linalg::dense;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use crate::comparison::{Errors, errors, errors_of_data, factor, schur};
 use crate::elements::{Make, Shape, Young};
-use crate::judge::{Errors, errors, errors_of_data, factor, schur};
 use crate::matrices::{Sparse, shuffle};
 
 /// Digits that S is held to where the body is not hard: 45 roundings, for entries

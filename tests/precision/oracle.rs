@@ -1,9 +1,9 @@
-//! The judge judged: twice the precision beside whole numbers and fractions.
+//! Checks the reference itself: twice the precision against whole numbers and fractions.
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use crate::comparison::{compare, reach};
 use crate::double_double::{self, Double};
-use crate::judge::{compare, reach};
 use crate::rational::{self, whole};
 
 /// `|a − b| / |b|`.
@@ -15,7 +15,7 @@ fn apart(a: Double, b: Double) -> f64 {
 const DOUBLE: f64 = 64.0 * f64::EPSILON * f64::EPSILON;
 
 #[test]
-fn numbers_of_twice_the_precision_are_that() {
+fn double_double_numbers_have_twice_the_precision() {
     let mut random = StdRng::seed_from_u64(1);
     for _ in 0..2000 {
         let mut number = |bits: u32| random.random_range(1_i64 << (bits - 1)..1 << bits);
@@ -75,7 +75,7 @@ fn fractions_and_twice_the_precision_agree() {
 
 /// A wrong entry is seen, and so is one that is no number.
 #[test]
-fn the_judge_sees_a_wrong_entry() {
+fn the_comparison_sees_a_wrong_entry() {
     let exact = [4.0, 1.0, 1.0, 9.0].map(Double::from);
     let reach = [2.0, 3.0];
     let right = compare(&[4.0, 1.0, 1.0, 9.0], &exact, &reach);

@@ -3,7 +3,7 @@
 
 use rand::{SeedableRng, rngs::StdRng};
 
-use crate::judge::{ROUNDINGS, compare, reach, schur};
+use crate::comparison::{ROUNDINGS, compare, reach, schur};
 use crate::matrices::{Sparse, shuffle};
 use crate::oracle::gram;
 use crate::rational::{self, as_floats, members};
@@ -78,7 +78,7 @@ fn every_subset_of_small_shapes() {
 }
 
 #[test]
-fn one_unknown_and_none() {
+fn one_unknown_and_no_unknown() {
     let one = Sparse::from_dense(1, &[3.0]);
     assert_eq!(schur(&one, &[0]), [3.0]);
     assert!(schur(&one, &[]).is_empty());

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, SupportsIndex, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs import _core
 from bipot_rs._lib import sparse_structure
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
@@ -169,9 +170,7 @@ def enforced(parts: Parts) -> str:
 
 # Products of squares of such numbers do not overflow or underflow.
 _LEAST, _MOST = 1e-75, 1e75
-# Beyond this ratio, rounding of the slip along the tangent with the smaller coefficient
-# exceeds the tolerances of the residual.
-RATIO = 1e6
+RATIO = _core.largest_friction_ratio
 
 
 def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> Floats:

@@ -1,6 +1,7 @@
-"""Whether a contact problem must have an answer, can have none, or may have either.
+"""Decide whether a contact problem has a solution, without solving it.
 
-What is decided here is proved in section 10 of ``docs/theory.md``; nothing is solved.
+The theorems are proved in section 10 of ``docs/theory.md``. This module searches for
+witnesses; the core decides whether a witness is a proof.
 """
 
 from __future__ import annotations
@@ -10,46 +11,42 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bipot_rs import _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.existence_by_friction import holds
 
-# A motion, or a reaction, is refused only where balance would take reactions this much
-# larger than the loads: the rounding of such a balance is no answer to the judge (13).
-_BEYOND = 1e9
-# Balance that rounding leaves, relative to the forces of the problem.
-_BALANCED = 1e-10
-# Facets of the polygon inside the disc of slip, in space: 2 % of the angle are given up.
+# Sides of the polygon inside the disc of slip, in space. It covers 98 % of the radius.
 _FACETS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Existence:
-    """What is known of the existence of an answer, and the witness of it.
+    """Verdict on the existence of a solution, with its witness.
 
     Attributes
     ----------
     verdict
-        ``"guaranteed"``: an answer exists, whatever a solver finds. ``"none"``: there is
-        none. ``"unknown"``: neither is proved.
+        ``"guaranteed"``: a solution exists. ``"none"``: no solution exists.
+        ``"unknown"``: neither is proved.
     reason
-        Why, in a sentence.
+        The reason, in one sentence.
     motion
-        Relative displacement ``(n_c, d)`` of each contact along a rigid motion, the
-        largest of length 1. With ``"none"``: it lies in every dual cone and the loads
-        work on it, so that no reaction stops it. With ``"unknown"``: the loads work on it
-        and pressure alone does not stop it.
+        Relative displacement ``(n_c, d)`` of each contact in a rigid motion; the
+        largest has length 1. With ``"none"``: it lies in every dual cone and the loads
+        do positive work on it, so that no reaction stops it. With ``"unknown"``: the loads
+        do positive work on it, and normal reactions alone do not stop it.
     displacement
-        That motion at all degrees of freedom, ``(n,)``; only of a `ContactProblem`.
+        That motion at all degrees of freedom, ``(n,)``; only for a `ContactProblem`.
     inside
-        With ``"guaranteed"``: a relative displacement ``(n_c, d)`` that the bodies can
-        take, inside of every dual cone, ``v_n > mu |v_t|``; ``None`` where they can take
-        any.
+        With ``"guaranteed"``: a possible relative displacement ``(n_c, d)`` inside every
+        dual cone, ``v_n > mu |v_t|``; ``None`` if every displacement is possible.
     pressure
-        With ``"guaranteed"``, where friction is not needed to balance the loads on rigid
-        motions: normal reactions ``(n_c,)``, none negative, that do.
+        With ``"guaranteed"``, if the loads on rigid motions can be balanced without
+        friction: non-negative normal reactions ``(n_c,)`` that balance them.
     overlap
-        With ``"none"``: amounts ``(n_c,)``, none negative, of normal displacements whose
-        sum no reaction changes and whose gaps sum to less than zero.
+        With ``"none"``: non-negative amounts ``(n_c,)`` of normal displacements. No
+        reaction changes the sum of the normal displacements, each times its amount, and
+        this sum is negative.
     """
 
     verdict: Literal["guaranteed", "none", "unknown"]
@@ -63,11 +60,11 @@ class Existence:
 
 @dataclass(frozen=True)
 class _Scaled:
-    """The problem in scaled variables, without the tangents that have no friction.
+    """The problem in scaled variables, without the tangents of contacts without friction.
 
-    ``W``, ``q``, ``R`` have the rows ``kept``; ``normal`` says which of them are normal.
-    ``motions``, ``R`` with all rows, has orthonormal columns, and ``e`` are the loads on
-    them.
+    ``W``, ``q`` and ``R`` have the rows ``kept``; ``normal`` marks the normal ones.
+    ``motions`` is ``R`` with all rows; its columns are orthonormal. ``e`` are the loads on
+    these columns.
     """
 
     W: Floats
@@ -82,28 +79,23 @@ class _Scaled:
 
     @property
     def size(self) -> float:
-        """Largest free displacement: of scaled reactions too, for diagonals are 1."""
+        """Largest free displacement; diagonals are 1, so reactions have this size too."""
         return float(np.abs(self.q).max(initial=0.0))
 
 
-def proves_none(motion: Floats, mu: Floats, e: Floats, amounts: Floats) -> bool:
-    """Whether ``motion = R amounts (n_c, d)`` lies in the dual cones and loads work on it.
-
-    To rounding: reactions of a billion times the loads would be needed to stop it.
-    """
-    work = float(e @ amounts)
-    slack = motion[:, 0] - mu * np.linalg.norm(motion[:, 1:], axis=1)
-    lack = float(np.linalg.norm(np.minimum(slack, 0.0)))
-    return work > 0 and work >= _BEYOND * lack * float(np.linalg.norm(e))
-
-
 def judge(
-    W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
+    core: _core.Reduced,
+    W: Floats,
+    q: Floats,
+    mu: Floats,
+    rigid: tuple[Floats, Floats] | None,
 ) -> Existence:
-    """The verdict on ``v = W r + R a + q``, loads being balanced by some reaction.
+    """Give the verdict on ``v = W r + R a + q``, if some reaction balances the loads.
 
     Parameters
     ----------
+    core
+        The problem, which decides whether a witness is a proof.
     W, q, mu, rigid
         As in `ReducedProblem`, dense.
     """
@@ -111,7 +103,7 @@ def judge(
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
     inside: Floats | None = None
     if not _definite(p.W):
-        overlap = _overlap(p)
+        overlap = _overlap(core, p)
         if overlap is not None:
             return Existence(
                 verdict="none",
@@ -132,7 +124,7 @@ def judge(
     reason = "supports hold every body"
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
-        pressure, rest = _balanced(p)
+        pressure, rest = _balanced(core, p)
         if pressure is None and rest is None:
             return Existence(
                 verdict="unknown",
@@ -173,14 +165,14 @@ def _scaled(
     matters[:, 1:] = (mu > 0)[:, None]
     kept: Bools = matters.ravel()
     stiff = np.diag(W).reshape(contacts, d).mean(axis=1)
-    # A contact that nothing moves gets the scale of the others.
+    # A contact without compliance gets the median scale of the others.
     usual = float(np.median(stiff[stiff > 0])) if (stiff > 0).any() else 1.0
     scale = 1 / np.sqrt(np.where(stiff > 0, stiff, usual))
     by_row = np.repeat(scale, d)
     R, e = (np.empty((len(kept), 0)), np.empty(0)) if rigid is None else rigid
     e = np.asarray(e, np.float64)
     if R.shape[1]:
-        # Columns of unit length first: amounts of rotations have other units.
+        # Columns of unit length first: rotations have other units than translations.
         length = np.linalg.norm(R, axis=0)
         Q, T = np.linalg.qr(by_row[:, None] * R / length)
         R, e = Q, np.linalg.solve(T.T, e / length)
@@ -198,13 +190,13 @@ def _scaled(
 
 
 def _definite(W: Floats) -> bool:
-    """Whether the symmetric part of ``W`` is positive definite, rounding subtracted."""
+    """Whether the symmetric part of ``W`` is positive definite beyond rounding."""
     diagonal = np.diag(W)
     if not (diagonal > 0).all():
         return False
     m = len(W)
     unit = (W + W.T) / 2 / np.sqrt(np.outer(diagonal, diagonal))
-    # A factor of a matrix with unit diagonal misses it by (m + 1) ε an entry.
+    # L Lᵀ of a matrix with unit diagonal has an error of (m + 1) ε in each entry.
     shift = 2 * m * (m + 1) * np.finfo(float).eps
     try:
         np.linalg.cholesky(unit - shift * np.eye(m))
@@ -218,8 +210,8 @@ def _semidefinite(W: Floats) -> bool:
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
 
 
-def _overlap(p: _Scaled) -> Floats | None:
-    """``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``: then ``λ·v_n < 0``."""
+def _overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
+    """Find ``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``."""
     from scipy.optimize import nnls
 
     if not p.size:
@@ -228,21 +220,20 @@ def _overlap(p: _Scaled) -> Floats | None:
     rows = np.vstack([p.W[p.normal].T, p.R[p.normal].T, q])
     try:
         amounts, _ = nnls(rows, np.append(np.zeros(len(rows) - 1), -1.0))
-    except RuntimeError:  # its limit of iterations: nothing is proved
+    except RuntimeError:  # its limit of iterations
         return None
-    work = float(-(q @ amounts))
-    lack = float(np.linalg.norm(rows[:-1] @ amounts))
-    if work <= 0 or lack * _BEYOND > work:
+    if not amounts.any():
         return None
-    # In the caller's displacements: the scaled ones are v times the scale.
-    return np.asarray(amounts * p.scale / np.max(amounts * p.scale))
+    # Amounts of unscaled displacements: the scaled ones are v times the scale.
+    overlap = amounts * p.scale / np.max(amounts * p.scale)
+    return overlap if core.is_contradiction(overlap) else None
 
 
 def _inside(p: _Scaled) -> Floats | None:
-    """A displacement within reach with ``v_n > mu |v_t|`` at every contact.
+    """A possible displacement with ``v_n > mu |v_t|`` at every contact.
 
-    By a linear programme with a polygon inside each disc; the point found is then held to
-    the disc itself.
+    A linear programme with a polygon inside each disc finds it; it is then checked with
+    the disc.
     """
     from scipy.optimize import linprog
 
@@ -250,7 +241,7 @@ def _inside(p: _Scaled) -> Floats | None:
     size = p.size or 1.0
     U, values, _ = np.linalg.svd(np.hstack([p.W, p.R]), full_matrices=False)
     U = U[:, values > 1e-12 * values.max(initial=0.0)]
-    # Back to all rows: those left out do not matter, their mu is zero.
+    # Back to all rows: the rows left out have mu = 0.
     span = np.zeros((contacts * d, U.shape[1]))
     span[p.kept] = U
     free = np.zeros(contacts * d)
@@ -268,7 +259,7 @@ def _inside(p: _Scaled) -> Floats | None:
         rows.append(np.einsum("ik,ikj->ij", across, span3[:, 1:]) - span3[:, 0])
         right.append(free2[:, 0] - np.sum(across * free2[:, 1:], axis=1))
     A = np.vstack(rows)
-    # The margin is the last unknown; above 1 it is no further use.
+    # The margin is the last unknown; more than 1 is not needed.
     A = np.hstack([A, np.ones((len(A), 1))])
     cost = np.append(np.zeros(U.shape[1]), -1.0)
     far = [(-1e6, 1e6)] * U.shape[1]
@@ -283,27 +274,27 @@ def _inside(p: _Scaled) -> Floats | None:
     return np.asarray(v * size / p.scale[:, None], np.float64)
 
 
-def _balanced(p: _Scaled) -> tuple[Floats | None, Floats | None]:
-    """Normal reactions that balance the loads; else the motion that they do not stop.
+def _balanced(core: _core.Reduced, p: _Scaled) -> tuple[Floats | None, Floats | None]:
+    """Find normal reactions that balance the loads, or a motion that they do not stop.
 
-    Neither, where such reactions would be larger than any that count as an answer.
+    Neither is returned if the reactions are larger than those of any solution.
     """
     from scipy.optimize import nnls
 
-    # Of a normal along which nothing can move a body, rounding leaves something: a
-    # pressure of a billion times the loads would balance them by it.
+    # Rounding leaves a small component of a normal along which nothing can move a body.
+    # Only reactions that are too large would balance the loads by it.
     columns = p.R[p.normal].copy()
-    columns[np.abs(columns) * _BEYOND <= np.abs(p.motions).max(initial=0.0)] = 0.0
+    small = np.abs(columns) * _core.largest_reaction
+    columns[small <= np.abs(p.motions).max(initial=0.0)] = 0.0
     amounts, _ = nnls(columns.T, -p.e)
-    rest = columns.T @ amounts + p.e
-    size = max(float(np.linalg.norm(p.e)), p.size)
-    balanced = float(np.linalg.norm(rest)) <= _BALANCED * size
-    if balanced and float(amounts.max(initial=0.0)) <= _BEYOND * size:
-        return np.asarray(amounts * p.scale), None
-    if balanced:
+    pressure = amounts * p.scale
+    balances = core.balances(pressure)
+    if balances is None:
         return None, None
+    if balances:
+        return pressure, None
     # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
-    return None, rest
+    return None, columns.T @ amounts + p.e
 
 
 def dense(W: Any) -> Floats:

@@ -1,4 +1,4 @@
-"""Whether friction holds bodies that stand on planes, however pressure is distributed.
+"""Decide whether friction holds bodies on planes for every distribution of pressure.
 
 The theorems are proved in ``docs/paper/6-contact-principles.md``.
 """
@@ -7,31 +7,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from bipot_rs import _core
 from bipot_rs._lib.types import Floats
 
-# Tangents that a lift moves by less are still, and so are normals of a sliding; rigid
-# motions have length 1.
+# A smaller component of a rigid motion of length 1 is rounding.
 _FLAT = 1e-9
-# Linear programmes are held to 1e-7.
+# Above the tolerance of linear programmes, 1e-7.
 _MARGIN = 1e-6
-# Balance that rounding leaves, relative to the loads.
-_BALANCED = 1e-10
-# Facets of a polygon inside the disc of friction.
+# Sides of the polygon inside the disc of friction.
 _FACETS = 32
 
 
 def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
-    """Whether every sliding costs more than the loads give.
+    """Whether friction dissipates more on every sliding motion than the loads supply.
 
-    Rigid motions must be slidings, that move no contact along its normal, and lifts, that
-    move none with friction along its tangents; and pressures that balance the loads on
-    lifts must be bounded.
+    Each rigid motion must be a sum of a sliding and a lift. A sliding moves no contact
+    along its normal; a lift moves no contact with friction along its tangents. The
+    pressures that balance the loads on lifts must be bounded. Otherwise the result is False.
 
     Parameters
     ----------
     normal, tangents
-        Rows of ``R`` by contact, ``(n_c, k)``, and of contacts with friction,
-        ``((d - 1) m, k)``; all together of columns of the size of 1.
+        Rows of ``R`` for the normals of all contacts, ``(n_c, k)``, and for the tangents
+        of contacts with friction, ``((d - 1) m, k)``. Columns of both together have a
+        length of about 1.
     e
         Loads on the rigid motions, ``(k,)``.
     mu
@@ -51,7 +50,7 @@ def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bo
     size = float(np.abs(load).max(initial=0.0))
     closed = np.vstack([press.T, np.ones(len(mu))])
     unit = np.append(np.zeros(lifts.shape[1]), 1.0)
-    # Bounded: no sum of pressures is without effect on lifts.
+    # Bounded: every sum of pressures works on some lift.
     if not size or np.linalg.norm(closed @ nnls(closed, unit)[0] - unit) < _MARGIN:
         return False
     load, pull = load / size, slides.T @ e / size
@@ -65,13 +64,13 @@ def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bo
 def _limit(
     press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
 ) -> bool:
-    """Whether the pull is below the least friction of all pressures in balance.
+    """Whether the pull is below the least friction of all pressures that balance the loads.
 
-    For one sliding or for translations, in which all contacts slide alike.
+    Only for one sliding, or for translations, where all contacts slide in the same way.
     """
     from scipy.optimize import linprog
 
-    # All contacts can press by a little: every lift costs work.
+    # If all contacts can press a little, the loads work against every lift.
     if not _within(press.T, load - _MARGIN * press.sum(axis=0)):
         return False
     grams = np.einsum("ija,ijb->iab", moves, moves)
@@ -79,7 +78,7 @@ def _limit(
     alike = grams[reach > _FLAT]
     if not len(alike):
         return False
-    # A contact slides by its reach times what is the same for all.
+    # Each contact slides by its reach times a matrix that is the same for all.
     alike = alike / np.trace(alike, axis1=1, axis2=2)[:, None, None]
     if np.abs(alike - alike[0]).max() > _FLAT:
         return False
@@ -93,10 +92,11 @@ def _limit(
 def _shared(
     press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
 ) -> bool:
-    """Whether friction in proportion to pressure balances the pull, whatever the pressures.
+    """Whether friction in proportion to pressure balances the pull, for all pressures.
 
-    Forces ``r_n,i g_i`` with ``‖g_i‖ < μ_i`` that work on slidings as a fixed matrix ``Y``
-    times what ``r_n,i`` does on lifts: ``T_iᵀ g_i = Y A_i``, and ``Y load = -pull``.
+    It looks for ``g_i`` with ``‖g_i‖ < μ_i`` and a matrix ``Y`` with ``T_iᵀ g_i = Y A_i`` and
+    ``Y load = -pull``. Then the friction ``r_n,i g_i`` works on slidings by ``Y`` times the
+    work of ``r_n,i`` on lifts.
     """
     from scipy.optimize import linprog
 
@@ -104,11 +104,11 @@ def _shared(
     rubbing = np.flatnonzero(mu > 0)
     lifts = press.shape[1]
     free = len(rubbing) * tangential
-    # Contacts of any stiffness count alike.
+    # Scale the rows: the sizes depend on the stiffness of each contact.
     sizes = np.linalg.norm(press, axis=1) + np.linalg.norm(moves, axis=(1, 2))
     sizes[sizes == 0] = 1.0
     press, moves = press / sizes[:, None], moves / sizes[:, None, None]
-    # Unknowns: g of contacts with friction, Y row by row, and the largest ‖g‖/μ.
+    # Unknowns: g of contacts with friction, rows of Y, and the largest ‖g‖/μ.
     A = np.zeros(((contacts + 1) * slides, free + slides * lifts))
     for i in range(contacts):
         for a in range(slides):
@@ -121,9 +121,11 @@ def _shared(
         column = free + a * lifts
         A[contacts * slides + a, column : column + lifts] = load
     b = np.concatenate([np.zeros(contacts * slides), -pull])
-    # All solutions of the equations, to rounding; the programme chooses among them.
+    # All solutions of the equations, to rounding; the linear programme chooses one.
     x0 = np.linalg.lstsq(A, b, rcond=None)[0]
-    if np.linalg.norm(A @ x0 - b) > _BALANCED * max(1.0, float(np.linalg.norm(pull))):
+    if np.linalg.norm(A @ x0 - b) > _core.least_work * max(
+        1.0, float(np.linalg.norm(pull))
+    ):
         return False
     ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
     sides = np.array([[1.0], [-1.0]])
@@ -147,14 +149,16 @@ def _shared(
 
 
 def _within(columns: Floats, load: Floats) -> bool:
-    """Whether amounts that are not negative of the columns make the load."""
+    """Whether the load is a sum of the columns with non-negative amounts."""
     from scipy.optimize import nnls
 
-    return bool(np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _BALANCED)
+    return bool(
+        np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _core.least_work
+    )
 
 
 def _null_space(A: Floats) -> Floats:
-    """Orthonormal columns of the null space of a matrix of the size of 1."""
+    """Orthonormal columns of the null space of a matrix with a norm of about 1."""
     _, values, rows = np.linalg.svd(A)
     rank = int((values > _FLAT).sum())
     return np.asarray(rows[rank:].T, np.float64)

@@ -26,7 +26,6 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import existence, rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
-from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
@@ -312,14 +311,12 @@ class ReducedProblem:
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
         # In components scaled by these factors, friction is isotropic.
-        by, mu = isotropic(self.mu, self.q.shape[1])
+        by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
             rigid = by.ravel()[:, None] * rigid[0], rigid[1]
             a = self.solve(max_iterations=1).free_motion
-            if a is not None and existence.proves_none(
-                (rigid[0] @ a).reshape(self.q.shape), mu, rigid[1], a
-            ):
+            if a is not None and self._core.is_unresisted(a):
                 direction = (
                     rigid_motions.at_contacts(rigid[0].T, a, self.q.shape[1]) / by
                 )
@@ -331,7 +328,7 @@ class ReducedProblem:
                     motion=direction,
                 )
         W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
-        found = existence.judge(W, by * self.q, mu, rigid)
+        found = existence.judge(self._core, W, by * self.q, mu, rigid)
         found = replace(
             found,
             motion=None if found.motion is None else found.motion / by,

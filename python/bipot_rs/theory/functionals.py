@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs import _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
-from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 
@@ -108,7 +108,7 @@ class Functionals:
         self._stiffness = stiffness.matrix
         self._contact = _matrix(problem)
         self._fixed = fixed
-        self._by, self._mu = isotropic(problem._mu, d)
+        self._by, self._mu = _core.isotropic(problem._mu, d)
         self._shape = (contacts, d)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))

@@ -17,20 +17,20 @@ use crate::linalg::dense::panel::{blocks_from, factor_panel};
 use crate::linalg::dense::product::TILE;
 use crate::linalg::packed::Panel;
 
-/// Cholesky factor of a symmetric positive definite matrix, in place: the lower
-/// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
+/// Cholesky factor of a symmetric positive definite matrix, in place: the lower triangle of `a`
+/// is read and becomes `L`; the strict upper one becomes zero.
 ///
-/// Returns the index of the first pivot that is not positive, if there is one;
-/// `a` is then spoilt.
+/// Returns the index of the first pivot that is not positive, if there is one; then `a` is
+/// invalid.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` is raised.
+/// [`Error::Interrupted`] if `stop` is set.
 ///
 /// # Panics
 /// If `a` has not `n²` entries.
 pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usize>, Error> {
-    /// Columns between two updates of the rest: these pass through memory, the
-    /// panel stays in the cache.
+    /// Columns between two updates of the rest: an update reads all memory, the panel stays in
+    /// the cache.
     const WIDE: usize = 384;
     assert_eq!(a.len(), n * n);
     let mut panel = vec![0.0; n.min(WIDE) * n];
@@ -38,8 +38,7 @@ pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usi
         let b = WIDE.min(n - j);
         let layout = Panel::new(b, n - j);
         let panel = &mut panel[..layout.len()];
-        // Columns of the lower triangle are rows of the upper one, of which
-        // fronts are made.
+        // Columns of the lower triangle are rows of the upper one, which fronts use.
         let (own, later) = a[j * n..].split_at_mut(b * n);
         let own = MatMut::from_column_major_slice_mut(own, n, b);
         let mut own = own.split_at_row_mut(j).1;
@@ -124,7 +123,7 @@ fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel)
 /// `X ← L⁻¹ X` for `columns` right-hand sides of length `n`.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
+/// If a slice does not have the length of its matrix.
 pub fn solve_lower(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
     solve(l, n, x, columns, |l, x| {
         solve_lower_triangular_in_place(l, x, Par::Seq);
@@ -134,7 +133,7 @@ pub fn solve_lower(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
 /// `X ← L⁻ᵀ X` for `columns` right-hand sides of length `n`.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
+/// If a slice does not have the length of its matrix.
 pub fn solve_lower_transpose(l: &[f64], n: usize, x: &mut [f64], columns: usize) {
     solve(l, n, x, columns, |l, x| {
         solve_upper_triangular_in_place(l.transpose(), x, Par::Seq);
@@ -148,7 +147,7 @@ fn solve(
     columns: usize,
     work: impl Fn(MatRef<'_, f64>, MatMut<'_, f64>) + Sync,
 ) {
-    /// Right-hand sides that a thread takes together.
+    /// Right-hand sides in one task.
     const COLUMNS: usize = 64;
     assert_eq!(l.len(), n * n);
     assert_eq!(x.len(), n * columns);

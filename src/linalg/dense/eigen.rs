@@ -7,11 +7,11 @@ use faer::{MatMut, MatRef, Par, Spec};
 
 use crate::linalg::dense::kernels::leave_wide;
 
-/// Eigenvalues, ascending, and eigenvectors, by columns, of a symmetric matrix
-/// of which the lower triangle is read; the vectors replace `a`.
+/// Eigenvalues, ascending, and eigenvectors, as columns, of a symmetric matrix. Its lower
+/// triangle is read; the vectors replace `a`.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs, or an entry is not finite.
+/// If a slice does not have the length of its matrix, or an entry is not finite.
 pub fn symmetric_eigen(a: &mut [f64], n: usize, values: &mut [f64]) {
     assert_eq!(a.len(), n * n);
     assert_eq!(values.len(), n);

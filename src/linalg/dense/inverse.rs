@@ -13,11 +13,11 @@ use crate::linalg::dense::kernels::{
 use crate::linalg::dense::layout::{mirror_lower, part, strips, transpose_into};
 use crate::linalg::packed::PIVOTS;
 
-/// The inverse `(L Lᵀ)⁻¹` in the place of `L`, symmetric to the bit; only the
-/// lower triangle is read. No second matrix is needed.
+/// The inverse `(L Lᵀ)⁻¹` in the memory of `L`, bitwise symmetric; only the lower triangle is
+/// read. It needs no second matrix.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` is raised; `a` is then spoilt.
+/// [`Error::Interrupted`] if `stop` is set; then `a` is invalid.
 ///
 /// # Panics
 /// If `a` has not `n²` entries.
@@ -29,8 +29,8 @@ pub fn invert_from_cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Resul
     Ok(())
 }
 
-/// `M = L⁻¹` in the place of `L`, the first rows first: of a block of rows
-/// `[L₂₁ L₂₂]`, with `M₁₁` known, `M₂₁ = −L₂₂⁻¹ L₂₁ M₁₁`.
+/// `M = L⁻¹` in the memory of `L`, the first rows first: for a block of rows `[L₂₁ L₂₂]` with a
+/// known `M₁₁`, `M₂₁ = −L₂₂⁻¹ L₂₁ M₁₁`.
 fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
     let mut turned = vec![0.0; n * n.min(PIVOTS)];
     let mut inverse = vec![0.0; n.min(PIVOTS).pow(2)];
@@ -99,9 +99,8 @@ fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error>
     Ok(())
 }
 
-/// The lower triangle of `Mᵀ M` in the place of a lower triangle `M`, the first
-/// rows first: a block of rows of the product reads only itself and what is
-/// below it.
+/// The lower triangle of `Mᵀ M` in the memory of a lower triangle `M`, the first rows first: a
+/// block of rows of the product needs only itself and the rows below.
 fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
     let mut corner = vec![0.0; n.min(PIVOTS).pow(2)];
     for i in (0..n).step_by(PIVOTS) {

@@ -1,19 +1,18 @@
-//! faer's kernels as all others call them: on one thread, and with the registers left
-//! as narrow code wants them.
+//! faer's kernels on one thread, with the upper halves of the registers cleared afterwards.
 
 use faer::linalg::matmul::triangular;
 use faer::linalg::matmul::triangular::BlockStructure;
 use faer::linalg::{matmul as product, triangular_solve};
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// Leaves the wide registers as narrow code wants them. faer's kernels do not: code of
-/// ours that the same thread runs after them would be up to fifteen times slower, for
-/// each of its instructions waits for the upper halves.
+/// Clears the upper halves of the wide registers. faer's kernels do not: other code that the
+/// same thread runs after them would be up to fifteen times slower, because each of its
+/// instructions waits for the upper halves.
 pub(super) fn leave_wide() {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx") {
-        // SAFETY: the processor has the instruction, and no value of ours lives in
-        // the upper halves that it clears.
+        // SAFETY: the processor has the instruction, and no value of this code is in the upper
+        // halves that it clears.
         unsafe { std::arch::x86_64::_mm256_zeroupper() }
     }
 }

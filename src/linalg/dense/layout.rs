@@ -1,20 +1,18 @@
-//! Strips to share, transposes, and one triangle copied over the other.
+//! Strips for parallel work, transposes, and copies of one triangle to the other.
 
 use faer::prelude::IntoConst;
 use faer::{MatMut, MatRef};
 
-/// Rows of a strip: the products of one are worth handing to another thread,
-/// and what it copies stays in the nearer caches.
+/// Rows of a strip: enough work for another thread, and its copies stay in the near caches.
 const STRIP: usize = 256;
 
-/// What a thread takes at a time of a matrix of order `n`: strips wide enough for the
-/// full rate, or narrower ones where there would be too few to share.
+/// Strip width for a matrix of order `n`: the full width, or less if there would be too few
+/// strips.
 pub(super) fn part(n: usize) -> usize {
     (n / 8).next_multiple_of(64).clamp(64, STRIP)
 }
 
-/// Cuts `c` into strips of `size` rows, the first at `at`, and works on them in
-/// parallel.
+/// Cuts `c` into strips of `size` rows, the first one at `at`, and works on them in parallel.
 pub(super) fn strips(
     c: MatMut<'_, f64>,
     at: usize,
@@ -37,8 +35,8 @@ pub(super) fn strips(
     );
 }
 
-/// Side of the squares in which matrices are transposed: along whole columns
-/// one of the two would miss the nearest cache at each step.
+/// Side of the tiles of a transposition: along whole columns, one of the two matrices would
+/// miss the nearest cache at each step.
 const SIDE: usize = 32;
 
 /// `to ← aᵀ`.
@@ -65,7 +63,7 @@ pub(crate) fn mirror_upper(a: &mut [f64], n: usize) {
     mirror(MatMut::from_column_major_slice_mut(a, n, n).transpose_mut());
 }
 
-/// Copies what is below the diagonal above it.
+/// Copies the part below the diagonal to the part above.
 fn mirror(a: MatMut<'_, f64>) {
     let n = a.nrows();
     let half = n / 2;

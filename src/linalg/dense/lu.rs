@@ -10,9 +10,8 @@ use crate::linalg::dense::kernels::{
     solve_unit_upper_triangular_in_place, solve_upper_triangular_in_place,
 };
 
-/// LU with partial pivoting of the rows `first..n` of a panel of columns of
-/// length `n`: the rows as they now stand, counted from `first`, and the number
-/// of exchanges that led there.
+/// LU with partial pivoting of the rows `first..n` of a panel of columns of length `n`. Returns
+/// the order of the rows, counted from `first`, and the number of exchanges.
 ///
 /// # Panics
 /// If the panel does not consist of whole columns.
@@ -37,8 +36,8 @@ pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize
     (forward, info.transposition_count)
 }
 
-/// Eliminates a factored panel, whose diagonal begins at row `first`, from
-/// columns right of it: `U₁₂ = L₁₁⁻¹ A₁₂`, `A₂₂ ← A₂₂ − L₂₁ U₁₂`.
+/// Eliminates a factored panel, whose diagonal begins at row `first`, from columns to its
+/// right: `U₁₂ = L₁₁⁻¹ A₁₂`, `A₂₂ ← A₂₂ − L₂₁ U₁₂`.
 ///
 /// # Panics
 /// If a slice does not consist of whole columns.
@@ -60,7 +59,7 @@ pub fn lu_update(columns: &mut [f64], panel: &[f64], n: usize, first: usize) {
 /// `b ← L⁻ᵀ U⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
+/// If a slice does not have the length of its matrix.
 pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
@@ -68,8 +67,7 @@ pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
     solve_unit_upper_triangular_in_place(factors.transpose(), b, Par::Seq);
 }
 
-/// `U₁₂ = L₁₁⁻¹ F₁₂` for columns of a front whose pivots are factored, its rows
-/// exchanged.
+/// `U₁₂ = L₁₁⁻¹ F₁₂` for columns of a front with factored pivots and exchanged rows.
 ///
 /// # Panics
 /// If a slice does not consist of whole columns.
@@ -106,7 +104,7 @@ pub fn lu_rest(lower: &[f64], upper: &[f64], np: usize, rest: &mut [f64]) {
 /// `b ← U⁻¹ b` for the factors of an LU.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
+/// If a slice does not have the length of its matrix.
 pub fn lu_solve_upper(factors: &[f64], n: usize, b: &mut [f64]) {
     let factors = MatRef::from_column_major_slice(factors, n, n);
     let b = MatMut::from_column_major_slice_mut(b, n, 1);

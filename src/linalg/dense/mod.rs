@@ -1,8 +1,7 @@
-//! Dense kernels: the only folder that names faer.
+//! Dense kernels. Only this folder uses faer.
 //!
-//! All matrices are column-major slices. faer runs on one thread; the tiles are
-//! ours, cut at fixed places, so that results have the same bits for any number
-//! of threads.
+//! All matrices are column-major slices. faer runs on one thread. The tiles are cut here, at
+//! fixed places, so that results have the same bits for any number of threads.
 
 mod cholesky;
 mod eigen;
@@ -12,7 +11,7 @@ mod layout;
 mod lu;
 mod panel;
 mod product;
-mod sweep;
+mod substitution;
 
 pub use cholesky::{cholesky, solve_lower, solve_lower_transpose};
 pub use eigen::symmetric_eigen;
@@ -24,4 +23,4 @@ pub use product::{Op, matmul};
 
 pub(crate) use layout::{mirror_lower, mirror_upper};
 pub(crate) use panel::{factor_panel, rank_update};
-pub(crate) use sweep::{backward, forward};
+pub(crate) use substitution::{backward, forward};

@@ -1,4 +1,4 @@
-//! Fronts: partial Cholesky of a panel, and the update it leaves.
+//! Fronts: partial Cholesky factorisation of a panel, and its update.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{
@@ -15,16 +15,15 @@ use crate::linalg::dense::layout::part;
 use crate::linalg::dense::product::TILE;
 use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
 
-/// Partial Cholesky of a front: its first rows, upper triangle, become
-/// `U = Lᵀ`, block by block of rows.
+/// Partial Cholesky of a front: its first rows, an upper triangle, become `U = Lᵀ`, by blocks
+/// of rows.
 ///
-/// Fronts are stored upper so that products are `Uᵀ U`, both factors along
-/// contiguous columns; with `L Lᵀ` one of them is packed across pages, at up to
-/// half the rate. `check(k, pivot)` sees each pivot in order, before its root is
-/// taken.
+/// Fronts are stored as upper triangles, so that products are `Uᵀ U` with both factors along
+/// contiguous columns. With `L Lᵀ` one factor is packed across pages, at up to half the rate.
+/// `check(k, pivot)` is called with each pivot in order, before its root is taken.
 ///
 /// # Errors
-/// What `check` returns; it must refuse pivots that are not positive.
+/// The error of `check`, which must refuse pivots that are not positive.
 pub(crate) fn factor_panel<E: Send>(
     panel: &mut [f64],
     layout: Panel,
@@ -85,7 +84,7 @@ pub(crate) fn factor_panel<E: Send>(
     Ok(())
 }
 
-/// The blocks of a panel that `values` holds, each from column `from` on.
+/// The blocks of a panel in `values`, each from column `from` on.
 pub(super) fn blocks_from(values: &[f64], layout: Panel, from: usize) -> Vec<MatRef<'_, f64>> {
     let whole = layout
         .blocks()
@@ -99,8 +98,8 @@ pub(super) fn blocks_from(values: &[f64], layout: Panel, from: usize) -> Vec<Mat
         .collect()
 }
 
-/// Factors a diagonal block, upper triangle, in place; `lower` becomes its
-/// transpose, on which faer's Cholesky is not scalar.
+/// Factors a diagonal block, an upper triangle, in place. `lower` becomes its transpose, on
+/// which faer's Cholesky uses wide registers.
 fn factor_square<E>(
     own: &mut [f64],
     lower: &mut [f64],
@@ -125,10 +124,10 @@ fn factor_square<E>(
     );
     leave_wide();
     if factored.is_err() {
-        // Once more, slowly, to see the pivots.
+        // Factor again with a slow method, to find the pivot.
         copy(own, lower);
         pivots_one_by_one(lower, n, check)?;
-        // Rounding let them pass this time: the last is at fault.
+        // The slow method had other rounding and found none: report the last pivot.
         return check(n - 1, 0.0);
     }
     for i in 0..n {
@@ -140,7 +139,7 @@ fn factor_square<E>(
     Ok(())
 }
 
-/// Plain Cholesky of a lower triangle that stops where `check` does.
+/// Plain Cholesky of a lower triangle that stops at an error of `check`.
 fn pivots_one_by_one<E>(
     a: &mut [f64],
     n: usize,
@@ -161,7 +160,7 @@ fn pivots_one_by_one<E>(
     Ok(())
 }
 
-/// The update `−U₁₂ᵀ U₁₂` of a factored panel; what `update` holds is not read.
+/// The update `−U₁₂ᵀ U₁₂` of a factored panel; the contents of `update` are not read.
 pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shared: bool) {
     let Panel { np, nf } = layout;
     let nu = nf - np;
@@ -182,7 +181,7 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
         let width = strip.len() / rows;
         let strip = MatMut::from_column_major_slice_mut(strip, rows, width);
         let mut block = strip.split_at_row_mut(j + width).0;
-        // A tile stays in the cache while all blocks of the panel pass.
+        // A tile stays in the cache for all blocks of the panel.
         for i in (0..j).step_by(TILE) {
             let height = TILE.min(j - i);
             let mut add = Accum::Replace;

@@ -4,14 +4,14 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::linalg::dense::kernels::faer_matmul;
 
-/// Columns or rows of a tile: enough for faer's full rate, few enough that a
-/// front of a thousand rows feeds two threads.
+/// Columns or rows of a tile: enough for faer's full rate, and few enough for two threads at a
+/// front of a thousand rows.
 pub(super) const TILE: usize = 512;
 
-/// Products below this many multiplications are not worth sharing.
+/// With fewer multiplications, a product uses one thread.
 const SHARED: usize = 1 << 22;
 
-/// Whether an operand is taken as it is or transposed.
+/// Whether an operand is transposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Op {
     /// The matrix itself.
@@ -22,10 +22,10 @@ pub enum Op {
 
 /// `C = α op(A) op(B) + β C`, with `C` `m × n` and `op(A)` `m × k`.
 ///
-/// With `beta = 0`, what `C` holds is not read, NaN included.
+/// With `beta = 0`, `C` is not read, even if it contains NaN.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
+/// If a slice does not have the length of its matrix.
 #[expect(
     clippy::too_many_arguments,
     clippy::many_single_char_names,

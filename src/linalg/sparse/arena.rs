@@ -1,9 +1,8 @@
-//! One stretch of memory, dealt out in pieces from both of its ends.
+//! A block of memory that is divided into pieces, from both of its ends.
 //!
-//! Fresh memory costs a second a gigabyte when it is first touched. Updates come and
-//! go all the time a factorisation lasts, and larger ones take the place of smaller
-//! ones: an allocator would go to the system for each. Here what one has left serves
-//! the next.
+//! The first access to new memory costs a second for each gigabyte. During a factorisation
+//! updates come and go, and larger ones replace smaller ones: an allocator would ask the system
+//! for each. Here they use the same memory again.
 
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut, Range};
@@ -12,14 +11,14 @@ use std::sync::Mutex;
 use crate::linalg::pages::{release, zeros};
 use crate::linalg::sparse::task_tree::lock;
 
-/// Which end of a region a piece is taken from.
+/// The end of an arena from which a piece is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum End {
+pub(crate) enum ArenaEnd {
     Low,
     High,
 }
 
-impl End {
+impl ArenaEnd {
     pub(crate) fn other(self) -> Self {
         match self {
             Self::Low => Self::High,
@@ -27,7 +26,7 @@ impl End {
         }
     }
 
-    /// The `len` at this end of a range, and the rest.
+    /// The `len` numbers at this end of a range, and the rest.
     fn split(self, range: &Range<usize>, len: usize) -> (Range<usize>, Range<usize>) {
         match self {
             Self::Low => {
@@ -42,19 +41,19 @@ impl End {
     }
 }
 
-/// Memory that is dealt out.
-pub(crate) struct Region<'m> {
+/// Memory that is divided into pieces.
+pub(crate) struct Arena<'m> {
     memory: *mut f64,
-    /// What nobody has, in order; no two touch.
+    /// The free ranges, in order; no two touch.
     gaps: Mutex<Vec<Range<usize>>>,
     borrowed: PhantomData<&'m mut [f64]>,
 }
 
-// SAFETY: `memory` is only read and written through pieces, whose ranges do not
-// overlap; a range goes from one to the next under the lock of `gaps`.
-unsafe impl Sync for Region<'_> {}
+// SAFETY: `memory` is only accessed through pieces, whose ranges do not overlap. A range
+// changes its owner under the lock of `gaps`.
+unsafe impl Sync for Arena<'_> {}
 
-impl<'m> Region<'m> {
+impl<'m> Arena<'m> {
     pub(crate) fn new(memory: &'m mut [f64]) -> Self {
         let whole = 0..memory.len();
         Self {
@@ -64,14 +63,14 @@ impl<'m> Region<'m> {
         }
     }
 
-    /// A piece of `len` numbers, whatever they are, from the gap nearest to `end` that
-    /// has room; from the system where none has.
-    pub(crate) fn take(&self, len: usize, end: End) -> Piece<'_> {
+    /// A piece of `len` numbers with any contents, from the first gap, seen from `end`, that is
+    /// large enough; without such a gap, from the system.
+    pub(crate) fn take(&self, len: usize, end: ArenaEnd) -> Piece<'_> {
         let mut gaps = lock(&self.gaps);
         let fits = |gap: &Range<usize>| gap.len() >= len;
         let found = match end {
-            End::Low => gaps.iter().position(fits),
-            End::High => gaps.iter().rposition(fits),
+            ArenaEnd::Low => gaps.iter().position(fits),
+            ArenaEnd::High => gaps.iter().rposition(fits),
         };
         let Some(at) = found else {
             drop(gaps);
@@ -84,13 +83,13 @@ impl<'m> Region<'m> {
             gaps.remove(at);
         }
         Piece::Part {
-            region: self,
+            arena: self,
             range,
             end,
         }
     }
 
-    /// Takes back what no piece has any more.
+    /// Makes a range free.
     fn give(&self, range: Range<usize>) {
         if range.is_empty() {
             return;
@@ -108,36 +107,36 @@ impl<'m> Region<'m> {
     }
 }
 
-/// Numbers of one owner.
+/// Numbers with one owner.
 pub(crate) enum Piece<'r> {
-    /// A part of a region, which goes back to it.
+    /// A part of an arena, which returns to it.
     Part {
-        region: &'r Region<'r>,
+        arena: &'r Arena<'r>,
         range: Range<usize>,
-        end: End,
+        end: ArenaEnd,
     },
-    /// What the region had no room for.
+    /// Memory of the system, because the arena had no gap.
     Apart(Vec<f64>),
 }
 
 impl Piece<'_> {
-    /// Whether the region had room for it.
+    /// Whether it is part of the arena.
     pub(crate) fn is_part(&self) -> bool {
         matches!(self, Self::Part { .. }) || self.is_empty()
     }
 
-    /// Leaves the numbers where they are, and the region has no more of them.
-    pub(crate) fn leave(mut self) -> Left {
+    /// Leaves the numbers in place, outside the management of the arena.
+    pub(crate) fn leave(mut self) -> Detached {
         match &mut self {
-            Self::Part { range, .. } => Left::Part(std::mem::replace(range, 0..0)),
-            Self::Apart(values) => Left::Apart(std::mem::take(values)),
+            Self::Part { range, .. } => Detached::Part(std::mem::replace(range, 0..0)),
+            Self::Apart(values) => Detached::Apart(std::mem::take(values)),
         }
     }
 
-    /// Gives back all but the first `len` numbers, which may move.
+    /// Returns all but the first `len` numbers; these may move.
     ///
     /// # Panics
-    /// If there are not so many: the rest would lie in pieces of others.
+    /// If there are fewer: the rest would belong to other pieces.
     pub(crate) fn keep(&mut self, len: usize) {
         assert!(len <= self.len());
         let rest = self.len() - len;
@@ -145,36 +144,41 @@ impl Piece<'_> {
             return;
         }
         match self {
-            Self::Part { end: End::Low, .. } => {}
-            // Towards the end it was taken from: the next piece finds no hole there.
-            Self::Part { end: End::High, .. } => self.copy_within(..len, rest),
+            Self::Part {
+                end: ArenaEnd::Low, ..
+            } => {}
+            // Towards the end it was taken from, so that no hole is left there.
+            Self::Part {
+                end: ArenaEnd::High,
+                ..
+            } => self.copy_within(..len, rest),
             Self::Apart(values) => {
                 let kept = values[..len].to_vec();
                 release(std::mem::replace(values, kept));
             }
         }
-        if let Self::Part { region, range, end } = self {
+        if let Self::Part { arena, range, end } = self {
             let (kept, given) = end.split(range, len);
             *range = kept;
-            region.give(given);
+            arena.give(given);
         }
     }
 }
 
-/// Numbers that nobody takes back, by their place in the memory of their region.
-pub(crate) enum Left {
+/// Numbers that are not returned, by their place in the memory of the arena.
+pub(crate) enum Detached {
     Part(Range<usize>),
     Apart(Vec<f64>),
 }
 
-impl Default for Left {
+impl Default for Detached {
     fn default() -> Self {
         Self::Part(0..0)
     }
 }
 
-impl Left {
-    /// Where they end in the memory of their region; 0 where none are there.
+impl Detached {
+    /// Their end in the memory of the arena; 0 if there are none.
     pub(crate) fn end(&self) -> usize {
         match self {
             Self::Part(range) if range.start < range.end => range.end,
@@ -182,7 +186,7 @@ impl Left {
         }
     }
 
-    /// The numbers, of which the memory of their region holds its part.
+    /// The numbers; `memory` is that of the arena.
     pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
         match self {
             Self::Part(range) => &memory[range.clone()],
@@ -196,10 +200,10 @@ impl Deref for Piece<'_> {
 
     fn deref(&self) -> &[f64] {
         match self {
-            // SAFETY: the range lies inside the memory that the region borrows, and is
-            // this piece's alone until it is given back.
-            Self::Part { region, range, .. } => unsafe {
-                std::slice::from_raw_parts(region.memory.add(range.start), range.len())
+            // SAFETY: the range lies inside the memory of the arena, and belongs to this piece
+            // until it is returned.
+            Self::Part { arena, range, .. } => unsafe {
+                std::slice::from_raw_parts(arena.memory.add(range.start), range.len())
             },
             Self::Apart(values) => values,
         }
@@ -209,9 +213,9 @@ impl Deref for Piece<'_> {
 impl DerefMut for Piece<'_> {
     fn deref_mut(&mut self) -> &mut [f64] {
         match self {
-            // SAFETY: as above, and nobody else has this piece.
-            Self::Part { region, range, .. } => unsafe {
-                std::slice::from_raw_parts_mut(region.memory.add(range.start), range.len())
+            // SAFETY: as above, and this is the only reference to the piece.
+            Self::Part { arena, range, .. } => unsafe {
+                std::slice::from_raw_parts_mut(arena.memory.add(range.start), range.len())
             },
             Self::Apart(values) => values,
         }
@@ -221,7 +225,7 @@ impl DerefMut for Piece<'_> {
 impl Drop for Piece<'_> {
     fn drop(&mut self) {
         match self {
-            Self::Part { region, range, .. } => region.give(range.clone()),
+            Self::Part { arena, range, .. } => arena.give(range.clone()),
             Self::Apart(values) => release(std::mem::take(values)),
         }
     }
@@ -232,19 +236,22 @@ impl Drop for Piece<'_> {
 mod tests {
     use super::*;
 
-    /// Pieces come from the end asked for, go back in any order, and the whole is one
-    /// gap again.
+    /// Pieces come from the requested end and return in any order; then there is one gap again.
     #[test]
     fn what_is_given_back_joins() {
         let mut memory = vec![0.0; 100];
-        let region = Region::new(&mut memory);
+        let arena = Arena::new(&mut memory);
         let range = |piece: &Piece| match piece {
             Piece::Part { range, .. } => range.clone(),
             Piece::Apart(_) => panic!("there was room"),
         };
-        let mut pieces: Vec<Piece> = [(30, End::Low), (20, End::High), (10, End::Low)]
-            .map(|(len, end)| region.take(len, end))
-            .into();
+        let mut pieces: Vec<Piece> = [
+            (30, ArenaEnd::Low),
+            (20, ArenaEnd::High),
+            (10, ArenaEnd::Low),
+        ]
+        .map(|(len, end)| arena.take(len, end))
+        .into();
         assert_eq!(range(&pieces[0]), 0..30);
         assert_eq!(range(&pieces[1]), 80..100);
         assert_eq!(range(&pieces[2]), 30..40);
@@ -259,28 +266,28 @@ mod tests {
         assert_eq!(*pieces[1], [7.0, 1.0, 1.0, 1.0, 1.0]);
         assert_eq!(*pieces[0], [0.0; 12]);
         assert_eq!(*pieces[2], [2.0; 10]);
-        // The first gap that has room, from either end.
-        assert_eq!(range(&region.take(18, End::Low)), 12..30);
-        assert_eq!(range(&region.take(19, End::Low)), 40..59);
-        assert_eq!(range(&region.take(19, End::High)), 76..95);
+        // The first gap that is large enough, from each end.
+        assert_eq!(range(&arena.take(18, ArenaEnd::Low)), 12..30);
+        assert_eq!(range(&arena.take(19, ArenaEnd::Low)), 40..59);
+        assert_eq!(range(&arena.take(19, ArenaEnd::High)), 76..95);
         assert!(
-            matches!(region.take(56, End::High), Piece::Apart(ref values) if values.len() == 56)
+            matches!(arena.take(56, ArenaEnd::High), Piece::Apart(ref values) if values.len() == 56)
         );
-        assert_eq!(region.take(0, End::Low).len(), 0);
+        assert_eq!(arena.take(0, ArenaEnd::Low).len(), 0);
         pieces.swap_remove(0);
         pieces.clear();
-        let gaps = lock(&region.gaps);
+        let gaps = lock(&arena.gaps);
         assert_eq!((gaps.len(), &gaps[0]), (1, &(0..100)));
     }
 
     #[test]
     fn without_memory_every_piece_is_apart() {
-        let region = Region::new(&mut []);
-        let mut piece = region.take(4, End::Low);
+        let arena = Arena::new(&mut []);
+        let mut piece = arena.take(4, ArenaEnd::Low);
         piece.fill(3.0);
         piece.keep(2);
         assert_eq!(*piece, [3.0; 2]);
-        assert_eq!(region.take(0, End::High).len(), 0);
-        assert!(lock(&region.gaps).is_empty());
+        assert_eq!(arena.take(0, ArenaEnd::High).len(), 0);
+        assert!(lock(&arena.gaps).is_empty());
     }
 }

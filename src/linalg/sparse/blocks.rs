@@ -1,7 +1,7 @@
-//! Sparse matrices of `D × D` blocks, one row and one column of blocks a contact.
+//! Sparse matrices of `D × D` blocks, with one row and one column of blocks for each contact.
 //!
-//! The pattern is symmetric and holds the diagonal: what is missing of it is
-//! stored as zeros, so that rows lead to columns without a second copy.
+//! The pattern is symmetric and contains the diagonal. Missing blocks are stored as zeros, so
+//! that rows give access to columns without a second copy.
 
 use std::ops::Range;
 
@@ -13,18 +13,18 @@ use crate::linalg::small::{Block, Vector};
 pub struct Blocks<const D: usize> {
     start: Vec<usize>,
     column: Vec<usize>,
-    /// Position of the block `(j, i)` beside that of `(i, j)`.
+    /// Position of the block `(j, i)` for each block `(i, j)`.
     mirror: Vec<usize>,
     values: Vec<Block<D>>,
 }
 
 impl<const D: usize> Blocks<D> {
-    /// From the blocks of each row, row-major: row `i` holds columns
-    /// `column[start[i]..start[i + 1]]`. A pair that comes twice is summed.
+    /// Makes it from the blocks of each row, row-major: row `i` has the columns
+    /// `column[start[i]..start[i + 1]]`. A pair that occurs twice is summed.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::SparseStructure`] or [`Error::IndexRange`] for
-    /// arrays that do not fit together, [`Error::EntryNotFinite`].
+    /// [`Error::Shape`], [`Error::SparseStructure`] or [`Error::IndexRange`] for inconsistent
+    /// arrays, [`Error::EntryNotFinite`].
     pub fn new(start: &[usize], column: &[usize], values: &[f64]) -> Result<Self, Error> {
         let n = start.len().saturating_sub(1);
         check(start, column, values.len() / (D * D))?;
@@ -48,8 +48,8 @@ impl<const D: usize> Blocks<D> {
         }))
     }
 
-    /// From the blocks of `n` rows: `row(i, add)` calls `add(j, block)` for those of
-    /// row `i`, the same at each call, which are two.
+    /// Makes it from `n` rows of blocks: `row(i, add)` calls `add(j, block)` for the blocks of
+    /// row `i`. It is called twice and must give the same blocks.
     #[must_use]
     pub fn from_rows(n: usize, row: impl Fn(usize, &mut dyn FnMut(usize, Block<D>))) -> Self {
         let mut pattern: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
@@ -71,7 +71,7 @@ impl<const D: usize> Blocks<D> {
             this.column.extend(columns);
             this.start.push(this.column.len());
         }
-        // Rows are walked in order, so the partners of a row come up in its order.
+        // Rows are visited in order, so the partners of a row occur in its order.
         let mut cursor = this.start.clone();
         for i in 0..n {
             for at in this.row(i) {
@@ -103,13 +103,13 @@ impl<const D: usize> Blocks<D> {
         other
     }
 
-    /// Rows of blocks.
+    /// Number of rows of blocks.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.start.len() - 1
     }
 
-    /// Blocks stored, with those that make the pattern symmetric.
+    /// Blocks stored, including those that make the pattern symmetric.
     #[must_use]
     pub fn stored(&self) -> usize {
         self.values.len()
@@ -125,7 +125,7 @@ impl<const D: usize> Blocks<D> {
         found.ok().map(|at| row.start + at)
     }
 
-    /// The block `(i, j)`, zero where none is stored.
+    /// The block `(i, j)`, zero if it is not stored.
     #[must_use]
     pub fn at(&self, i: usize, j: usize) -> Block<D> {
         self.position(i, j)
@@ -150,7 +150,7 @@ impl<const D: usize> Blocks<D> {
         terms.sum::<Vector<D>>().into()
     }
 
-    /// Whether the matrix is symmetric to the bit.
+    /// Whether the matrix is bitwise symmetric.
     #[must_use]
     pub fn is_symmetric(&self) -> bool {
         let same = |at: usize| self.values[at] == self.values[self.mirror[at]].transpose();

@@ -5,24 +5,23 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::linalg::union::Union;
 
-/// How far from symmetric a pair may be, relative to `√|K_ii K_jj|`.
+/// Largest asymmetry of a pair, relative to `√|K_ii K_jj|`.
 ///
-/// Assembly in another order moves an entry by a few times 1e-16 of the terms
-/// summed; six digits above that a difference is a mistake, not rounding.
+/// Another order of assembly changes an entry by a few 1e-16 of its terms. A difference six
+/// digits above this is a mistake, not rounding.
 const ASYMMETRY: f64 = 1e-10;
 
-/// What the two triangles of a matrix are to each other.
+/// The relation between the two triangles of a matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Symmetry {
-    /// Each entry is stored twice, with the same bits.
+    /// Each entry is stored twice, bitwise equal.
     Exact,
-    /// They agree to rounding.
+    /// They agree up to rounding.
     Rounded,
 }
 
-/// A symmetric `n × n` matrix by columns, both triangles stored, row indices
-/// increasing in each column. As it is symmetric, rows and columns may be read
-/// for one another: CSR arrays do as well.
+/// A symmetric `n × n` matrix by columns, with both triangles and ascending row indices in each
+/// column. Because it is symmetric, CSR arrays are valid too.
 #[derive(Clone, Copy, Debug)]
 pub struct Symmetric<'a> {
     n: usize,
@@ -32,12 +31,12 @@ pub struct Symmetric<'a> {
 }
 
 impl<'a> Symmetric<'a> {
-    /// Checks structure and finiteness, once; what follows relies on it.
+    /// Checks structure and finiteness, once.
     ///
     /// # Errors
-    /// [`Error::Shape`] for lengths that do not fit, [`Error::SparseStructure`]
-    /// for pointers that decrease or indices that do not increase,
-    /// [`Error::IndexRange`] and [`Error::EntryNotFinite`].
+    /// [`Error::Shape`] for inconsistent lengths, [`Error::SparseStructure`] for pointers that
+    /// decrease or indices that do not increase, [`Error::IndexRange`] and
+    /// [`Error::EntryNotFinite`].
     pub fn new(
         n: usize,
         col_ptr: &'a [usize],
@@ -67,7 +66,7 @@ impl<'a> Symmetric<'a> {
                 return Err(broken(j));
             }
             let rows = &row_idx[start..end];
-            // Without a way out of the middle the compiler takes several at once.
+            // Without an early exit the compiler compares several at once.
             let later = rows.iter().skip(1);
             let rise = rows.iter().zip(later).filter(|(a, b)| a >= b).count() == 0;
             let finite = values[start..end].iter().filter(|v| !v.is_finite()).count() == 0;
@@ -105,8 +104,8 @@ impl<'a> Symmetric<'a> {
         })
     }
 
-    /// A matrix made here of one that was checked: to read it all again would take as
-    /// long as a good part of the analysis.
+    /// A matrix made here from a checked one: a second check would take as long as a large part
+    /// of the analysis.
     pub(crate) fn of_checked(
         col_ptr: &'a [usize],
         row_idx: &'a [usize],
@@ -128,19 +127,19 @@ impl<'a> Symmetric<'a> {
         self.n
     }
 
-    /// Where each column starts, `n + 1` numbers.
+    /// The start of each column, `n + 1` numbers.
     #[must_use]
     pub fn col_ptr(&self) -> &'a [usize] {
         self.col_ptr
     }
 
-    /// Row of each stored entry.
+    /// The row of each stored entry.
     #[must_use]
     pub fn row_idx(&self) -> &'a [usize] {
         self.row_idx
     }
 
-    /// Stored entries.
+    /// Number of stored entries.
     #[must_use]
     pub fn values(&self) -> &'a [f64] {
         self.values
@@ -163,7 +162,7 @@ impl<'a> Symmetric<'a> {
             .collect()
     }
 
-    /// Where entry `(i, j)` is stored.
+    /// The position of entry `(i, j)`, if it is stored.
     pub(crate) fn position(&self, i: usize, j: usize) -> Option<usize> {
         let start = self.col_ptr[j];
         self.row_idx[start..self.col_ptr[j + 1]]
@@ -172,11 +171,11 @@ impl<'a> Symmetric<'a> {
             .map(|at| start + at)
     }
 
-    /// Calls `visit(i, j, lower, upper)`, `i > j`, for each pair of which at
-    /// least one entry is stored, with the positions of those that are.
+    /// Calls `visit(i, j, lower, upper)`, `i > j`, for each pair with at least one stored
+    /// entry, with the positions of its entries.
     pub(crate) fn pairs(&self, mut visit: impl FnMut(usize, usize, Option<usize>, Option<usize>)) {
-        // Columns are walked in order, so the partners (j, i) of column i come
-        // up with j increasing: one cursor a column finds them all in one pass.
+        // Columns are visited in order, so the partners (j, i) of column i occur with ascending
+        // j: one cursor for each column finds all of them in one pass.
         let mut cursor = self.col_ptr[..self.n].to_vec();
         for j in 0..self.n {
             for at in self.col_ptr[j]..self.col_ptr[j + 1] {
@@ -204,13 +203,12 @@ impl<'a> Symmetric<'a> {
         }
     }
 
-    /// Whether K is symmetric to rounding; an entry without partner has the
-    /// partner zero.
+    /// Whether K is symmetric up to rounding; a missing partner is zero.
     ///
     /// # Errors
-    /// [`Error::Asymmetric`] with the pair that is furthest from it, measured
-    /// by `√|K_ii K_jj|`, or by the larger entry where a diagonal is zero: no
-    /// change of units, whole or by unknown, moves the verdict.
+    /// [`Error::Asymmetric`] with the pair of largest asymmetry relative to `√|K_ii K_jj|`, or
+    /// to the larger entry if a diagonal is zero. A change of units, of the whole or of one
+    /// unknown, does not change the result.
     pub fn check_symmetry(&self) -> Result<Symmetry, Error> {
         if self.is_exact() {
             return Ok(Symmetry::Exact);
@@ -245,11 +243,11 @@ impl<'a> Symmetric<'a> {
         worst.map_or(Ok(Symmetry::Rounded), |(_, error)| Err(error))
     }
 
-    /// Whether every pair is stored and equal to the bit, as assembly leaves it: what
-    /// this finds in one pass over half of the entries needs no second look.
+    /// Whether each pair is stored and bitwise equal, as after assembly: one pass over half of
+    /// the entries.
     fn is_exact(&self) -> bool {
-        // As in `pairs`; here the cursor of a column has passed its upper entries by the
-        // time that it is its turn.
+        // As in `pairs`; the cursor of a column has passed its upper entries when its turn
+        // comes.
         let mut cursor = self.col_ptr[..self.n].to_vec();
         (0..self.n).all(|j| {
             (cursor[j]..self.col_ptr[j + 1]).all(|at| {
@@ -266,8 +264,8 @@ impl<'a> Symmetric<'a> {
         })
     }
 
-    /// Number of the connected component of each row, from 0 in order of first
-    /// appearance. A stored zero does not connect.
+    /// Number of the connected component of each row, from 0 in the order of first appearance.
+    /// A stored zero does not connect.
     #[must_use]
     pub fn components(&self) -> Vec<usize> {
         let mut sets = Union::new(self.n);
@@ -294,13 +292,13 @@ impl<'a> Symmetric<'a> {
             .collect()
     }
 
-    /// `y = K x`, row by row (a row is read from the column of its number), so
-    /// that each sum has one order for any number of threads.
+    /// `y = K x` by rows (a row is read from its column), so that each sum has one order for
+    /// any number of threads.
     ///
     /// # Panics
     /// If `x` or `y` has not `n` entries.
     pub fn product(&self, x: &[f64], y: &mut [f64]) {
-        /// Rows given to a thread at a time: some ten microseconds of work.
+        /// Rows in one task: some ten microseconds.
         const ROWS: usize = 1024;
         assert_eq!(x.len(), self.n);
         assert_eq!(y.len(), self.n);
@@ -312,12 +310,12 @@ impl<'a> Symmetric<'a> {
     }
 }
 
-/// An index in the 32 bits that the analysis has found enough.
+/// An index in 32 bits; the analysis has checked that this suffices.
 pub(crate) fn narrow(i: usize) -> u32 {
     u32::try_from(i).expect("sizes are checked at the border")
 }
 
-/// A number that looks random; the sum of those of a pattern tells it from others.
+/// A hash; the sum over a pattern distinguishes it from others.
 pub(crate) fn mix(i: usize) -> u64 {
     let x = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     (x ^ (x >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9)

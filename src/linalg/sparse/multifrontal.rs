@@ -1,14 +1,14 @@
 //! Partial Cholesky factorisation, front by front.
 //!
-//! A front gathers the rows of K of its pivots and what its children have left
-//! over; its pivots are eliminated and the rest, the *update*, goes to its
-//! parent. Kept unknowns are never pivots: what reaches them is
+//! A front collects the rows of K of its pivots and the updates of its children. Its pivots are
+//! eliminated, and the rest, the *update*, goes to its parent. Kept unknowns are never pivots:
+//! they receive
 //!
 //! ```text
 //! S = K_cc − K_ci K_ii⁻¹ K_ic
 //! ```
 //!
-//! itself, with nothing shifted and nothing undone.
+//! without any shift.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -17,19 +17,18 @@ use crate::error::Error;
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
-use crate::linalg::sparse::arena::{End, Left, Piece, Region};
+use crate::linalg::sparse::arena::{Arena, ArenaEnd, Detached, Piece};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock, upwards};
 use crate::linalg::sparse::tree_solves::{Columns, Forward};
 
-/// Roundings that a pivot may be off by, against its diagonal in K, for each
-/// unknown eliminated before it. The stiffness of a free motion sums to nothing
-/// but the rounding of K itself, and where cells are alike these add up: free
-/// plates of 1e2 to 1e5 unknowns leave 1.6 roundings an unknown.
+/// Rounding error of a pivot, relative to its diagonal in K, for each unknown eliminated before
+/// it. The stiffness of a free motion sums to the rounding of K, which adds up for equal cells:
+/// free plates of 1e2 to 1e5 unknowns give 1.6 roundings for each unknown.
 const ROUNDINGS: f64 = 8.0;
 
-/// S of the kept unknowns, and what its pivots tell, with no factor behind it.
+/// S of the kept unknowns and its pivots, without a factor.
 #[derive(Debug)]
 pub struct Schur {
     values: Vec<f64>,
@@ -37,16 +36,16 @@ pub struct Schur {
 }
 
 impl Schur {
-    /// Eliminates all but the kept unknowns of `k` as [`Factor::new`] does, to
-    /// the same bits, but holds the factor of each front only while it is made:
-    /// [`Counts::bytes_peak_dropped`](crate::linalg::sparse::symbolic::Counts) in place
-    /// of `bytes_peak`.
+    /// Eliminates all but the kept unknowns of `k` as [`Factor::new`], bitwise equally, but
+    /// stores the factor of each front only while it is made:
+    /// [`Counts::bytes_peak_dropped`](crate::linalg::sparse::symbolic::Counts) instead of
+    /// `bytes_peak`.
     ///
-    /// `loads`, columns of length `n` one after another, are condensed on the
-    /// way, as [`Factor::condense`] would; there may be none.
+    /// `loads`, consecutive columns of length `n` or none, are condensed at the same time, as
+    /// by [`Factor::condense`].
     ///
     /// # Errors
-    /// Those of [`Factor::new`]; `loads` are then as they were.
+    /// Those of [`Factor::new`]; then `loads` are unchanged.
     ///
     /// # Panics
     /// If `loads` are not whole columns.
@@ -61,22 +60,22 @@ impl Schur {
         let diagonal = checked_diagonal(symbolic, k)?;
         let k = (k, diagonal.as_slice());
         let mut inner = Columns::new(symbolic, loads, columns);
-        let sweep = (columns > 0).then(|| Forward::new(&mut inner));
-        let (values, weakest) = eliminate(symbolic, k, stop, None, sweep.as_ref())?;
-        if let Some(sweep) = sweep {
-            sweep.finish();
+        let tree_solve = (columns > 0).then(|| Forward::new(&mut inner));
+        let (values, weakest) = eliminate(symbolic, k, stop, None, tree_solve.as_ref())?;
+        if let Some(tree_solve) = tree_solve {
+            tree_solve.finish();
             inner.write(loads);
         }
         Ok(Self { values, weakest })
     }
 
-    /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
+    /// S, `m × m`, in the order of the kept unknowns, bitwise symmetric.
     #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// S, given away.
+    /// S, moved out.
     #[must_use]
     pub fn into_values(self) -> Vec<f64> {
         self.values
@@ -100,19 +99,19 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Eliminates all but the kept unknowns of `k`, of which only the lower
-    /// triangle is read. Works in the rayon pool that is installed; the bits do
-    /// not depend on its size. `stop` is looked at before every front.
+    /// Eliminates all but the kept unknowns of `k`; only the lower triangle is read. It runs in
+    /// the current rayon pool, and the bits do not depend on its size. `stop` is checked before
+    /// each front.
     ///
     /// # Errors
-    /// [`Error::Indefinite`] and [`Error::FloatingBody`] name the caller's
-    /// unknown where a pivot is negative or vanishes against the diagonal of K;
-    /// [`Error::Interrupted`] when `stop` is set; [`Error::Shape`] or
-    /// [`Error::SparseStructure`] when `k` has not the pattern analysed.
+    /// [`Error::Indefinite`] and [`Error::FloatingBody`] with the unknown of the caller, if a
+    /// pivot is negative or vanishes relative to the diagonal of K; [`Error::Interrupted`] if
+    /// `stop` is set; [`Error::Shape`] or [`Error::SparseStructure`] if `k` does not have the
+    /// analysed pattern.
     ///
-    /// The memory is that of a factor of the same analysis that is gone, if there
-    /// was one: it stays with the analysis, to the end of that. So does the stack of
-    /// updates, where [`Symbolic::keep_stack`] says so.
+    /// It uses the memory of an earlier factor of the same analysis, if there was one; the
+    /// analysis keeps this memory. It keeps the stack of updates too, if
+    /// [`Symbolic::keep_stack`] says so.
     pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
         let diagonal = checked_diagonal(&symbolic, k)?;
         let k = (k, diagonal.as_slice());
@@ -130,25 +129,25 @@ impl Factor {
         })
     }
 
-    /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
+    /// S, `m × m`, in the order of the kept unknowns, bitwise symmetric.
     #[must_use]
     pub fn schur(&self) -> &[f64] {
         &self.schur
     }
 
-    /// S, given away: [`Factor::schur`] has no entries from then on.
+    /// S, moved out: [`Factor::schur`] is empty afterwards.
     pub fn take_schur(&mut self) -> Vec<f64> {
         std::mem::take(&mut self.schur)
     }
 
-    /// The unknown whose pivot is smallest against its diagonal in K, and that
-    /// ratio; `None` when nothing is eliminated.
+    /// The unknown with the smallest pivot relative to its diagonal in K, and this ratio;
+    /// `None` if nothing is eliminated.
     #[must_use]
     pub fn weakest_pivot(&self) -> Option<(usize, f64)> {
         self.weakest
     }
 
-    /// The analysis that this factor follows.
+    /// The analysis of this factor.
     #[must_use]
     pub fn symbolic(&self) -> &Arc<Symbolic> {
         &self.symbolic
@@ -161,11 +160,10 @@ impl Drop for Factor {
     }
 }
 
-/// Where the factor goes.
+/// The memory of the factor.
 struct Panels {
     values: Vec<f64>,
-    /// Whether they are zero throughout: fresh memory is, and to write zeros
-    /// would touch it once more.
+    /// Whether it is zero: new memory is, and writing zeros would access it once more.
     is_clear: bool,
 }
 
@@ -184,29 +182,29 @@ impl Panels {
     }
 }
 
-/// Eliminates: S, and the weakest pivot.
+/// Eliminates; returns S and the weakest pivot.
 fn eliminate(
     symbolic: &Symbolic,
     (k, diagonal): (&Symmetric, &[f64]),
     stop: &AtomicBool,
     panels: Option<&mut Panels>,
     loads: Option<&Forward>,
-) -> Result<Eliminated, Error> {
+) -> Result<SchurAndPivot, Error> {
     let keeps = panels.is_some() && symbolic.keeps_stack();
     let mut memory = match panels {
         Some(_) => symbolic.take_stack(),
         None => zeros(symbolic.stack_dropped),
     };
-    let region = Region::new(&mut memory);
-    let done = Work::new(symbolic, k, diagonal, stop, &region, panels, loads).go();
+    let arena = Arena::new(&mut memory);
+    let done = Work::new(symbolic, k, diagonal, stop, &arena, panels, loads).go();
     if keeps {
         let found = done.map(|done| (done.schur(symbolic, k, &memory), done.weakest));
         symbolic.give_stack(memory);
         return found;
     }
     let done = done?;
-    // S takes the place of what no update has any more.
-    let end = done.updates.iter().map(Left::end).max();
+    // S takes the memory of the updates.
+    let end = done.updates.iter().map(Detached::end).max();
     memory.truncate(end.unwrap_or(0));
     memory.shrink_to_fit();
     let schur = done.schur(symbolic, k, &memory);
@@ -214,13 +212,13 @@ fn eliminate(
     Ok((schur, done.weakest))
 }
 
-/// S, and the weakest pivot as [`Factor::weakest_pivot`] gives it.
-type Eliminated = (Vec<f64>, Option<(usize, f64)>);
+/// S, and the weakest pivot as in [`Factor::weakest_pivot`].
+type SchurAndPivot = (Vec<f64>, Option<(usize, f64)>);
 
-/// The diagonal of a matrix that has the pattern analysed.
+/// The diagonal of a matrix with the analysed pattern.
 ///
-/// A diagonal that is negative, or zero in a row that is not, is indefinite
-/// before any elimination; as a pivot it could pass for a free motion.
+/// A diagonal that is negative, or zero in a nonzero row, is indefinite before any elimination;
+/// as a pivot it could look like a free motion.
 fn checked_diagonal(symbolic: &Symbolic, k: &Symmetric) -> Result<Vec<f64>, Error> {
     symbolic.check_pattern(k)?;
     let diagonal = k.diagonal();
@@ -230,35 +228,34 @@ fn checked_diagonal(symbolic: &Symbolic, k: &Symmetric) -> Result<Vec<f64>, Erro
     bad.map_or(Ok(diagonal), |dof| Err(Error::Indefinite { dof }))
 }
 
-/// One factorisation on its way.
+/// A factorisation in progress.
 struct Work<'a, 'l> {
     symbolic: &'a Symbolic,
     k: &'a Symmetric<'a>,
     diagonal: &'a [f64],
     stop: &'a AtomicBool,
-    /// The part of the factor that each task fills; none when it is dropped.
+    /// The part of the factor of each task; empty if it is dropped.
     panels: Option<Vec<Mutex<&'a mut [f64]>>>,
     /// Whether these are zero.
     is_clear: bool,
     loads: Option<&'a Forward<'l>>,
-    /// Where updates lie until they are taken.
-    stack: &'a Region<'a>,
-    /// From which end of it each task takes: not the one of its children. Thus on one
-    /// thread either end is a stack, and together they need what was counted.
-    ends: Vec<End>,
-    /// What each finished task has left: one update after another.
+    /// The memory of waiting updates.
+    stack: &'a Arena<'a>,
+    /// The end from which each task takes memory: not that of its children. On one thread, each
+    /// end is then a stack, and both need the counted memory.
+    ends: Vec<ArenaEnd>,
+    /// The updates of each finished task, one after another.
     updates: Vec<Mutex<Option<Piece<'a>>>>,
     /// Smallest pivot of each task, as (ratio, unknown).
     weakest: Vec<Mutex<Option<(f64, usize)>>>,
-    /// The failure of the earliest task. Tasks that do not depend on a failed
-    /// one are finished all the same: which failure is reported must not
-    /// depend on who came first.
+    /// The error of the earliest task. Tasks that do not depend on a failed one are still
+    /// finished: the reported error must not depend on the order of threads.
     failure: Mutex<Option<(usize, Error)>>,
 }
 
-/// What is left when all fronts are done.
+/// The results after all fronts.
 struct Done {
-    updates: Vec<Left>,
+    updates: Vec<Detached>,
     weakest: Option<(usize, f64)>,
 }
 
@@ -268,7 +265,7 @@ impl<'a, 'l> Work<'a, 'l> {
         k: &'a Symmetric<'a>,
         diagonal: &'a [f64],
         stop: &'a AtomicBool,
-        stack: &'a Region<'a>,
+        stack: &'a Arena<'a>,
         panels: Option<&'a mut Panels>,
         loads: Option<&'a Forward<'l>>,
     ) -> Self {
@@ -286,7 +283,7 @@ impl<'a, 'l> Work<'a, 'l> {
             }
             parts
         };
-        let mut ends = vec![End::Low; tasks.len()];
+        let mut ends = vec![ArenaEnd::Low; tasks.len()];
         // Parents come after their children.
         for (number, task) in tasks.iter().enumerate().rev() {
             if let Some(parent) = task.parent {
@@ -333,8 +330,9 @@ impl<'a, 'l> Work<'a, 'l> {
         for own in self.weakest {
             weakest = smaller(weakest, inner(own));
         }
-        let left =
-            |updates: Mutex<Option<Piece>>| inner(updates).map_or_else(Left::default, Piece::leave);
+        let left = |updates: Mutex<Option<Piece>>| {
+            inner(updates).map_or_else(Detached::default, Piece::leave)
+        };
         Ok(Done {
             updates: self.updates.into_iter().map(left).collect(),
             weakest: weakest.map(|(ratio, dof)| (dof, ratio)),
@@ -353,7 +351,7 @@ impl<'a, 'l> Work<'a, 'l> {
             "one thread needs more than was counted"
         );
         let mut weakest = None;
-        // Start of each update that waits on the stack.
+        // Start of each update on the stack.
         let mut waiting: Vec<(usize, usize)> = Vec::new();
         let mut from = 0;
         for f in task.fronts.clone() {
@@ -406,12 +404,12 @@ impl<'a, 'l> Work<'a, 'l> {
                 }
                 waiting.push((f, bottom));
             }
-            if let (Some(sweep), Some(waiting)) = (self.loads, &mut loads) {
-                sweep.front(number, f, panel, waiting);
+            if let (Some(tree_solve), Some(waiting)) = (self.loads, &mut loads) {
+                tree_solve.front(number, f, panel, waiting);
             }
         }
-        if let (Some(sweep), Some(waiting)) = (self.loads, loads) {
-            sweep.end(number, waiting);
+        if let (Some(tree_solve), Some(waiting)) = (self.loads, loads) {
+            tree_solve.end(number, waiting);
         }
         *lock(&self.weakest[number]) = weakest;
         stack.keep(task.left);
@@ -450,8 +448,7 @@ impl<'a, 'l> Work<'a, 'l> {
         self.eliminate(front, panel, children, update, true, weakest)
     }
 
-    /// Takes a pivot with `before` unknowns eliminated below it, or says what
-    /// is wrong with it.
+    /// Takes a pivot after `before` eliminated unknowns, or returns its error.
     #[expect(clippy::cast_precision_loss, reason = "a bound")]
     fn check_pivot(
         &self,
@@ -460,16 +457,15 @@ impl<'a, 'l> Work<'a, 'l> {
         before: usize,
         weakest: &mut Option<(f64, usize)>,
     ) -> Result<(), Error> {
-        // The diagonal may be zero: an empty row, for the others are refused.
+        // The diagonal may be zero: an empty row; others are refused.
         let original = self.diagonal[dof];
         let rounding = ROUNDINGS * (before as f64 + 1.0) * f64::EPSILON;
-        // However small: whether a body is soft or free is not for a pivot to say.
+        // Of any size: a pivot cannot distinguish a soft body from a free one.
         if pivot > 0.0 {
             *weakest = smaller(*weakest, Some((pivot / original, dof)));
             return Ok(());
         }
-        // A weak pivot has lost digits to cancellation; what is eliminated
-        // after it carries their loss.
+        // A weak pivot has lost digits by cancellation, and later unknowns have this loss.
         let carried = rounding / weakest.map_or(1.0, |(ratio, _)| ratio.min(1.0));
         if pivot >= -carried * original {
             Err(Error::FloatingBody { dof })
@@ -480,8 +476,8 @@ impl<'a, 'l> Work<'a, 'l> {
 
     /// Assembles a front, eliminates its pivots, and leaves its update.
     ///
-    /// Children are added to the update after the product that overwrites it,
-    /// so that its memory need not be cleared first.
+    /// Children are added to the update after the product that overwrites it, so that its
+    /// memory need not be cleared.
     fn eliminate<'c>(
         &self,
         front: &Front,
@@ -516,11 +512,11 @@ impl<'a, 'l> Work<'a, 'l> {
 }
 
 impl Done {
-    /// Adds what reached the kept unknowns to their block of K.
+    /// Adds the updates of the kept unknowns to their block of K.
     fn schur(&self, symbolic: &Symbolic, k: &Symmetric, stack: &[f64]) -> Vec<f64> {
         let m = symbolic.kept();
         let mut schur = zeros(m * m);
-        // Of S too the upper triangle is summed.
+        // S is also summed in its upper triangle.
         for (q, &j) in symbolic.old[symbolic.interior..].iter().enumerate() {
             for (i, value) in k.column(j as usize).filter(|&(i, _)| i >= j as usize) {
                 let p = symbolic.new[i] as usize;
@@ -545,7 +541,7 @@ impl Done {
     }
 }
 
-/// The updates that a task has left, with the fronts they come from.
+/// The updates of a task, with their fronts.
 fn left_by<'u>(
     symbolic: &'u Symbolic,
     task: usize,

@@ -1,9 +1,8 @@
 //! Elimination orders: METIS, and bisection by coordinates.
 //!
-//! Both are nested dissections of the node graph. METIS needs no coordinates
-//! and is better on most meshes; cutting at coordinate planes takes a tenth of
-//! its time and equals it on boxes along the axes. The caller counts and keeps
-//! the better (`symbolic`).
+//! Both are nested dissections of the node graph. METIS needs no coordinates and is better on
+//! most meshes. Cutting at coordinate planes takes a tenth of its time and is equal on boxes
+//! along the axes. The caller counts and keeps the better order (`symbolic`).
 
 use std::ptr;
 
@@ -12,8 +11,8 @@ use metis_sys as metis;
 use crate::error::Error;
 use crate::per_process::PerProcess;
 
-/// A graph in METIS's form: neighbours of vertex `v` are
-/// `neighbours[start[v]..start[v + 1]]`, both directions, no self loops.
+/// A graph in METIS's form: the neighbours of vertex `v` are
+/// `neighbours[start[v]..start[v + 1]]`, in both directions, without loops.
 #[derive(Debug)]
 pub(crate) struct Graph {
     start: Vec<i32>,
@@ -22,12 +21,11 @@ pub(crate) struct Graph {
 }
 
 impl Graph {
-    /// From neighbour lists given vertex by vertex; `weight` is the number of
-    /// unknowns of a vertex.
+    /// Makes it from the neighbour lists of the vertices; `weight` is the number of unknowns of
+    /// a vertex.
     ///
     /// # Errors
-    /// [`Error::IndexRange`] when METIS's 32-bit indices cannot count the edges
-    /// or the unknowns.
+    /// [`Error::IndexRange`] if METIS's 32-bit indices cannot count the edges or the unknowns.
     pub(crate) fn new(start: &[usize], neighbours: &[u32], weight: &[u32]) -> Result<Self, Error> {
         let narrow = |what, position, found: usize| {
             i32::try_from(found).map_err(|_| Error::IndexRange {
@@ -74,12 +72,12 @@ impl Graph {
     }
 }
 
-/// METIS draws from libc's `rand`, one stream for the process: two calls at
-/// once would mix their draws and the same K would give other bits.
+/// METIS uses libc's `rand`, one sequence for the process: simultaneous calls would mix their
+/// numbers, and the same K would give other bits.
 static METIS: PerProcess<()> = PerProcess::new();
 
-/// What the linker calls in place of METIS's `gk_sigtrap` and `gk_siguntrap`
-/// (`build.rs`): theirs, with the handlers put back that were there before.
+/// Replaces METIS's `gk_sigtrap` and `gk_siguntrap` in the linker (`build.rs`): calls these,
+/// and restores the earlier signal handlers.
 #[cfg(all(feature = "python", target_os = "linux"))]
 mod handlers {
     use std::ffi::c_int;
@@ -91,51 +89,51 @@ mod handlers {
         fn __real_gk_siguntrap() -> c_int;
     }
 
-    /// Runs `call` and gives these signals the handlers back that they had.
+    /// Runs `call` and restores the handlers of these signals.
     fn keeping<const N: usize>(
         signals: [c_int; N],
         call: unsafe extern "C" fn() -> c_int,
     ) -> c_int {
         let before = signals.map(|signal| {
             let mut action = MaybeUninit::<libc::sigaction>::uninit();
-            // SAFETY: asks for the action of a signal, into memory for one action,
-            // which is read only where it was written.
+            // SAFETY: reads the action of a signal into memory for one action, which is used
+            // only if it was written.
             unsafe {
                 (libc::sigaction(signal, ptr::null(), action.as_mut_ptr()) == 0)
                     .then(|| action.assume_init())
             }
         });
-        // SAFETY: METIS calls these two itself, in pairs, where it now calls us.
+        // SAFETY: METIS itself calls these two in pairs, where it now calls this function.
         let done = unsafe { call() };
         for (signal, action) in signals.into_iter().zip(&before) {
             if let Some(action) = action {
-                // SAFETY: the action was the one of this signal until a moment ago.
+                // SAFETY: the action belonged to this signal just before.
                 unsafe { libc::sigaction(signal, action, ptr::null_mut()) };
             }
         }
         done
     }
 
-    // METIS keeps SIGABRT, by which it reports that memory has run out.
+    // METIS keeps SIGABRT, which it raises if memory runs out.
     #[unsafe(no_mangle)]
     extern "C" fn __wrap_gk_sigtrap() -> c_int {
         keeping([libc::SIGTERM], __real_gk_sigtrap)
     }
 
-    // It restores both by `signal`, which forgets the flags of a handler: of
-    // SIGABRT METIS's own is in place here, so that one it may restore.
+    // METIS restores both by `signal`, which loses the flags of a handler. For SIGABRT its own
+    // handler is set here, so it may restore that one.
     #[unsafe(no_mangle)]
     extern "C" fn __wrap_gk_siguntrap() -> c_int {
         keeping([libc::SIGTERM], __real_gk_siguntrap)
     }
 }
 
-/// Nested dissection by METIS: `order[new] = old`. `None` when METIS fails or
-/// returns anything but a permutation.
+/// Nested dissection by METIS: `order[new] = old`. `None` if METIS fails or does not return a
+/// permutation.
 pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
     let n = graph.len();
     if graph.neighbours.is_empty() {
-        // Nothing to dissect, and METIS is not at its best without edges.
+        // Nothing to dissect; METIS is not made for graphs without edges.
         return Some(
             (0..graph.weight.len())
                 .filter_map(|v| u32::try_from(v).ok())
@@ -143,7 +141,7 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
         );
     }
     let mut vertices = i32::try_from(n).ok()?;
-    // METIS asks for what it may write to, and others read the graph meanwhile.
+    // METIS needs mutable arrays, and others read the graph at the same time.
     let (mut start, mut neighbours) = (graph.start.clone(), graph.neighbours.clone());
     let mut weight = graph.weight.clone();
     let mut order = vec![0_i32; n];
@@ -158,11 +156,11 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
         unsafe {
             metis::METIS_SetDefaultOptions(options.as_mut_ptr());
             options[metis::moptions_et_METIS_OPTION_SEED as usize] = 2;
-            // Sides that differ by 1.2, which is METIS's own choice, make smaller
-            // separators at first and more work below: over six seeds, 1.1 is up to
-            // one per cent better on cubes and bars, and level on squares and plates.
+            // METIS's default imbalance of 1.2 gives smaller separators first and more work
+            // later. Over six seeds, 1.1 is up to one per cent better on cubes and bars, and
+            // equal on squares and plates.
             options[metis::moptions_et_METIS_OPTION_UFACTOR as usize] = 100;
-            // Equal patterns are grouped before we come here.
+            // Equal patterns are grouped before.
             options[metis::moptions_et_METIS_OPTION_COMPRESS as usize] = 0;
             metis::METIS_NodeND(
                 ptr::from_mut(&mut vertices),
@@ -191,12 +189,12 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
 
 /// Nested dissection at coordinate planes: `order[new] = old`.
 ///
-/// A set is cut across its longest side at the median; the nodes on the upper
-/// side that touch the lower one separate the two and come last.
+/// A set is cut across its longest side at the median; the nodes on the upper side with
+/// neighbours on the lower side separate the two and come last.
 pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
-    /// Sets this small become one front anyway (`symbolic` merges them).
+    /// Sets this small become one front in any case (`symbolic` merges them).
     const LEAF: usize = 8;
-    enum Step {
+    enum Task {
         Cut(Vec<u32>),
         Emit(Vec<u32>),
     }
@@ -205,14 +203,14 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
     let mut side = vec![0_u32; n];
     let mut label = 0;
     let all = (0..n).filter_map(|v| u32::try_from(v).ok()).collect();
-    let mut steps = vec![Step::Cut(all)];
+    let mut steps = vec![Task::Cut(all)];
     while let Some(step) = steps.pop() {
         let mut set = match step {
-            Step::Emit(set) => {
+            Task::Emit(set) => {
                 order.extend(set);
                 continue;
             }
-            Step::Cut(set) => set,
+            Task::Cut(set) => set,
         };
         let extent = |axis: usize| {
             let range = set
@@ -235,8 +233,8 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
             along(a).total_cmp(&along(b)).then(a.cmp(&b))
         });
         let plane = along(set[middle]);
-        // Nodes level with the plane stay together; when all of the lower half
-        // is level with it, the plane moves above them.
+        // Nodes on the plane stay together; if the whole lower half is on it, the plane moves
+        // above them.
         let below = |v: u32| along(v) < plane;
         let low_is_empty = !set.iter().any(|&v| below(v));
         let (mut low, high): (Vec<u32>, Vec<u32>) = set.into_iter().partition(|&v| {
@@ -256,9 +254,9 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
             high.into_iter().partition(|&v| touches(v));
         separator.sort_unstable();
         high.sort_unstable();
-        steps.push(Step::Emit(separator));
-        steps.push(Step::Cut(high));
-        steps.push(Step::Cut(low));
+        steps.push(Task::Emit(separator));
+        steps.push(Task::Cut(high));
+        steps.push(Task::Cut(low));
     }
     order
 }

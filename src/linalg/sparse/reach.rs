@@ -1,5 +1,5 @@
-//! Half solves `L⁻¹ b` of vectors with few entries: only fronts on the way from
-//! these to the root take part.
+//! Half solves `L⁻¹ b` of vectors with few entries: they use only the fronts between these
+//! entries and the root.
 
 use rayon::prelude::*;
 
@@ -7,21 +7,20 @@ use crate::linalg::dense::forward;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Front, Symbolic};
 
-/// Columns that a thread takes together. Fewer are filled up with zeros: products of
-/// another width may sum in another order, and what a column becomes would depend on
-/// those that were asked for with it.
+/// Columns in one task. Fewer columns are filled up with zeros: products of another width may
+/// sum in another order, and a column would depend on the others.
 const COLUMNS: usize = 32;
 
-/// The fronts that entries at some unknowns can reach, in order of elimination.
+/// The fronts that entries at some unknowns reach, in the order of elimination.
 #[derive(Debug)]
 pub struct Reach {
     fronts: Vec<usize>,
-    /// Their pivots in the caller's numbering.
+    /// Their pivots in the numbering of the caller.
     pivots: Vec<u32>,
 }
 
 impl Reach {
-    /// From the unknowns where columns may have entries; kept ones count for nothing.
+    /// Made from the unknowns with entries; kept ones are ignored.
     #[must_use]
     pub fn new(symbolic: &Symbolic, unknowns: impl Iterator<Item = usize>) -> Self {
         let mut reached = vec![false; symbolic.fronts.len()];
@@ -50,7 +49,7 @@ impl Reach {
         }
     }
 
-    /// Pivots reached, in the caller's numbering, in the order of half solves.
+    /// Pivots reached, in the numbering of the caller, in the order of half solves.
     #[must_use]
     pub fn pivots(&self) -> &[u32] {
         &self.pivots
@@ -58,10 +57,9 @@ impl Reach {
 }
 
 impl Factor {
-    /// Condenses columns given by their entries (unknown, value), all within reach:
-    /// `L⁻¹ b_i` on the pivots reached, and `b_c − K_ci K_ii⁻¹ b_i` on the kept
-    /// unknowns, each column after column. A column has the same bits alone and among
-    /// others.
+    /// Condenses columns given by entries (unknown, value) within the reach: `L⁻¹ b_i` on the
+    /// pivots reached, and `b_c − K_ci K_ii⁻¹ b_i` on the kept unknowns, column by column. A
+    /// column has the same bits alone and among others.
     #[must_use]
     pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
         let symbolic = &*self.symbolic;
@@ -102,7 +100,7 @@ impl Factor {
     }
 }
 
-/// Rows of a front, as stretches of the elimination numbering.
+/// Ranges of the rows of a front in the elimination numbering.
 fn stretches<'s>(
     symbolic: &'s Symbolic,
     front: &Front,
@@ -122,7 +120,7 @@ fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: 
     }
 }
 
-/// Puts the rows of a front back.
+/// Writes the rows of a front back.
 fn scatter(symbolic: &Symbolic, front: &Front, x: &mut [f64], columns: usize, local: &[f64]) {
     let locals = local.chunks_exact(front.nf());
     for (column, local) in x.chunks_exact_mut(symbolic.n).zip(locals).take(columns) {

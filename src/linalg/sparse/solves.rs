@@ -1,4 +1,4 @@
-//! Condensing loads, and recovering unknowns, with a factor at hand.
+//! Condensation of loads, and recovery of unknowns, with a factor.
 
 use rayon::prelude::*;
 
@@ -7,50 +7,49 @@ use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::task_tree::{downwards, upwards};
 use crate::linalg::sparse::tree_solves::{Backward, Columns, Forward};
 
-/// Columns that pass the factor together: enough for the rate of a product,
-/// few enough that what waits on the tree is small beside the factor.
+/// Columns solved together: enough for the rate of a product, and few enough that the waiting
+/// data are small relative to the factor.
 const COLUMNS: usize = 32;
 
 impl Factor {
-    /// Condenses `columns` loads of length `n`, one after another in `f`: the
-    /// eliminated entries become `L⁻¹ f_i`, the kept ones
-    /// `f_c − K_ci K_ii⁻¹ f_i`. Works in the rayon pool that is installed; the
-    /// bits do not depend on its size.
+    /// Condenses `columns` loads of length `n`, consecutive in `f`: the eliminated entries
+    /// become `L⁻¹ f_i`, the kept ones `f_c − K_ci K_ii⁻¹ f_i`. It runs in the current rayon
+    /// pool, and the bits do not depend on its size.
     ///
     /// # Panics
-    /// If `f` has not `n · columns` entries.
+    /// If the length of `f` is not `n · columns`.
     pub fn condense(&self, f: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(f, columns, |f, count| {
             let mut inner = Columns::new(symbolic, f, count);
-            let sweep = Forward::new(&mut inner);
+            let tree_solve = Forward::new(&mut inner);
             upwards(symbolic, &|number| {
-                let mut waiting = sweep.begin(number);
+                let mut waiting = tree_solve.begin(number);
                 for front in symbolic.tasks[number].fronts.clone() {
                     let panel = self.panel(&symbolic.fronts[front]);
-                    sweep.front(number, front, panel, &mut waiting);
+                    tree_solve.front(number, front, panel, &mut waiting);
                 }
-                sweep.end(number, waiting);
+                tree_solve.end(number, waiting);
                 true
             });
-            sweep.finish();
+            tree_solve.finish();
             inner.write(f);
         });
     }
 
-    /// The way back of [`Factor::condense`]: with the eliminated entries as it
-    /// left them and the kept ones replaced by the unknowns `u_c`, every entry
-    /// becomes the unknown, `u_i = K_ii⁻¹ (f_i − K_ic u_c)`.
+    /// The inverse of [`Factor::condense`]: given its eliminated entries, with the kept ones
+    /// replaced by the unknowns `u_c`, every entry becomes the unknown,
+    /// `u_i = K_ii⁻¹ (f_i − K_ic u_c)`.
     ///
     /// # Panics
-    /// If `x` has not `n · columns` entries.
+    /// If the length of `x` is not `n · columns`.
     pub fn recover(&self, x: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(x, columns, |x, count| {
             let mut inner = Columns::new(symbolic, x, count);
-            let sweep = Backward::new(&mut inner);
+            let tree_solve = Backward::new(&mut inner);
             downwards(symbolic, &None, &|number, given| {
-                sweep.task(number, given, |front| self.panel(front))
+                tree_solve.task(number, given, |front| self.panel(front))
             });
             inner.write(x);
         });

@@ -1,7 +1,8 @@
 //! LU of a sparse matrix of blocks with a symmetric pattern, front by front.
 //!
-//! The tree of fronts is that of the pattern, ordered once for all matrices that
-//! have it. Rows are exchanged within the pivots of a front only: fill stays what
+//! The tree of fronts is that of the pattern, ordered once for all its matrices. Rows are
+//! exchanged within the pivots of a front only: the fill is as counted, and a matrix that needs
+//! other exchanges counts as singular.
 //! was counted, and a matrix that would need more is called singular.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +16,7 @@ use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::symbolic::{Counts, Front, Options, Symbolic};
 
-/// Columns that a thread works on together.
+/// Columns in one task.
 const TILE: usize = 64;
 
 /// The order of elimination of a pattern, and its fronts.
@@ -27,7 +28,7 @@ pub struct Analysis {
 
 impl Analysis {
     /// # Errors
-    /// [`Error::IndexRange`] for a matrix that 32-bit indices cannot number.
+    /// [`Error::IndexRange`] if 32-bit indices cannot number the matrix.
     pub fn new<const D: usize>(blocks: &Blocks<D>) -> Result<Self, Error> {
         let order = D * blocks.rows();
         let mut start = vec![0];
@@ -45,19 +46,19 @@ impl Analysis {
         })
     }
 
-    /// What a symmetric factorisation would cost; an LU costs twice as much.
+    /// The cost of a symmetric factorisation; an LU costs twice as much.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
     }
 }
 
-/// A front that has been eliminated, by columns.
+/// An eliminated front, by columns.
 #[derive(Debug)]
-struct Eliminated {
-    /// `L₁₁` below the diagonal, its unit diagonal left out, and `U₁₁`.
+struct EliminatedFront {
+    /// `L₁₁` below the diagonal, without its unit diagonal, and `U₁₁`.
     pivots: Vec<f64>,
-    /// Row of the front that stands at each place.
+    /// The row of the front at each place.
     rows: Vec<usize>,
     /// `U₁₂ = L₁₁⁻¹ P F₁₂`.
     upper: Vec<f64>,
@@ -69,20 +70,20 @@ struct Eliminated {
 #[derive(Debug)]
 pub struct SparseLu<'s> {
     analysis: &'s Analysis,
-    fronts: Vec<Eliminated>,
+    fronts: Vec<EliminatedFront>,
     /// Whether the determinant is negative.
     negative: bool,
 }
 
 impl<'s> SparseLu<'s> {
-    /// Factors a matrix of the pattern analysed; nothing where a pivot is zero to
-    /// rounding beside the largest entry.
+    /// Factors a matrix of the analysed pattern; `None` if a pivot is below the rounding of the
+    /// largest entry.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] when `stop` is raised.
+    /// [`Error::Interrupted`] if `stop` is set.
     ///
     /// # Panics
-    /// If the matrix has not the order analysed.
+    /// If the order of the matrix is not the analysed one.
     pub fn new<const D: usize>(
         analysis: &'s Analysis,
         matrix: &Blocks<D>,
@@ -91,7 +92,7 @@ impl<'s> SparseLu<'s> {
         assert_eq!(analysis.order, D * matrix.rows());
         let symbolic = &analysis.symbolic;
         let largest = matrix.largest();
-        // Place of each unknown in the front at hand.
+        // Place of each unknown in the current front.
         let mut place = vec![0; analysis.order];
         let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.fronts.len()];
         let mut children: Vec<Vec<usize>> = vec![Vec::new(); symbolic.fronts.len()];
@@ -105,7 +106,7 @@ impl<'s> SparseLu<'s> {
                 place[unknown] = at;
             }
             let (np, nu) = (front.np, front.nu);
-            let mut own = Eliminated {
+            let mut own = EliminatedFront {
                 pivots: vec![0.0; np * np],
                 rows: Vec::new(),
                 upper: vec![0.0; np * nu],
@@ -158,7 +159,7 @@ impl<'s> SparseLu<'s> {
     /// `b ← A⁻¹ b`.
     ///
     /// # Panics
-    /// If `b` has not as many entries as the matrix has rows.
+    /// If the length of `b` is not the order of the matrix.
     pub fn solve(&self, b: &mut [f64]) {
         assert_eq!(b.len(), self.analysis.order);
         let symbolic = &self.analysis.symbolic;
@@ -191,8 +192,8 @@ impl<'s> SparseLu<'s> {
     }
 }
 
-impl Eliminated {
-    /// Takes the entries of the pivots' rows and columns.
+impl EliminatedFront {
+    /// Gathers the entries of the rows and columns of the pivots.
     fn gather<const D: usize>(
         &mut self,
         symbolic: &Symbolic,
@@ -227,7 +228,7 @@ impl Eliminated {
         }
     }
 
-    /// What the pivots, factored, do to the rest, in tiles cut at fixed places.
+    /// The update of the rest by the factored pivots, in tiles cut at fixed places.
     fn eliminate(&mut self, np: usize, update: &mut [f64], stop: &AtomicBool) -> Result<(), Error> {
         let Self {
             pivots,
@@ -276,13 +277,13 @@ impl Eliminated {
     }
 }
 
-/// Places in the elimination order of the rows that a front updates.
+/// Places in the elimination order of the updated rows of a front.
 fn beyond<'s>(symbolic: &'s Symbolic, front: &'s Front) -> impl Iterator<Item = usize> + 's {
     let runs = symbolic.runs_of(front).iter();
     runs.flat_map(|run| run.start as usize..(run.start + run.len) as usize)
 }
 
-/// The caller's unknowns of a front: its pivots, then the rows that it updates.
+/// The unknowns of a front in the numbering of the caller: its pivots, then its updated rows.
 fn unknowns<'s>(symbolic: &'s Symbolic, front: &'s Front) -> impl Iterator<Item = usize> + 's {
     let pivots = front.first..front.first + front.np;
     let all = pivots.chain(beyond(symbolic, front));

@@ -4,34 +4,32 @@ use std::collections::HashMap;
 
 use crate::linalg::sparse::csc::{mix, narrow};
 
-/// A vertex joined to more than this many times `√N` others is ordered last:
-/// dissection cannot separate anything around it.
+/// A vertex with more neighbours than this many times `√N` is ordered last: dissection cannot
+/// separate the vertices around it.
 const DENSE: f64 = 10.0;
 
-/// Equal neighbourhoods are looked at no further where they make so much fewer nodes
-/// than there are unknowns; where hardly any are equal, entries that happen to vanish
-/// are missing in K.
+/// Equal neighbourhoods define the nodes if there are this many times fewer nodes than
+/// unknowns. If hardly any are equal, entries that happen to vanish are missing in K.
 const FEWER: f64 = 0.6;
 
-/// Unknowns that follow one another are of one node, up to [`MOST`] of them, where of
-/// the neighbours that either has so many are those of both. Of nodes joined by an
-/// element half the neighbours are common ones.
+/// Consecutive unknowns belong to one node, up to [`MOST`] of them, if this share of all their
+/// neighbours are neighbours of both. Nodes of one element share half of their neighbours.
 const COMMON: f64 = 0.75;
 
-/// Unknowns that follow one another count as one neighbour: where directions hardly act
-/// on each other, each is joined to the same nodes by other unknowns.
+/// Consecutive unknowns count as one neighbour: if directions are weakly coupled, each
+/// direction is joined to the same nodes by other unknowns.
 const THREE: usize = 3;
 
-/// The same part, of unknowns one by one, where directions act on each other: 0.46 on a
-/// grid of bricks whose directions act between nodes off the axes alone.
+/// The same share for single unknowns, if directions are coupled: 0.46 on a grid of bricks
+/// whose directions are coupled only between nodes off the axes.
 const ACTING: f64 = 0.25;
 
-/// Degrees of freedom of a node: of a shell's.
+/// Largest number of degrees of freedom of a node, that of a shell.
 const MOST: usize = 6;
 
-/// The graph of nodes. Interior ones come first, kept ones after them.
+/// The graph of nodes. Interior nodes come first, then the kept ones.
 #[derive(Debug)]
-pub(crate) struct Quotient {
+pub(crate) struct SupervariableGraph {
     node_of: Vec<u32>,
     /// Unknowns of node `v`: `members[member_start[v]..member_start[v + 1]]`.
     member_start: Vec<usize>,
@@ -41,31 +39,32 @@ pub(crate) struct Quotient {
     interior: usize,
 }
 
-/// Whether an unknown is of the node of another, which comes so many before it.
-type IsOne<'a> = dyn Fn(usize, usize, usize) -> bool + 'a;
+/// Whether an unknown belongs to the node of another one, this many places before it.
+type SameNode<'a> = dyn Fn(usize, usize, usize) -> bool + 'a;
 
-/// Unknowns by their nodes.
+/// Unknowns grouped by nodes.
 struct Groups {
     node_of: Vec<u32>,
-    /// How many there are, and of them those of unknowns that are not kept.
+    /// Number of nodes, and of nodes with unknowns that are not kept.
     nodes: usize,
     interior: usize,
 }
 
 impl Groups {
-    /// Groups those that follow one another by `is_one(first of the node, unknown, unknowns
-    /// after the first)`, and others by their equal neighbourhoods.
+    /// Groups consecutive unknowns by
+    /// `is_one(first of the node, unknown, unknowns after the first)`, and others by equal
+    /// neighbourhoods.
     fn new<'a>(
         column: impl Fn(usize) -> &'a [usize] + Copy,
         kept: &[usize],
         place: &[Option<u32>],
-        is_one: &IsOne,
+        is_one: &SameNode,
     ) -> Self {
         let mut node_of = vec![0_u32; place.len()];
         let mut leaders: Vec<u32> = Vec::new();
         let mut by_hash: HashMap<u64, Vec<u32>> = HashMap::new();
         for j in (0..place.len()).filter(|&j| place[j].is_none()) {
-            // Unknowns of a node mostly follow one another.
+            // The unknowns of a node are mostly consecutive.
             let near = leaders.last().map(|&lead| lead as usize);
             if let Some(lead) = near.filter(|&lead| is_one(lead, j, j - lead)) {
                 node_of[j] = node_of[lead];
@@ -84,7 +83,7 @@ impl Groups {
             };
         }
         let interior = leaders.len();
-        // Where in `kept` the node begins, and its number.
+        // The start of the node in `kept`, and its number.
         let (mut first, mut nodes) = (0, interior);
         for (at, &j) in kept.iter().enumerate() {
             if at == 0 || !is_one(kept[first], j, at - first) {
@@ -101,11 +100,11 @@ impl Groups {
     }
 }
 
-impl Quotient {
-    /// Groups unknowns whose closed neighbourhoods are equal; where few are, those that
-    /// follow one another and have most of their neighbours in common. Kept ones are
-    /// grouped only where they follow one another in `kept`, so that S keeps the caller's
-    /// order; `place` is the position of each in `kept`.
+impl SupervariableGraph {
+    /// Groups unknowns with equal closed neighbourhoods; if few are equal, consecutive unknowns
+    /// with most neighbours in common. Kept unknowns are grouped only if they are consecutive
+    /// in `kept`, so that S has the order of the caller; `place` is the position of each in
+    /// `kept`.
     pub(crate) fn new(
         col_ptr: &[usize],
         row_idx: &[usize],
@@ -113,7 +112,7 @@ impl Quotient {
         place: &[Option<u32>],
     ) -> Self {
         let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
-        let group = |is_one: &IsOne| Groups::new(column, kept, place, is_one);
+        let group = |is_one: &SameNode| Groups::new(column, kept, place, is_one);
         let equal = group(&|lead, j, _| same(column, lead, j));
         #[expect(clippy::cast_precision_loss, reason = "a threshold")]
         let most = FEWER * (place.len() - kept.len()) as f64;
@@ -158,7 +157,7 @@ impl Quotient {
         self.member_start = start;
     }
 
-    /// A node is joined to those that any of its unknowns is joined to.
+    /// A node has the neighbours of all its unknowns.
     fn join<'a>(&mut self, column: impl Fn(usize) -> &'a [usize]) {
         let nodes = self.member_start.len() - 1;
         let mut seen = vec![u32::MAX; nodes];
@@ -214,7 +213,7 @@ impl Quotient {
         &self.neighbours[self.start[v]..self.start[v + 1]]
     }
 
-    /// Interior nodes, those with uncommonly many neighbours apart.
+    /// Interior nodes, separated from those with very many neighbours.
     #[expect(
         clippy::cast_precision_loss,
         clippy::cast_possible_truncation,
@@ -226,8 +225,7 @@ impl Quotient {
         (0..narrow(self.interior)).partition(|&v| self.neighbours(v as usize).len() <= limit)
     }
 
-    /// The graph of some nodes alone: starts, neighbours, weights, all in the
-    /// numbering of `nodes`.
+    /// The graph of some nodes: starts, neighbours and weights in the numbering of `nodes`.
     pub(crate) fn subgraph(&self, nodes: &[u32]) -> (Vec<usize>, Vec<u32>, Vec<u32>) {
         let mut local = vec![u32::MAX; self.len()];
         for (at, &v) in (0_u32..).zip(nodes) {
@@ -256,8 +254,8 @@ fn hash(column: &[usize], own: usize) -> u64 {
     others.fold(mix(own), |sum, &i| sum.wrapping_add(mix(i)))
 }
 
-/// Whether the closed neighbourhoods of `a` and `b` are equal: a diagonal entry
-/// that is not stored counts as stored.
+/// Whether the closed neighbourhoods of `a` and `b` are equal; each contains the diagonal,
+/// stored or not.
 fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
     let (x, y) = (column(a), column(b));
     if x == y {
@@ -266,15 +264,15 @@ fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
     false
 }
 
-/// Whether unknowns with these neighbours are of one node: most are of the same nodes,
-/// and some the same, for directions that do not act on each other at all had better be
-/// eliminated apart.
+/// Whether unknowns with these neighbours belong to one node: most neighbours are in the same
+/// nodes, and some are the same. Directions without any coupling are better eliminated
+/// separately.
 fn is_alike(a: &[usize], b: &[usize]) -> bool {
     common(a, b, THREE) >= COMMON && common(a, b, 1) >= ACTING
 }
 
-/// Of the neighbours in either of two sorted lists, the part that is in both; of `width`
-/// that follow one another all are the same.
+/// The share of the neighbours in either sorted list that is in both; `width` consecutive ones
+/// count as the same.
 #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
 fn common(a: &[usize], b: &[usize], width: usize) -> f64 {
     let (mut p, mut q, mut both, mut all) = (0, 0, 0_usize, 0_usize);
@@ -298,8 +296,8 @@ fn common(a: &[usize], b: &[usize], width: usize) -> f64 {
 mod tests {
     use super::*;
 
-    /// Nodes of three unknowns along a line, each joined to the nodes beside it, but for
-    /// the pairs of unknowns that `missing` takes out; nothing is joined twice.
+    /// Nodes of three unknowns along a line, each joined to the neighbouring nodes, except for
+    /// the pairs of unknowns in `missing`; no pair is joined twice.
     fn line(nodes: usize, missing: impl Fn(usize, usize) -> bool) -> (Vec<usize>, Vec<usize>) {
         let (mut col_ptr, mut row_idx) = (vec![0], Vec::new());
         for j in 0..3 * nodes {
@@ -319,17 +317,17 @@ mod tests {
             .collect();
         let of = |missing: &dyn Fn(usize, usize) -> bool| {
             let (col_ptr, row_idx) = line(nodes, missing);
-            Quotient::new(&col_ptr, &row_idx, &kept, &place)
+            SupervariableGraph::new(&col_ptr, &row_idx, &kept, &place)
         };
         let whole = of(&|_, _| false);
-        // Of each node the directions do not act on each other, nor the first on the last
-        // of every other node.
+        // Within a node the directions are not coupled, nor the first to the last of every
+        // other node.
         let some = of(&|i, j| i / 3 == j / 3 || i % 6 == 0 && j == i + 5);
         assert_eq!(whole.len(), nodes);
         assert_eq!(some.len(), nodes);
         for v in 0..nodes {
             assert_eq!(some.members(v), whole.members(v));
-            let sorted = |nodes: &Quotient| {
+            let sorted = |nodes: &SupervariableGraph| {
                 let mut list = nodes.neighbours(v).to_vec();
                 list.sort_unstable();
                 list
@@ -339,15 +337,15 @@ mod tests {
         assert_eq!(some.kept(), whole.kept());
     }
 
-    /// Three lines side by side, whose unknowns follow one another: no nodes, but lines.
+    /// Three parallel lines with consecutive unknowns: they are lines, not nodes.
     #[test]
     fn directions_that_do_not_act_stay_apart() {
         let (col_ptr, row_idx) = line(30, |i, j| i % 3 != j % 3);
-        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &[None; 90]);
+        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &[None; 90]);
         assert_eq!(nodes.len(), 90);
     }
 
-    /// Unknowns of a line of nodes with one each have half of their neighbours in common.
+    /// Unknowns of a line of nodes with one unknown each share half of their neighbours.
     #[test]
     fn neighbours_are_not_one_node() {
         let n = 30;
@@ -356,7 +354,7 @@ mod tests {
             .collect();
         let mut col_ptr = vec![0];
         col_ptr.extend((0..n).map(|j| 3 * j + 2 - usize::from(j + 1 == n)));
-        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &vec![None; n]);
+        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &vec![None; n]);
         assert_eq!(nodes.len(), n);
     }
 }

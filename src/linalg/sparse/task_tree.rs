@@ -1,4 +1,4 @@
-//! Working through the tree of tasks, in the rayon pool that is installed.
+//! Runs the tasks of a tree in the current rayon pool.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,19 +7,19 @@ use rayon::Scope;
 
 use crate::linalg::sparse::symbolic::{Symbolic, Task};
 
-/// Does `work` on every task after its children; where it returns false, not on
-/// those above.
+/// Calls `work` for every task after its children. If it returns false, the tasks above are
+/// omitted.
 pub(crate) fn upwards(symbolic: &Symbolic, work: &(impl Fn(usize) -> bool + Sync)) {
     let tasks = &symbolic.tasks;
-    // Children that each task still waits for.
+    // Number of unfinished children of each task.
     let waiting: Vec<AtomicUsize> = tasks
         .iter()
         .map(|t| AtomicUsize::new(t.children.len()))
         .collect();
     let waiting = &waiting;
     rayon::scope(|scope| {
-        // A thread takes its own newest task first: started from the end, one
-        // thread alone works in postorder, whose memory was counted.
+        // A thread takes its own newest task first. Started from the end, a single thread works
+        // in postorder, whose memory was counted.
         for start in (0..tasks.len())
             .rev()
             .filter(|&t| tasks[t].children.is_empty())
@@ -29,8 +29,8 @@ pub(crate) fn upwards(symbolic: &Symbolic, work: &(impl Fn(usize) -> bool + Sync
     });
 }
 
-/// Works on a task, and on those above it as long as it is the last of the
-/// children to finish. A loop, not a recursion: the tree may be deep.
+/// Works on a task, and on its ancestors as long as this was their last child. It is a loop,
+/// because the tree may be too deep for a recursion.
 fn climb(
     tasks: &[Task],
     waiting: &[AtomicUsize],
@@ -48,8 +48,8 @@ fn climb(
     }
 }
 
-/// Does `work` on every task before its children, which are given what it
-/// returns; the roots are given `first`.
+/// Calls `work` for every task before its children, which receive its result; the roots receive
+/// `first`.
 pub(crate) fn downwards<T: Clone + Send + Sync>(
     symbolic: &Symbolic,
     first: &T,
@@ -78,13 +78,13 @@ fn descend<'s, T: Clone + Send + Sync + 's>(
     }
 }
 
-/// A lock that a panic elsewhere does not close: the panic is passed on by
-/// rayon, and what the lock guards is then never read.
+/// A lock that ignores a panic in another thread: rayon passes the panic on, and the data are
+/// then never read.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a lock guards, when nobody else can.
+/// The data of a lock, if no other thread can use it.
 pub(crate) fn inner<T>(mutex: Mutex<T>) -> T {
     mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }

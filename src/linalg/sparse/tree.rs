@@ -1,30 +1,30 @@
 //! From an elimination order to the tree of fronts.
 //!
-//! Elimination tree and row counts (Liu), supernodes, and their relaxation:
-//! small fronts are merged into their parents at the price of some zeros,
-//! because products of a few columns run far below the machine's rate.
+//! Elimination tree and row counts (Liu), supernodes, and their relaxation: small fronts are
+//! merged with their parents, which adds some zeros, because products of a few columns are far
+//! slower than larger ones.
 
 use crate::linalg::packed::Packed;
 use crate::linalg::sparse::csc::narrow;
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 
-/// Merge while the front has at most so many pivots and, of the entries of its
-/// columns, less than this part is zero.
+/// Merge while the front has at most this many pivots and less than this share of the entries
+/// of its columns is zero.
 const RELAX: [(usize, f64); 4] = [(4, 1.0), (16, 0.8), (48, 0.1), (usize::MAX, 0.05)];
 
 const NONE: u32 = u32::MAX;
 
-/// A front of the finished tree.
+/// A front of the final tree.
 #[derive(Debug)]
 pub(crate) struct TreeFront {
-    /// Pivots, as places in the elimination order given.
+    /// Pivots, as places in the given elimination order.
     pub(crate) nodes: Vec<u32>,
     pub(crate) np: usize,
     pub(crate) nf: usize,
     pub(crate) parent: Option<usize>,
 }
 
-/// Fronts in postorder, and the work they stand for.
+/// Fronts in postorder, and their work.
 #[derive(Debug)]
 pub(crate) struct Tree {
     pub(crate) fronts: Vec<TreeFront>,
@@ -40,8 +40,8 @@ pub(crate) fn flops_of(np: usize, nf: usize) -> f64 {
 }
 
 impl Tree {
-    /// `order[place]` is the node eliminated there; kept nodes are not in it.
-    pub(crate) fn new(nodes: &Quotient, order: &[u32]) -> Self {
+    /// `order[place]` is the node eliminated there; it contains no kept nodes.
+    pub(crate) fn new(nodes: &SupervariableGraph, order: &[u32]) -> Self {
         let parent = elimination_tree(nodes, order);
         let (parent, order_of) = postorder(&parent);
         let order: Vec<u32> = order_of.iter().map(|&v| order[v as usize]).collect();
@@ -50,7 +50,7 @@ impl Tree {
         relax(&mut supernodes);
         let touched = first_touch(nodes, &order);
         let mut this = arrange(supernodes, &touched);
-        // Back to the places that the caller knows.
+        // Back to the places in the given order.
         for front in &mut this.fronts {
             for v in &mut front.nodes {
                 *v = order_of[*v as usize];
@@ -61,7 +61,7 @@ impl Tree {
 }
 
 /// Place of each interior node; kept ones have none.
-fn places(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+fn places(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let mut place = vec![NONE; nodes.len()];
     for (at, &v) in (0_u32..).zip(order) {
         place[v as usize] = at;
@@ -69,14 +69,14 @@ fn places(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
     place
 }
 
-fn elimination_tree(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+fn elimination_tree(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let place = places(nodes, order);
     let mut parent = vec![NONE; order.len()];
     let mut ancestor = vec![NONE; order.len()];
     for (at, &v) in (0_u32..).zip(order) {
         for &w in nodes.neighbours(v as usize) {
             let mut k = place[w as usize];
-            // Kept nodes have no place, which is above every other.
+            // Kept nodes have no place, which counts as above every other.
             while k < at {
                 let next = std::mem::replace(&mut ancestor[k as usize], at);
                 if next == NONE {
@@ -90,8 +90,8 @@ fn elimination_tree(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
     parent
 }
 
-/// Renumbers so that every subtree is consecutive and ends with its root:
-/// the new parents, and the old number of each new one.
+/// Renumbers such that every subtree is consecutive and ends with its root: the new parents,
+/// and the old number of each new one.
 fn postorder(parent: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let n = parent.len();
     let mut child = vec![NONE; n];
@@ -129,9 +129,9 @@ fn postorder(parent: &[u32]) -> (Vec<u32>, Vec<u32>) {
     (parent.collect(), old)
 }
 
-/// Unknowns in each column of the factor, itself and kept rows included: row
-/// `i` is in the columns between its neighbours and `i`, climbing the tree.
-fn row_counts(nodes: &Quotient, order: &[u32], parent: &[u32]) -> Vec<usize> {
+/// Unknowns in each column of the factor, with itself and kept rows: row `i` is in the columns
+/// from its neighbours up the tree to `i`.
+fn row_counts(nodes: &SupervariableGraph, order: &[u32], parent: &[u32]) -> Vec<usize> {
     let place = places(nodes, order);
     let mut counts: Vec<usize> = order.iter().map(|&v| nodes.weight(v as usize)).collect();
     let mut seen = vec![NONE; order.len()];
@@ -157,9 +157,9 @@ fn row_counts(nodes: &Quotient, order: &[u32], parent: &[u32]) -> Vec<usize> {
     counts
 }
 
-/// The first column of the factor with an entry in each row: its first
-/// neighbour, or itself.
-fn first_touch(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+/// The first column of the factor with an entry in each row: the first neighbour of the row, or
+/// the row itself.
+fn first_touch(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let place = places(nodes, order);
     let first = |v: &u32| {
         let near = nodes.neighbours(*v as usize).iter();
@@ -175,12 +175,17 @@ struct Supernode {
     nf: usize,
     zeros: usize,
     parent: Option<usize>,
-    /// Set when it has been merged into its parent.
+    /// Set after it is merged with its parent.
     merged: bool,
 }
 
 /// Chains of the tree whose columns have one pattern.
-fn supernodes(nodes: &Quotient, order: &[u32], parent: &[u32], counts: &[usize]) -> Vec<Supernode> {
+fn supernodes(
+    nodes: &SupervariableGraph,
+    order: &[u32],
+    parent: &[u32],
+    counts: &[usize],
+) -> Vec<Supernode> {
     let mut found: Vec<Supernode> = Vec::new();
     let mut of = vec![0; order.len()];
     for v in 0..order.len() {
@@ -211,15 +216,15 @@ fn supernodes(nodes: &Quotient, order: &[u32], parent: &[u32], counts: &[usize])
     found
 }
 
-/// Merges children into parents where [`RELAX`] allows. A parent has every row
-/// of its child but the child's pivots, so the merged front has the parent's
-/// rows and the pivots of both.
+/// Merges children with parents as [`RELAX`] allows. A parent has all rows of its child except
+/// the pivots of the child, so the merged front has the rows of the parent and the pivots of
+/// both.
 #[expect(clippy::cast_precision_loss, reason = "a share for a decision")]
 fn relax(list: &mut [Supernode]) {
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); list.len()];
     for s in 0..list.len() {
         let mut own = std::mem::take(&mut children[s]);
-        // The child whose rows fit best first.
+        // The child with the best fitting rows first.
         own.sort_by_key(|&c| (list[s].nf + list[c].np - list[c].nf, c));
         let mut later = Vec::new();
         for &c in &own {
@@ -252,11 +257,11 @@ fn relax(list: &mut [Supernode]) {
     }
 }
 
-/// Postorder of the merged tree. Of siblings, the one whose peak exceeds what
-/// it leaves by most goes first: least memory on a stack (Liu 1986).
+/// Postorder of the merged tree. Among siblings, the one whose peak exceeds its rest by most
+/// comes first: this needs the least memory on a stack (Liu 1986).
 ///
-/// A front is dense: its pivots may stand in any order. Those that the same
-/// descendants touch stand together, so that updates are added in long runs.
+/// A front is dense, so its pivots may have any order. Pivots reached by the same descendants
+/// are consecutive, so that updates are added in long runs.
 fn arrange(mut list: Vec<Supernode>, touched: &[u32]) -> Tree {
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); list.len()];
     let mut peak = vec![0_usize; list.len()];

@@ -1,8 +1,8 @@
-//! Loads and unknowns on their way through the tree of fronts.
+//! Forward and backward solves in the tree of fronts.
 //!
-//! As with the matrix, a front gathers the loads of its pivots and what its
-//! children have left over for its rows, and leaves something for its parent:
-//! whichever tasks run side by side, sums are taken in one order.
+//! As in the factorisation, a front collects the loads of its pivots and the results of its
+//! children for its rows, and passes a result to its parent. Sums have one order for any
+//! parallel execution.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -12,8 +12,8 @@ use crate::linalg::packed::{Segment, segments};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock};
 
-/// Columns by tasks: of each task the rows of its pivots, one column after
-/// another, in elimination numbering; the rows of the kept unknowns last.
+/// Columns by tasks: for each task the rows of its pivots, column by column, in elimination
+/// numbering; the rows of the kept unknowns come last.
 pub(crate) struct Columns<'a> {
     symbolic: &'a Symbolic,
     count: usize,
@@ -21,7 +21,7 @@ pub(crate) struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    /// From `count` columns in the caller's numbering.
+    /// Made from `count` columns in the numbering of the caller.
     pub(crate) fn new(symbolic: &'a Symbolic, x: &[f64], count: usize) -> Self {
         let mut values = Vec::with_capacity(x.len());
         for rows in stretches(symbolic) {
@@ -37,7 +37,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Back to the caller's numbering.
+    /// Back to the numbering of the caller.
     pub(crate) fn write(&self, x: &mut [f64]) {
         let mut rest = self.values.as_slice();
         for rows in stretches(self.symbolic) {
@@ -79,16 +79,16 @@ fn pivots(symbolic: &Symbolic, task: &Task) -> Range<usize> {
     fronts.first().map_or(0, |f| f.first)..end
 }
 
-/// What a front leaves for the rows after its pivots, `nu × count`.
-type Left = (usize, Vec<f64>);
+/// The result of a front for the rows after its pivots, `nu × count`.
+type FrontRest = (usize, Vec<f64>);
 
-/// Loads on the way to the kept unknowns.
+/// Forward solve of loads, to the kept unknowns.
 pub(crate) struct Forward<'a> {
     symbolic: &'a Symbolic,
     count: usize,
     parts: Vec<Mutex<&'a mut [f64]>>,
     kept: &'a mut [f64],
-    left: Vec<Mutex<Vec<Left>>>,
+    left: Vec<Mutex<Vec<FrontRest>>>,
 }
 
 impl<'a> Forward<'a> {
@@ -104,8 +104,8 @@ impl<'a> Forward<'a> {
         }
     }
 
-    /// What the children of a task have left, with which it begins.
-    pub(crate) fn begin(&self, number: usize) -> Vec<Left> {
+    /// The results of the children of a task, its initial data.
+    pub(crate) fn begin(&self, number: usize) -> Vec<FrontRest> {
         let children = self.symbolic.tasks[number].children.clone();
         let numbers = self.symbolic.task_children[children].iter();
         numbers
@@ -113,9 +113,15 @@ impl<'a> Forward<'a> {
             .collect()
     }
 
-    /// Condenses the loads of a front of this task: `waiting` holds what fronts
-    /// before it have left.
-    pub(crate) fn front(&self, number: usize, f: usize, panel: &[f64], waiting: &mut Vec<Left>) {
+    /// Condenses the loads of a front of this task: `waiting` has the results of earlier
+    /// fronts.
+    pub(crate) fn front(
+        &self,
+        number: usize,
+        f: usize,
+        panel: &[f64],
+        waiting: &mut Vec<FrontRest>,
+    ) {
         let front = &self.symbolic.fronts[f];
         let mut part = lock(&self.parts[number]);
         let own = pivots(self.symbolic, &self.symbolic.tasks[number]);
@@ -149,15 +155,15 @@ impl<'a> Forward<'a> {
         waiting.push((f, rest));
     }
 
-    pub(crate) fn end(&self, number: usize, waiting: Vec<Left>) {
+    pub(crate) fn end(&self, number: usize, waiting: Vec<FrontRest>) {
         *lock(&self.left[number]) = waiting;
     }
 
-    /// Adds to the kept unknowns what reached them.
+    /// Adds the loads that have reached the kept unknowns.
     pub(crate) fn finish(self) {
         let m = self.symbolic.kept();
         let interior = self.symbolic.interior;
-        let mut left: Vec<Vec<Left>> = self.left.into_iter().map(inner).collect();
+        let mut left: Vec<Vec<FrontRest>> = self.left.into_iter().map(inner).collect();
         for &root in &self.symbolic.roots {
             for (front, values) in std::mem::take(&mut left[root]) {
                 let front = &self.symbolic.fronts[front];
@@ -174,7 +180,7 @@ impl<'a> Forward<'a> {
     }
 }
 
-/// Unknowns on the way back from the kept ones.
+/// Backward solve of unknowns, from the kept ones.
 pub(crate) struct Backward<'a> {
     symbolic: &'a Symbolic,
     count: usize,
@@ -183,7 +189,7 @@ pub(crate) struct Backward<'a> {
 }
 
 /// The unknowns of a front, `nf × count`.
-pub(crate) type Known = Option<Arc<(usize, Vec<f64>)>>;
+pub(crate) type FrontUnknowns = Option<Arc<(usize, Vec<f64>)>>;
 
 impl<'a> Backward<'a> {
     pub(crate) fn new(columns: &'a mut Columns<'_>) -> Self {
@@ -197,18 +203,18 @@ impl<'a> Backward<'a> {
         }
     }
 
-    /// Recovers the unknowns of a task, those of the front above it given;
-    /// returns those of its last front.
+    /// Recovers the unknowns of a task, given those of the front above it; returns those of its
+    /// last front.
     pub(crate) fn task<'p>(
         &self,
         number: usize,
-        given: Known,
+        given: FrontUnknowns,
         panel: impl Fn(&Front) -> &'p [f64],
-    ) -> Known {
+    ) -> FrontUnknowns {
         let task = &self.symbolic.tasks[number];
         let mut part = lock(&self.parts[number]);
         let own = pivots(self.symbolic, task);
-        // Fronts whose descendants are not all done.
+        // Fronts with unfinished descendants.
         let mut above: Vec<Arc<(usize, Vec<f64>)>> = given.into_iter().collect();
         for f in task.fronts.clone().rev() {
             let front = &self.symbolic.fronts[f];
@@ -265,7 +271,7 @@ impl<'a> Backward<'a> {
     }
 }
 
-/// How the updated rows of a front lie in its parent.
+/// Positions of the updated rows of a front in its parent.
 fn places(symbolic: &Symbolic, child: &Front, parent: &Front) -> Vec<Segment> {
     let rows = symbolic.runs_of(parent);
     segments(symbolic.runs_of(child), parent.first, parent.np, rows)

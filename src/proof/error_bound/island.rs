@@ -1,4 +1,4 @@
-//! What is proved of one island, and how far the answer may lie from a point on it.
+//! The error bound of one island.
 
 use std::sync::atomic::AtomicBool;
 
@@ -6,47 +6,47 @@ use crate::error::Error;
 use crate::law::face::{Face, Place};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
-use crate::linalg::verified_cholesky::{Below, Ellipsoid, gamma};
+use crate::linalg::verified_cholesky::{Ellipsoid, VerifiedCholesky, gamma};
 use crate::proof::contraction::contraction;
 use crate::proof::monotonicity::{
-    Known, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
+    KnownSlip, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
 };
 use crate::proof::weights::{self, Common};
 use crate::reduced::reduced::Reduced;
 
-/// An energy below this, in scaled variables, may have lost terms to underflow.
+/// A smaller energy, in scaled variables, may have lost terms to underflow.
 const LEAST_ENERGY: f64 = 1e-280;
 
-/// Unknowns up to which a ball is tried: a factor for each radius.
+/// With at most this many unknowns a ball is tried: each radius needs a factor.
 const LARGEST_OF_BALLS: usize = 1000;
 
-/// An island with what is proved of its `W`.
+/// An island with its factors, which do not depend on a point.
 #[derive(Debug)]
 pub(super) struct Island<const D: usize> {
     pub(super) monotonicity: Monotonicity<D>,
-    /// Below the symmetric part of `W`, which is `half`.
-    pub(super) of_w: Below,
+    /// A factor below the symmetric part of `W`, which is `half`.
+    pub(super) of_w: VerifiedCholesky,
     /// `|d_j| ≤ width · ‖d‖`.
     pub(super) widths_of_w: Vec<f64>,
     pub(super) half: Vec<f64>,
     pub(super) common: Common,
     pub(super) refined: Option<Weights>,
     pub(super) contraction: Option<f64>,
-    pub(super) global: Option<Certificate<D>>,
+    pub(super) global: Option<IslandFactor<D>>,
     /// Rows of `Ŵ` of all components of the island, each over its unknowns.
     pub(super) rows: Vec<f64>,
 }
 
-/// A factor below `A` and what follows from it for any point.
+/// A factor below `A` and its consequences for any point.
 #[derive(Debug)]
-pub(super) struct Certificate<const D: usize> {
+pub(super) struct IslandFactor<const D: usize> {
     pub(super) ties: Ties,
     pub(super) normal: Vec<f64>,
-    pub(super) known: Vec<Known<D>>,
-    pub(super) below: Below,
+    pub(super) known: Vec<KnownSlip<D>>,
+    pub(super) cholesky: VerifiedCholesky,
     /// `L Lᵀ ≽ α W`.
     pub(super) alpha: f64,
-    /// Of the unit ellipsoid, along the unknowns and along the rows of `Ŵ`.
+    /// The widths of the unit ellipsoid along the unknowns and along the rows of `Ŵ`.
     pub(super) widths: Widths,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Widths {
     pub(super) displacement: Vec<f64>,
 }
 
-/// A point of the cones to start from, scaled, with what rounding leaves open.
+/// A start point in the cones, scaled, with its rounding errors.
 pub(super) struct Candidate<const D: usize> {
     pub(super) faces: Vec<Face<D>>,
     pub(super) v: Vec<[f64; D]>,
@@ -65,18 +65,18 @@ pub(super) struct Candidate<const D: usize> {
     pub(super) off: Vec<[f64; D]>,
 }
 
-/// A bound on one island, scaled, from `r` itself.
+/// A bound on one island, scaled, for `r`.
 #[derive(Clone, Debug)]
-pub(super) struct Found<const D: usize> {
+pub(super) struct IslandBound<const D: usize> {
     pub(super) energy: f64,
-    /// Radius of the ball around `r` in which the answer is the only one.
+    /// Radius of the ball around `r` in which the solution is unique.
     pub(super) alone_within: f64,
     pub(super) reaction: Vec<[f64; D]>,
     pub(super) displacement: Vec<[f64; D]>,
 }
 
 impl<const D: usize> Island<D> {
-    /// Nothing where the symmetric part of `W` is not positive definite.
+    /// `None` if the symmetric part of `W` is not positive definite.
     pub(super) fn new(
         problem: &Reduced<D>,
         units: &Units,
@@ -85,7 +85,7 @@ impl<const D: usize> Island<D> {
     ) -> Result<Option<Self>, Error> {
         let all = monotonicity.all();
         let (half, error) = monotonicity.symmetric_part(&all);
-        let Some(of_w) = Below::new(half.clone(), all.len(), error, stop)? else {
+        let Some(of_w) = VerifiedCholesky::new(half.clone(), all.len(), error, stop)? else {
             return Ok(None);
         };
         let common = weights::common(&monotonicity, of_w.lower());
@@ -109,26 +109,26 @@ impl<const D: usize> Island<D> {
             rows,
             monotonicity,
         };
-        let known = vec![Known::Nothing; island.monotonicity.mu.len()];
+        let known = vec![KnownSlip::Nothing; island.monotonicity.mu.len()];
         let tried: Vec<Weights> = island.tried().cloned().collect();
         for weights in tried {
             island.global =
-                island.certificate(Ties::none(all.clone()), &weights, known.clone(), stop)?;
-            if let Some(certificate) = &mut island.global {
-                certificate.widths = widths(&island.rows, &island.monotonicity, certificate);
+                island.factor(Ties::none(all.clone()), &weights, known.clone(), stop)?;
+            if let Some(factor) = &mut island.global {
+                factor.widths = widths(&island.rows, &island.monotonicity, factor);
                 break;
             }
         }
         Ok(Some(island))
     }
 
-    /// The weights to try, best first.
+    /// The weights to try, the best first.
     pub(super) fn tried(&self) -> impl Iterator<Item = &Weights> + use<'_, D> {
         let refined = self.refined.iter();
         refined.chain(std::iter::once(&self.common.weights))
     }
 
-    /// A contact with a reaction where the law leaves none.
+    /// A contact with a reaction that the law excludes.
     pub(super) fn impossible(&self, r: &[[f64; D]]) -> Option<usize> {
         let carried = |&position: &usize| {
             (0..D)
@@ -137,40 +137,40 @@ impl<const D: usize> Island<D> {
         self.monotonicity.nodes.clone().find(carried)
     }
 
-    pub(super) fn certificate(
+    pub(super) fn factor(
         &self,
         ties: Ties,
         weights: &Weights,
-        known: Vec<Known<D>>,
+        known: Vec<KnownSlip<D>>,
         stop: &AtomicBool,
-    ) -> Result<Option<Certificate<D>>, Error> {
+    ) -> Result<Option<IslandFactor<D>>, Error> {
         let all = ties.unknowns();
         let (form, error) = ties.compress(self.monotonicity.form(&all, weights, &known));
-        let Some(below) = Below::new(form.clone(), ties.len(), error, stop)? else {
+        let Some(cholesky) = VerifiedCholesky::new(form.clone(), ties.len(), error, stop)? else {
             return Ok(None);
         };
         let (half, of_half) = ties.compress(self.monotonicity.symmetric_part(&all));
-        let ratio = least_ratio((&form, error), below.lower(), (&half, of_half), stop)?;
-        Ok(ratio.map(|alpha| Certificate {
+        let ratio = least_ratio((&form, error), cholesky.lower(), (&half, of_half), stop)?;
+        Ok(ratio.map(|alpha| IslandFactor {
             normal: weights.normal.clone(),
             widths: Widths::default(),
             ties,
             known,
-            below,
+            cholesky,
             alpha,
         }))
     }
 
-    /// The least over the candidates, number by number: there is one answer only.
+    /// The smallest bound over the candidates, number by number: there is only one solution.
     pub(super) fn global_bound(
         &self,
         candidates: &[Candidate<D>; 2],
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
-    ) -> Option<Found<D>> {
-        let certificate = self.global.as_ref()?;
+    ) -> Option<IslandBound<D>> {
+        let factor = self.global.as_ref()?;
         let [mut first, second] = candidates.each_ref().map(|candidate| {
-            let ellipsoid = self.ellipsoid(certificate, candidate);
-            self.found(certificate, candidate, given, &ellipsoid, f64::INFINITY)
+            let ellipsoid = self.ellipsoid(factor, candidate);
+            self.found(factor, candidate, given, &ellipsoid, f64::INFINITY)
         });
         let least = |a: &mut [[f64; D]], b: &[[f64; D]]| {
             for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
@@ -183,22 +183,22 @@ impl<const D: usize> Island<D> {
         Some(first)
     }
 
-    /// The ellipsoid that holds `d`, over the unknowns kept.
+    /// The ellipsoid that contains `d`, over the kept unknowns.
     pub(super) fn ellipsoid(
         &self,
-        certificate: &Certificate<D>,
+        factor: &IslandFactor<D>,
         candidate: &Candidate<D>,
     ) -> Ellipsoid {
-        let Certificate { ties, known, .. } = certificate;
-        let (e, error) = self.misfit(ties, &certificate.normal, known, candidate);
-        certificate.below.ellipsoid(&e, &error)
+        let IslandFactor { ties, known, .. } = factor;
+        let (e, error) = self.misfit(ties, &factor.normal, known, candidate);
+        factor.cholesky.ellipsoid(&e, &error)
     }
 
     pub(super) fn misfit(
         &self,
         ties: &Ties,
         normal: &[f64],
-        known: &[Known<D>],
+        known: &[KnownSlip<D>],
         candidate: &Candidate<D>,
     ) -> (Vec<f64>, Vec<f64>) {
         let first = self.monotonicity.nodes.start;
@@ -211,7 +211,7 @@ impl<const D: usize> Island<D> {
                 return face.misfit_along(v[0], dv[0], p);
             }
             let (e, error) = match known[contact] {
-                Known::Sticks => Face::misfit_held(v, dv, p),
+                KnownSlip::Sticks => Face::misfit_held(v, dv, p),
                 _ => face.misfit(v, dv, p, self.monotonicity.mu[contact]),
             };
             (e[k], error[k])
@@ -219,14 +219,14 @@ impl<const D: usize> Island<D> {
         ties.kept.iter().zip(&ties.tied).map(of).unzip()
     }
 
-    /// `‖d‖` in the norm of `W`, from above.
-    pub(super) fn length(&self, certificate: &Certificate<D>, ellipsoid: &Ellipsoid) -> f64 {
-        let whole = self.spread(&certificate.ties, &ellipsoid.centre);
+    /// `‖d‖` in the norm of `W`, rounded up.
+    pub(super) fn length(&self, factor: &IslandFactor<D>, ellipsoid: &Ellipsoid) -> f64 {
+        let whole = self.spread(&factor.ties, &ellipsoid.centre);
         let room = 1.0 + gamma(whole.len());
-        room * (self.norm(&whole) + ellipsoid.radius / certificate.alpha.sqrt())
+        room * (self.norm(&whole) + ellipsoid.radius / factor.alpha.sqrt())
     }
 
-    /// Values of the unknowns kept, and what they carry along, among zeros.
+    /// Values of the kept unknowns and of those that depend on them; zero elsewhere.
     pub(super) fn spread(&self, ties: &Ties, values: &[f64]) -> Vec<f64> {
         let mut whole = vec![0.0; self.monotonicity.order()];
         for ((&unknown, tied), &value) in ties.kept.iter().zip(&ties.tied).zip(values) {
@@ -238,13 +238,13 @@ impl<const D: usize> Island<D> {
         whole
     }
 
-    /// `√(xᵀ W x)`, from above.
+    /// `√(xᵀ W x)`, rounded up.
     pub(super) fn norm(&self, x: &[f64]) -> f64 {
         let (energy, lost, e) = self.energy(x);
         times_two_to((energy.max(0.0) + lost).sqrt() * (1.0 + gamma(0)), e)
     }
 
-    /// `√(rᵀ W r)`, from below.
+    /// `√(rᵀ W r)`, rounded down.
     pub(super) fn least_size(&self, r: &[[f64; D]]) -> f64 {
         let x: Vec<f64> = self
             .monotonicity
@@ -256,8 +256,8 @@ impl<const D: usize> Island<D> {
         times_two_to((energy - lost).max(0.0).sqrt() * (1.0 - gamma(0)), e)
     }
 
-    /// `xᵀ W x` of `x` over a power of two, which makes its largest entry about one: what
-    /// is computed, what that may be off by, and the exponent.
+    /// `xᵀ W x` for `x` over a power of two that makes its largest entry about one: the value,
+    /// its error and the exponent.
     fn energy(&self, x: &[f64]) -> (f64, f64, i32) {
         let e = exponent(x.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
         let x: Vec<f64> = x.iter().map(|x| times_two_to(*x, -e)).collect();
@@ -267,7 +267,7 @@ impl<const D: usize> Island<D> {
         (energy, lost, e)
     }
 
-    /// `‖r − r̂‖` in the norm of `W`, from above.
+    /// `‖r − r̂‖` in the norm of `W`, rounded up.
     pub(super) fn off(&self, candidate: &Candidate<D>) -> f64 {
         let components = &self.monotonicity.components;
         let off: Vec<f64> = components
@@ -278,25 +278,25 @@ impl<const D: usize> Island<D> {
             .iter()
             .map(|&(i, _)| candidate.faces[i].moved)
             .collect();
-        // The difference is rounded, and the point of the cone is not the numbers.
+        // The difference is rounded, and the point of the cone differs from its numbers.
         let blur = (norm(&self.half) * (1.0 + gamma(off.len()))).sqrt();
         let blurred = norm(&moved) + f64::EPSILON * norm(&off);
         self.norm(&off) + (1.0 + gamma(off.len())) * blur * blurred
     }
 
-    /// What an ellipsoid around a candidate says of `r` and of the `v` reported with it.
+    /// The bound for `r` and its reported `v` from an ellipsoid around a candidate.
     pub(super) fn found(
         &self,
-        certificate: &Certificate<D>,
+        factor: &IslandFactor<D>,
         candidate: &Candidate<D>,
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
         ellipsoid: &Ellipsoid,
         ball: f64,
-    ) -> Found<D> {
+    ) -> IslandBound<D> {
         let nodes = self.monotonicity.nodes.clone();
-        let centre = self.spread(&certificate.ties, &ellipsoid.centre);
+        let centre = self.spread(&factor.ties, &ellipsoid.centre);
         let radius = ellipsoid.radius;
-        let width = self.spread(&certificate.ties, &certificate.widths.reaction);
+        let width = self.spread(&factor.ties, &factor.widths.reaction);
         let n = self.monotonicity.order();
         let room = 1.0 + gamma(n);
         let mut reaction = vec![[0.0; D]; nodes.len()];
@@ -305,7 +305,7 @@ impl<const D: usize> Island<D> {
             for k in 0..D {
                 let row = &self.rows[(D * contact + k) * n..][..n];
                 let moved: f64 = row.iter().zip(&centre).map(|(w, c)| w * c).sum();
-                let along = certificate.widths.displacement[D * contact + k];
+                let along = factor.widths.displacement[D * contact + k];
                 let apart = (given.0[position][k] - candidate.v[position][k]).abs();
                 displacement[contact][k] = room
                     * (apart
@@ -323,36 +323,36 @@ impl<const D: usize> Island<D> {
             }
         }
         let off = self.off(candidate);
-        Found {
-            energy: room * (off + self.length(certificate, ellipsoid)),
+        IslandBound {
+            energy: room * (off + self.length(factor, ellipsoid)),
             alone_within: ball - off,
             reaction,
             displacement,
         }
     }
 
-    /// Around a candidate, a ball with exactly one answer, where one is found.
+    /// A ball around a candidate with exactly one solution, if one is found.
     ///
-    /// In the ball `‖d‖ ≤ R`, with the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
-    /// most `ω = √‖W_tt‖ R`. Contacts that stay open by this have no reaction at any point of
-    /// it that can be an answer, those that slide by more than ω keep their direction to
-    /// [`Known::Slides`], in the plane with a reaction on one ray, and those whose reaction
-    /// stays inside its cone stick. If `A` made with this is positive definite and bounds `d` by less
-    /// than `R`, the variational inequality on the ball and on cones that know this (zero,
-    /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
-    /// has it inside the ball, and so is an answer; two of them in the ball would
-    /// contradict the monotonicity.
+    /// In the ball `‖d‖ ≤ R`, in the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
+    /// most `ω = √‖W_tt‖ R`. Contacts open by more than this have no reaction in any solution
+    /// in the ball. Contacts that slide by more than ω keep their direction up to
+    /// [`KnownSlip::Slides`]; in the plane their reaction lies on one ray. Contacts whose
+    /// reaction stays inside its cone stick. Now let `A` made with this be positive definite
+    /// and bound `d` by less than `R`. The variational inequality on the ball and on these
+    /// smaller cones (zero, the ray, or the whole space where `v = 0`) has a solution, because
+    /// the set is compact. This solution lies inside the ball, and so solves the problem. Two
+    /// solutions in the ball would contradict the monotonicity.
     ///
-    /// The ball is around the candidate. It is wide enough for one around `r` that holds
-    /// the answer, and has the radius `least` or more, to lie within.
+    /// The ball is around the candidate. It contains a ball around `r` that contains the
+    /// solution and has at least the radius `least`.
     pub(super) fn local_bound(
         &self,
         candidates: &[Candidate<D>; 2],
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
         least: f64,
         stop: &AtomicBool,
-    ) -> Result<Option<Found<D>>, Error> {
-        /// Radii to try, in lengths of `e`; larger ones know less.
+    ) -> Result<Option<IslandBound<D>>, Error> {
+        /// Radii to try, in lengths of `e`; with a larger radius less is known of the contacts.
         const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
         let n = self.monotonicity.order();
         if !self.monotonicity.symmetric || n > LARGEST_OF_BALLS {
@@ -360,7 +360,7 @@ impl<const D: usize> Island<D> {
         }
         for candidate in candidates {
             for weights in self.tried() {
-                let nothing = vec![Known::Nothing; self.monotonicity.mu.len()];
+                let nothing = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
                 let all = Ties::none(self.monotonicity.all());
                 let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
                 let length = 2.0 * self.of_w.ellipsoid(&e, &error).radius;
@@ -373,7 +373,7 @@ impl<const D: usize> Island<D> {
                     let Some(tried) = self.within(radius, weights, candidate, stop)? else {
                         break;
                     };
-                    // For what is rounded up on the way to the caller.
+                    // A margin for later upward rounding.
                     let room = 1.0 + 4.0 * gamma(n);
                     let whole = least.max(room * (off + tried.1));
                     if room * (off + whole) < radius {
@@ -384,7 +384,7 @@ impl<const D: usize> Island<D> {
                 let Some((mut best, ball)) = found else {
                     continue;
                 };
-                // The answer lies nearer than the ball is wide: more is known there.
+                // The solution is nearer than the radius: more is known in a smaller ball.
                 for _ in 0..2 {
                     let nearer = 1.2 * best.1;
                     match self.within(nearer, weights, candidate, stop)? {
@@ -392,28 +392,28 @@ impl<const D: usize> Island<D> {
                         _ => break,
                     }
                 }
-                let mut certificate = best.0;
-                certificate.widths = widths(&self.rows, &self.monotonicity, &certificate);
-                let ellipsoid = self.ellipsoid(&certificate, candidate);
-                let found = self.found(&certificate, candidate, given, &ellipsoid, ball);
+                let mut factor = best.0;
+                factor.widths = widths(&self.rows, &self.monotonicity, &factor);
+                let ellipsoid = self.ellipsoid(&factor, candidate);
+                let found = self.found(&factor, candidate, given, &ellipsoid, ball);
                 return Ok(Some(found));
             }
         }
         Ok(None)
     }
 
-    /// What holds for the answers within a ball: a certificate and the bound of `‖d‖`.
+    /// A factor and the bound of `‖d‖` that hold for the solutions in a ball.
     pub(super) fn within(
         &self,
         radius: f64,
         weights: &Weights,
         candidate: &Candidate<D>,
         stop: &AtomicBool,
-    ) -> Result<Option<(Certificate<D>, f64)>, Error> {
+    ) -> Result<Option<(IslandFactor<D>, f64)>, Error> {
         let n = self.monotonicity.order();
         let room = 1.0 + gamma(D);
         let entry = |i: usize, j: usize| self.half[j * n + i];
-        let mut known = vec![Known::Nothing; self.monotonicity.mu.len()];
+        let mut known = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
         let mut ties = Ties::default();
         for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
             let at = |k: usize| self.monotonicity.unknown(position, k);
@@ -434,10 +434,10 @@ impl<const D: usize> Island<D> {
                 let least = mu * (face.reaction[0] - lengths[0]) / room;
                 let most = room * (tangential_norm(&face.reaction) + tangential_norm(&lengths));
                 if least > most {
-                    known[contact] = Known::Sticks;
+                    known[contact] = KnownSlip::Sticks;
                 }
             }
-            let sticks = matches!(known[contact], Known::Sticks);
+            let sticks = matches!(known[contact], KnownSlip::Sticks);
             let largest = match tangents[..] {
                 [i] => entry(i, i),
                 [i, j] => {
@@ -451,17 +451,17 @@ impl<const D: usize> Island<D> {
             if slip > turned && !sticks && !tangents.is_empty() {
                 let mut direction = v.map(|c| c / tangential_norm(v));
                 direction[0] = 0.0;
-                // ‖x/‖x‖ − y/‖y‖‖ ≤ 2 ‖x − y‖/‖x‖; in the plane, no turn at all.
+                // ‖x/‖x‖ − y/‖y‖‖ ≤ 2 ‖x − y‖/‖x‖; in the plane the direction does not turn.
                 let turn = if D == 2 {
                     0.0
                 } else {
                     2.0 * room * turned / slip + 8.0 * f64::EPSILON
                 };
-                // Beyond 1 the triangle inequality says more.
+                // Above 1 the triangle inequality is better.
                 if turn < 1.0 {
-                    known[contact] = Known::Slides { direction, turn };
+                    known[contact] = KnownSlip::Slides { direction, turn };
                 }
-                // In the plane the reaction is known to its size, where r̂ agrees.
+                // In the plane the direction of the reaction is known, if r̂ agrees.
                 let agrees = match face.place {
                     Place::Apex => true,
                     Place::Ray(ray) => ray[1] * direction[1] < 0.0,
@@ -476,19 +476,19 @@ impl<const D: usize> Island<D> {
                 ties.push(unknown, None);
             }
         }
-        let certificate = self.certificate(ties, weights, known, stop)?;
-        Ok(certificate.map(|certificate| {
-            let ellipsoid = self.ellipsoid(&certificate, candidate);
-            let length = self.length(&certificate, &ellipsoid);
-            (certificate, length)
+        let factor = self.factor(ties, weights, known, stop)?;
+        Ok(factor.map(|factor| {
+            let ellipsoid = self.ellipsoid(&factor, candidate);
+            let length = self.length(&factor, &ellipsoid);
+            (factor, length)
         }))
     }
 
-    /// `‖r − r*‖` by what is missing: with `L < 1`, and `u` such that no contact
+    /// A bound of `‖r − r*‖` by the missing energy: with `L < 1` and a `u` for which no contact
     /// penetrates, `½ (1 − L) (‖u − u*‖² + ‖r̂ − r*‖²) ≤ B(u, r̂)`.
     ///
-    /// `B = ½ ‖u − w‖² + Σ γ` where `w` is in equilibrium with `r̂`; `u` lifts the contacts
-    /// that penetrate, by `λ`, at the least energy, `½ λᵀ W⁻¹ λ`.
+    /// `B = ½ ‖u − w‖² + Σ γ`, with `w` in equilibrium with `r̂`; `u` lifts penetrating
+    /// contacts by `λ` with the least energy, `½ λᵀ W⁻¹ λ`.
     pub(super) fn energy_by_gap(&self, candidate: &Candidate<D>) -> Option<f64> {
         let contraction = self.contraction?;
         let mut lift = vec![0.0; self.monotonicity.order()];
@@ -522,7 +522,7 @@ impl<const D: usize> Island<D> {
         let missing = (half + gaps) * (1.0 + gamma(lift.len()));
         let nodes = self.monotonicity.nodes.clone();
         let pressed = candidate.faces[nodes].iter().any(|f| f.reaction[0] != 0.0);
-        // Products of two small numbers: their sum is no longer one from above.
+        // Products of two small numbers: their sum is not an upper bound.
         if missing < LEAST_ENERGY && (pressed || lift.iter().any(|&l| l != 0.0)) {
             return None;
         }
@@ -530,15 +530,15 @@ impl<const D: usize> Island<D> {
     }
 }
 
-/// Widths of the unit ellipsoid of a certificate, along its unknowns and along rows.
+/// Widths of the unit ellipsoid of a factor, along its unknowns and along rows.
 fn widths<const D: usize>(
     rows: &[f64],
     monotonicity: &Monotonicity<D>,
-    certificate: &Certificate<D>,
+    factor: &IslandFactor<D>,
 ) -> Widths {
     let count = D * monotonicity.nodes.len();
     let mut displacement = vec![0.0; count];
-    let Ties { kept, tied } = &certificate.ties;
+    let Ties { kept, tied } = &factor.ties;
     if !kept.is_empty() {
         let mut along = Vec::with_capacity(count * kept.len());
         let mut errors = Vec::with_capacity(count);
@@ -553,10 +553,10 @@ fn widths<const D: usize>(
             }
             errors.push(rounding);
         }
-        displacement = certificate.below.widths_along(&along, &errors);
+        displacement = factor.cholesky.widths_along(&along, &errors);
     }
     Widths {
-        reaction: certificate.below.widths(),
+        reaction: factor.cholesky.widths(),
         displacement,
     }
 }

@@ -1,18 +1,16 @@
-//! How far a point is from the answer, proved: the error bound of chapter 9 of
-//! `docs/paper`.
+//! A proved bound of the distance of a point from the solution, see chapter 9 of `docs/paper`.
 //!
-//! Where `A` of [`monotonicity`](crate::proof::monotonicity) is positive definite there is exactly
-//! one answer `r*`. For `r̂ ∈ K_μ` and `y ∈ K*_μ` orthogonal to it, `e = y − V(r̂)` and
+//! If `A` of [`monotonicity`](crate::proof::monotonicity) is positive definite, there is
+//! exactly one solution `r*`. For `r̂ ∈ K_μ` and an orthogonal `y ∈ K*_μ`, `e = y − V(r̂)` and
 //! `d = r̂ − r*` satisfy
 //!
 //! ```text
 //! dᵀ A d + e·d ≤ 0,
 //! ```
 //!
-//! an ellipsoid that holds `d`. Everything is in variables scaled by powers of two,
-//! which is exact, and every rounding is counted: that of `W r̂ + q`, of `e`, of `A`, of
-//! its factor and of solves with it. What is bounded is the distance to the answer of
-//! `W`, `q`, `μ` as they stand in memory.
+//! an ellipsoid that contains `d`. All variables are scaled by powers of two, which is exact,
+//! and every rounding is bounded: that of `W r̂ + q`, of `e`, of `A`, of its factor and of
+//! solves with it. The bound is for the solution with `W`, `q`, `μ` as they are in memory.
 
 mod island;
 
@@ -29,14 +27,13 @@ use crate::proof::error_bound::island::{Candidate, Island};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
 use crate::reduced::reduced::Reduced;
 
-/// Unknowns of an island above which nothing is proved: some ten dense matrices of
-/// that order are made.
+/// Islands with more unknowns get no bound: it needs about ten dense matrices of this order.
 pub const LARGEST: usize = 3000;
 
-/// Why there is no bound. Contacts are in the caller's numbering.
+/// Why there is no bound. Contacts are in the numbering of the caller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
-    /// Bodies held by contact alone: friction feels a motion that `A` does not.
+    /// Only contact holds a body: `A` has no information on its rigid motions.
     HeldByContact,
     /// A contact penetrates that nothing can move.
     NoAnswer {
@@ -46,14 +43,14 @@ pub enum Reason {
     Touching {
         contact: usize,
     },
-    /// A tangent that nothing moves, with friction.
+    /// A tangent with friction that nothing moves.
     Led {
         contact: usize,
     },
     TooLarge {
         unknowns: usize,
     },
-    /// The symmetric part of `W` is not positive definite to rounding.
+    /// The symmetric part of `W` is not positive definite beyond rounding.
     NotDefinite {
         contact: usize,
     },
@@ -61,20 +58,19 @@ pub enum Reason {
     Friction {
         contact: usize,
     },
-    /// A reaction where the law leaves none: a tangent without friction, a contact
-    /// that stays open.
+    /// A reaction that the law excludes: on a tangent without friction, or at a contact that
+    /// stays open.
     Impossible {
         contact: usize,
     },
-    /// Friction that depends on direction: the rounding of the change of variables
-    /// that makes it Coulomb's is not counted.
+    /// Friction with two coefficients: the rounding of its change of variables is not bounded.
     Directional,
     /// Numbers beyond the range of doubles.
     Range,
 }
 
 impl Reason {
-    /// A word for it, and the contact or number of unknowns that it names.
+    /// A word for it, and its contact or number of unknowns.
     #[must_use]
     pub fn told(self) -> (&'static str, usize) {
         match self {
@@ -92,17 +88,17 @@ impl Reason {
     }
 }
 
-/// What a bound says.
+/// The kinds of bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
-    /// There is one answer, and it is this near.
+pub enum BoundKind {
+    /// There is one solution, within this distance.
     Global,
-    /// One answer is this near; it is the only one within a ball.
+    /// A solution is within this distance; it is the only one within a ball.
     Local,
     NotAvailable(Reason),
 }
 
-impl Kind {
+impl BoundKind {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -113,36 +109,36 @@ impl Kind {
     }
 }
 
-/// A bound of the error of a point, in the caller's units and numbering; what is not
-/// available is empty.
+/// A bound of the error of a point, in the units and numbering of the caller; unavailable parts
+/// are empty.
 #[derive(Clone, Debug)]
 pub struct Bound<const D: usize> {
-    pub kind: Kind,
+    pub kind: BoundKind,
     /// `‖r − r*‖` in the norm of `W`.
     pub energy: f64,
-    /// That over `‖r*‖`; infinite where `r* = 0` is not excluded.
+    /// The same over `‖r*‖`; infinite if `r* = 0` is not excluded.
     pub relative: f64,
-    /// Of a local bound, how far from `r` in that norm there is no other answer;
-    /// infinite for a global one.
+    /// For a local bound, the radius of the ball around `r` without another solution, in this
+    /// norm; infinite for a global bound.
     pub alone_within: f64,
     pub reaction: Vec<[f64; D]>,
     pub relative_displacement: Vec<[f64; D]>,
-    /// `L`, where it is proved to be below 1 on every island.
+    /// `L`, if it is proved to be below 1 on each island.
     pub contraction: Option<f64>,
-    /// `‖r − r*‖` by the energy that is missing, where `L < 1`.
+    /// A bound of `‖r − r*‖` by the missing energy, if `L < 1`.
     pub energy_by_gap: Option<f64>,
-    /// Gap of the bipotential, contact by contact, at `r` itself.
+    /// Gap of the bipotential of each contact, at `r`.
     pub gap: Vec<f64>,
-    /// The sum of the gaps over `½ rᵀ W r`, what the reactions store; nothing where
-    /// numbers leave the range of doubles.
+    /// The sum of the gaps over `½ rᵀ W r`, the energy of the reactions; `None` outside the
+    /// range of doubles.
     pub share: Option<f64>,
 }
 
 impl<const D: usize> Bound<D> {
-    /// What is said without a bound.
+    /// The result without a bound.
     fn none(self, reason: Reason) -> Self {
         Self {
-            kind: Kind::NotAvailable(reason),
+            kind: BoundKind::NotAvailable(reason),
             energy: f64::INFINITY,
             relative: f64::INFINITY,
             alone_within: 0.0,
@@ -161,7 +157,7 @@ impl<const D: usize> Bound<D> {
             .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
             .collect();
         Self {
-            kind: Kind::Global,
+            kind: BoundKind::Global,
             energy: 0.0,
             relative: 0.0,
             alone_within: f64::INFINITY,
@@ -175,16 +171,15 @@ impl<const D: usize> Bound<D> {
     }
 }
 
-/// What bounds have in common for one `W` and `μ`.
+/// Data shared by the bounds of one `W` and `μ`.
 #[derive(Debug)]
 pub struct Prepared<const D: usize> {
     units: Units,
     islands: Result<Vec<Island<D>>, Reason>,
 }
 
-/// The relative displacement that is reported beside a reaction, and how far that
-/// may be from what it stands for.
-pub type Given<'a, const D: usize> = (&'a [[f64; D]], &'a [[f64; D]]);
+/// The relative displacement that is reported for a reaction, and its error.
+pub type Reported<'a, const D: usize> = (&'a [[f64; D]], &'a [[f64; D]]);
 
 impl<const D: usize> Prepared<D> {
     /// Weights, factors and widths for a problem.
@@ -197,7 +192,7 @@ impl<const D: usize> Prepared<D> {
         Ok(Self { units, islands })
     }
 
-    /// Of a problem of which nothing can be proved.
+    /// For a problem without a bound, with the reason.
     #[must_use]
     pub fn refused(problem: &Reduced<D>, reason: Reason) -> Self {
         Self {
@@ -244,8 +239,8 @@ impl<const D: usize> Prepared<D> {
         Ok(Ok(islands))
     }
 
-    /// The bound at a reaction, in the order of positions; `given` is what is reported
-    /// as its relative displacement, `W r + q` itself without.
+    /// The bound at a reaction in the order of positions. `given` is its reported relative
+    /// displacement; without it, `W r + q` is used.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -253,7 +248,7 @@ impl<const D: usize> Prepared<D> {
         &self,
         problem: &Reduced<D>,
         (r, rigid): (&[[f64; D]], &[f64]),
-        given: Option<Given<'_, D>>,
+        given: Option<Reported<'_, D>>,
         stop: &AtomicBool,
     ) -> Result<Bound<D>, Error> {
         let mut bound = Bound::start(problem, r, rigid);
@@ -296,15 +291,15 @@ impl<const D: usize> Prepared<D> {
             [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
         let room = 1.0 + gamma(islands.len());
         let mut energy = 0.0_f64;
-        // Other answers differ from r on one island at least, this one on all: where a ball
-        // is smaller than what all add up to, a wider one is asked for.
+        // Other solutions differ from r on at least one island, this one on all. If a ball is
+        // smaller than the sum over all islands, a wider one is tried.
         for least in [false, true] {
             let least = if least { energy } else { 0.0 };
             (energy, bound.alone_within) = (0.0, f64::INFINITY);
             for island in islands {
                 let mut found = island.global_bound(&candidates, &given);
                 if found.is_none() {
-                    bound.kind = Kind::Local;
+                    bound.kind = BoundKind::Local;
                     found = island.local_bound(&candidates, &given, least, stop)?;
                 }
                 let nodes = island.monotonicity.nodes.clone();
@@ -349,9 +344,9 @@ impl<const D: usize> Prepared<D> {
         Ok(bound)
     }
 
-    /// Puts a scaled bound into the caller's units; whether it keeps its meaning there.
+    /// Converts a scaled bound to the units of the caller; returns whether it is still valid.
     fn to_units(&self, bound: &mut Bound<D>, energy: f64, by_gap: Option<f64>) -> bool {
-        // One that leaves the range of doubles on its way is none.
+        // A bound that leaves the range of doubles is not valid.
         let kept = |&(scaled, plain): &(f64, f64)| {
             plain.is_finite() && (scaled == 0.0 || plain >= f64::MIN_POSITIVE)
         };
@@ -371,14 +366,14 @@ impl<const D: usize> Prepared<D> {
         told.iter().all(kept) && bound.energy <= bound.alone_within
     }
 
-    /// Whether there is one answer for every `q`.
+    /// Whether there is one solution for each `q`.
     #[must_use]
     pub fn unique(&self) -> bool {
         let islands = self.islands.as_ref();
         islands.is_ok_and(|islands| islands.iter().all(|island| island.global.is_some()))
     }
 
-    /// A square root of energy in the caller's units, from above.
+    /// A square root of energy in the units of the caller, rounded up.
     fn energy(&self, scaled: f64) -> f64 {
         let half = self.units.to_energy.div_euclid(2);
         let odd = self.units.to_energy.rem_euclid(2) == 1;
@@ -390,8 +385,8 @@ impl<const D: usize> Prepared<D> {
         }
     }
 
-    /// `Ŵ r̂ + q̂` with sums as in twice the precision, and how far it may be from that of
-    /// any reaction within `moved` in each component of each contact.
+    /// `Ŵ r̂ + q̂` with sums in twice the precision, and its largest difference for reactions
+    /// within `moved` in each component.
     fn displacement(
         &self,
         problem: &Reduced<D>,
@@ -409,7 +404,7 @@ impl<const D: usize> Prepared<D> {
         let terms = sizes(&plain);
         let free = scaled(&problem.q, &self.units.to_v);
         let gamma = gamma(D * r.len());
-        // Of a sum as in twice the precision [ORO05, proposition 5.5].
+        // Error of a sum in twice the precision [ORO05, proposition 5.5].
         let mut error: Vec<[f64; D]> = v
             .iter()
             .zip(terms.iter().zip(&free))
@@ -462,8 +457,8 @@ impl<const D: usize> Prepared<D> {
     }
 }
 
-/// The sum of the gaps over `½ rᵀ W r`, formed of `r` over a power of two: of small
-/// reactions the energy underflows, and the ratio does not.
+/// The sum of the gaps over `½ rᵀ W r`. It is computed with `r` over a power of two, because
+/// the energy of small reactions underflows.
 fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Option<f64> {
     let largest = r.iter().flatten().fold(0.0, |m: f64, x| m.max(x.abs()));
     let e = exponent(largest);
@@ -490,10 +485,10 @@ fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -
     })
 }
 
-/// Whether numbers, the largest of them, keep their digits in products with others of
-/// order one, and with the rounding of these.
+/// Whether products of these numbers with others of order one, and with their rounding, keep
+/// their digits.
 fn within_range<const D: usize>(rows: &[[f64; D]]) -> bool {
-    /// Above the least normal number by ε², with room for sums.
+    /// The smallest normal number over ε², with a margin for sums.
     const LEAST: f64 = 1e-270;
     const MOST: f64 = 1e270;
     let sizes = rows.iter().flatten().map(|x| x.abs());

@@ -1,9 +1,9 @@
-//! One Newton step (19) in the reactions: rows of the closed contacts and the
-//! balance of forces, solved by LU, by GMRES with the blocks of the contacts where
-//! it is large, or by a sparse LU where `W` is sparse.
+//! One Newton step (19) in the reactions: rows of the closed contacts and the balance of
+//! forces. It is solved by LU; a large system by GMRES with the blocks of the contacts; a
+//! sparse `W` by a sparse LU.
 //!
-//! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has
-//! one unknown, an open one none.
+//! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has one unknown, an
+//! open one has none.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -22,25 +22,25 @@ use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 
-/// Unknowns above which GMRES with the contacts' blocks comes before an LU:
-/// measured, it takes as long at 700 and half as long at 1300, on cubes pressed
-/// and sheared over a whole face.
+/// With more unknowns, GMRES with the blocks of the contacts comes before an LU. Measured on
+/// pressed and sheared cubes with a whole face in contact, it takes as long at 700 unknowns and
+/// half as long at 1300.
 const LARGE: usize = 1000;
 
-/// Products that it takes there for a step, and what it is given.
+/// Usual products of GMRES for a step, and their limit.
 const PRODUCTS: f64 = 40.0;
 const MOST_PRODUCTS: usize = 200;
 
-/// Operations of a sparse LU that take as long as one of a sparse product: fronts
-/// are small, but they lie in the cache.
+/// Operations of a sparse LU that take as long as one of a sparse product: its fronts are
+/// small, but stay in the cache.
 const SPARSE_SPEED: f64 = 2.0;
 
-/// What sparse factors may leave of the right side: their rows are exchanged
-/// within fronts only, and a few products mend what that costs.
+/// Largest remainder of a sparse LU, relative to the right side: its rows are exchanged within
+/// fronts only; a few products correct the error.
 const LEFT: f64 = 1e-10;
 const MENDING: usize = 5;
 
-/// What a step with `n` unknowns costs, in products with `W`.
+/// Cost of a step with `n` unknowns, in products with `W`.
 #[must_use]
 pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     match problem.compliance.whole() {
@@ -58,21 +58,21 @@ pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     direct.min(PRODUCTS * share)
 }
 
-/// What factors of all of a sparse `W` cost, in products with it.
+/// Cost of the factors of a whole sparse `W`, in products with it.
 #[must_use]
 pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let product = (D * D * whole.blocks.stored()) as f64;
-    // An LU does twice what a symmetric factorisation does; a product, two
-    // operations an entry.
+    // An LU has twice the operations of a symmetric factorisation; a product has two for each
+    // entry.
     whole.analysis.counts().flops / (SPARSE_SPEED * product)
 }
 
 /// Rows of one closed contact.
 #[derive(Clone, Debug)]
-pub struct Row<const D: usize> {
+pub struct ClosedContact<const D: usize> {
     pub node: usize,
-    /// Place of its first unknown, and how many it has.
+    /// Index of its first unknown, and their number.
     first: usize,
     width: usize,
     by_r: Block<D>,
@@ -84,14 +84,14 @@ pub struct Row<const D: usize> {
 #[derive(Debug)]
 pub struct ComplianceForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
-    rows: Vec<Row<D>>,
-    /// Unknowns of the contacts; those of the rigid motions follow.
+    rows: Vec<ClosedContact<D>>,
+    /// Number of unknowns of the contacts; those of the rigid motions follow.
     contact: usize,
-    /// What is added to the diagonal of the scaled `W`.
+    /// Added to the diagonal of the scaled `W`.
     shift: f64,
 }
 
-/// A solved system: the next `(r, a)`.
+/// The solution of the system: the next `(r, a)`.
 #[derive(Clone, Debug)]
 pub struct Solved<const D: usize> {
     pub r: Vec<[f64; D]>,
@@ -108,7 +108,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 continue;
             }
             let width = if problem.mu[node] > 0.0 { D } else { 1 };
-            rows.push(Row {
+            rows.push(ClosedContact {
                 node,
                 first,
                 width,
@@ -126,15 +126,14 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         }
     }
 
-    /// Unknowns.
+    /// Number of unknowns.
     #[must_use]
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    /// The next `(r, a)` from `(r, a)`, which leaves `imbalance = R̂ᵀ r̂ + ê`; to
-    /// `tol` of what is to be gained where it iterates. `None` where the matrix is
-    /// singular.
+    /// The next `(r, a)` from `(r, a)` with `imbalance = R̂ᵀ r̂ + ê`. An iterative solution is
+    /// accurate to `tol` of the step. `None` if the matrix is singular.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -149,13 +148,13 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let n = self.order();
         let mut x = self.right(r, imbalance, count);
         if let Some(whole) = self.problem.compliance.whole()? {
-            // Both triangles, where one is counted.
+            // Both triangles; the count has one.
             let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
             if memory::check("the factors of W", bytes).is_err() {
                 return Ok(None); // sweeps need none
             }
             count(sparse_cost(whole));
-            if let Some(factors) = Inner::factors(self, whole, stop)? {
+            if let Some(factors) = ContactInverse::factors(self, whole, stop)? {
                 let factors = Preconditioner::new(self, factors)?;
                 let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
@@ -168,9 +167,9 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             if n > LARGE {
                 return Ok(None);
             }
-            // Singular without the rigid motions, or but for their rounding.
+            // Singular without the rigid motions, or up to their rounding.
         } else if n > LARGE {
-            let blocks = Preconditioner::new(self, Inner::contacts(self))?;
+            let blocks = Preconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
             let found = gmres::solve(apply, precondition, &x, tol, MOST_PRODUCTS)?;
@@ -190,8 +189,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             .then(|| self.moved(r, rigid, &x)))
     }
 
-    /// Solves a system of contacts that are all held, without rigid motions: its
-    /// matrix is a part of `W`, for a symmetric one definite.
+    /// Solves a system in which all contacts are held and there are no rigid motions. Its
+    /// matrix is a part of `W`, definite if `W` is symmetric.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -222,7 +221,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let modes = &self.problem.scaling.modes;
         let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
-        let mut of_rows: Vec<(&Row<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
+        let mut of_rows: Vec<(&ClosedContact<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
         let mut rest = contact;
         for row in &self.rows {
             let (own, after) = rest.split_at_mut(row.width * n);
@@ -265,8 +264,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         matrix
     }
 
-    /// `−F` of the closed contacts, less what happens when open ones let go, and
-    /// the forces out of balance.
+    /// `−F` of the closed contacts minus the effect of opening contacts, and the forces out of
+    /// balance.
     fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut impl FnMut(f64)) -> Vec<f64> {
         let scaling = &self.problem.scaling;
         let mut released: Vec<[f64; D]> = r.iter().map(|r| r.map(|c| -c)).collect();
@@ -310,7 +309,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         dr
     }
 
-    /// `(r, a)` after the increments `x`; open contacts carry nothing.
+    /// `(r, a)` after the increments `x`; open contacts have no reaction.
     fn moved(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Solved<D> {
         let mut next = self.unpack(x);
         for row in &self.rows {
@@ -325,7 +324,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         }
     }
 
-    /// The product with the matrix, from `W` itself.
+    /// The product with the matrix, computed with `W`.
     fn apply(&self, x: &[f64], stop: &AtomicBool) -> Result<Vec<f64>, Error> {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -355,15 +354,15 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     }
 }
 
-/// Rows and columns of the contacts, solved more or less well.
-enum Inner<'w, const D: usize> {
-    /// By the inverses of the contacts' own blocks.
+/// The approximate inverse of the rows and columns of the contacts.
+enum ContactInverse<'w, const D: usize> {
+    /// The inverses of the diagonal blocks.
     Contacts(Vec<Block<D>>),
-    /// By the factors of all.
+    /// The factors of the whole matrix.
     Factors(SparseLu<'w>),
 }
 
-impl<'w, const D: usize> Inner<'w, D> {
+impl<'w, const D: usize> ContactInverse<'w, D> {
     fn contacts(system: &ComplianceForm<D>) -> Self {
         let scaling = &system.problem.scaling;
         let inverse = system.rows.iter().map(|row| {
@@ -381,7 +380,7 @@ impl<'w, const D: usize> Inner<'w, D> {
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
         let scaling = &system.problem.scaling;
-        let mut rows: Vec<Option<&Row<D>>> = vec![None; system.problem.contacts()];
+        let mut rows: Vec<Option<&ClosedContact<D>>> = vec![None; system.problem.contacts()];
         for row in &system.rows {
             rows[row.node] = Some(row);
         }
@@ -399,7 +398,7 @@ impl<'w, const D: usize> Inner<'w, D> {
     }
 
     fn solve(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
-        let places = |row: &Row<D>| row.first..row.first + row.width;
+        let places = |row: &ClosedContact<D>| row.first..row.first + row.width;
         match self {
             Self::Contacts(inverse) => {
                 for (row, inverse) in system.rows.iter().zip(inverse) {
@@ -424,8 +423,8 @@ impl<'w, const D: usize> Inner<'w, D> {
     }
 }
 
-impl<const D: usize> Row<D> {
-    /// Its block of a column of `Ŵ` that is not its own.
+impl<const D: usize> ClosedContact<D> {
+    /// Its block of another column of `Ŵ`.
     fn of_others(&self, w: &Block<D>) -> Block<D> {
         let mut block = self.by_v * w;
         for k in self.width..D {
@@ -434,7 +433,7 @@ impl<const D: usize> Row<D> {
         block
     }
 
-    /// Its own block; what is no unknown stays as it is.
+    /// Its diagonal block; components that are not unknowns are unchanged.
     fn own(&self, w: &Block<D>, shift: f64) -> Block<D> {
         let mut block = self.by_r + self.by_v * (w + Block::identity() * shift);
         for k in self.width..D {
@@ -446,17 +445,17 @@ impl<const D: usize> Row<D> {
     }
 }
 
-/// What solves the contacts, and what it makes of the border.
+/// The preconditioner of the contacts, with the columns of rigid motions.
 struct Preconditioner<'w, const D: usize> {
-    inner: Inner<'w, D>,
-    /// `D⁻¹ C`, `C` the columns of `â`, one a rigid motion.
+    inner: ContactInverse<'w, D>,
+    /// `D⁻¹ C`, with `C` the columns of `â`, one for each rigid motion.
     border: Vec<Vec<f64>>,
     /// `R̂ᵀ D⁻¹ C`, factored.
     balance: Option<Lu>,
 }
 
 impl<'w, const D: usize> Preconditioner<'w, D> {
-    fn new(system: &ComplianceForm<D>, inner: Inner<'w, D>) -> Result<Self, Error> {
+    fn new(system: &ComplianceForm<D>, inner: ContactInverse<'w, D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
         let mut this = Self {
             inner,
@@ -503,9 +502,9 @@ impl<'w, const D: usize> Preconditioner<'w, D> {
     }
 }
 
-/// What contact unknowns do on one rigid motion.
+/// The work of the contact unknowns on one rigid motion.
 fn balance<const D: usize>(system: &ComplianceForm<D>, mode: &[[f64; D]], x: &[f64]) -> f64 {
-    let of_row = |row: &Row<D>| {
+    let of_row = |row: &ClosedContact<D>| {
         let own = &x[row.first..row.first + row.width];
         own.iter()
             .zip(&mode[row.node])

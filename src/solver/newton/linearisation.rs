@@ -1,4 +1,4 @@
-//! The law of every contact, linearised for one Newton step, (19).
+//! The law of all contacts, linearised for one Newton step, (19).
 
 use crate::law::alart_curnier::{Linearised, linearised};
 use crate::law::cone::Status;
@@ -6,12 +6,11 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
 
-/// A factorisation of order `n` does `n/3` times the operations of a product of
-/// that order, from the cache, which is about ten times faster a piece.
+/// A factorisation of order `n` has `n/3` times the operations of a product of this order. It
+/// works in the cache, where an operation is about ten times faster.
 const UNKNOWNS_A_PRODUCT: f64 = 30.0;
 
-/// What a dense LU of order `n` costs, in products with `W`: as many entries as a
-/// product reads, where it skips most of them.
+/// Cost of a dense LU of order `n`, in products with `W` that skip most entries.
 #[must_use]
 pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     let compliance = &problem.compliance;
@@ -25,8 +24,8 @@ pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64
     n.powi(3) / (UNKNOWNS_A_PRODUCT * entries)
 }
 
-/// What the inverses of all islands cost together, likewise: each one and a half
-/// times an LU of its order.
+/// Cost of the inverses of all islands in the same units: each costs one and a half times an
+/// LU.
 #[must_use]
 pub fn inversion_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
     let compliance = &problem.compliance;
@@ -39,18 +38,18 @@ pub fn inversion_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
         .sum()
 }
 
-/// `by_r dr + by_v dv = −value` at every contact, scaled.
+/// `by_r dr + by_v dv = −value` at each contact, scaled.
 #[derive(Debug)]
 pub struct Linearisation<const D: usize> {
     pub at: Vec<Linearised<D>>,
-    /// The `α` of `dv = (Ŵ + α) dr + …`: zero but for a proximal step.
+    /// The `α` of `dv = (Ŵ + α) dr + …`: zero except in a proximal step.
     pub shift: f64,
-    /// Whether statuses say what (19) says: `v_n = 0` where closed, `v = 0` where stuck.
+    /// Whether the statuses replace (19): `v_n = 0` if closed, `v = 0` if sticking.
     pub by_status: bool,
 }
 
 impl<const D: usize> Linearisation<D> {
-    /// At a point `(r, v)`.
+    /// Linearises at a point `(r, v)`.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Self {
         let scaling = &problem.scaling;
@@ -60,7 +59,7 @@ impl<const D: usize> Linearisation<D> {
             let at = linearised(&r, &v, problem.mu[i]);
             match at.status {
                 Status::Stick => hold(problem, i, &r, &v),
-                // What nothing can push is not closed by any reaction.
+                // A contact that no reaction can move is not closed by one.
                 _ if !movable(problem, i, 0) => open(&r),
                 _ => at,
             }
@@ -72,7 +71,7 @@ impl<const D: usize> Linearisation<D> {
         }
     }
 
-    /// Of frozen laws, one a contact, at a point `(r, v)`.
+    /// Linearises frozen laws, one for each contact, at a point `(r, v)`.
     #[must_use]
     pub fn frozen(
         problem: &Reduced<D>,
@@ -86,7 +85,7 @@ impl<const D: usize> Linearisation<D> {
             let (r, v) = (r[i].map(|c| c * to_r), v[i].map(|c| c * to_v));
             let mut at = laws[i].scaled(to_v, to_r).linearised(&r, &v);
             for k in 0..D {
-                // What nothing can move cannot be held by a reaction.
+                // A component that nothing can move is not held by a reaction.
                 if at.status != Status::Open && !movable(problem, i, k) {
                     at.by_v.fill_row(k, 0.0);
                     at.by_r.fill_row(k, 0.0);
@@ -103,7 +102,7 @@ impl<const D: usize> Linearisation<D> {
         }
     }
 
-    /// Some contacts held in every direction, the others open, from `(r, v)`.
+    /// Some contacts held in every direction and the others open, from `(r, v)`.
     #[must_use]
     pub fn held(
         problem: &Reduced<D>,
@@ -146,8 +145,7 @@ fn open<const D: usize>(r: &[f64; D]) -> Linearised<D> {
     }
 }
 
-/// Rows of `v = 0`; along a component that is prescribed, which cannot be held,
-/// they ask for no reaction.
+/// Rows of `v = 0`. A prescribed component cannot be held: its row makes the reaction zero.
 fn hold<const D: usize>(
     problem: &Reduced<D>,
     node: usize,
@@ -164,7 +162,7 @@ fn hold<const D: usize>(
     }
 }
 
-/// Whether anything moves a component of a contact.
+/// Whether a reaction moves a component of a contact.
 #[must_use]
 pub fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
     let mut modes = problem.scaling.modes.iter();

@@ -1,4 +1,4 @@
-//! Semismooth Newton, (19) and (20), and refinement by it.
+//! Semismooth Newton, (19) and (20), and iterative refinement with it.
 
 pub mod compliance_form;
 pub mod linearisation;

@@ -1,7 +1,7 @@
 //! Semismooth Newton of Alart and Curnier on the closed contacts, (19) and (20).
 //!
-//! The line search lowers the norm of what the judge measures, which is cheap
-//! because `v` is affine in `r`.
+//! The line search reduces the norm of the residual of the certificate. It is cheap because `v`
+//! is affine in `r`.
 
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
@@ -12,41 +12,41 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{length, norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual, scaled_imbalance};
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
 use crate::solver::newton::stiffness_form::StiffnessForm;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
-/// Newton steps at the most.
+/// Largest number of Newton steps.
 const MOST_STEPS: usize = 40;
 
-/// Halvings of a step at the most.
+/// Largest number of halvings of a step.
 const MOST_HALVINGS: usize = 12;
 
-/// A step may be worse than the last point, but not than the worst of so many:
-/// where statuses change to and fro, one that insists on less each time stops short.
+/// A step may be worse than the last point, but not worse than the worst of this many points. A
+/// search that requires a decrease in each step stops early where statuses alternate.
 const MEMORY: usize = 4;
 
-/// An iterative solution of a step is asked to leave so much of what the step
-/// is to gain, between these bounds.
+/// The remainder of an iterative solution of a step is this share of its expected decrease,
+/// between these bounds.
 const FORCING: f64 = 0.1;
 const LEAST_FORCING: f64 = 1e-10;
 const MOST_FORCING: f64 = 1e-4;
 
-/// How a run of Newton steps ended.
+/// The end of a series of Newton steps.
 #[derive(Debug)]
-pub enum End<const D: usize> {
+pub enum NewtonEnd<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
-    /// It came to a stand at a better point `(r, a)`.
+    /// It stalled at a better point `(r, a)`.
     Better(Vec<[f64; D]>, Vec<f64>),
-    /// It did not move.
+    /// It stalled at the start.
     Stalled,
 }
 
-/// Newton alone: from the start until converged or at a stand.
+/// Newton alone: from the start until it converges or stalls.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -64,19 +64,19 @@ pub fn alone<const D: usize>(
         rigid.copy_from_slice(&start.rigid);
     }
     let v = problem.relative_displacement(&r, &rigid);
-    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
         return Ok(outcome);
     }
     loop {
         match run(problem, &r, &rigid, monitor)? {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Better(better, motion) => (r, rigid) = (better, motion),
-            End::Stalled => return Ok(Outcome::Stalled),
+            NewtonEnd::Stop(outcome) => return Ok(outcome),
+            NewtonEnd::Better(better, motion) => (r, rigid) = (better, motion),
+            NewtonEnd::Stalled => return Ok(Outcome::Stalled),
         }
     }
 }
 
-/// Newton steps from `(r, a)` until converged or at a stand.
+/// Makes Newton steps from `(r, a)` until it converges or stalls.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -85,19 +85,19 @@ pub fn run<const D: usize>(
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     run_near(problem, &Near::nothing(), r, rigid, 0.0, monitor)
 }
 
-/// A problem near by: with `α (r̂ − ĉ)` added to `v̂`, whose matrix is not singular and
-/// whose answer is `c` where `c` is an answer; or with laws that are frozen.
+/// A nearby problem: with `α (r̂ − ĉ)` added to `v̂`, so that its matrix is regular; if `c` is
+/// a solution, it is one of the nearby problem too. Or a problem with frozen laws.
 #[derive(Clone, Debug)]
 pub struct Near<const D: usize> {
     /// `α`.
     pub shift: f64,
-    /// `c`; what it is does not matter where `α` is zero.
+    /// `c`; not used if `α` is zero.
     pub centre: Vec<[f64; D]>,
-    /// Laws in the place of Coulomb's, one a contact; none for Coulomb's.
+    /// Frozen laws, one for each contact; `None` for Coulomb's law.
     pub frozen: Vec<Frozen<D>>,
 }
 
@@ -112,7 +112,7 @@ impl<const D: usize> Near<D> {
         }
     }
 
-    /// The problem of frozen laws.
+    /// The problem with frozen laws.
     #[must_use]
     pub fn frozen(frozen: Vec<Frozen<D>>) -> Self {
         Self {
@@ -125,7 +125,7 @@ impl<const D: usize> Near<D> {
         self.shift == 0.0 && self.frozen.is_empty()
     }
 
-    /// The `v` of the changed problem at `r`, from that of the problem.
+    /// The `v` of the nearby problem at `r`, from that of the problem.
     fn felt<'v>(
         &self,
         problem: &Reduced<D>,
@@ -164,7 +164,7 @@ impl<const D: usize> Near<D> {
         length(squares, largest).hypot(imbalance)
     }
 
-    /// Its law, linearised at `r` and the `v` that it feels.
+    /// Its law, linearised at `r` and its own `v`.
     fn linearised(
         &self,
         problem: &Reduced<D>,
@@ -180,7 +180,7 @@ impl<const D: usize> Near<D> {
     }
 }
 
-/// [`run`] on a problem near by, until its merit is at most `enough`.
+/// [`run`] on a nearby problem, until its merit is at most `enough`.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -191,7 +191,7 @@ pub fn run_near<const D: usize>(
     rigid: &[f64],
     enough: f64,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     let mut r = r.to_vec();
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
@@ -248,12 +248,12 @@ pub fn run_near<const D: usize>(
             best = (there, r.clone(), rigid.clone());
         }
         match monitor.look(&r, &v, &rigid, true)? {
-            Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
-            Verdict::Refresh => {
+            NextStep::Stop(outcome) => return Ok(NewtonEnd::Stop(outcome)),
+            NextStep::Refresh => {
                 v = problem.relative_displacement(&r, &rigid);
                 recent = vec![near.merit(problem, &r, &v)];
             }
-            Verdict::Continue => {}
+            NextStep::Continue => {}
         }
         if share < 1e-2 {
             break; // creeping: sweeps do better
@@ -261,13 +261,13 @@ pub fn run_near<const D: usize>(
     }
     let (reached, r, rigid) = best;
     Ok(if reached < started {
-        End::Better(r, rigid)
+        NewtonEnd::Better(r, rigid)
     } else {
-        End::Stalled
+        NewtonEnd::Stalled
     })
 }
 
-/// `x + share (y − x)`, exactly `y` for a whole step.
+/// `x + share (y − x)`; exactly `y` for a full step.
 fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f64; D]> {
     if share >= 1.0 {
         return y.to_vec();
@@ -277,11 +277,11 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
     x.iter().zip(y).map(blend).collect()
 }
 
-/// Steps that are expected to share an inverse of `W` made for them.
+/// Number of steps that share one inverse of `W`.
 const SHARED_BY: f64 = 3.0;
 
-/// Products with `W` that a step of a linearised law costs, and whether it is
-/// cheaper in displacements than in reactions.
+/// Cost of a step of a linearised law in products with `W`, and whether the form in
+/// displacements is cheaper.
 #[must_use]
 pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -> (f64, bool) {
     let (open, slip) = law
@@ -295,9 +295,8 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     let motions = problem.scaling.modes.len();
     let closed = D * (problem.contacts() - open) + motions;
     let in_reactions = compliance_form::cost(problem, closed);
-    // An inverse costs one and a half times an LU of all unknowns. Its share is
-    // charged when it is at hand too: what is decided must not depend on what was
-    // solved before.
+    // An inverse costs one and a half times an LU of all unknowns. Its share is counted even if
+    // it has been made: decisions must not depend on earlier solves.
     let inverse = if problem.compliance.may_have_inverse() {
         inversion_cost(problem) / SHARED_BY
     } else {
@@ -311,8 +310,8 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     )
 }
 
-/// The whole step of a linearised law from `(r, v, a)`, which leaves
-/// `imbalance = R̂ᵀ r̂ + ê`, by the cheaper form. `None` where its matrix is singular.
+/// The full step of a linearised law from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`, by the
+/// cheaper form. `None` if its matrix is singular.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -337,8 +336,8 @@ pub fn solve<const D: usize>(
     ComplianceForm::new(problem, law).solve((r, rigid), imbalance, tol, count, stop)
 }
 
-/// The solution with some contacts held in every direction and the others open:
-/// `(r, a)`. `None` where it is not unique.
+/// The solution `(r, a)` with some contacts held in every direction and the others open. `None`
+/// if it is not unique.
 ///
 /// # Errors
 /// [`Error::Interrupted`].

@@ -1,6 +1,6 @@
-//! One further Newton correction, from a relative displacement that is better
-//! than the products of a solver: what it moves is the forward error, and where
-//! `W` has lost digits that the displacement has kept, it brings them back.
+//! Newton corrections with a relative displacement that is more accurate than the products of a
+//! solver. Their size is the forward error. If `W` has lost digits that the displacement keeps,
+//! they restore these digits.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,26 +11,26 @@ use crate::solver::anderson::Anderson;
 use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::newton::newton;
 
-/// A step of an iterative solution leaves less than this of what it corrects.
+/// Largest remainder of the iterative solution of a correction.
 const FORCING: f64 = 1e-4;
 
-/// Corrections at the most. Where `W` has lost most of its digits each one settles the
-/// statuses of a few contacts at the edge of what presses: strips 2000 times as long as
+/// Largest number of corrections. If `W` has lost most of its digits, each correction settles
+/// the statuses of a few contacts at the edge of the pressed zone. Strips 2000 times as long as
 /// thick take up to 40.
 const MOST: usize = 150;
 
-/// Corrections below this change no status but that of a contact at a border.
+/// Smaller corrections change no status except at the boundary between two.
 const SETTLED: f64 = 1e-6;
 
-/// Corrections in a row that are none smaller than half of the smallest before.
+/// Largest number of consecutive corrections that do not halve the smallest one.
 const IDLE: usize = 5;
 
-/// A point with everything that belongs to it.
+/// A point with all quantities that depend on it.
 #[derive(Clone, Debug)]
 pub struct Point<const D: usize> {
     pub r: Vec<[f64; D]>,
     pub rigid: Vec<f64>,
-    /// `W r + R a + q`, as exact as it is to be had.
+    /// `W r + R a + q`, as accurate as possible.
     pub v: Vec<[f64; D]>,
     /// `R̂ᵀ r̂ + ê`.
     pub imbalance: Vec<f64>,
@@ -41,15 +41,14 @@ pub struct Point<const D: usize> {
 struct Correction<const D: usize> {
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
-    /// `v` where it leads to.
+    /// `v` after the correction.
     v: Vec<[f64; D]>,
-    /// What it moves, beside what it leads to: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
+    /// Its relative size: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
     moved: (f64, f64),
 }
 
-/// The relative forward errors of `r` and of `v + before` at a point, `None`
-/// where the correction is not determined. `before` is what a step is added to,
-/// nothing for one that stands alone.
+/// The relative forward errors of `r` and of `v + before` at a point; `None` if the correction
+/// is not determined. `before` is the total of the earlier steps, empty for a single problem.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -62,8 +61,8 @@ pub fn forward_error<const D: usize>(
     Ok(correction(problem, point, before, stop)?.map(|c| c.moved))
 }
 
-/// The same for changes `wander` of `v` that the point does not know: how far they move
-/// the reactions, and the relative displacements with them.
+/// The same for changes `wander` of `v`: how far they change the reactions, and with these the
+/// relative displacements.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -102,7 +101,7 @@ fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// Corrects a point as long as that helps; `evaluate` makes a point of `(r, a)`.
+/// Corrects a point while this improves it; `evaluate` makes a point from `(r, a)`.
 ///
 /// # Errors
 /// What `evaluate` returns, and [`Error::Interrupted`].
@@ -133,8 +132,8 @@ pub fn refine<const D: usize>(
             if moved <= f64::EPSILON || idle == IDLE {
                 break;
             }
-            // A linear problem, corrected by a W whose rounding may be more than what
-            // the softest motions of the contacts have of it.
+            // The problem is linear now. Rounding of W may exceed its energy of the softest
+            // motions of the contacts.
             let change: Vec<[f64; D]> = r.iter().zip(&point.r).map(minus).collect();
             let payload = [r.as_flattened(), &rigid].concat();
             if let Some(there) = anderson.extrapolate(change.as_flattened(), &payload) {
@@ -199,8 +198,8 @@ fn correction<const D: usize>(
     }))
 }
 
-/// `‖part‖ / ‖whole‖`, zero where nothing moves; scaled first, so that no unit
-/// makes the squares overflow.
+/// `‖part‖ / ‖whole‖`, zero if both are zero. Scaled first, so that squares do not overflow in
+/// any unit.
 fn share(part: &[f64], whole: &[f64]) -> f64 {
     let size = |a: &[f64]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let unit = size(part).max(size(whole));

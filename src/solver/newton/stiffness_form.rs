@@ -1,9 +1,9 @@
-//! One Newton step (19) in the displacements: with `W⁻¹` at hand, the unknowns
-//! are `dv̂` of open contacts and of sliding ones along the surface. Where most
-//! contacts stick, the matrix is a small part of the one in the reactions.
+//! One Newton step (19) in the displacements, if `W⁻¹` is known. The unknowns are `dv̂` of open
+//! contacts and the tangential part of sliding ones. If most contacts stick, its matrix is much
+//! smaller than the one in the reactions.
 //!
-//! `dr = W⁻¹ (dv − R da)` holds between the increments, so that an error of
-//! `W⁻¹` is an error of the step, not of the point: the steps take it out.
+//! Increments satisfy `dr = W⁻¹ (dv − R da)`. An error of `W⁻¹` is therefore an error of the
+//! step, which later steps correct.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,7 +26,7 @@ struct Unknowns {
     from: usize,
 }
 
-/// The step's system.
+/// The system of one step.
 #[derive(Debug)]
 pub struct StiffnessForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -57,14 +57,14 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         }
     }
 
-    /// Unknowns.
+    /// Number of unknowns.
     #[must_use]
     pub fn order(&self) -> usize {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    /// The next `(r, a)` from `(r, v, a)`, which leaves `imbalance = R̂ᵀ r̂ + ê`;
-    /// `None` where the matrix is singular or `W` has no inverse.
+    /// The next `(r, a)` from `(r, v, a)` with `imbalance = R̂ᵀ r̂ + ê`; `None` if the matrix
+    /// is singular or `W` has no inverse.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -81,7 +81,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             return Ok(None);
         }
         let scaling = &problem.scaling;
-        // What is known of dv: closed contacts come to rest along what they hold.
+        // The known part of dv: held components of closed contacts become zero.
         let mut known = vec![[0.0; D]; r.len()];
         for (i, at) in self.law.at.iter().enumerate() {
             let held = match at.status {
@@ -152,7 +152,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         dr
     }
 
-    /// `W⁻¹ R` for unit amounts `â`, a column each.
+    /// Columns `W⁻¹ R`, one for each `â` of length one.
     fn pushed_modes(&self) -> Vec<Vec<[f64; D]>> {
         let to_v = &self.problem.scaling.to_v;
         let pushed = |mode: &Vec<[f64; D]>| {
@@ -204,7 +204,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
                     }
                 }
             });
-        // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), with a symmetric W.
+        // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), because W is symmetric.
         for (mode, (row, pushed)) in scaling
             .modes
             .iter()

@@ -1,5 +1,5 @@
-//! The two displacement principles in turn [dSF91, 69, 70]: contact without friction
-//! under the tangential reactions found last, then friction under the normal ones.
+//! The two displacement principles alternately [dSF91, 69, 70]: frictionless contact with the
+//! last tangential reactions, then friction with the last normal ones.
 //!
 //! Both are convex; together they are a block Gauss–Seidel iteration between the
 //! normal and the tangential components of all contacts.
@@ -12,7 +12,7 @@ use crate::solver::outcome::Outcome;
 use crate::solver::principles::convex::{Least, enough, iterate, least};
 use crate::solver::settings::Start;
 
-/// The laws of contact, tangential reactions frozen at those of `r`.
+/// The laws of contact with the tangential reactions of `r` fixed.
 #[must_use]
 pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
     r.iter()
@@ -20,7 +20,7 @@ pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
         .collect()
 }
 
-/// The laws of friction, normal reactions frozen at those of `r`.
+/// The laws of friction with the normal reactions of `r` fixed.
 #[must_use]
 pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
     let given = |(r, mu): (&[f64; D], &f64)| {
@@ -33,7 +33,7 @@ pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> V
     r.iter().zip(&problem.mu).map(given).collect()
 }
 
-/// Runs until the monitor stops it or passes no longer help.
+/// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
 /// [`Error::Interrupted`].

@@ -1,46 +1,47 @@
-//! The convex problems that variational principles leave: `½ rᵀW r + (q + s n)ᵀ r` is to
-//! be least over fixed sets, one a contact.
+//! The convex problems of the variational principles: minimise `½ rᵀW r + (q + s n)ᵀ r` over
+//! fixed sets, one for each contact.
 //!
-//! Newton's method on the frozen laws takes a few steps from a near start; where it
-//! comes to a stand, steps with momentum go on, which come to an answer whenever `W` is
-//! symmetric and positive semidefinite, and Newton is tried again.
+//! Newton's method with frozen laws takes a few steps from a near start. If it stalls, steps
+//! with momentum follow, which converge if `W` is symmetric and positive semidefinite, and then
+//! Newton again.
 
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual};
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, Near, NewtonEnd};
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 use crate::solver::uzawa::{self, Burst};
 
-/// Steps with momentum after a Newton that stalled, at first; doubled at each next one.
+/// Steps with momentum after the first failure of Newton; the number doubles after each further
+/// failure.
 const FIRST_BURST: usize = 20;
 
-/// Times that Newton is tried in one problem.
+/// Newton attempts in one problem.
 const ROUNDS: usize = 7;
 
-/// What is left of the merit of the whole when a problem counts as solved.
+/// A problem is solved when its merit is this share of the merit of Coulomb's problem.
 const SHARE: f64 = 0.1;
 
-/// Passes without a better point after which a principle has stalled: where it does not
-/// contract it goes round, or comes to rest where no answer is.
+/// Passes without a better point after which a principle has stalled. If it does not contract,
+/// it cycles or stops at a point that is no solution.
 const PATIENCE: usize = 30;
 
-/// A better point by less than this share is none.
+/// A better point must have at most this share of the merit.
 const BETTER: f64 = 0.999;
 
-/// A point, and `v` at it.
+/// A point with its `v`.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
+pub struct PrinciplePoint<const D: usize> {
     pub r: Vec<[f64; D]>,
     pub v: Vec<[f64; D]>,
     pub rigid: Vec<f64>,
 }
 
-impl<const D: usize> Point<D> {
+impl<const D: usize> PrinciplePoint<D> {
     /// `‖(F, R̂ᵀ r̂ + ê)‖` of Coulomb's law.
     #[must_use]
     pub fn merit(&self, problem: &Reduced<D>) -> f64 {
@@ -53,7 +54,7 @@ impl<const D: usize> Point<D> {
         residual(problem, &self.r, &self.v, &self.rigid)
     }
 
-    /// What η is relative to.
+    /// The reference size of η.
     #[must_use]
     pub fn size(&self, problem: &Reduced<D>) -> f64 {
         let eta = self.residual(problem);
@@ -64,7 +65,7 @@ impl<const D: usize> Point<D> {
         }
     }
 
-    /// With `v` afresh.
+    /// Evaluates `v`.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: Vec<[f64; D]>, rigid: Vec<f64>) -> Self {
         let v = problem.relative_displacement(&r, &rigid);
@@ -72,25 +73,24 @@ impl<const D: usize> Point<D> {
     }
 }
 
-/// What a problem came to.
+/// The result of a problem.
 #[derive(Debug)]
 pub enum Least<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
-    /// The last point; it need not be the least one where that takes too long.
-    At(Point<D>),
+    /// The last point; it need not be the minimum if that takes too long.
+    At(PrinciplePoint<D>),
 }
 
-/// Solves the problem of frozen laws from a point, until its own merit is at most
-/// `enough`. Every point on the way is shown to the monitor, which judges it by
-/// Coulomb's law.
+/// Solves the problem with frozen laws from a point, until its merit is at most `enough`. The
+/// monitor checks every point with Coulomb's law.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn least<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &Point<D>,
+    from: &PrinciplePoint<D>,
     enough: f64,
     monitor: &mut Monitor<D>,
 ) -> Result<Least<D>, Error> {
@@ -103,9 +103,9 @@ pub fn least<const D: usize>(
             break;
         }
         match newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)? {
-            End::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            End::Better(r, rigid) => point = Point::new(problem, r, rigid),
-            End::Stalled => {}
+            NewtonEnd::Stop(outcome) => return Ok(Least::Stop(outcome)),
+            NewtonEnd::Better(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
+            NewtonEnd::Stalled => {}
         }
         monitor.count(1.0);
         if near.merit(problem, &point.r, &point.v) <= enough {
@@ -121,7 +121,7 @@ pub fn least<const D: usize>(
         let r = std::mem::take(&mut point.r);
         match uzawa::burst(problem, &near.frozen, r, &point.rigid, monitor, steps)? {
             Burst::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            Burst::End(r, rigid) => point = Point::new(problem, r, rigid),
+            Burst::End(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
         }
         monitor.count(1.0);
         steps *= 2;
@@ -129,21 +129,29 @@ pub fn least<const D: usize>(
     Ok(Least::At(point))
 }
 
-/// Below the rounding of `W r + q`, as last measured, nothing helps.
-fn rounding<const D: usize>(problem: &Reduced<D>, point: &Point<D>, monitor: &Monitor<D>) -> f64 {
+/// Below the last measured rounding of `W r + q` no iteration helps.
+fn rounding<const D: usize>(
+    problem: &Reduced<D>,
+    point: &PrinciplePoint<D>,
+    monitor: &Monitor<D>,
+) -> f64 {
     monitor.floor() * point.size(problem)
 }
 
-/// How well the next problem of a principle at a point is to be solved: to a share of
-/// what the point misses, and no better than the wish asks of the whole.
+/// The accuracy of the next problem of a principle: a share of the error of the point, and no
+/// smaller than the tolerance requires.
 #[must_use]
-pub fn enough<const D: usize>(problem: &Reduced<D>, point: &Point<D>, monitor: &Monitor<D>) -> f64 {
+pub fn enough<const D: usize>(
+    problem: &Reduced<D>,
+    point: &PrinciplePoint<D>,
+    monitor: &Monitor<D>,
+) -> f64 {
     let eta = point.residual(problem);
     point.merit(problem) * SHARE.max((0.5 * monitor.wish() / eta).min(1.0))
 }
 
-/// Passes of a principle until the monitor stops it or no pass helps. A pass leads
-/// from a point to the next.
+/// Makes passes of a principle until the monitor stops it or a pass gives no improvement. A
+/// pass leads from one point to the next.
 ///
 /// # Errors
 /// What a pass returns, and [`Error::Interrupted`].
@@ -151,10 +159,10 @@ pub fn iterate<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    mut pass: impl FnMut(&Point<D>, &mut Monitor<D>) -> Result<Least<D>, Error>,
+    mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<Least<D>, Error>,
 ) -> Result<Outcome, Error> {
     let mut point = begin(problem, start, monitor);
-    if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &point.rigid, false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &point.rigid, false)? {
         return Ok(outcome);
     }
     into_cones(problem, &mut point, monitor);
@@ -166,11 +174,11 @@ pub fn iterate<const D: usize>(
             Least::At(next) => next,
         };
         if monitor.iterations() == before {
-            // There was nothing left to do: it is counted, so that limits hold.
-            point = Point::new(problem, point.r, point.rigid);
+            // A pass without any step counts too, so that limits hold.
+            point = PrinciplePoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
             let verdict = monitor.look(&point.r, &point.v, &point.rigid, true)?;
-            if let Verdict::Stop(outcome) = verdict {
+            if let NextStep::Stop(outcome) = verdict {
                 return Ok(outcome);
             }
         }
@@ -183,7 +191,7 @@ pub fn iterate<const D: usize>(
     Ok(Outcome::Stalled)
 }
 
-/// Passes of one convex problem each, whose laws follow from the point before it.
+/// Makes passes of one convex problem each, whose laws follow from the point before.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -191,7 +199,7 @@ pub fn iterate_frozen<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    frozen: impl Fn(&Point<D>) -> Vec<Frozen<D>>,
+    frozen: impl Fn(&PrinciplePoint<D>) -> Vec<Frozen<D>>,
 ) -> Result<Outcome, Error> {
     iterate(problem, start, monitor, |point, monitor| {
         let enough = enough(problem, point, monitor);
@@ -199,12 +207,12 @@ pub fn iterate_frozen<const D: usize>(
     })
 }
 
-/// The point that a start names.
+/// The start point.
 fn begin<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Point<D> {
+) -> PrinciplePoint<D> {
     let mut rigid = vec![0.0; problem.rigid.modes.len()];
     if !start.rigid.is_empty() {
         rigid.copy_from_slice(&start.rigid);
@@ -213,22 +221,22 @@ fn begin<const D: usize>(
         let r = vec![[0.0; D]; problem.contacts()];
         let mut v = problem.q.clone();
         problem.add_rigid(&rigid, &mut v);
-        return Point { r, v, rigid };
+        return PrinciplePoint { r, v, rigid };
     }
     monitor.count(1.0);
-    Point::new(problem, start.reaction.clone(), rigid)
+    PrinciplePoint::new(problem, start.reaction.clone(), rigid)
 }
 
-/// A start may lie outside the cones: its pressures would be no friction limits.
+/// A start may lie outside the cones: its pressures would not be valid friction limits.
 fn into_cones<const D: usize>(
     problem: &Reduced<D>,
-    point: &mut Point<D>,
+    point: &mut PrinciplePoint<D>,
     monitor: &mut Monitor<D>,
 ) {
     let within = point.r.iter().zip(&problem.mu);
     let r: Vec<[f64; D]> = within.map(|(r, &mu)| project(r, mu).0).collect();
     if r != point.r {
-        *point = Point::new(problem, r, std::mem::take(&mut point.rigid));
+        *point = PrinciplePoint::new(problem, r, std::mem::take(&mut point.rigid));
         monitor.count(1.0);
     }
 }

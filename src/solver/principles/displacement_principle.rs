@@ -1,9 +1,9 @@
-//! The displacement principle [dSF91, 67, 68]: unilateral contact and friction in one
-//! convex problem, whose friction limits are those of the pressure found last.
+//! The displacement principle [dSF91, 67, 68]: unilateral contact and friction in one convex
+//! problem, with friction limits from the last pressures.
 //!
-//! Of displacements it is `½ uᵀK u − fᵀu + Σ s ‖v_t‖` to be least over `v_n ≥ 0`, with
-//! `s = μ r_n` frozen; its dual, `½ rᵀW r + qᵀr` over `r_n ≥ 0`, `‖r_t‖ ≤ s`, is what is
-//! solved, and `r_n` the multiplier of `v_n ≥ 0` that [dSF91, 38b] asks for.
+//! In displacements, it minimises `½ uᵀK u − fᵀu + Σ s ‖v_t‖` over `v_n ≥ 0` with `s = μ r_n`
+//! fixed. Its dual is solved: minimise `½ rᵀW r + qᵀr` over `r_n ≥ 0`, `‖r_t‖ ≤ s`. There `r_n`
+//! is the multiplier of `v_n ≥ 0` in [dSF91, 38b].
 
 use crate::error::Error;
 use crate::law::frozen::Frozen;
@@ -13,7 +13,7 @@ use crate::solver::outcome::Outcome;
 use crate::solver::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
-/// The laws of a pass, friction limits frozen at the pressures of `r`.
+/// The laws of a pass, with friction limits from the pressures of `r`.
 #[must_use]
 pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
     let limit = |(r, mu): (&[f64; D], &f64)| Frozen::Tresca {
@@ -22,7 +22,7 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Froze
     r.iter().zip(&problem.mu).map(limit).collect()
 }
 
-/// Runs until the monitor stops it or passes no longer help.
+/// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
 /// [`Error::Interrupted`].

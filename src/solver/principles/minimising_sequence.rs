@@ -1,37 +1,40 @@
 //! The minimising sequence of the bifunctional [dSF91, 31–34].
 //!
-//! Displacements in equilibrium with reactions τ have `v = W τ + q`, and with reactions
-//! `r` of the law
+//! Displacements in equilibrium with reactions τ have `v = W τ + q`. With reactions `r` that
+//! satisfy the law, the bifunctional is
 //!
 //! ```text
 //! B(τ, r) = ½ (τ − r)ᵀ W (τ − r) + Σ γ(v(τ), r)  ≥ 0.
 //! ```
 //!
-//! The least `B` over displacements has Tresca's reactions τ, limits frozen at `μ r_n`;
-//! the least over reactions is that of the stress principle, slip frozen at `v_t(τ)`. One
-//! after the other they make `B` fall: to 0 at an answer, or to a limit above it, where
-//! each is the least for the other and neither is an answer.
+//! The minimum of `B` over displacements has Tresca's reactions τ with limits fixed at `μ r_n`.
+//! The minimum over reactions is that of the stress principle with slip fixed at `v_t(τ)`.
+//! Alternately they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
+//! minimum for the other and neither is a solution.
 
 use crate::error::Error;
 use crate::law::bipotential::gap;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::convex::{Least, Point, iterate, least};
+use crate::solver::principles::convex::{Least, PrinciplePoint, iterate, least};
 use crate::solver::principles::displacement_principle;
 use crate::solver::principles::stress_principle;
 use crate::solver::settings::Start;
 
-/// What a step may leave of its own merit, beside the square of what the whole
-/// misses: `B` is of second order in that, and a step solved to first order could
-/// raise it.
+/// Largest merit of a step relative to the squared error of the whole. `B` is of second order
+/// in that error, and a step solved only to first order could increase it.
 const SHARE: f64 = 0.01;
 
 /// `B` of displacements in equilibrium with `of_u`, and of reactions, in units of work.
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 #[must_use]
-pub fn bifunctional<const D: usize>(problem: &Reduced<D>, of_u: &Point<D>, of_r: &Point<D>) -> f64 {
+pub fn bifunctional<const D: usize>(
+    problem: &Reduced<D>,
+    of_u: &PrinciplePoint<D>,
+    of_r: &PrinciplePoint<D>,
+) -> f64 {
     (0..problem.contacts())
         .map(|i| {
             let energy: f64 = (0..D)
@@ -42,7 +45,7 @@ pub fn bifunctional<const D: usize>(problem: &Reduced<D>, of_u: &Point<D>, of_r:
         .sum()
 }
 
-/// Runs until the monitor stops it or steps no longer help.
+/// Runs until the monitor stops it or steps give no improvement.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -54,7 +57,7 @@ pub fn run<const D: usize>(
     run_told(problem, start, monitor, &mut |_| ())
 }
 
-/// [`run`], telling `B` after each step.
+/// [`run`], calling `tell` with `B` after each step.
 ///
 /// # Errors
 /// As [`run`].
@@ -64,7 +67,7 @@ pub fn run_told<const D: usize>(
     monitor: &mut Monitor<D>,
     tell: &mut impl FnMut(f64),
 ) -> Result<Outcome, Error> {
-    let mut of_u: Option<Point<D>> = None;
+    let mut of_u: Option<PrinciplePoint<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
         monitor.measure_floor(&of_r.r, &of_r.rigid);
         let enough = enough(problem, of_r);
@@ -85,7 +88,7 @@ pub fn run_told<const D: usize>(
     })
 }
 
-/// To second order in what the point misses.
-fn enough<const D: usize>(problem: &Reduced<D>, point: &Point<D>) -> f64 {
+/// To second order in the error of the point.
+fn enough<const D: usize>(problem: &Reduced<D>, point: &PrinciplePoint<D>) -> f64 {
     SHARE * point.residual(problem).min(1.0) * point.merit(problem)
 }

@@ -1,8 +1,8 @@
-//! The stress principle [dSF91, 71, 72]: a convex programme over the cones, with the
-//! slip of the reactions found last.
+//! The stress principle [dSF91, 71, 72]: a convex programme over the cones, with the slip of
+//! the last reactions.
 //!
-//! `½ rᵀW r + (q + μ‖v_t‖ n)ᵀ r` is to be least over `r ∈ K_μ`, with `μ‖v_t‖` frozen: the
-//! associated law, whose dilatancy the frozen slip takes back.
+//! It minimises `½ rᵀW r + (q + μ‖v_t‖ n)ᵀ r` over `r ∈ K_μ` with `μ‖v_t‖` fixed: the
+//! associated law, whose dilatancy the fixed slip cancels.
 
 use crate::error::Error;
 use crate::law::frozen::Frozen;
@@ -23,7 +23,7 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Froze
     v.iter().zip(&problem.mu).map(of_slip).collect()
 }
 
-/// Runs until the monitor stops it or passes no longer help.
+/// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
 /// [`Error::Interrupted`].

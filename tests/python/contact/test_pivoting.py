@@ -57,7 +57,7 @@ def test_a_free_body(method: str) -> None:
     problem = bp.ContactProblem(K, np.eye(4), gap=[0.0, 0.0], mu=0.5)
     load = [-1.0, 0.2, -1.0, 0.1]
     if method in NEED_SUPPORTS:
-        with pytest.raises(ValueError, match=f"'{method}' needs bodies that supports"):
+        with pytest.raises(ValueError, match=f"'{method}' needs supports that hold"):
             problem.solve(load, method=method)
         return
     result = problem.solve(load, method=method)

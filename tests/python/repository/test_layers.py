@@ -58,7 +58,8 @@ RUST_SIBLINGS = {
         "compliance",
         "reduced",
         "residual",
-        "balance overlap",
+        "existence",
+        "balance",
     ),
     "condensation": (
         "forecast pattern_cache sparse stats",
@@ -102,7 +103,7 @@ RUST_SIBLINGS = {
         "errors arrays heap interrupt",
         "solver",
         "problem",
-        "enumeration",
+        "enumeration load_path",
         "bound estimate",
     ),
 }

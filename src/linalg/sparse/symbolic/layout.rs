@@ -1,4 +1,4 @@
-//! Fronts and their rows, and where each entry of K goes.
+//! Fronts and their rows, and the position of each entry of K.
 
 use std::ops::Range;
 
@@ -6,35 +6,35 @@ use rayon::prelude::*;
 
 use crate::linalg::packed::{Panel, Run};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::tree::Tree;
 
-/// Fronts, rows and numbering, as they are built.
+/// Fronts, rows and numbering, while they are made.
 pub(super) struct Layout<'a> {
-    pub(super) nodes: &'a Quotient,
-    /// Nodes in elimination order, kept ones last.
+    pub(super) nodes: &'a SupervariableGraph,
+    /// Nodes in the elimination order, kept ones last.
     pub(super) order: Vec<u32>,
-    /// Place of each node in that order.
+    /// Place of each node in this order.
     pub(super) place: Vec<u32>,
-    /// First unknown of each place; one more at the end.
+    /// First unknown of each place, and the end.
     pub(super) offset: Vec<u32>,
     pub(super) old: Vec<u32>,
     pub(super) new: Vec<u32>,
     pub(super) fronts: Vec<Front>,
     /// Places (in `order`) of the pivots of each front.
     pub(super) pivots: Vec<Range<usize>>,
-    /// Fronts whose updates each front takes.
+    /// Fronts whose updates go to each front.
     pub(super) children: Vec<Vec<usize>>,
-    /// Updated rows of each front, places, and where each starts in the front.
+    /// Updated rows of each front as places, and the start of each in the front.
     pub(super) rows: Vec<Vec<u32>>,
     pub(super) runs: Vec<Run>,
     pub(super) panels: usize,
 }
 
 impl<'a> Layout<'a> {
-    pub(super) fn new(nodes: &'a Quotient, tree: &Tree, node_order: &[u32]) -> Self {
+    pub(super) fn new(nodes: &'a SupervariableGraph, tree: &Tree, node_order: &[u32]) -> Self {
         let mut order: Vec<u32> = Vec::with_capacity(nodes.len());
         let mut fronts: Vec<Front> = Vec::with_capacity(tree.fronts.len());
         let mut pivots = Vec::with_capacity(tree.fronts.len());
@@ -92,8 +92,8 @@ impl<'a> Layout<'a> {
         }
     }
 
-    /// Rows that each front updates: the later neighbours of its pivots, and
-    /// what its children update, less its own pivots.
+    /// Updated rows of each front: the later neighbours of its pivots, and the updated rows of
+    /// its children without its own pivots.
     pub(super) fn place_rows(&mut self) {
         let mut seen = vec![u32::MAX; self.order.len()];
         for f in 0..self.fronts.len() {
@@ -134,8 +134,8 @@ impl<'a> Layout<'a> {
         }
     }
 
-    /// Where each entry of K goes, front by front. Of a pair, the entry of K's
-    /// lower triangle is taken, whichever of the two unknowns comes first.
+    /// Position of each entry of K, by fronts. Each pair uses the entry of the lower triangle
+    /// of K, for either order of its unknowns.
     pub(super) fn place_entries(&mut self, k: &Symmetric, pattern: &Pattern) -> Vec<(u32, u32)> {
         let count = |p: usize| {
             if pattern.partner.is_some() {
@@ -164,7 +164,7 @@ impl<'a> Layout<'a> {
             from += count;
         }
         let scratch = || vec![0_u32; self.order.len()];
-        // Few scratches: each is as long as the order.
+        // Few work arrays: each is as long as the order.
         parts
             .into_par_iter()
             .enumerate()
@@ -175,8 +175,8 @@ impl<'a> Layout<'a> {
         entries
     }
 
-    /// Entries of K in the row of pivot `p` of its front: places of unknowns, and
-    /// positions in K's values.
+    /// Entries of K in the row of pivot `p` of its front: places of unknowns, and positions in
+    /// the values of K.
     fn later<'p>(
         &'p self,
         k: &'p Symmetric,
@@ -198,8 +198,7 @@ impl<'a> Layout<'a> {
         })
     }
 
-    /// `shift` becomes the column of this front at which a place starts, less
-    /// `offset`.
+    /// `shift` becomes the column of this front at which a place starts, minus `offset`.
     fn place_entries_of(
         &self,
         f: usize,

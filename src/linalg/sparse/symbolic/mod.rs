@@ -1,8 +1,8 @@
-//! Symbolic analysis: the tree of fronts and what it will cost.
+//! Symbolic analysis: the tree of fronts and its cost.
 //!
-//! Works on *nodes*, groups of unknowns with the same pattern: a ninth of the
-//! work in 3D. The kept nodes come after all others and are never eliminated;
-//! they form the root of the tree, whose matrix is the Schur complement.
+//! It works on *nodes*, groups of unknowns with the same pattern: a ninth of the work in 3D.
+//! The kept nodes come after all others and are never eliminated; they form the root of the
+//! tree, whose matrix is the Schur complement.
 
 mod layout;
 mod pattern;
@@ -20,48 +20,48 @@ use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::layout::Layout;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;
 use crate::linalg::sparse::tree::{Tree, flops_of};
 
-/// Work a node up to which METIS is not asked where coordinates have given an order
-/// [flop]: it takes some 10 µs a node, and half of so much work takes no longer.
+/// Up to this work for each node, METIS is not used if coordinates have given an order [flop]:
+/// METIS takes about 10 µs for each node, and half of this work takes no longer.
 const WORTH_METIS: f64 = 1e6;
 
-/// What the analysis may use besides the matrix.
+/// Options of the analysis.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options<'a> {
-    /// Place of each unknown, for bisection by coordinates. Any unit, and the
-    /// third coordinate may be zero. METIS is then asked too, and the order of fewer
-    /// operations taken, where there is more work than METIS itself costs.
+    /// Position of each unknown, for bisection by coordinates. Any unit is allowed, and the
+    /// third coordinate may be zero. If the work is larger than the cost of METIS, both orders
+    /// are made, and the one with fewer operations is used.
     pub coordinates: Option<&'a [[f64; 3]]>,
 }
 
-/// What the factorisation will cost, counted before anything is allocated.
+/// The cost of the factorisation, counted before any allocation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Counts {
-    /// Unknowns, and those of them that are kept.
+    /// Number of unknowns, with the kept ones.
     pub n: usize,
-    /// Kept unknowns, the order of S.
+    /// Number of kept unknowns, the order of S.
     pub kept: usize,
     /// Entries of the factor: the eliminated columns, kept rows included.
     pub nnz_factor: usize,
     /// Additions and multiplications of the partial factorisation.
     pub flops: f64,
-    /// Memory that the factor and S hold.
+    /// Memory of the factor and S.
     pub bytes_factor: usize,
-    /// Largest memory on the way, on one thread, the analysis included.
+    /// Largest memory during the factorisation on one thread, with the analysis.
     pub bytes_peak: usize,
-    /// The same where the factor is not kept, only S.
+    /// The same if only S is kept, not the factor.
     pub bytes_peak_dropped: usize,
-    /// What `bytes_peak` may become on any number of threads, in whatever order
-    /// they come: what no order exceeds, and few come near.
+    /// Upper bound of `bytes_peak` for any number of threads, in any order of tasks; it is
+    /// rarely approached.
     pub bytes_peak_threads: usize,
     /// Memory of the analysis itself.
     pub bytes_symbolic: usize,
-    /// Where the elimination order comes from.
+    /// Origin of the elimination order.
     pub ordering: &'static str,
     /// Seconds spent ordering.
     pub seconds_order: f64,
@@ -69,7 +69,7 @@ pub struct Counts {
     pub seconds_symbolic: f64,
 }
 
-/// One front: `np` pivots, then `nu` rows that it updates.
+/// A front: `np` pivots, then `nu` updated rows.
 #[derive(Clone, Debug)]
 pub(crate) struct Front {
     /// First pivot in elimination numbering.
@@ -78,13 +78,13 @@ pub(crate) struct Front {
     pub(crate) base: usize,
     pub(crate) np: usize,
     pub(crate) nu: usize,
-    /// Front that takes the update; `None`: it goes to S.
+    /// Front that takes the update; `None` for S.
     pub(crate) parent: Option<usize>,
-    /// Where its panel lies in the factor.
+    /// Position of its panel in the factor.
     pub(crate) panel: usize,
     /// Updated rows, in [`Symbolic::runs`].
     pub(crate) runs: Range<usize>,
-    /// Entries of K in the pivots' rows, in [`Symbolic::entries`].
+    /// Entries of K in the rows of the pivots, in [`Symbolic::entries`].
     pub(crate) entries: Range<usize>,
 }
 
@@ -102,23 +102,23 @@ impl Front {
     }
 }
 
-/// A stretch of fronts that one thread works through in order.
+/// A range of fronts that one thread handles in order.
 #[derive(Clone, Debug)]
 pub(crate) struct Task {
-    /// Fronts, consecutive in postorder. More than one: whole subtrees, small
-    /// together. One alone may be large and is then shared out by tiles.
+    /// Consecutive fronts in postorder. Several fronts are whole subtrees that are small
+    /// together. A single front may be large and is then divided into tiles.
     pub(crate) fronts: Range<usize>,
-    /// Whether it consumes updates of other tasks and is shared out by tiles.
+    /// Whether it takes updates of other tasks and is divided into tiles.
     pub(crate) is_top: bool,
-    /// Task of the front that takes the updates; `None`: they go to S.
+    /// Task of the front that takes the updates; `None` for S.
     pub(crate) parent: Option<usize>,
-    /// Tasks whose updates come here, in order.
+    /// Tasks whose updates go to this one, in order.
     pub(crate) children: Range<usize>,
     /// Stack that the fronts need [f64].
     pub(crate) stack: usize,
-    /// What remains on the stack: the updates of the subtrees' roots.
+    /// The rest of the stack: the updates of the roots of the subtrees.
     pub(crate) left: usize,
-    /// The largest of the panels [f64].
+    /// The largest of its panels [f64].
     pub(crate) panel: usize,
 }
 
@@ -130,9 +130,9 @@ pub struct Symbolic {
     spare: Spare,
 }
 
-/// Memory of factors of a pattern that are gone, for the next one: fresh memory costs a
-/// second a gigabyte when it is first touched. Nobody waits for it: in a forked child
-/// the locks may be held by a thread that is not there.
+/// Memory of earlier factors of a pattern, for the next one: the first access to new memory
+/// costs a second for each gigabyte. No thread waits for its lock: in a forked child, a thread
+/// that does not exist may hold it.
 #[derive(Debug, Default)]
 struct Spare {
     panels: Mutex<Vec<f64>>,
@@ -149,40 +149,39 @@ impl Deref for Symbolic {
     }
 }
 
-/// Who is eliminated when, and what goes where: good for every matrix of the
-/// pattern, and for several problems at once.
+/// The elimination order and the positions of all entries, for each matrix of the pattern, and
+/// for several problems at once.
 #[derive(Debug)]
 pub struct Plan {
     pub(crate) n: usize,
-    /// Eliminated unknowns; those from here on, in elimination numbering, are
-    /// kept, in the order the caller gave.
+    /// Number of eliminated unknowns; the following ones in elimination numbering are kept, in
+    /// the order of the caller.
     pub(crate) interior: usize,
-    /// The caller's unknown at each place of the elimination order.
+    /// The unknown of the caller at each place of the elimination order.
     pub(crate) old: Vec<u32>,
-    /// Place in the elimination order of each of the caller's unknowns.
+    /// Place in the elimination order of each unknown of the caller.
     pub(crate) new: Vec<u32>,
     pub(crate) fronts: Vec<Front>,
     pub(crate) runs: Vec<Run>,
-    /// (position in K's values, position in the front's panel).
+    /// (position in the values of K, position in the panel of the front).
     pub(crate) entries: Vec<(u32, u32)>,
     pub(crate) tasks: Vec<Task>,
-    /// Child lists that [`Task::children`] points into.
+    /// Lists of children, for [`Task::children`].
     pub(crate) task_children: Vec<usize>,
     /// Tasks whose updates go to S, in order.
     pub(crate) roots: Vec<usize>,
     pub(crate) panels: usize,
-    /// Most that updates take on one thread, and with a panel that is not kept
-    /// [f64].
+    /// Largest memory of updates on one thread, and with a panel that is not kept [f64].
     pub(crate) stack: usize,
     pub(crate) stack_dropped: usize,
     fingerprints: Vec<u64>,
 }
 
 impl Symbolic {
-    /// Orders and analyses the pattern of `k`, to eliminate all but `kept`.
+    /// Orders and analyses the pattern of `k`, for the elimination of all but `kept`.
     ///
-    /// `kept` may be empty or hold every unknown; S comes out in its order. The
-    /// rest may be in many pieces. Stored zeros count as pattern.
+    /// `kept` may be empty or contain all unknowns; S has its order. The rest may be
+    /// disconnected. Stored zeros belong to the pattern.
     ///
     /// # Errors
     /// [`Error::IndexRange`] and [`Error::Repeated`] for `kept`,
@@ -197,7 +196,7 @@ impl Symbolic {
             check_coordinates(at, n)?;
         }
         let pattern = Pattern::of(k);
-        let nodes = Quotient::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
+        let nodes = SupervariableGraph::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
         let (node_order, tree, ordering, seconds_order) = best_order(&nodes, options)?;
 
         let mut layout = Layout::new(&nodes, &tree, &node_order);
@@ -220,8 +219,7 @@ impl Symbolic {
             + size_of_val(fronts.as_slice())
             + size_of_val(runs.as_slice())
             + n * (size_of::<u64>() + 2 * size_of::<u32>());
-        // S is made when the last updates have reached it, and the diagonal of
-        // K goes along.
+        // S is made after the last updates have reached it; the diagonal of K is stored too.
         let peak = |own: usize, stack: usize| {
             bytes_symbolic + (own + stack.max(tasks.end + m * m) + n) * f64s
         };
@@ -267,14 +265,13 @@ impl Symbolic {
         })
     }
 
-    /// What the factorisation will cost.
+    /// The cost of the factorisation.
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// The same analysis for another problem, which has memory of its own and spends
-    /// no time on it.
+    /// The same analysis for another problem, with its own memory and zero seconds.
     #[must_use]
     pub fn for_another(&self) -> Self {
         let counts = Counts {
@@ -289,8 +286,8 @@ impl Symbolic {
         }
     }
 
-    /// Bytes held for the next factor of this pattern: panels and stack, which
-    /// [`Counts::bytes_peak`] counts among what it takes.
+    /// Bytes stored for the next factor of this pattern, panels and stack;
+    /// [`Counts::bytes_peak`] contains them.
     #[must_use]
     pub fn bytes_spare(&self) -> usize {
         [&self.spare.panels, &self.spare.stack]
@@ -299,8 +296,8 @@ impl Symbolic {
             .sum()
     }
 
-    /// Says whether the stack of updates of factors from now on stays here for the one
-    /// after, as their panels do: [`Plan::bytes_stack`] more, for as long.
+    /// Whether later factors leave their stack of updates here for the next one, as they leave
+    /// their panels: [`Plan::bytes_stack`] more for this time.
     pub fn keep_stack(&self, keep: bool) {
         self.spare.keeps_stack.store(keep, Ordering::Relaxed);
         if !keep {
@@ -312,7 +309,7 @@ impl Symbolic {
         self.spare.keeps_stack.load(Ordering::Relaxed)
     }
 
-    /// Memory for panels, used before or none.
+    /// Memory for panels, from an earlier factor if possible.
     pub(crate) fn take_panels(&self) -> Vec<f64> {
         take(&self.spare.panels)
     }
@@ -321,7 +318,7 @@ impl Symbolic {
         give(&self.spare.panels, panels);
     }
 
-    /// Memory for updates, used before or fresh.
+    /// Memory for updates, from an earlier factor or new.
     pub(crate) fn take_stack(&self) -> Vec<f64> {
         let spare = take(&self.spare.stack);
         if spare.len() == self.stack {
@@ -349,7 +346,7 @@ fn give(spare: &Mutex<Vec<f64>>, values: Vec<f64>) {
 }
 
 impl Plan {
-    /// Bytes that the stack of updates takes beside a factor, on one thread.
+    /// Bytes of the stack of updates besides a factor, on one thread.
     #[must_use]
     pub fn bytes_stack(&self) -> usize {
         self.stack * size_of::<f64>()
@@ -361,7 +358,7 @@ impl Plan {
         self.n - self.interior
     }
 
-    /// Whether `k` has the pattern analysed.
+    /// Whether `k` has the analysed pattern.
     ///
     /// # Errors
     /// [`Error::Shape`] or [`Error::SparseStructure`].
@@ -388,7 +385,7 @@ impl Plan {
     }
 }
 
-/// A number that tells the pattern of a column from others, place included.
+/// A hash of the pattern of a column with its number.
 fn fingerprint(k: &Symmetric, j: usize) -> u64 {
     let start = k.col_ptr()[j];
     k.row_idx()[start..k.col_ptr()[j + 1]]
@@ -458,10 +455,10 @@ fn check_coordinates(at: &[[f64; 3]], n: usize) -> Result<(), Error> {
     Ok(())
 }
 
-/// Order of the interior nodes with the fewer flops, its tree, its name, and
-/// the seconds that finding it took.
+/// The order of the interior nodes with fewer operations, its tree, its name, and the seconds
+/// used.
 fn best_order(
-    nodes: &Quotient,
+    nodes: &SupervariableGraph,
     options: &Options,
 ) -> Result<(Vec<u32>, Tree, &'static str, f64), Error> {
     let begin = Instant::now();

@@ -4,13 +4,13 @@ use std::borrow::Cow;
 
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 
-/// The pattern with both triangles: K's own, unless rounding has cancelled an
-/// entry on one side only.
+/// The pattern with both triangles: that of K, unless rounding has cancelled an entry on one
+/// side only.
 pub(super) struct Pattern<'a> {
     pub(super) col_ptr: Cow<'a, [usize]>,
     pub(super) row_idx: Cow<'a, [usize]>,
-    /// Where K is whole, of each entry above the diagonal the place of its partner
-    /// below: a search in every column would take longer than all else of the analysis.
+    /// If both triangles of K are stored, the position of the lower partner of each upper
+    /// entry: a search in each column would take longer than the rest of the analysis.
     pub(super) partner: Option<Vec<u32>>,
 }
 

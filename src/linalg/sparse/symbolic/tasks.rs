@@ -1,28 +1,28 @@
-//! The fronts dealt out: small subtrees whole, large fronts one at a time.
+//! Division of the fronts into tasks: small subtrees whole, large fronts one by one.
 
 use std::ops::Range;
 
 use crate::linalg::sparse::symbolic::{Front, Task};
 use crate::linalg::sparse::tree::flops_of;
 
-/// Work of a subtree that one thread does alone [flop]: some milliseconds, far
-/// above the cost of handing it out. Where all there is is little more than that,
-/// a part of it, but no less than what is worth handing out.
+/// Work of a subtree that one thread does alone [flop]: some milliseconds, far above the cost
+/// of a task. If the total work is not much larger, a share of it, but at least the worthwhile
+/// minimum.
 const LEAF_FLOPS: std::ops::RangeInclusive<f64> = 1e7..=2e8;
 
-/// Subtrees that a small tree is cut into, about.
+/// Approximate number of subtrees of a small tree.
 const PARTS: f64 = 16.0;
 
-/// Who works on what: small subtrees whole, large fronts one at a time.
+/// The tasks: small subtrees whole, large fronts one by one.
 pub(super) struct Tasks {
     pub(super) list: Vec<Task>,
     pub(super) children: Vec<usize>,
     pub(super) roots: Vec<usize>,
     /// Largest stack of updates on one thread [f64].
     pub(super) peak: usize,
-    /// The same with the panel at work beside it.
+    /// The same with the current panel besides it.
     pub(super) peak_dropped: usize,
-    /// What is left for S in the end.
+    /// The rest for S at the end.
     pub(super) end: usize,
 }
 
@@ -47,13 +47,13 @@ impl Tasks {
             peak_dropped: 0,
             end: 0,
         };
-        // Updates wait on one stack when one thread does all in order.
+        // On one thread in order, updates wait on one stack.
         let mut stack: Vec<(Option<usize>, usize)> = Vec::new();
         let mut height = 0;
         let mut task_of: Vec<Vec<usize>> = vec![Vec::new(); fronts.len()];
         let mut f = 0;
         while f < fronts.len() {
-            // The largest small subtree that begins here, else the front alone.
+            // The largest small subtree that begins here, or else the front alone.
             let mut end = f;
             let mut at = f;
             let mut sum = 0.0;
@@ -114,7 +114,7 @@ impl Tasks {
             });
         }
         this.end = height;
-        // Parents were fronts until every task had its number.
+        // Until now parents were fronts; now every task has its number.
         let mut of_front = vec![0; fronts.len()];
         for (number, task) in this.list.iter().enumerate() {
             of_front[task.fronts.clone()].fill(number);
@@ -127,9 +127,9 @@ impl Tasks {
 }
 
 impl Tasks {
-    /// Most that updates take when tasks are done in any order, children first:
-    /// of each subtree its root is done, or at work above its children, or
-    /// neither and its subtrees stand for themselves.
+    /// Largest memory of updates if tasks run in any order, children first: for each subtree,
+    /// its root is finished, or it is in progress with its children waiting, or neither and its
+    /// own subtrees count.
     pub(super) fn most(&self) -> usize {
         let mut of: Vec<usize> = Vec::with_capacity(self.list.len());
         for task in &self.list {
@@ -142,8 +142,8 @@ impl Tasks {
     }
 }
 
-/// Stack that a task needs, and what it leaves: an update is made above those
-/// of its children, then takes their place.
+/// Stack of a task, and its rest: an update is made above those of its children, then takes
+/// their place.
 fn stack_of(fronts: &[Front], children: &[Vec<usize>], range: Range<usize>) -> (usize, usize) {
     let (mut height, mut peak) = (0_usize, 0_usize);
     for f in range.clone() {

@@ -166,6 +166,11 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
         "solve": (lambda *a: held.solve(*a, 1), [*limits, None, None]),
         "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
+        "isotropic": (_core.isotropic, [MU, 3]),
+        "isotropic, two": (_core.isotropic, [np.ones((2, 2)), 3]),
+        "is_unresisted": (floating.is_unresisted, [np.zeros(2)]),
+        "is_contradiction": (held.is_contradiction, [np.zeros(2)]),
+        "balances": (floating.balances, [np.zeros(2)]),
         "is_sparse": (_core.is_sparse, [9, 3]),
         "answers": (_core.answers, [held]),
         "assess": (_core.assess, [held, GAP]),
@@ -210,7 +215,15 @@ def spoiled(good: list[Any]) -> Iterator[list[Any]]:
 def test_every_function_of_the_core_is_called() -> None:
     called = {name.partition(",")[0] for name in ENTRIES}
     # Constants, and what takes no argument that could be wrong.
-    rest = {"build_profile", "keep_heap", "threads", "version"}
+    rest = {
+        "build_profile",
+        "keep_heap",
+        "largest_friction_ratio",
+        "largest_reaction",
+        "least_work",
+        "threads",
+        "version",
+    }
     assert set(_core.__all__) - rest <= called
 
 
@@ -239,7 +252,7 @@ def test_no_panic(name: str) -> None:
             lambda: _core.Reduced(
                 [([0, 0], np.eye(4).ravel(), None)], GAP, MU, MODES, NONE
             ),
-            "contact 0 twice",
+            "contact 0 is out of range, or twice",
         ),
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
     ],

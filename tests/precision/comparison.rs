@@ -1,4 +1,4 @@
-//! How far S is from the truth, and how far it may be.
+//! The error of S, and its bound.
 //!
 //! What is computed is the exact Schur complement of a matrix `K + ΔK`,
 //! `|ΔK_ij| ≤ γ d_i d_j` with `d_i = √K_ii` and `γ` at most a rounding for each

@@ -1,4 +1,4 @@
-//! Right-hand sides on their way through the panel of a front.
+//! Triangular solves with the panel of a front.
 
 use faer::{Accum, MatMut, MatRef, Par};
 
@@ -8,15 +8,15 @@ use crate::linalg::dense::kernels::{
 use crate::linalg::packed::Panel;
 use crate::linalg::small::dot_long;
 
-/// Entries of a block up to which columns pass it one by one: it stays in the
-/// nearest caches meanwhile, and to call a product for it would take longer.
+/// Up to this many entries of a block, columns are solved one by one: the block stays in the
+/// nearest caches, and a call of a product would take longer.
 const ONE_BY_ONE: usize = 1 << 12;
 
-/// So many columns pass a larger block one by one, too.
+/// Up to this many columns, larger blocks are also solved column by column.
 const FEW_COLUMNS: usize = 4;
 
-/// `X₁ ← U₁₁⁻ᵀ X₁`, `X₂ ← X₂ − U₁₂ᵀ X₁` for a front gathered into `x`, `nf`
-/// rows and `columns` columns.
+/// `X₁ ← U₁₁⁻ᵀ X₁`, `X₂ ← X₂ − U₁₂ᵀ X₁` for a front gathered in `x`, with `nf` rows and
+/// `columns` columns.
 pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
     for (rows, range) in layout.blocks() {
         let (b, block) = (rows.len(), &panel[range]);
@@ -37,13 +37,12 @@ pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usiz
     }
 }
 
-/// Columns that only fill a group are zero throughout.
+/// Columns that only fill a group are zero.
 fn is_zero(x: &[f64]) -> bool {
     x.iter().all(|&x| x == 0.0)
 }
 
-/// One column: each entry of the factor is read once, by columns, at the rate of
-/// memory.
+/// One column: each entry of the factor is read once, by columns, at the rate of memory.
 fn forward_one(block: &[f64], b: usize, x: &mut [f64]) {
     let (first, second) = x.split_at_mut(b);
     for j in 0..b {
@@ -55,7 +54,7 @@ fn forward_one(block: &[f64], b: usize, x: &mut [f64]) {
     }
 }
 
-/// `X₁ ← U₁₁⁻¹ (X₁ − U₁₂ X₂)`, the way back of [`forward`].
+/// `X₁ ← U₁₁⁻¹ (X₁ − U₁₂ X₂)`, the backward solve for [`forward`].
 pub(crate) fn backward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
     for (rows, range) in layout.blocks().rev() {
         let (b, block) = (rows.len(), &panel[range]);
@@ -90,12 +89,12 @@ fn backward_one(block: &[f64], b: usize, x: &mut [f64]) {
     }
 }
 
-/// The diagonal block of a block of `b` rows, and what is right of it.
+/// The diagonal block of a block of `b` rows, and the part to its right.
 pub(super) fn halves(block: &[f64], b: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
     MatRef::from_column_major_slice(block, b, block.len() / b).split_at_col(b)
 }
 
-/// `a ← a − s b`, as far as `a` goes.
+/// `a ← a − s b` for the length of `a`.
 fn subtract(a: &mut [f64], s: f64, b: &[f64]) {
     for (a, b) in a.iter_mut().zip(b) {
         *a -= s * b;

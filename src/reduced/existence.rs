@@ -1,0 +1,137 @@
+//! Decides whether a witness is a proof. Solvers and Python search for witnesses; the
+//! thresholds of all of them stand here.
+//!
+//! | witness | condition | what it proves |
+//! |---|---|---|
+//! | rigid motion `a` | `R a ∈ K*_μ` at each contact, `e·a > 0` | no equilibrium: `a·(Rᵀ r + e) > 0` for each `r ∈ K_μ` |
+//! | amounts `λ ≥ 0` of normal displacements | `Wᵀ λ = 0`, `Rᵀ λ = 0`, `λ·q < 0` | no equilibrium: `λ·v = λ·q < 0` for each `r` and `a` |
+//! | normal reactions `p ≥ 0` | `Rᵀ p + e = 0` | contact can balance the loads |
+//!
+//! Rounding leaves an error `δ` in each equation. A proof of no equilibrium then excludes
+//! only reactions below `work / ‖δ‖`. It counts if these include all reactions up to
+//! [`LARGEST_REACTION`] times the loads.
+
+use crate::linalg::compensated::Sum;
+use crate::linalg::small::{dot_long, norm, tangential_norm};
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::WORST_FLOOR;
+
+/// Loads that are out of balance by a smaller share count as balanced, and work that is a
+/// smaller share proves nothing. It is ten times the default tolerance of a solution, and
+/// far above the rounding of loads that come from condensation.
+pub const LEAST_WORK: f64 = 1e-9;
+
+/// Reactions that are this many times the loads are not a solution: the rounding of their
+/// balance, 4 ε of them, is above [`WORST_FLOOR`].
+pub const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
+
+/// Whether work on a witness with an error `lack` excludes all reactions up to
+/// [`LARGEST_REACTION`] times the `size` of the loads.
+#[must_use]
+pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
+    work > 0.0 && work >= LARGEST_REACTION * lack * size
+}
+
+/// Whether the rigid motion `a` proves that there is no equilibrium.
+///
+/// It is evaluated in the numbers that were given, `R`, `e` and μ, with sums in twice the
+/// precision: a search in scaled variables has rounded them.
+#[must_use]
+pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+    let scaling = &problem.scaling;
+    let mut lack = 0.0_f64;
+    for (i, &mu) in problem.mu.iter().enumerate() {
+        let v: [f64; D] = std::array::from_fn(|k| {
+            let mut sum = Sum::default();
+            for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
+                sum.add_product(mode[i][k], amount);
+            }
+            sum.value() * scaling.to_v[i]
+        });
+        let slack = v[0] - mu * tangential_norm(&v);
+        // Without friction a contact resists by its normal force alone.
+        lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
+    }
+    let mut work = Sum::default();
+    for (e, a) in problem.rigid.load.iter().zip(a) {
+        work.add_product(*e, *a);
+    }
+    // r̂·v̂ over r·v is the same for every contact.
+    let unit = scaling.to_v.first().zip(scaling.to_r.first());
+    let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
+    works(problem, a) && excludes(work, lack, norm(&scaling.load))
+}
+
+/// Whether the loads work on a rigid motion `a` by more than their rounding.
+#[must_use]
+pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+    let rounding = problem.load_rounding.iter().zip(a);
+    let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
+    dot_long(&problem.rigid.load, a) > least
+}
+
+/// Whether amounts of normal displacements prove that contacts contradict each other, as
+/// walls that overlap do.
+#[must_use]
+pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -> bool {
+    let scaling = &problem.scaling;
+    let normal = normal_only::<D>(amounts);
+    let mut moved = vec![[0.0; D]; amounts.len()];
+    problem.compliance.transposed_product(&normal, &mut moved);
+    let (mut lack, mut work, mut size) = (norm(&sums(problem, &normal)), 0.0, 0.0_f64);
+    for (i, amount) in amounts.iter().enumerate() {
+        // A contact without friction has no tangential reaction.
+        let components = if problem.mu[i] > 0.0 { D } else { 1 };
+        lack = moved[i][..components]
+            .iter()
+            .fold(lack, |sum, w| sum.hypot(w * scaling.to_v[i]));
+        let free = problem.q[i][0] * scaling.to_v[i];
+        work -= amount * scaling.to_r[i] * free;
+        if *amount > 0.0 {
+            size = size.hypot(free);
+        }
+    }
+    let nonnegative = amounts.iter().all(|&amount| amount >= 0.0);
+    let least = LEAST_WORK * size * scaling.reaction_norm(&normal);
+    nonnegative && work > least && excludes(work, lack, size)
+}
+
+/// Whether normal reactions `p ≥ 0` balance the loads. `None` if they do, but are larger
+/// than the reactions of any solution.
+#[must_use]
+pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Option<bool> {
+    let scaling = &problem.scaling;
+    let sums = sums(problem, &normal_only::<D>(pressure));
+    let rest: Vec<f64> = sums.iter().zip(&scaling.load).map(|(p, e)| p + e).collect();
+    let mut size = norm(&scaling.load);
+    for (i, q) in problem.q.iter().enumerate() {
+        let components = if problem.mu[i] > 0.0 { D } else { 1 };
+        let largest = q[..components].iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+        size = size.max(largest * scaling.to_v[i]);
+    }
+    let largest = pressure.iter().zip(&scaling.to_r);
+    let largest = largest.fold(0.0_f64, |m, (p, s)| m.max(p * s));
+    let nonnegative = pressure.iter().all(|&p| p >= 0.0);
+    if !(nonnegative && norm(&rest) <= LEAST_WORK * size) {
+        return Some(false);
+    }
+    (largest <= LARGEST_REACTION * size).then_some(true)
+}
+
+fn normal_only<const D: usize>(normal: &[f64]) -> Vec<[f64; D]> {
+    let node = |&n: &f64| std::array::from_fn(|k| if k == 0 { n } else { 0.0 });
+    normal.iter().map(node).collect()
+}
+
+/// `R̂ᵀ r̂`.
+fn sums<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
+    let scaling = &problem.scaling;
+    let sum = |mode: &Vec<[f64; D]>| {
+        let terms = mode.iter().zip(r).zip(&scaling.to_r);
+        let at = |((m, r), s): ((&[f64; D], &[f64; D]), &f64)| {
+            m.iter().zip(r).map(|(m, r)| m * r * s).sum::<f64>()
+        };
+        terms.map(at).sum()
+    };
+    scaling.modes.iter().map(sum).collect()
+}
