@@ -3,9 +3,9 @@
 use bipot_rs::linalg::dense;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::{Errors, errors, errors_of_data, factor, schur};
-use crate::elements::{Make, Shape, Young};
-use crate::matrices::{Sparse, shuffle};
+use super::comparison::{Errors, errors, errors_of_data, factor, schur};
+use super::elements::{Make, Shape, Young};
+use super::matrices::{Sparse, shuffle};
 
 /// Digits that S is held to where the body is not hard: 45 roundings, for entries
 /// that are sums of some hundred terms. Nearly incompressible bodies, and stiff

@@ -3,9 +3,9 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::{ROUNDINGS, factor, reach};
-use crate::double_double;
-use crate::elements::{Make, Shape};
+use super::comparison::{ROUNDINGS, factor, reach};
+use super::elements::{Make, Shape};
+use crate::common::double_double;
 
 /// `K` with the load as last row and column, and a last diagonal as large as makes
 /// it look like a stiffness, `|f_i| ≤ √(K_ii d)`.

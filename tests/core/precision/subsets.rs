@@ -3,10 +3,10 @@
 
 use rand::{SeedableRng, rngs::StdRng};
 
-use crate::comparison::{ROUNDINGS, compare, reach, schur};
-use crate::matrices::{Sparse, shuffle};
-use crate::oracle::gram;
-use crate::rational::{self, as_floats, members};
+use super::comparison::{ROUNDINGS, compare, reach, schur};
+use super::matrices::{Sparse, shuffle};
+use super::oracle::gram;
+use super::rational::{self, as_floats, members};
 
 /// Springs of stiffness 1, 2, … between the pairs, and what holds each unknown.
 fn springs(n: usize, pairs: &[(usize, usize)], ground: impl Fn(usize) -> i64) -> Vec<i64> {

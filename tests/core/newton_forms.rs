@@ -3,12 +3,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
-#[path = "common/cases.rs"]
-mod cases;
-
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::cases::{Case, compliance, difference};
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Vector;
 use bipot_rs::reduced::compliance::Compliance;
@@ -18,7 +16,6 @@ use bipot_rs::solver::newton::compliance_form::{ComplianceForm, Solved};
 use bipot_rs::solver::newton::linearisation::{Linearisation, factorisation_cost};
 use bipot_rs::solver::newton::stiffness_form::StiffnessForm;
 use bipot_rs::solver::{Method, Outcome};
-use cases::{Case, compliance, difference};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 static GO: AtomicBool = AtomicBool::new(false);

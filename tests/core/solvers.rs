@@ -3,12 +3,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
-#[path = "common/cases.rs"]
-mod cases;
-
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::cases::{Case, compliance, difference};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::Status;
 use bipot_rs::reduced::compliance::{Compliance, Part};
@@ -16,7 +14,6 @@ use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::reduced::residual::Certificate;
 use bipot_rs::solver::monitor::Progress;
 use bipot_rs::solver::{Method, Outcome, Settings, Start, solve, solve_watched};
-use cases::{Case, compliance, difference};
 
 /// Those that take the bodies of a case.
 fn methods<const D: usize>(case: &Case<D>) -> impl Iterator<Item = (&'static str, Method)> {

@@ -5,20 +5,16 @@
     reason = "a test may fail, and its counts are small"
 )]
 
-#[path = "common/bodies.rs"]
-#[expect(dead_code, reason = "other tests use the rest")]
-mod bodies;
-
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::bodies::{Body, Make};
 use bipot_rs::error::Error;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::sparse::reach::Reach;
 use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
-use bodies::{Body, Make};
 
 static GO: AtomicBool = AtomicBool::new(false);
 

@@ -2,14 +2,10 @@
 //! found by another route in doubled precision: sticking by Cramer's rule,
 //! sliding by a search over all directions of slip.
 
-#[path = "common/double_double.rs"]
-#[expect(dead_code, reason = "elimination is for condensation")]
-mod double_double;
-
+use crate::common::double_double::Double;
 use bipot_rs::law::cone::Status;
 use bipot_rs::law::one_node::{self, Habit};
 use bipot_rs::linalg::small::Block;
-use double_double::Double;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BLOCKS: usize = 100_000;

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::errors;
-use crate::matrices::{Entries, Sparse, shuffle};
+use super::comparison::errors;
+use super::matrices::{Entries, Sparse, shuffle};
 
 #[derive(Clone, Copy, Debug)]
 enum Graph {

@@ -22,8 +22,8 @@ use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::double_double::{self, Double};
-use crate::matrices::Sparse;
+use super::matrices::Sparse;
+use crate::common::double_double::{self, Double};
 
 static GO: AtomicBool = AtomicBool::new(false);
 static ONE: LazyLock<ThreadPool> = LazyLock::new(|| pool(1));

@@ -1,6 +1,6 @@
 //! Exact answers of small matrices of whole numbers.
 
-use crate::double_double::Double;
+use crate::common::double_double::Double;
 
 /// A fraction; the denominator is positive or the numerator of no meaning.
 #[derive(Clone, Copy, Debug)]

@@ -4,9 +4,9 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::sparse::csc::Symmetry;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::factor;
-use crate::matrices::Sparse;
-use crate::rational::{as_floats, members, minor};
+use super::comparison::factor;
+use super::matrices::Sparse;
+use super::rational::{as_floats, members, minor};
 
 /// What a matrix and its interior are, by all principal minors.
 #[derive(Debug, PartialEq)]

@@ -3,12 +3,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
-#[path = "common/cases.rs"]
-mod cases;
-
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::cases::{Case, compliance, difference};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
@@ -21,7 +19,6 @@ use bipot_rs::solver::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
 use bipot_rs::solver::{Method, Outcome, Settings, Solution, Start, enumerate, solve};
-use cases::{Case, compliance, difference};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const PRINCIPLES: [Method; 4] = [

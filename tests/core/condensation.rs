@@ -8,20 +8,16 @@
     reason = "the letters of the matrices; bits are compared on purpose"
 )]
 
-#[path = "common/bodies.rs"]
-mod bodies;
-#[path = "common/double_double.rs"]
-mod double_double;
-
+use crate::common::double_double;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::common::bodies::{Body, Make};
 use bipot_rs::error::Error;
 use bipot_rs::linalg::dense::{self, Op};
 use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::Factor;
 use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
-use bodies::{Body, Make};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 static GO: AtomicBool = AtomicBool::new(false);

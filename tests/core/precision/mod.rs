@@ -17,6 +17,3 @@ mod meshes;
 mod oracle;
 mod rational;
 mod subsets;
-
-#[path = "../common/double_double.rs"]
-mod double_double;

@@ -2,8 +2,8 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::schur;
-use crate::matrices::{Entries, Sparse, shuffle};
+use super::comparison::schur;
+use super::matrices::{Entries, Sparse, shuffle};
 
 /// Least common multiple of the stiffnesses 1 to 9.
 const MULTIPLE: u64 = 2520;

@@ -3,7 +3,7 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::matrices::{Entries, Sparse, shuffle};
+use super::matrices::{Entries, Sparse, shuffle};
 
 /// Shape of the cells; the number of nodes along an edge is the order plus one.
 #[derive(Clone, Copy, Debug)]

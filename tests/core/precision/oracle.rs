@@ -2,9 +2,9 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::comparison::{compare, reach};
-use crate::double_double::{self, Double};
-use crate::rational::{self, whole};
+use super::comparison::{compare, reach};
+use super::rational::{self, whole};
+use crate::common::double_double::{self, Double};
 
 /// `|a − b| / |b|`.
 fn apart(a: Double, b: Double) -> f64 {

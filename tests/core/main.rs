@@ -1,0 +1,21 @@
+//! The tests of the core, in one binary: faer is generic, and each binary would
+//! compile its kernels again.
+
+mod alart_curnier;
+mod balance;
+#[path = "../common/mod.rs"]
+mod common;
+mod condensation;
+mod elliptic;
+mod error_bound;
+mod law;
+mod linear;
+mod newton_forms;
+mod one_node;
+mod panics;
+mod precision;
+mod principles;
+mod refactor;
+mod several_answers;
+mod solvers;
+mod sparse;

@@ -1,0 +1,149 @@
+"""Plant each fault of ``faults.toml``, one at a time, and see that a test fails.
+
+    python tests/mutations/run_mutations.py            # every fault: some minutes each ten faults
+    python tests/mutations/run_mutations.py 3 17       # these only
+
+The checkout is copied to ``out/mutations`` and every fault is compiled into that copy at
+once, behind a switch that the environment variable ``BIPOT_FAULT`` sets: one compilation
+serves all. Each fault then has one run of the Python tests, which stops at the first
+failure; the tests of the core run if none failed. The table goes to ``results.csv``.
+Exit status 1: a fault was not found.
+"""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+
+from plant import faults, planted
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+COPY = ROOT / "out" / "mutations"
+SWITCH = "BIPOT_FAULT"
+
+RUST_SWITCH = f"""
+/// Whether the planted fault with this number is on.
+pub fn planted(number: u32) -> bool {{
+    static ON: std::sync::OnceLock<Option<u32>> = std::sync::OnceLock::new();
+    let read = || std::env::var("{SWITCH}").ok()?.parse().ok();
+    *ON.get_or_init(read) == Some(number)
+}}
+"""
+PYTHON_SWITCH = f'''"""Whether a planted fault is on."""
+
+import os
+
+ON = int(os.environ.get("{SWITCH}", "0"))
+
+
+def planted(number: int) -> bool:
+    return number == ON
+'''
+
+
+def plant() -> None:
+    """Copy the checkout, plant every fault, compile once."""
+    COPY.mkdir(parents=True, exist_ok=True)
+    kept = [
+        "--exclude=./out",
+        "--exclude=./target",
+        "--exclude=./.venv",
+        "--exclude=./.git",
+    ]
+    packed = subprocess.run(
+        ["tar", "-c", *kept, "."], cwd=ROOT, capture_output=True, check=True
+    )
+    subprocess.run(["tar", "-x"], cwd=COPY, input=packed.stdout, check=True)
+    python_files = set()
+    for number, fault in enumerate(faults(), 1):
+        path = COPY / fault["file"]
+        path.write_text(planted(fault, number, path.read_text("utf-8")), "utf-8")
+        if path.suffix == ".py":
+            python_files.add(path)
+    for path in python_files:
+        text = path.read_text("utf-8")
+        # After the docstring and `from __future__`, before the first use.
+        first = re.search(r"^(?:import|from) (?!__future__)", text, re.MULTILINE)
+        at = first.start() if first else len(text)
+        switch = "from bipot_rs.planted_faults import planted as _planted\n"
+        path.write_text(text[:at] + switch + text[at:], "utf-8")
+    (COPY / "python/bipot_rs/planted_faults.py").write_text(PYTHON_SWITCH, "utf-8")
+    with (COPY / "src/lib.rs").open("a", encoding="utf-8") as file:
+        file.write(RUST_SWITCH)
+    build = ["cargo", "build", "--release", "--features", "python", "--lib"]
+    subprocess.run(build, cwd=COPY, env=environment(0), check=True)
+    built = COPY / "target/release/libbipot_rs.so"
+    built.replace(COPY / "python/bipot_rs/_core.abi3.so")
+
+
+def environment(number: int) -> dict[str, str]:
+    """Of a run with this fault on; 0 is none."""
+    return {
+        **os.environ,
+        SWITCH: str(number),
+        "PYTHONPATH": str(COPY / "python"),
+        "CARGO_TARGET_DIR": str(COPY / "target"),
+        "CARGO_PROFILE_RELEASE_LTO": "off",
+        # The same examples in each run.
+        "CI": "1",
+        "PROPTEST_RNG_SEED": "19910722",
+    }
+
+
+def found_by(number: int) -> str:
+    """The first test that fails with this fault; nothing if all pass.
+
+    The tests of the repository itself, such as of its layers, see the switches.
+    """
+    tests = ["-q", "-x", "-n", "2", "-p", "no:cacheprovider", "tests/python"]
+    left_out = ["--ignore=tests/python/repository"]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *tests, *left_out],
+        cwd=COPY, env=environment(number), capture_output=True, text=True,
+    )  # fmt: skip
+    if run.returncode:
+        failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
+        return failed[0] if failed else f"pytest ends with {run.returncode}"
+    run = subprocess.run(
+        ["cargo", "test", "--locked"],
+        cwd=COPY, env=environment(number), capture_output=True, text=True,
+    )  # fmt: skip
+    if run.returncode:
+        failed = re.findall(r"^test (\S+) \.\.\. FAILED", run.stdout, re.MULTILINE)
+        return f"cargo test: {failed[0] if failed else run.stderr[-200:]}"
+    return ""
+
+
+def main() -> int:
+    every = faults()
+    asked = [int(a) for a in sys.argv[1:]] or list(range(1, len(every) + 1))
+    plant()
+    if not sys.argv[1:] and (failed := found_by(0)):
+        sys.stderr.write(f"with no fault on, {failed} fails\n")
+        return 2
+    rows = []
+    for number in asked:
+        start = perf_counter()
+        test = found_by(number)
+        seconds = round(perf_counter() - start)
+        rows.append(
+            [number, every[number - 1]["file"], every[number - 1]["what"], test]
+        )
+        sys.stdout.write(
+            f"{number:3} {seconds:4} s  {rows[-1][2]}: {test or 'NOT FOUND'}\n"
+        )
+        sys.stdout.flush()
+    if not sys.argv[1:]:
+        with (HERE / "results.csv").open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["fault", "file", "what", "first test that fails"])
+            table.writerows(rows)
+    return int(any(not row[-1] for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
