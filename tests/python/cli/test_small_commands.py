@@ -350,7 +350,7 @@ def test_a_body_that_slides_away_is_named(bipot: Any) -> None:
     """It is towed by 5, pressed by 10, and friction can carry 3."""
     assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
-    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# Forces)")
+    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# To prescribe)")
     forces = """[[pressure]]
 on = "block.top"
 value = 10.0
