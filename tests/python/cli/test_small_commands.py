@@ -350,7 +350,7 @@ def test_a_body_that_slides_away_is_named(bipot: Any) -> None:
     """It is towed by 5, pressed by 10, and friction can carry 3."""
     assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
-    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# To prescribe)")
+    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# To prescribe a pressure)")
     forces = """[[pressure]]
 on = "block.top"
 value = 10.0
@@ -436,7 +436,7 @@ def test_plot_draws_each_kind(drawn_kinds: tuple[str, ...], bipot: Any) -> None:
     assert bipot("plot", "out/pressed_block", "--kind", "slip")[0] == 0
     status, _, err = bipot("plot", "out/pressed_block", "--kind", "gap_map")
     assert status == 2
-    assert "the contacts lie in the plane" in err
+    assert "the contacts have two dimensions" in err
 
 
 def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:

@@ -42,7 +42,7 @@ def test_converged_solutions_satisfy_the_law(kind: str, d: int, method: str) -> 
     for seed in range(12):
         problem = random_problem(kind, d, seed)
         if problem.rigid is not None and method in NEED_SUPPORTS:
-            with pytest.raises(ValueError, match=f"'{method}' needs bodies"):
+            with pytest.raises(ValueError, match=f"'{method}' needs supports"):
                 problem.problem().solve(method)
             return
         solution = problem.problem().solve(method, max_iterations=3000)
@@ -389,7 +389,7 @@ def test_displacements_agree_with_the_relative_displacements(off: float) -> None
     assert (abs(left) <= 32 * np.finfo(float).eps * terms)[free].all()
     wrong = v.copy()
     wrong[2, 0] += off * np.abs(v).max()
-    with pytest.raises(bp.NotConvergedError, match="off at contact 2"):
+    with pytest.raises(bp.NotConvergedError, match=r"error of .* at contact 2"):
         core.displacements([state], [(wrong, gap, slip)])
     # Forces that are wrong give other displacements, and these another v.
     other = np.zeros(n), moved, (1 + off) * step.reaction, np.empty(0)

@@ -289,7 +289,7 @@ def test_a_limit_is_reported() -> None:
     W, q, mu = random_problem(8, 3)
     solution = bp.ReducedProblem(W, q, mu).solve("uzawa", max_iterations=1)
     assert not solution.converged
-    assert "worst at contact" in solution.message
+    assert "largest violation at contact" in solution.message
     assert solution.unique == "unknown"
 
 

@@ -315,7 +315,10 @@ def test_a_single_row_of_loads_or_gaps_is_repeated() -> None:
     [
         (np.zeros(5), r"gap has shape \(5,\), expected \(6,\), \(steps, 6\) or"),
         (np.zeros((3, 6, 3)), r"gap has shape \(3, 6, 3\)"),
-        (np.zeros((3, 6)), "gap has 3 steps but the load path has 4: expected as many"),
+        (
+            np.zeros((3, 6)),
+            "gap has 3 steps but the load path has 4: expected the same number",
+        ),
         (np.full((4, 6), np.nan), r"gap is nan at \(0, 0\), expected finite numbers"),
     ],
 )

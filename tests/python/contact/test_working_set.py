@@ -61,19 +61,15 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
 
 
 # Smaller bodies take the same branches; only the large ones take minutes to condense.
-SMALL = [(2, 100), (3, 10)]
-LARGE = [pytest.param(*size, marks=pytest.mark.verify) for size in ((2, 320), (3, 15))]
+SIZES = [
+    (2, 100),
+    (3, 10),
+    pytest.param(2, 320, marks=pytest.mark.verify),
+    pytest.param(3, 15, marks=pytest.mark.verify),
+]
 
 
-@pytest.mark.parametrize(
-    ("dim", "cells"),
-    [
-        (2, 100),
-        (3, 10),
-        pytest.param(2, 320, marks=LARGE),
-        pytest.param(3, 15, marks=LARGE),
-    ],
-)
+@pytest.mark.parametrize(("dim", "cells"), SIZES)
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
     fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
@@ -98,15 +94,7 @@ def test_the_gaps_decide() -> None:
     assert few.stats["working_set"] is None
 
 
-@pytest.mark.parametrize(
-    ("dim", "cells"),
-    [
-        (2, 100),
-        (3, 10),
-        pytest.param(2, 320, marks=LARGE),
-        pytest.param(3, 14, marks=LARGE),
-    ],
-)
+@pytest.mark.parametrize(("dim", "cells"), SIZES)
 def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
     # In space the contacts are numbered row by row: those that pin the body must not
     # follow a diagonal, about which it would be held by rounding.

@@ -94,7 +94,7 @@ def test_files_of_another_program(form: str, tmp_path: Path, bipot: Any) -> None
         if file.is_file():
             mark(file)
     if form == "market":
-        assert "a matrix of Matrix Market, 50 × 50" in bipot("info", "K.mtx")[1]
+        assert "a Matrix Market file, 50 × 50" in bipot("info", "K.mtx")[1]
     shutil.rmtree("out")
     status, _, err = bipot(*command)
     assert status == 0, err
@@ -118,7 +118,7 @@ def test_tables_of_sweeps(bipot: Any) -> None:
     assert bipot("info", "out/pressed_block-sweep")[1] == told
     status, _, err = bipot(*sweep, "--jobs", "1", "--resume")
     assert status == 0
-    assert "2 rows of 2 are done already" in err
+    assert "2 of 2 rows are already finished" in err
 
 
 def test_temporary_copies_are_removed(tmp_path: Path) -> None:

@@ -582,10 +582,10 @@ def test_what_is_not_installed_is_said(
     cube: Any, line: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ModuleNotFoundError, match=r"need pyvista.*extra viz"):
+    with pytest.raises(ModuleNotFoundError, match=r"need pyvista.*bipot-rs\[viz\]"):
         plots.surface3d(*cube, backend="pyvista")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ModuleNotFoundError, match=r"need matplotlib.*extra cli"):
+    with pytest.raises(ModuleNotFoundError, match=r"need matplotlib.*bipot-rs\[cli\]"):
         plots.tractions(line[1])
 
 

@@ -246,7 +246,7 @@ def test_bodies_from_model_case_or_result() -> None:
     assert loaded.get_title("left").endswith("load step 2 of 2")
     with pytest.raises(TypeError, match="model is a int, expected a Model, a Case"):
         plots.deformed(3, result)
-    with pytest.raises(ValueError, match="initial strains act"):
+    with pytest.raises(ValueError, match="the model has initial strains"):
         plots.deformed(case, result[0])
     with pytest.raises(TypeError, match="result is a Case, expected"):
         plots.deformed(case)
