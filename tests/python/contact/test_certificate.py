@@ -393,5 +393,5 @@ def test_displacements_agree_with_the_relative_displacements(off: float) -> None
         core.displacements([state], [(wrong, gap, slip)])
     # Forces that are wrong give other displacements, and these another v.
     other = np.zeros(n), moved, (1 + off) * step.reaction, np.empty(0)
-    with pytest.raises(bp.NotConvergedError, match=r"B u \+ gap is off"):
+    with pytest.raises(bp.NotConvergedError, match=r"B u \+ gap has an error"):
         core.displacements([other], [(v, gap, slip)])

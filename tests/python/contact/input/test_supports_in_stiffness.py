@@ -118,7 +118,7 @@ def test_condensed_in_a_file(block: dict[str, Any], bipot: Any) -> None:
     assert (
         "K.mtx has 40 rows, expected 2 for each of the 25 nodes of nodes.csv: if" in err
     )
-    assert "Give the whole stiffness, and --fixed" in err
+    assert "give the whole stiffness and --fixed" in err
     mmwrite("K.mtx", sparse.coo_matrix(enforced(K, block["fixed"])), precision=17)
     status, _, err = bipot(*command, "--nodes", "nodes.csv")
     assert status == 2
