@@ -7,11 +7,22 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import slow
+
 # In CI a red run must be red again on the next try; at home new examples are
 # looked for at each run. No deadline: both run on machines shared with others.
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.register_profile("home", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "home")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave slow variants of parametrised tests to `make verify`."""
+    names = slow.listed()
+    for item in items:
+        if item.nodeid in names:
+            item.add_marker(pytest.mark.verify)
 
 
 @pytest.fixture(scope="session")

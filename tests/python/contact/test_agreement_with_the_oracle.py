@@ -1,12 +1,14 @@
 """The methods of the package agree with the oracle, which shares no algorithm with them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
 from conditions import violation
-from oracle import Problem
+from oracle import Answer, Problem
 from smoothing import follow
 
 Array = NDArray[np.float64]
@@ -27,21 +29,31 @@ def pressed(rng: np.random.Generator, contacts: int, dim: int) -> Array:
     return q
 
 
+# One worker runs the file: the oracle solves each problem once for all methods.
+pytestmark = pytest.mark.xdist_group("oracle")
+
+
+@cache
+def definite(contacts: int, dim: int, seed: int) -> tuple[Array, Array, Answer]:
+    """A problem with a definite compliance, and the solution of the oracle."""
+    rng = np.random.default_rng([seed, contacts, dim])
+    W, q = compliance(rng, contacts * dim), pressed(rng, contacts, dim)
+    return W, q, follow(Problem(W, q, MU))
+
+
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("contacts", [1, 4, 12])
 def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
     seen: set[int] = set()
     for seed in range(8):
-        rng = np.random.default_rng([seed, contacts, dim])
-        W, q = compliance(rng, contacts * dim), pressed(rng, contacts, dim)
+        W, q, expected = definite(contacts, dim, seed)
         reduced = bp.ReducedProblem(W, q, MU)
         solution = reduced.solve(method=method, tol=TOL)
         assert str(solution.outcome) == "converged"
         assert solution.residual <= solution.tolerance
         # Evaluated again, as a user would.
         assert reduced.residual(solution.reaction) == solution.residual
-        expected = follow(Problem(W, q, MU))
         # η of both, times the condition of W and what friction adds to it.
         size = np.abs(expected.r).max()
         np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-9 * size)

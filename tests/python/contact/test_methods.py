@@ -130,7 +130,7 @@ def fire():
 
 for problem, method in (pressed(26, 0.12), "newton"), (pressed(32, 0.4), "auto"):
     beside, late = problem.solve(method, 1e-12).stats["bytes_beside_W"], []
-    for delay in (0.05, 0.15, 0.4, 0.9):
+    for delay in (0.05, 0.4):
         sent = []
         threading.Timer(delay, fire).start()
         try:

@@ -15,9 +15,16 @@ from bodies import Body, block
 SAME = 1e-10
 
 
+# In the plane the block is flat: what counts here is the number of its contacts.
+HEIGHT = {2: 0.125, 3: 1.0}
+# Closes some contacts, and less than a quarter of them.
+DEPTH = {2: 0.005, 3: 0.02}
+
+
 def indented(dim: int, cells: int, radius: float) -> tuple[Body, np.ndarray]:
-    """A unit block over a rigid ball that touches it in the middle of its face."""
-    body = block([1.0] * dim, [cells] * dim, 1.0, 0.3)
+    """A block over a rigid ball that touches it in the middle of its face."""
+    sides = [1.0] * (dim - 1) + [HEIGHT[dim]]
+    body = block(sides, [round(cells * side) for side in sides], 1.0, 0.3)
     away = ((body.points[:, :-1] - 0.5) ** 2).sum(axis=1)
     return body, away / (2 * radius)
 
@@ -60,20 +67,13 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
     assert all(step.residual <= step.tolerance for step in grown)
 
 
-# Smaller bodies take the same branches; only the large ones take minutes to condense.
-SIZES = [
-    (2, 100),
-    (3, 10),
-    pytest.param(2, 320, marks=pytest.mark.verify),
-    pytest.param(3, 15, marks=pytest.mark.verify),
-]
-
-
-@pytest.mark.parametrize(("dim", "cells"), SIZES)
+@pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 15)])
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
-    fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
-    grown, whole = both(body, gap, fixed, None, path(body, fixed, 0.02))
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(dim)]
+    )
+    grown, whole = both(body, gap, fixed, None, path(body, fixed, DEPTH[dim]))
     agree(grown, whole)
     closed = (whole.status != 0).any(axis=0)
     assert 5 < closed.sum() < len(gap) / 4
@@ -83,31 +83,35 @@ def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
 
 def test_the_gaps_decide() -> None:
     body, gap = indented(2, 320, radius=1.0)
-    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
+    )
     few = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, fixed=fixed)
     assert few.stats["working_set"] is not None
     touching = bp.ContactProblem(body.K, body.B, gap=0 * gap, mu=0.4, fixed=fixed)
     assert touching.stats["working_set"] is None
     small, gap = indented(2, 40, radius=1.0)
-    held = np.concatenate([small.dofs(1, 1.0, k) for k in range(2)])
+    held = np.concatenate(
+        [small.dofs(small.dim - 1, HEIGHT[small.dim], k) for k in range(2)]
+    )
     few = bp.ContactProblem(small.K, small.B, gap=gap, mu=0.4, fixed=held)
     assert few.stats["working_set"] is None
 
 
-@pytest.mark.parametrize(("dim", "cells"), SIZES)
+@pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 14)])
 def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
     # In space the contacts are numbered row by row: those that pin the body must not
     # follow a diagonal, about which it would be held by rounding.
     body, gap = indented(dim, cells, radius=1.0)
     down = [0.0] * (dim - 1) + [-0.01]
-    load = body.traction(dim - 1, 1.0, down) + body.weight([0.001, *down[1:]])
+    load = body.traction(dim - 1, HEIGHT[dim], down) + body.weight([0.001, *down[1:]])
     loads = np.array([load, 1.5 * load])
     grown, whole = both(body, gap, None, loads, None)
     agree(grown, whole, inertia=gap.max())
 
 
 def test_a_sliding_body_is_reported() -> None:
-    body, gap = indented(2, 100, radius=1.0)
+    body, gap = indented(2, 320, radius=1.0)
     pulled = body.weight([0.0, 1.0])
     for grow in (True, False):
         problem = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, working_set=grow)
@@ -116,19 +120,23 @@ def test_a_sliding_body_is_reported() -> None:
 
 
 def test_all_candidates_are_used_if_nearly_all_close() -> None:
-    body, gap = indented(2, 100, radius=50.0)
-    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    body, gap = indented(2, 320, radius=50.0)
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
+    )
     grown, whole = both(body, gap, fixed, None, path(body, fixed, 0.05))
     assert (whole.status != 0).all(axis=1).any()
     agree(grown, whole)
 
 
 def test_two_bodies_and_a_state_to_start_from() -> None:
-    upper, gap = indented(2, 100, radius=1.0)
+    upper, gap = indented(2, 320, radius=1.0)
     n = upper.K.shape[0]
     K = sparse.block_diag([upper.K, 0.5 * upper.K], format="csr")
     B = sparse.hstack([upper.B, -upper.B], format="csr")
-    top = np.concatenate([upper.dofs(1, 1.0, k) for k in range(2)])
+    top = np.concatenate(
+        [upper.dofs(upper.dim - 1, HEIGHT[upper.dim], k) for k in range(2)]
+    )
     # The lower body is the mirror image: its face in contact is the same line.
     fixed = np.concatenate([top, n + top])
     steps = np.zeros((3, len(fixed)))
@@ -151,7 +159,9 @@ def test_two_bodies_and_a_state_to_start_from() -> None:
 
 def test_bits_do_not_depend_on_threads() -> None:
     body, gap = indented(3, 15, radius=1.0)
-    fixed = np.concatenate([body.dofs(2, 1.0, k) for k in range(3)])
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(3)]
+    )
     one, two = (
         both(body, gap, fixed, None, path(body, fixed, 0.02), num_threads=k)[0]
         for k in (1, 2)
@@ -189,7 +199,9 @@ def rolling(dim: int) -> tuple[bp.ContactProblem, np.ndarray]:
     """
     cells, depth = ([320, 6], 2e-3) if dim == 2 else ([14, 14, 3], 2e-2)
     body = block([1.0] * dim, cells, 1.0, 0.3)
-    fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(dim)]
+    )
     across = ((body.points[:, 1:-1] - 0.5) ** 2).sum(axis=1)
     away = [((body.points[:, 0] - x) ** 2 + across) / 2 for x in (0.3, 0.45, 0.6, 0.5)]
     problem = bp.ContactProblem(
@@ -228,7 +240,7 @@ def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
         k = min(int(s), 2)
         return gaps[k] + (s - k) * (gaps[k + 1] - gaps[k])
 
-    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=2e-4)
+    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=3e-5)
     assert automatic.s is not None
     # Not a trivial division: a step was too long, and tried again from where it began.
     assert np.diff(automatic.s, prepend=0.0).min() < 1.0
@@ -275,8 +287,10 @@ def test_a_wrong_set_in_a_file(tmp_path: Path) -> None:
 
 def test_other_properties_with_a_working_set() -> None:
     """The dense W, the reduced problem and the error estimate, as without it."""
-    body, gap = indented(2, 100, radius=1.0)
-    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    body, gap = indented(2, 320, radius=1.0)
+    fixed = np.concatenate(
+        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
+    )
     made = [
         bp.ContactProblem(
             body.K, body.B, gap=gap, mu=0.4, fixed=fixed, working_set=grow
