@@ -199,9 +199,7 @@ def rolling(dim: int) -> tuple[bp.ContactProblem, np.ndarray]:
     """
     cells, depth = ([320, 6], 2e-3) if dim == 2 else ([14, 14, 3], 2e-2)
     body = block([1.0] * dim, cells, 1.0, 0.3)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(dim)]
-    )
+    fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
     across = ((body.points[:, 1:-1] - 0.5) ** 2).sum(axis=1)
     away = [((body.points[:, 0] - x) ** 2 + across) / 2 for x in (0.3, 0.45, 0.6, 0.5)]
     problem = bp.ContactProblem(
@@ -240,7 +238,7 @@ def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
         k = min(int(s), 2)
         return gaps[k] + (s - k) * (gaps[k + 1] - gaps[k])
 
-    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=3e-5)
+    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=2e-4)
     assert automatic.s is not None
     # Not a trivial division: a step was too long, and tried again from where it began.
     assert np.diff(automatic.s, prepend=0.0).min() < 1.0
