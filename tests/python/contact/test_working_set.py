@@ -29,6 +29,12 @@ def indented(dim: int, cells: int, radius: float) -> tuple[Body, np.ndarray]:
     return body, away / (2 * radius)
 
 
+def top(body: Body) -> np.ndarray:
+    """Degrees of freedom of the face opposite to the contacts."""
+    at = body.dim - 1, HEIGHT[body.dim]
+    return np.concatenate([body.dofs(*at, k) for k in range(body.dim)])
+
+
 def path(body: Body, fixed: np.ndarray, depth: float) -> np.ndarray:
     """Press, drag, lift a little."""
     dim = body.dim
@@ -70,9 +76,7 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
 @pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 15)])
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(dim)]
-    )
+    fixed = top(body)
     grown, whole = both(body, gap, fixed, None, path(body, fixed, DEPTH[dim]))
     agree(grown, whole)
     closed = (whole.status != 0).any(axis=0)
@@ -83,17 +87,13 @@ def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
 
 def test_the_gaps_decide() -> None:
     body, gap = indented(2, 320, radius=1.0)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
-    )
+    fixed = top(body)
     few = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, fixed=fixed)
     assert few.stats["working_set"] is not None
     touching = bp.ContactProblem(body.K, body.B, gap=0 * gap, mu=0.4, fixed=fixed)
     assert touching.stats["working_set"] is None
     small, gap = indented(2, 40, radius=1.0)
-    held = np.concatenate(
-        [small.dofs(small.dim - 1, HEIGHT[small.dim], k) for k in range(2)]
-    )
+    held = top(small)
     few = bp.ContactProblem(small.K, small.B, gap=gap, mu=0.4, fixed=held)
     assert few.stats["working_set"] is None
 
@@ -121,9 +121,7 @@ def test_a_sliding_body_is_reported() -> None:
 
 def test_all_candidates_are_used_if_nearly_all_close() -> None:
     body, gap = indented(2, 320, radius=50.0)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
-    )
+    fixed = top(body)
     grown, whole = both(body, gap, fixed, None, path(body, fixed, 0.05))
     assert (whole.status != 0).all(axis=1).any()
     agree(grown, whole)
@@ -134,13 +132,11 @@ def test_two_bodies_and_a_state_to_start_from() -> None:
     n = upper.K.shape[0]
     K = sparse.block_diag([upper.K, 0.5 * upper.K], format="csr")
     B = sparse.hstack([upper.B, -upper.B], format="csr")
-    top = np.concatenate(
-        [upper.dofs(upper.dim - 1, HEIGHT[upper.dim], k) for k in range(2)]
-    )
+    held = top(upper)
     # The lower body is the mirror image: its face in contact is the same line.
-    fixed = np.concatenate([top, n + top])
+    fixed = np.concatenate([held, n + held])
     steps = np.zeros((3, len(fixed)))
-    steps[:, : len(top)] = path(upper, top, 0.02)
+    steps[:, : len(held)] = path(upper, held, 0.02)
     results = []
     for grow in (True, False):
         problem = bp.ContactProblem(
@@ -159,9 +155,7 @@ def test_two_bodies_and_a_state_to_start_from() -> None:
 
 def test_bits_do_not_depend_on_threads() -> None:
     body, gap = indented(3, 15, radius=1.0)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(3)]
-    )
+    fixed = top(body)
     one, two = (
         both(body, gap, fixed, None, path(body, fixed, 0.02), num_threads=k)[0]
         for k in (1, 2)
@@ -286,9 +280,7 @@ def test_a_wrong_set_in_a_file(tmp_path: Path) -> None:
 def test_other_properties_with_a_working_set() -> None:
     """The dense W, the reduced problem and the error estimate, as without it."""
     body, gap = indented(2, 320, radius=1.0)
-    fixed = np.concatenate(
-        [body.dofs(body.dim - 1, HEIGHT[body.dim], k) for k in range(2)]
-    )
+    fixed = top(body)
     made = [
         bp.ContactProblem(
             body.K, body.B, gap=gap, mu=0.4, fixed=fixed, working_set=grow
