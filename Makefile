@@ -58,7 +58,7 @@ python-test: $(STAMP)
 	$(PY) -m pytest -n 2 --dist loadgroup
 
 .PHONY: verify
-verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
+verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
 	$(PY) -m pytest -m verify --timeout 3600
 
 # FCLIB=DIR: a folder with the files of FCLIB, which this repository does not hold.
