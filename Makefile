@@ -61,6 +61,10 @@ python-test: $(STAMP)
 verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
 	$(PY) -m pytest -m verify --timeout 3600
 
+.PHONY: mutations
+mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour
+	$(PY) tests/mutations/run_mutations.py
+
 # FCLIB=DIR: a folder with the files of FCLIB, which this repository does not hold.
 # BENCH=quick: small sizes of the comparisons with peers, written into out/bench.
 BENCH := full
