@@ -38,8 +38,8 @@ def _within_range(function: Callable[P, T]) -> Callable[P, T]:
             known = False
         if not known:
             raise ValueError(
-                f"the answer of {function.__name__} leaves the range of doubles: "
-                "choose other units"
+                f"the result of {function.__name__} overflows or underflows: choose other "
+                "units"
             )
         return answer
 
@@ -82,8 +82,8 @@ def _stick_ratio(force: float, tangential: float, mu: float) -> float:
     _numbers(tangential=tangential)
     if not abs(tangential) <= mu * force:
         raise ValueError(
-            f"tangential must not exceed mu * force = {mu * force!r} in size, found {tangential!r}:"
-            " beyond it the whole contact slides"
+            f"tangential must lie between -mu * force and mu * force = {mu * force!r}, "
+            f"found {tangential!r}: a larger force slides the whole contact"
         )
     return 1 - abs(tangential) / (mu * force)
 
@@ -548,7 +548,7 @@ def rotating_load(
     """
     _positive(stiffness=stiffness, force=force, limit=limit)
     if limit >= force:
-        raise ValueError(f"limit must be below force = {force!r}, found {limit!r}")
+        raise ValueError(f"limit must be less than force = {force!r}, found {limit!r}")
     if steps is None:
         radius = math.sqrt(force**2 - limit**2) / stiffness
         return radius, 2 * math.pi * radius * limit

@@ -74,8 +74,9 @@ def explicit_path(
     mu = coulomb(first.mu, contacts)
     if first.rigid is not None:
         raise ValueError(
-            "problem has a body that contact alone holds, expected supports that do: the "
-            "explicit scheme lets contacts go"
+            "problem has unsupported rigid motions "
+            f"({', '.join(problem.rigid_motions)}): add supports that stop all of "
+            "them, because the explicit scheme cannot place an unsupported body"
         )
     W = problem.compliance
     t, v, q = np.zeros((contacts, d)), first.q.copy(), first.q
@@ -155,8 +156,8 @@ def _rates(
         x = np.linalg.solve(A, b)
     except np.linalg.LinAlgError:
         raise ValueError(
-            "problem has contacts that only move each other, expected a compliance that "
-            "determines their reactions"
+            "the compliance of the closed contacts of problem is singular: it does not "
+            "determine their reactions; remove redundant contacts"
         ) from None
     rate = np.zeros(contacts)
     rate[sliding] = x[size:]

@@ -181,8 +181,8 @@ class Functionals:
         step, before = result[at], result[at - 1] if at else result.start
         if step.load is None or (before is not None and before.load is None):
             raise ValueError(
-                f"step {at} of result has no loads, it was read from a file: expected a "
-                "result of problem.solve"
+                f"step {at} of result has no loads, because it was read from a file: give "
+                "the result of problem.solve"
             )
         start = None
         if before is not None:
@@ -360,7 +360,7 @@ class Functionals:
             at = int(np.argmax(lack))
             dof = int(self._fixed[at])
             raise ValueError(
-                f"du is {u[dof]} at degree of freedom {dof}, expected the prescribed "
+                f"du is {u[dof]} at degree of freedom {dof}, expected the prescribed value "
                 f"{self.prescribed[at]}"
             )
         return u
@@ -375,8 +375,9 @@ class Functionals:
         # Solved to rounding, and in balance to the slack.
         if lack > (1e-8 + self._slack) * terms.max(initial=0.0):
             raise ValueError(
-                f"K is not the stiffness of the problem: its elastic answer misses "
-                f"equilibrium by {lack}, of forces up to {terms.max()}"
+                f"K is not the stiffness of the problem: with K, a force of {lack} stays "
+                f"unbalanced, where forces are up to {terms.max()}; give the K that the "
+                "problem was made from"
             )
 
     def _relative(self, u: Floats) -> Floats:

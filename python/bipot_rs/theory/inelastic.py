@@ -54,8 +54,13 @@ class HardeningBars:
         k = floats("stiffness", self.stiffness, ndim=1)
         for name in ("stiffness", "hardening", "limit", "plastic"):
             value = floats(name, getattr(self, name), shape=k.shape, finite=False)
-            if np.isnan(value).any() or (name != "plastic" and not (value > 0).all()):
-                raise ValueError(f"{name} is {value}, expected positive numbers")
+            wrong = np.isnan(value) if name == "plastic" else ~(value > 0)
+            if wrong.any():
+                at = int(np.argmax(wrong))
+                kind = "number" if name == "plastic" else "positive number"
+                raise ValueError(
+                    f"{name} of bar {at} is {value[at]}, expected a {kind}"
+                )
             object.__setattr__(self, name, value)
 
     def potential(self, e: Floats) -> Floats:
@@ -152,8 +157,8 @@ class Truss:
         self._B = csr("B", B).matrix.toarray()
         if self._C.shape[0] != len(bars.stiffness):
             raise ValueError(
-                f"C has shape {self._C.shape}, expected {len(bars.stiffness)} rows, a bar "
-                "each"
+                f"C has shape {self._C.shape}, expected {len(bars.stiffness)} rows, one "
+                "for each bar"
             )
         n = self._C.shape[1]
         self._gap = floats("gap", gap, ndim=2)

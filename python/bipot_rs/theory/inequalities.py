@@ -109,8 +109,8 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
     if deep.any():
         at = int(np.argmax(deep))
         raise ValueError(
-            f"v of contact {at} penetrates by {-v[at, 0]}, expected v_n >= 0: (75) asks "
-            "for displacements that do not"
+            f"v of contact {at} penetrates by {-v[at, 0]}, expected v_n >= 0, which "
+            "inequality (75) assumes"
         )
     drag = np.linalg.norm(t[:, 1:], axis=1)
     worst = np.zeros_like(v)
@@ -230,8 +230,8 @@ class Response:
         count = len(self._e)
         if rigid is None and count:
             raise ValueError(
-                f"rigid is missing, expected ({count},): reactions do not place bodies "
-                "that contact alone holds"
+                f"rigid is missing, expected shape ({count},): supports leave {count} rigid "
+                "motions free, and reactions do not determine their amounts"
             )
         a = np.zeros(0) if rigid is None else floats("rigid", rigid, shape=(count,))
         moved = self._W @ (self.reaction + increment).ravel() + self._R @ a
@@ -250,8 +250,8 @@ class Response:
         increment = floats("du", du, shape=self.problem.q.shape)
         if self._inverse is None:
             raise ValueError(
-                "problem has a singular compliance, expected one that displacements "
-                "determine the reactions of"
+                "the compliance W of problem is singular: displacements do not determine "
+                "the reactions; remove redundant contacts, or use inequality_74"
             )
         moved = (increment + self.offset - self.problem.q).ravel()
         m = len(moved)
@@ -363,8 +363,8 @@ def _bound(what: str, value: float, least: float, of: str) -> float:
     size = number(what, value)
     if not (np.isfinite(size) and size >= least and size > 0):
         raise ValueError(
-            f"{what} is {size}, expected a positive number, {least} or more: the largest "
-            f"{of}"
+            f"{what} is {size}, expected a positive number of at least {least}, the "
+            f"largest {of}"
         )
     return size
 
@@ -376,8 +376,8 @@ def _in_cone(t: Floats, mu: Floats) -> None:
     if (lack > _ROUNDING * largest).any():
         at = int(np.argmax(lack))
         raise ValueError(
-            f"t of contact {at} is outside of its cone by {lack[at]}, expected reactions "
-            "inside: the inequality asks for them"
+            f"t of contact {at} is outside the friction cone by {lack[at]}, expected a "
+            "reaction inside, which the inequality assumes"
         )
 
 

@@ -74,7 +74,7 @@ def normal_and_gap(
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ValueError(
-                f"normal of pair {at} has the length {lengths[at]}, expected 1"
+                f"normal of pair {at} has length {lengths[at]}, expected 1"
             )
         return n, dot(between, n)
     distance = length(between)
@@ -84,8 +84,8 @@ def normal_and_gap(
     if touching.any():
         at = int(np.argmax(touching))
         raise ValueError(
-            f"body and obstacle coincide at pair {at}: points that touch have no direction "
-            "of their own, give normal="
+            f"body and obstacle coincide at pair {at}: coincident points do not determine "
+            "a normal; give normal="
         )
     return direction(between), distance
 
@@ -403,5 +403,7 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
 def _known(result: Result, name: str) -> Any:
     found = result.contacts.get(name)
     if found is None:
-        raise ValueError(f"result has no {name} of its contacts")
+        raise ValueError(
+            f"result.contacts has no {name!r}: give the result of ContactProblem.solve"
+        )
     return found

@@ -112,8 +112,8 @@ class DruckerPrager:
             raise ValueError(f"friction is {alpha}, expected a positive number")
         if not 0 <= beta <= alpha:
             raise ValueError(
-                f"dilatancy is {beta}, expected 0 to {alpha}, the friction: beyond it the "
-                "law has no bipotential of this form"
+                f"dilatancy is {beta}, expected 0 to {alpha}, the friction: outside this "
+                "range the law has no bipotential of this form"
             )
         if not 0 <= a < math.inf:
             raise ValueError(f"apex is {a}, expected zero or positive")
@@ -134,9 +134,11 @@ class DruckerPrager:
         c, phi = number("cohesion", cohesion), number("friction_angle", friction_angle)
         psi = number("dilatancy_angle", dilatancy_angle)
         if not 0 < phi < math.pi / 2:
-            raise ValueError(f"friction_angle is {phi}, expected 0 to pi/2, both out")
+            raise ValueError(f"friction_angle is {phi}, expected above 0, below pi/2")
         if not 0 <= psi <= phi:
-            raise ValueError(f"dilatancy_angle is {psi}, expected 0 to {phi}")
+            raise ValueError(
+                f"dilatancy_angle is {psi}, expected 0 to {phi} (the friction angle)"
+            )
         if not 0 <= c < math.inf:
             raise ValueError(f"cohesion is {c}, expected zero or positive")
         alpha, beta = (
