@@ -76,8 +76,7 @@ def explicit_path(
     if first.rigid is not None:
         raise ValueError(
             "problem has unsupported rigid motions "
-            f"({', '.join(problem.rigid_motions)}): add supports that stop all of "
-            "them, because the explicit scheme cannot place an unsupported body"
+            f"({', '.join(problem.rigid_motions)}): add supports, which the explicit scheme needs"
         )
     W = problem.compliance
     t, v, q = np.zeros((contacts, d)), first.q.copy(), first.q

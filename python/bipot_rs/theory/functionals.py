@@ -64,10 +64,9 @@ class Functionals:
     start
         State at the start of the step; default the unloaded bodies.
     slack
-        Relative tolerance of constraints: for penetrations, relative to the largest
-        displacement; for contact forces outside the cone, to the largest reaction; for
-        unbalanced forces on rigid motions, to the loads. A computed solution lies in the
-        cone up to its tolerance only, and without slack an indicator would be infinite.
+        Tolerance of constraints: of penetration relative to the largest displacement, of
+        contact forces to the largest reaction, of balance on rigid motions to the loads.
+        Without it the indicator at a computed solution would be infinite.
 
     Attributes
     ----------
@@ -221,8 +220,7 @@ class Functionals:
         freedom selects one. By default these values are the prescribed ones, which minimise
         [dSF91, 27]. Other values ``at_supports (len(fixed),)`` give other support forces.
 
-        The result is ``None`` if the loads and ``dr`` do not balance on a rigid motion that
-        supports leave free, ``Rᵀ r + e ≠ 0``: no stress field is then in equilibrium.
+        ``None`` if loads and ``dr`` do not balance on a free rigid motion, ``Rᵀ r + e ≠ 0``.
 
         Raises
         ------
@@ -294,9 +292,8 @@ class Functionals:
     ) -> float:
         """``B = Φ + Π + Σ b``: (23), with the sign of ``u`` from (21).
 
-        Never less than ``-start_work``, with equality at solutions only; this is zero if the
-        start state is complementary. Infinite outside the domain of ``b``, and if reactions
-        and loads do not balance on a free rigid motion.
+        Never less than ``-start_work``, which is zero if the start state is complementary;
+        equal at solutions only. Infinite outside the domain of ``b`` or without balance.
         """
         contact = float(self.bipotential(du, dr).sum())
         if not np.isfinite(contact):
@@ -309,10 +306,9 @@ class Functionals:
         """``½ ‖du - w‖²_K + Σ r·ṽ``: the bifunctional above its bound ``-start_work``.
 
         The first term is the energy of the error in equilibrium, the second the sum of the
-        gaps of the contact law. The result equals ``bifunctional + start_work`` where that
-        is finite, without its cancellation: at a solution it has the rounding of ``r·ṽ``,
-        and ``B`` that of ``Φ`` and ``Π``. Constraints are not checked; if they hold, no term
-        is negative.
+        gaps of the contact law. It equals ``bifunctional + start_work`` where that is finite,
+        without cancellation: its rounding is that of ``r·ṽ``, instead of ``Φ`` and ``Π``.
+        Constraints are not checked; if they hold, no term is negative.
         """
         u = self._admissible(du)
         w = self.elastic_answer(dr, at_supports)
@@ -344,8 +340,7 @@ class Functionals:
     ) -> float:
         """``ΔΠ_b`` (72), which ``dr`` minimises for given slip of ``du``.
 
-        Infinite where a reaction is outside the cone, and where reactions and loads do not
-        balance on a free rigid motion.
+        Infinite if a reaction is outside the cone, or a free rigid motion is not balanced.
         """
         reaction = floats("dr", dr, shape=self._shape)
         r = self._before + reaction

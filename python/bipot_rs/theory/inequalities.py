@@ -2,9 +2,8 @@
 
 Each inequality requires that a linear function of the test field is nowhere negative. Its
 minimum is computed exactly for each contact. The negative part of the minimum is the
-residual, in units of work: it is zero if and only if the inequality holds. Unbounded test
-fields would make a violation infinite. They are bounded by a given size, which scales a
-violation but does not change whether there is one.
+residual, in units of work: it is zero if and only if the inequality holds. Test fields are
+bounded by a given size. It scales a violation, but does not change whether there is one.
 
 Tractions, displacements and test fields are totals: ``t = t0 + Δt``,
 ``v = Δu + (u_n0 + h0, 0)``, and likewise ``t*``, ``v*``. Their differences equal those of
@@ -158,9 +157,8 @@ def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdic
 class Response:
     """The operators (73): ``E`` from increments of reaction to displacement, and its inverse.
 
-    Both are affine, by equilibrium of the bodies under the loads of the step:
-    ``E(Δt) = W (t0 + Δt) + q - offset``. ``E⁻¹`` uses the stiffness condensed on the
-    contacts.
+    Both are affine, by equilibrium under the loads of the step:
+    ``E(Δt) = W (t0 + Δt) + q - offset``.
 
     Parameters
     ----------

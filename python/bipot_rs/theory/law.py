@@ -282,9 +282,9 @@ def by_bipotential(
 ) -> Floats:
     """Residual of (8) with (54): ``b(-Δu, Δt) + Δu·Δt = 0``, converted to a force.
 
-    The gap of the bipotential is computed at the nearest admissible pair; the residual
-    includes the distance to that pair. The gap is an energy: division by ``|ṽ| + |t|/ρ``
-    makes it a force. An error in the direction of slip enters squared.
+    The gap, an energy, is computed at the nearest admissible pair and divided by
+    ``|ṽ| + |t|/ρ``; the residual is at least the distance to that pair.
+    An error in the direction of slip enters squared.
     """
     p = _pair(law, du, dt, rho)
     steps = _steps(law, rho)
@@ -302,9 +302,8 @@ def by_bipotential(
 def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """Residual of (79), ``|Δt - proj(Δt - ρ (Δu + (u_n⁰ + h₀ + μ|Δu_t|) n), ΔK_μ)|``.
 
-    It is (11) of docs/theory.md. Call the residual F. For ``t`` in the cone and
-    ``v_n >= 0``, ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``: F and the gap of the bipotential
-    bound each other.
+    It is (11). Call the residual F. For ``t`` in the cone and ``v_n >= 0``,
+    ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``: F and the gap of the bipotential bound each other.
     """
     p = _pair(law, du, dt, rho)
     increments = law.start.vectors("dt", dt)
@@ -342,10 +341,9 @@ FORMS: Mapping[str, Form] = MappingProxyType(
 
 
 def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """Size of the terms of a residual, ``(n_c,)`` [N]: the scale of tolerances.
+    """Sum of reactions, and of displacements times ρ, start state included, ``(n_c,)`` [N].
 
-    The sum of reactions, and of displacements times ρ, start state included. The rounding
-    of a residual is a few units of rounding of this size.
+    It is the scale of tolerances: a residual has a few units of rounding of this size.
     """
     moved, pressed = law.start.vectors("du", du), law.start.vectors("dt", dt)
     terms = np.abs(law.start.displacement[:, 0]) + np.abs(law.start.gap)

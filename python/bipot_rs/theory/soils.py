@@ -190,9 +190,8 @@ class DruckerPrager:
     def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
         """``Ψ(σ̄_m <= a) + Ψ(|s̄| <= β(a - σ̄_m) + (α - β)(a - σ_m)) - Ψ(σ admissible)``, (14).
 
-        For ``σ`` on the criterion, the set of ``σ̄`` lies below the level set of the plastic
-        potential through ``σ``, cut off at the apex. Its normals at ``σ̄ = σ`` are the flow,
-        (16).
+        For ``σ`` on the criterion, the level set of the plastic potential through ``σ`` bounds
+        the set of ``σ̄``, cut off at the apex. Its normals at ``σ̄ = σ`` are the flow, (16).
         """
         bar, stress = _vectors("z", z), _vectors("y", y)
         (bar_mean, bar_s), (mean, _) = _stress(bar), _stress(stress)
