@@ -1,7 +1,7 @@
 """Closed forms to compare numerical contact solutions with.
 
 Every formula holds in any consistent system of units; the units in the docstrings (N, m, Pa)
-only show the dimensions. In two dimensions forces are per unit thickness. Pressures and
+only show the dimensions. In two dimensions, forces are per unit thickness. Pressures and
 normal reactions are positive in compression; `mu` is Coulomb's coefficient.
 
 Source: K. L. Johnson, *Contact Mechanics*, Cambridge University Press, 1985,
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 def _within_range(function: Callable[P, T]) -> Callable[P, T]:
-    """Refuse arguments whose result overflows or underflows."""
+    """Make the function raise an error if its result overflows or underflows."""
 
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -38,8 +38,8 @@ def _within_range(function: Callable[P, T]) -> Callable[P, T]:
             known = False
         if not known:
             raise ValueError(
-                f"the answer of {function.__name__} leaves the range of doubles: "
-                "choose other units"
+                f"the result of {function.__name__} overflows or underflows: choose other "
+                "units"
             )
         return answer
 
@@ -77,13 +77,13 @@ def _poisson(name: str, nu: float) -> None:
 
 
 def _stick_ratio(force: float, tangential: float, mu: float) -> float:
-    """1 - |Q|/(mu P); the partial-slip formulas are powers of it."""
+    """1 - |Q|/(mu P), whose powers occur in the formulas of partial slip."""
     _positive(force=force, mu=mu)
     _numbers(tangential=tangential)
     if not abs(tangential) <= mu * force:
         raise ValueError(
-            f"tangential must not exceed mu * force = {mu * force!r} in size, found {tangential!r}:"
-            " beyond it the whole contact slides"
+            f"tangential must lie between -mu * force and mu * force = {mu * force!r}, "
+            f"found {tangential!r}: a larger force slides the whole contact"
         )
     return 1 - abs(tangential) / (mu * force)
 
@@ -198,18 +198,17 @@ def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Floats:
 def partial_slip_traction(
     distance: ArrayLike, a: float, c: float, p0: float, mu: float
 ) -> Floats:
-    """Tangential traction under a Hertz pressure, stuck for `distance <= c`, [J85, ch. 7].
+    """Tangential traction under a Hertz pressure that sticks for `distance <= c`, [J85, ch. 7].
 
-    `μ p0 [sqrt(1 - x²/a²) - (c/a) sqrt(1 - x²/c²)]`, each term 0 outside its range.
-    It is the magnitude of the traction on the pushed body; the reaction of the obstacle
-    is opposite to the force.
+    `μ p0 [sqrt(1 - x²/a²) - (c/a) sqrt(1 - x²/c²)]`, each term 0 outside its range. It is
+    a magnitude: the traction on the loaded body is opposite to the tangential force.
 
     Parameters
     ----------
     distance
         Distance from the axis of the contact, any shape [m].
     a, c
-        Size of the contact and of its stuck part, 0 ≤ c ≤ a [m].
+        Half-width or radius of the contact and of its stick zone, 0 ≤ c ≤ a [m].
     p0, mu
         Peak pressure [Pa]; friction coefficient.
 
@@ -246,7 +245,7 @@ def cattaneo_mindlin_line(
     Returns
     -------
     a, c, p0
-        Half-width of the contact and of its stuck middle [m], peak pressure [Pa]:
+        Half-widths of the contact and of its stick zone [m], peak pressure [Pa]:
         `c = a sqrt(1 - |Q|/(μP))`.
 
     Raises
@@ -265,7 +264,7 @@ class MindlinSphere(NamedTuple):
     a: float
     """Contact radius [m]."""
     c: float
-    """Radius of the stuck disc [m]."""
+    """Radius of the stick zone [m]."""
     p0: float
     """Peak pressure [Pa]."""
     shift: float
@@ -283,8 +282,8 @@ def mindlin_sphere(
 ) -> MindlinSphere:
     """Sphere under a normal force, then a tangential force, [J85, ch. 7].
 
-    For ν > 0 the theory neglects slip at right angles to the force: its resultants have an
-    error of a few percent. For ν = 0 it is exact.
+    For ν > 0 the theory neglects slip perpendicular to the force, so that its resultants
+    have an error of a few percent. For ν = 0 it is exact.
 
     Parameters
     ----------
@@ -317,19 +316,19 @@ def mindlin_sphere(
 def sheared_patch(
     height: ArrayLike, pressure: float, shear: float, young: float
 ) -> tuple[Floats, Floats]:
-    """Block with ν = 0 under uniform pressure and shear, sticking to a rigid plane.
+    """Block with ν = 0 under uniform pressure and shear that sticks to a rigid plane.
 
-    With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the stress is uniform, so that finite
+    With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the stress is uniform, and finite
     elements that represent linear displacements are exact. The nodal reactions are `p` and
-    `-τ` times the tributary length. It sticks if and only if ``|τ| ≤ μp``; otherwise there
-    is no equilibrium.
+    `-τ` times the tributary length. The block sticks if and only if ``|τ| ≤ μp``; otherwise
+    there is no equilibrium.
 
     Parameters
     ----------
     height
         Height over the plane, any shape [m].
     pressure, shear
-        p [Pa]; τ [Pa], positive when the top is pushed in +x.
+        p [Pa]; τ [Pa], positive if the shear load on the top acts in +x.
     young
         Young's modulus, E > 0 [Pa]; the shear modulus is E/2.
 
@@ -346,10 +345,10 @@ def sheared_patch(
 
 @_within_range
 def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Floats:
-    """Vertical displacement of a pressed block between smooth rigid side walls.
+    """Vertical displacement of a block under pressure between smooth rigid side walls.
 
     Uniaxial strain: `u = -p y/M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`. Reactions are
-    `p` times the tributary area, and no tangential force arises for any friction.
+    `p` times the tributary area; tangential reactions are zero for every friction.
 
     Parameters
     ----------
@@ -377,15 +376,15 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Fl
     A bar of stiffness EA lies on a foundation with the friction limit q per length. P acts
     at its end; the bar is so long that it never slips as a whole (``|P| < qL``). In first
     loading it slips over the length ``|P|/q``, and `u = P|P|/(2 EA q)`. After a reversal
-    at P₀ the limit counts twice: `u = u₀ ∓ (P₀ - P)²/(4 EA q)`. When the load returns to
-    the reversal before the last one, the loop is closed: both reversals are removed, and
-    the earlier branch continues.
+    at P₀ the limit is doubled: `u = u₀ ∓ (P₀ - P)²/(4 EA q)`. A load that returns to the
+    reversal before the last one closes a loop: both reversals are removed, and the earlier
+    branch continues.
 
     Parameters
     ----------
     loads
-        End loads from the unloaded state on, (steps,) [N]. Between two entries the load is
-        monotone.
+        End loads, starting from the unloaded state, (steps,) [N]. The load is monotone
+        between two entries.
     stiffness, limit
         EA > 0 [N]; q > 0 [N/m], friction coefficient times normal load per length.
 
@@ -397,20 +396,20 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Fl
     _positive(stiffness=stiffness, limit=limit)
     path = floats("loads", loads, ndim=1)
     scale = 1 / (2 * stiffness * limit)
-    turns: list[tuple[float, float]] = []  # (load, displacement) of the open reversals
+    turns: list[tuple[float, float]] = []  # (load, displacement) of reversals kept
     load = shift = 0.0
     out = np.empty_like(path)
     for k, target in enumerate(path):
         origin = turns[-1][0] if turns else 0.0
-        # Signs, not the product of the differences, which may underflow.
+        # The product of the differences themselves may underflow.
         if np.sign(target - load) * np.sign(load - origin) < 0:
             turns.append((load, shift))
-        # A branch that reaches the reversal before its own closes a loop ...
+        # A branch that reaches the reversal before its own closes a loop.
         while len(turns) > 1 and abs(target - turns[-1][0]) >= abs(
             turns[-2][0] - turns[-1][0]
         ):
             del turns[-2:]
-        # ... and the first reversal is forgotten at its mirror image, on first loading.
+        # At the mirror image of the first reversal, first loading continues.
         if len(turns) == 1 and abs(target - turns[0][0]) >= 2 * abs(turns[0][0]):
             turns.clear()
         if turns:
@@ -427,7 +426,7 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Fl
 def bar_cycle_dissipation(
     peak: float, stiffness: float, limit: float, element: float = 0.0
 ) -> float:
-    """Energy lost to friction in a full cycle ±P₀ of `bar_end_displacement`.
+    """Energy dissipated by friction in a full cycle ±P₀ of `bar_end_displacement`.
 
     Parameters
     ----------
@@ -442,7 +441,7 @@ def bar_cycle_dissipation(
     Returns
     -------
     float
-        `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact in both cases, equal in each cycle.
+        `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact in both cases, the same in every cycle.
     """
     _positive(peak=peak, stiffness=stiffness, limit=limit)
     _numbers(element=element)
@@ -471,8 +470,8 @@ def one_contact_branches(
     """All solutions of one contact in two dimensions, with zero gap and no history.
 
     `K u = f + r` with `u_n ≥ 0`. For `μ < k_t/|k_c|` there is exactly one solution for
-    every load; above there are one to three. They are found by trying the three statuses
-    in (6) and (8) of `docs/theory.md`.
+    every load; for larger μ there are one to three. The function tries all statuses of (6)
+    and (8) of `docs/theory.md`.
 
     Parameters
     ----------
@@ -515,7 +514,7 @@ def one_contact_branches(
             continue
         u_t = (f_t + s * mu * f_n) / tangent
         r_n = k_c * u_t - f_n
-        # u_t = 0 is the limit of sticking, and listed there.
+        # u_t = 0 is the limit of sticking, which is listed as stick.
         if s * u_t > 0 and r_n >= 0:
             found.append(Branch("slip", (0.0, u_t), (r_n, -s * mu * r_n)))
     return found
@@ -530,7 +529,7 @@ def rotating_load(
     A contact has the normal force N and the tangential stiffness k in both directions. A
     force of constant magnitude F > μN rotates in `steps` equal implicit steps of the angle
     D per revolution. The displacement approaches a circle with
-    `k |u| = sqrt(F² - μ²N² cos²(D/2)) - μN sin(D/2)`, whose error is of first order in D.
+    `k |u| = sqrt(F² - μ²N² cos²(D/2)) - μN sin(D/2)`. The step error is of first order in D.
 
     Parameters
     ----------
@@ -548,7 +547,7 @@ def rotating_load(
     """
     _positive(stiffness=stiffness, force=force, limit=limit)
     if limit >= force:
-        raise ValueError(f"limit must be below force = {force!r}, found {limit!r}")
+        raise ValueError(f"limit must be less than force = {force!r}, found {limit!r}")
     if steps is None:
         radius = math.sqrt(force**2 - limit**2) / stiffness
         return radius, 2 * math.pi * radius * limit
@@ -565,10 +564,9 @@ def flat_punch_pressure(
 ) -> Floats:
     """Pressure under a flat rigid punch that does not tilt, [J85, ch. 2].
 
-    At rest without friction `p = P/(π sqrt(a² - x²))`. Sliding towards -x with the
-    traction μp everywhere and full coupling,
-    `p = P cos(πg)/(π sqrt(a² - x²)) ((a + x)/(a - x))^g`, `tan(πg) = μβ`: the pressure is
-    higher at the trailing edge, x = +a, and its resultant acts at `x = 2ga`.
+    Without friction `p = P/(π sqrt(a² - x²))`. For sliding towards -x with the traction μp
+    everywhere, `p = P cos(πg)/(π sqrt(a² - x²)) ((a + x)/(a - x))^g`, `tan(πg) = μβ`: the
+    pressure is higher at the trailing edge, x = +a, and its resultant acts at `x = 2ga`.
 
     Parameters
     ----------

@@ -177,8 +177,8 @@ class Estimator:
             )
         if model.springs:
             raise ValueError(
-                "the model has springs: the discretisation error supports rigid supports "
-                "only"
+                "the model has springs: the discretisation error cannot be computed with "
+                "springs, replace them by supports"
             )
         if model.inclined is not None:
             raise ValueError(

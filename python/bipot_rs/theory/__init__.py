@@ -2,6 +2,6 @@
 
 Materials with a bipotential, the contact law in all its forms, the functionals and
 principles of the boundary-value problem, and its variational inequalities. The solvers do
-not use it. Numbers such as [dSF91, 54] are equations of the paper; docs/theory.md contains
-those of this package.
+not use it. Numbers such as [dSF91, 54] are equations of the paper; the equations of this
+package are in docs/theory.md.
 """

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.projection import project
 
-# A condition on sums of a few numbers, each rounded, is held to a few units of
-# rounding of their sizes: what is constructed on a border stays on it.
+# Tolerance of a condition on a sum of a few rounded numbers, relative to their sizes: a
+# point that is constructed on a border must count as inside.
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
 
@@ -38,7 +38,7 @@ def direction(x: Floats) -> Floats:
 
 
 def within(lack: Floats, size: Floats) -> Bools:
-    """Whether ``lack <= 0`` up to the rounding of terms of the given size."""
+    """Whether ``lack <= 0``, with the rounding of terms of the given size as tolerance."""
     return np.asarray(lack <= ROUNDING * size)
 
 
@@ -63,8 +63,8 @@ def project_ball(x: Floats, radius: Floats) -> Floats:
 def shrink(x: Floats, weight: Floats) -> Floats:
     """Proximal point of ``weight |·|``, ``weight >= 0``: shorten each vector by the weight.
 
-    By Moreau's decomposition it is x minus its projection onto the ball of that radius. It
-    is computed from the length instead, so that zero is exact.
+    By Moreau's decomposition this is x minus its projection onto the ball of that radius.
+    It is computed from the length instead, so that zero is exact.
     """
     size = length(x)
     left = np.maximum(size - weight, 0.0)
@@ -102,7 +102,7 @@ def project_cone(height: Floats, radial: Floats, slope: Any) -> tuple[Floats, Fl
 def conjugate_prox(
     prox: Callable[[Floats, float], Floats], x: Floats, r: float = 1.0
 ) -> Floats:
-    """Proximal point of ``r F*`` from that of ``F``, by Moreau's decomposition.
+    """Proximal point of ``r F*``, from that of ``F`` by Moreau's decomposition.
 
     ``prox(x, r F*) = x - r prox(x/r, F/r)``; ``prox(x, s)`` gives the proximal point of
     ``s F``, and ``r > 0``.

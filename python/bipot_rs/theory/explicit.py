@@ -1,8 +1,8 @@
-"""The explicit scheme of integration, whose drift section I of [dSF91] warns of.
+"""Explicit integration of friction, with the drift that section I of [dSF91] describes.
 
-Friction in rates, (51), stepped forwards: status and direction of slip are those of the
-start of the step, and the cone is met by its tangent there. The implicit scheme, Moreau's
-catching-up, is what `bipot_rs.ContactProblem.solve` does; this one is for comparison.
+The scheme integrates the rate form (51). Status and direction of slip are taken from the
+start of the step, and the cone is replaced by its tangent there. It serves for comparison:
+`bipot_rs.ContactProblem.solve` uses the implicit scheme (Moreau's catching-up algorithm).
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from bipot_rs.contact.projection import project
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExplicitPath:
-    """A load path by the explicit scheme.
+    """Result of `explicit_path`.
 
     Attributes
     ----------
     reaction, relative_displacement
         At the end of each step, ``(steps, n_c, d)``, normal first.
     excess
-        Distance of each reaction from Coulomb's cone, ``(steps, n_c)`` [force]. Zero, to
-        rounding, in the implicit scheme.
+        Distance of each reaction from Coulomb's cone, ``(steps, n_c)`` [force]. In the
+        implicit scheme this is zero up to rounding.
     """
 
     reaction: Floats
@@ -42,31 +42,32 @@ def explicit_path(
     load: ArrayLike | None = None,
     prescribed: ArrayLike | None = None,
 ) -> ExplicitPath:
-    """Follow a load path from the unloaded state with friction explicit in each step.
+    """Follow a load path from the unloaded state by the explicit scheme.
 
-    In a step a contact that is open at its start stays open. The others are closed at its
-    end, ``v_n = 0``, pulling if need be; one that pulled is free in the next. A closed
-    contact sticks, ``Δv_t = 0``, if it was inside of the cone; on its border or beyond it
-    slides along the traction of the start, ``m = t_t/‖t_t‖``,
+    A contact that is open at the start of a step stays open in the step. All other contacts
+    are closed at its end, ``v_n = 0``, with ``t_n < 0`` if necessary; a contact with
+    ``t_n < 0`` opens in the next step. A closed contact sticks, ``Δv_t = 0``, if its
+    traction was inside the cone. On the border or outside, it slides along the traction at
+    the start, ``m = t_t/‖t_t‖``,
 
         Δv_t = -λ m,    m·Δt_t = μ Δt_n,
 
-    unless ``λ < 0``, when it sticks. The tangent ``m·Δt_t = μ Δt_n`` leaves the cone where
-    the traction turns, always outwards, for ``‖t_t‖`` is convex: by
-    ``½ ‖Δt_t‖² sin²/‖t_t‖`` in a step, which adds up to the first order of the step.
+    unless this gives ``λ < 0``: then it sticks. If the traction turns, the tangent
+    ``m·Δt_t = μ Δt_n`` leaves the cone, always outwards, because ``‖t_t‖`` is convex. The
+    error of a step is ``½ ‖Δt_t‖² sin²/‖t_t‖``; the sum is of first order in the step size.
 
     Parameters
     ----------
     problem
-        Bodies that supports hold; ``W`` is taken dense.
+        A problem whose supports stop all rigid motions. ``W`` is formed as a dense matrix.
     load, prescribed
         As in `ContactProblem.solve`.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; a body that contact alone holds, or contacts that move
-        each other only.
+        A wrong argument; rigid motions without support; closed contacts with a singular
+        compliance.
     """
     n, contacts, d = problem._shape
     steps = steps_of(load, prescribed, n, len(problem._fixed))
@@ -74,8 +75,8 @@ def explicit_path(
     mu = coulomb(first.mu, contacts)
     if first.rigid is not None:
         raise ValueError(
-            "problem has a body that contact alone holds, expected supports that do: the "
-            "explicit scheme lets contacts go"
+            "problem has unsupported rigid motions "
+            f"({', '.join(problem.rigid_motions)}): add supports, which the explicit scheme needs"
         )
     W = problem.compliance
     t, v, q = np.zeros((contacts, d)), first.q.copy(), first.q
@@ -99,11 +100,11 @@ def explicit_path(
 
 
 def _step(W: Floats, dq: Floats, t: Floats, v: Floats, mu: Floats) -> Floats:
-    """``Δt`` of a step from ``t``, ``v`` that the free displacement ``dq`` makes."""
+    """``Δt`` of a step from ``t``, ``v`` with the increment ``dq`` of free displacement."""
     contacts, d = t.shape
     drag = np.linalg.norm(t[:, 1:], axis=1)
     closed = (t[:, 0] > 0) | (v[:, 0] <= 0)
-    # Where nothing presses yet there is no direction to slide in.
+    # A contact without friction force has no direction of slip.
     slides = closed & (drag > 0) & (drag >= mu * t[:, 0]) & (mu > 0)
     m = np.divide(
         t[:, 1:],
@@ -113,7 +114,7 @@ def _step(W: Floats, dq: Floats, t: Floats, v: Floats, mu: Floats) -> Floats:
     )
     while True:
         dt, rate = _rates(W, dq, t, v, mu, closed, slides, m)
-        # It would slide along its own friction: it sticks.
+        # Slip in the direction of its own friction force is impossible: such a contact sticks.
         turned = slides & (rate < 0)
         if not turned.any():
             return dt
@@ -130,7 +131,7 @@ def _rates(
     slides: Bools,
     m: Floats,
 ) -> tuple[Floats, Floats]:
-    """The linear problem of given statuses: ``Δt`` and ``λ``."""
+    """Solve the linear problem of given statuses for ``Δt`` and ``λ``."""
     contacts, d = t.shape
     size = contacts * d
     sliding = np.flatnonzero(slides)
@@ -155,8 +156,8 @@ def _rates(
         x = np.linalg.solve(A, b)
     except np.linalg.LinAlgError:
         raise ValueError(
-            "problem has contacts that only move each other, expected a compliance that "
-            "determines their reactions"
+            "the compliance of the closed contacts of problem is singular: it does not "
+            "determine their reactions; remove redundant contacts"
         ) from None
     rate = np.zeros(contacts)
     rate[sliding] = x[size:]

@@ -1,10 +1,10 @@
-"""Energies, functionals and the bifunctional of one load step, discretised: [dSF91, 23-30, 67-72].
+"""Discrete energies, functionals and bifunctional of one load step: [dSF91, 23-30, 67-72].
 
 A displacement is the vector of all degrees of freedom; it is admissible if it has the
 prescribed values. A stress field is given by the contact reactions with which it is in
 equilibrium. The load contains body forces and tractions; there may be several bodies. All
-quantities are increments from a start state ``(t0, u0, h0)``. The default is the unloaded
-state, for which increments are totals.
+quantities are increments from a start state ``(t0, u0, h0)``. By default this is the
+unloaded state; increments are then totals.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bipot_rs.contact.result import Result
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Start of a step: ``t0``, ``u0`` and the loads that belong to them.
+    """State at the start of a step: ``t0``, ``u0`` and the loads in equilibrium with them.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class State:
     displacement
         ``u0``, ``(n,)``.
     load
-        Loads that this state carries, ``(n,)``. By default those it is in equilibrium
-        with, ``K u0 - Bᵀ t0``, and at prescribed degrees of freedom those of the step.
+        Loads of this state, ``(n,)``. By default the loads that balance it,
+        ``K u0 - Bᵀ t0``; at prescribed degrees of freedom, the loads of the step.
     offset
-        Relative displacement that increments add to, ``(n_c, d)``: in [dSF91] the gap
-        ``u_n0 + h0`` and no tangential part, which is the default.
+        Relative displacement to which increments are added, ``(n_c, d)``. By default, as in
+        [dSF91], its normal part is the gap ``u_n0 + h0`` and its tangential part zero.
     """
 
     reaction: ArrayLike
@@ -56,18 +56,17 @@ class Functionals:
     Parameters
     ----------
     problem
-        The contact problem; its factor of ``K`` answers to reactions.
+        The contact problem. Its factor of ``K`` is used to solve for displacements.
     K
         Its stiffness, which a `ContactProblem` does not keep.
     load, prescribed
-        Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; missing is zero.
+        Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; default zero.
     start
-        Where the step starts; default the unloaded bodies.
+        State at the start of the step; default the unloaded bodies.
     slack
-        What a constraint may be missed by: penetrations relative to the largest
-        displacement, and forces to the largest reaction, of contacts, and rigid motions
-        out of balance relative to the loads. A computed solution is in the cone to
-        its tolerance only, and an indicator without slack would be infinite there.
+        Tolerance of constraints: of penetration relative to the largest displacement, of
+        contact forces to the largest reaction, of balance on rigid motions to the loads.
+        Without it the indicator at a computed solution would be infinite.
 
     Attributes
     ----------
@@ -76,12 +75,12 @@ class Functionals:
     offset
         ``(u_n0 + h0, 0)`` of each contact, ``(n_c, d)``.
     start_work
-        ``Σ t0·offset``, the constant ``Σ t_n0 (u_n0 + h0)`` that (54) leaves out.
+        ``Σ t0·offset``, the constant ``Σ t_n0 (u_n0 + h0)`` that (54) omits.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        A wrong argument.
     """
 
     def __init__(
@@ -116,8 +115,8 @@ class Functionals:
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
         gap: Floats = problem._given.gap
-        # Relative displacements are differences of displacements, the start's too,
-        # which set the size of their rounding.
+        # Relative displacements are differences of displacements, those of the start
+        # included: these set the size of rounding.
         self._reach = np.abs(gap).max(initial=0.0)
         if start is None:
             self._before = np.zeros((contacts, d))
@@ -159,20 +158,20 @@ class Functionals:
         Parameters
         ----------
         problem, K
-            As above; the problem that was solved.
+            The problem that was solved, and its stiffness.
         result
-            Of ``problem.solve``, with its loads: not one read from a file.
+            Result of ``problem.solve``. A result from a file has no loads and is refused.
         k
-            Number of the step.
+            Index of the step.
         increments
-            Whether increments are counted from the step before; otherwise totals, with
-            the slip history in the offset as in (22). The two bifunctionals differ by
-            ``start_work`` alone, where the step before is in equilibrium.
+            If true, quantities are increments from the step before; otherwise totals, with
+            the slip history in the offset as in (22). If the step before is in equilibrium,
+            the two bifunctionals differ by ``start_work`` only.
 
         Raises
         ------
         ValueError
-            No such step, or one that was read from a file.
+            ``k`` is out of range, or the result was read from a file.
         """
         count = len(result)
         if count == 0:
@@ -181,8 +180,8 @@ class Functionals:
         step, before = result[at], result[at - 1] if at else result.start
         if step.load is None or (before is not None and before.load is None):
             raise ValueError(
-                f"step {at} of result has no loads, it was read from a file: expected a "
-                "result of problem.solve"
+                f"step {at} of result has no loads, because it was read from a file: give "
+                "the result of problem.solve"
             )
         start = None
         if before is not None:
@@ -214,15 +213,14 @@ class Functionals:
     def elastic_answer(
         self, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> Floats | None:
-        """``w`` with ``K w = load + Bᵀ dr`` at free degrees of freedom, ``(n,)``.
+        """Elastic displacement ``w (n,)``: ``K w = load + Bᵀ dr`` at free degrees of freedom.
 
-        The stresses of ``w`` are the statically admissible ones (20) that belong to
-        ``dr``. Which, where supports are redundant, is chosen by ``w`` at the prescribed
-        degrees of freedom: by default as prescribed, the least of [dSF91, 27]; other
-        values ``at_supports (len(fixed),)`` give other support forces.
+        The stresses of ``w`` are statically admissible (20) with the reactions ``dr``. With
+        redundant supports there are several such fields; ``w`` at the prescribed degrees of
+        freedom selects one. By default these values are the prescribed ones, which minimise
+        [dSF91, 27]. Other values ``at_supports (len(fixed),)`` give other support forces.
 
-        ``None`` where supports leave a body free and loads and ``dr`` do not balance on it,
-        ``Rᵀ r + e ≠ 0``: no stresses are in equilibrium.
+        ``None`` if loads and ``dr`` do not balance on a free rigid motion, ``Rᵀ r + e ≠ 0``.
 
         Raises
         ------
@@ -236,7 +234,7 @@ class Functionals:
         _, modes, force = self._core.free_part(self.load, ends)
         if len(force):
             lack = np.abs(modes @ reaction.ravel() + force).max()
-            # Loads that balance themselves leave the rounding of their terms in e.
+            # e has the rounding of the loads, even where the loads balance each other.
             carried = np.linalg.norm(self._contact.T @ reaction.ravel())
             size = np.linalg.norm(self.load) + carried + np.linalg.norm(force)
             if lack > self._slack * size:
@@ -249,21 +247,21 @@ class Functionals:
     def complementary_energy(
         self, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
-        """``W = ½ wᵀ K w`` of `elastic_answer`, infinite where there is none."""
+        """``W = ½ wᵀ K w`` with ``w`` of `elastic_answer`; infinite where that is ``None``."""
         w = self.elastic_answer(dr, at_supports)
         return np.inf if w is None else self._energy(w)
 
     def potential(self, du: ArrayLike) -> float:
-        """``Φ = V - load·du``: (26), and of increments (67)."""
+        """``Φ = V - load·du``: (26), or (67) for increments."""
         u = self._admissible(du)
         return self._energy(u) - float(self.load @ u)
 
     def complementary(
         self, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
-        """``Π = W - s·prescribed``, ``s`` the support forces: (27), and (71).
+        """``Π = W - s·prescribed``, ``s`` the support forces: (27), or (71) for increments.
 
-        Infinite where the reactions leave a free body out of balance.
+        Infinite if reactions and loads do not balance on a free rigid motion.
         """
         w = self.elastic_answer(dr, at_supports)
         if w is None:
@@ -273,10 +271,10 @@ class Functionals:
         return self._energy(w) - float(support[self._fixed] @ self.prescribed)
 
     def bipotential(self, du: ArrayLike, dr: ArrayLike) -> Floats:
-        """(54) of each contact, ``b(-B du, dr)``, ``(n_c,)``, infinite off its domain.
+        """(54) of each contact, ``b(-B du, dr)``, ``(n_c,)``; infinite outside its domain.
 
-        As printed, without the constant of `start_work`. Where the offset has a tangential
-        part ``c`` (the caller's ``gap``, or a history), slip is ``B_t du + c`` and
+        As printed, without the constant of `start_work`. If the offset has a tangential
+        part ``c`` (from ``gap`` or from a slip history), the slip is ``B_t du + c``, and
         ``dr_t·c`` is added.
         """
         u, reaction = self._admissible(du), floats("dr", dr, shape=self._shape)
@@ -292,10 +290,10 @@ class Functionals:
     def bifunctional(
         self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
-        """``B = Φ + Π + Σ b``: (23), with the sign of ``u`` that (21) has.
+        """``B = Φ + Π + Σ b``: (23), with the sign of ``u`` from (21).
 
-        At a solution ``-start_work``, nowhere less; zero where the start state is
-        complementary. Infinite off the domain of ``b`` or out of balance.
+        Never less than ``-start_work``, which is zero if the start state is complementary;
+        equal at solutions only. Infinite outside the domain of ``b`` or without balance.
         """
         contact = float(self.bipotential(du, dr).sum())
         if not np.isfinite(contact):
@@ -305,12 +303,12 @@ class Functionals:
     def excess(
         self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
-        """``½ ‖du - w‖²_K + Σ r·ṽ``: what the bifunctional exceeds ``-start_work`` by.
+        """``½ ‖du - w‖²_K + Σ r·ṽ``: the bifunctional above its bound ``-start_work``.
 
-        The energy of what equilibrium lacks and the gaps of the contact law. Equal to
-        ``bifunctional + start_work`` wherever that is finite, and free of its cancellation:
-        a solution's is rounding of ``r·ṽ``, where ``B`` is rounding of ``Φ`` and ``Π``.
-        Constraints are not asked for; where they hold no term is negative.
+        The first term is the energy of the error in equilibrium, the second the sum of the
+        gaps of the contact law. It equals ``bifunctional + start_work`` where that is finite,
+        without cancellation: its rounding is that of ``r·ṽ``, instead of ``Φ`` and ``Π``.
+        Constraints are not checked; if they hold, no term is negative.
         """
         u = self._admissible(du)
         w = self.elastic_answer(dr, at_supports)
@@ -322,15 +320,15 @@ class Functionals:
         return self._energy(u - w) + float(np.sum(r * v) + friction.sum())
 
     def displacement_functional(self, du: ArrayLike, dr: ArrayLike) -> float:
-        """``ΔΦ_b`` (68): what ``du`` minimises, the normal reactions of ``dr`` given.
+        """``ΔΦ_b`` (68), which ``du`` minimises for given normal reactions of ``dr``.
 
-        Infinite where ``du`` penetrates. ``ΔΦ_b + ΔΠ_b`` is not `bifunctional`: friction,
-        ``Σ μ r_n ‖v_t‖``, stands in both.
+        Infinite where ``du`` penetrates. ``ΔΦ_b + ΔΠ_b`` is not `bifunctional`, because both
+        terms contain friction, ``Σ μ r_n ‖v_t‖``.
         """
         reaction = floats("dr", dr, shape=self._shape)
         held = np.zeros_like(reaction)
         held[:, 0] = reaction[:, 0] + self._before[:, 0]
-        # Of dr only r_n enters (68), so that only the constraint on du is asked for.
+        # (68) contains only r_n of dr, so that only the constraint on du is checked.
         if not np.isfinite(self.bipotential(du, held - self._before)).all():
             return np.inf
         u = self._admissible(du)
@@ -340,9 +338,9 @@ class Functionals:
     def stress_functional(
         self, dr: ArrayLike, du: ArrayLike, at_supports: ArrayLike | None = None
     ) -> float:
-        """``ΔΠ_b`` (72): what ``dr`` minimises, the slip of ``du`` given.
+        """``ΔΠ_b`` (72), which ``dr`` minimises for given slip of ``du``.
 
-        Infinite where ``dr`` leaves the cone or a body out of balance.
+        Infinite if a reaction is outside the cone, or a free rigid motion is not balanced.
         """
         reaction = floats("dr", dr, shape=self._shape)
         r = self._before + reaction
@@ -360,23 +358,24 @@ class Functionals:
             at = int(np.argmax(lack))
             dof = int(self._fixed[at])
             raise ValueError(
-                f"du is {u[dof]} at degree of freedom {dof}, expected the prescribed "
+                f"du is {u[dof]} at degree of freedom {dof}, expected the prescribed value "
                 f"{self.prescribed[at]}"
             )
         return u
 
     def _answers(self, w: Floats, reaction: Floats) -> None:
-        """Refuse a ``K`` that the problem was not made with, or has been updated from."""
+        """Raise an error if ``w`` does not satisfy equilibrium with the ``K`` given here."""
         force = self.load + self._contact.T @ reaction.ravel()
         free = np.ones(len(w), bool)
         free[self._fixed] = False
         terms = abs(self._stiffness) @ np.abs(w) + np.abs(force)
         lack = np.abs(self._stiffness @ w - force)[free].max(initial=0.0)
-        # Solved to rounding, and in balance to the slack.
+        # w is exact up to rounding, and the loads balance up to the slack.
         if lack > (1e-8 + self._slack) * terms.max(initial=0.0):
             raise ValueError(
-                f"K is not the stiffness of the problem: its elastic answer misses "
-                f"equilibrium by {lack}, of forces up to {terms.max()}"
+                f"K is not the stiffness of the problem: with K, a force of {lack} stays "
+                f"unbalanced, where forces are up to {terms.max()}; give the K that the "
+                "problem was made from"
             )
 
     def _relative(self, u: Floats) -> Floats:
@@ -390,11 +389,11 @@ class Functionals:
         return float(np.sum(self._mu * (self._before + reaction)[:, 0] * slip))
 
     def _slip(self, v: Floats) -> Floats:
-        # In the components in which friction is Coulomb's.
+        # Scaled components: friction is isotropic in them.
         return np.asarray(np.linalg.norm((self._by * v)[:, 1:], axis=1))
 
     def _beyond(self, r: Floats) -> Bools:
-        """Contacts whose reaction is outside its cone, by more than the slack."""
+        """Contacts whose reaction is outside the cone by more than the slack."""
         force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
         shear = np.linalg.norm((r / self._by)[:, 1:], axis=1)
         slack = self._slack * force

@@ -1,7 +1,7 @@
-"""The method of displacements alone, [dSF91, 37-38], with bodies that are not elastic.
+"""The method of displacements alone, [dSF91, 37-38], for bodies that are not elastic.
 
-Any body will do whose law has potentials; here bars with linear hardening, of which
-trusses are made. The contact is Coulomb's, with its bipotential (54).
+It applies to every body whose material has potentials; here trusses of bars with linear
+hardening. Contact has Coulomb friction, with its bipotential (54).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, csr, floats, integer, number
 
-# Halvings of a step of Newton's method before rounding is all that is left to gain.
+# After this many halvings of a Newton step, only rounding remains.
 _HALVINGS = 30
 _NEWTON = 100
 _MULTIPLIERS = 200
@@ -25,10 +25,10 @@ _MULTIPLIERS = 200
 class HardeningBars:
     """Bars with linear kinematic hardening over one step: an explicit standard material.
 
-    A bar of plastic elongation ``p`` carries ``N = k (e - p)`` and yields where
+    A bar with plastic elongation ``p`` has the force ``N = k (e - p)`` and yields when
     ``|N - h p| = N_y``. The implicit step from ``p0`` to ``p`` has the potential
-    ``V(e) = min_p ½ k (e - p)² + ½ h p² + N_y |p - p0|``, convex and with the continuous
-    derivative ``N``, and the dual potential
+    ``V(e) = min_p ½ k (e - p)² + ½ h p² + N_y |p - p0|``, which is convex with the
+    continuous derivative ``N``, and the dual potential
     ``W(N) = ½ N²/k + N p0 - ½ h p0² + ½ max(|N - h p0| - N_y, 0)²/h``.
 
     Attributes
@@ -42,7 +42,7 @@ class HardeningBars:
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        A wrong argument.
     """
 
     stiffness: Floats
@@ -54,8 +54,13 @@ class HardeningBars:
         k = floats("stiffness", self.stiffness, ndim=1)
         for name in ("stiffness", "hardening", "limit", "plastic"):
             value = floats(name, getattr(self, name), shape=k.shape, finite=False)
-            if np.isnan(value).any() or (name != "plastic" and not (value > 0).all()):
-                raise ValueError(f"{name} is {value}, expected positive numbers")
+            wrong = np.isnan(value) if name == "plastic" else ~(value > 0)
+            if wrong.any():
+                at = int(np.argmax(wrong))
+                kind = "number" if name == "plastic" else "positive number"
+                raise ValueError(
+                    f"{name} of bar {at} is {value[at]}, expected a {kind}"
+                )
             object.__setattr__(self, name, value)
 
     def potential(self, e: Floats) -> Floats:
@@ -67,34 +72,34 @@ class HardeningBars:
         return 0.5 * self.stiffness * (e - p) ** 2 + 0.5 * self.hardening * p**2 + spent
 
     def force(self, e: Floats) -> Floats:
-        """``N = ∂V``, (38a) [force]."""
+        """``N = ∂V(e)``, (38a) [force]."""
         return self.stiffness * (e - self.yielded(e))
 
     def tangent(self, e: Floats) -> Floats:
-        """A derivative of ``N``: ``k``, or ``k h/(k + h)`` where the bar yields."""
+        """Derivative of ``N``: ``k``, or ``k h/(k + h)`` where the bar yields."""
         k, h = self.stiffness, self.hardening
         return np.where(self.yielded(e) == self.plastic, k, k * h / (k + h))
 
     def dual(self, N: Floats) -> Floats:
-        """``W`` of each bar [work]; ``V(e) + W(N) >= N e``, with equality on the law."""
+        """``W`` of each bar [work]: ``V(e) + W(N) >= N e``, with equality on the law."""
         over = np.maximum(np.abs(N - self.hardening * self.plastic) - self._limit(), 0)
         stored = N * self.plastic - 0.5 * self.hardening * self.plastic**2
         return 0.5 * N**2 / self.stiffness + stored + 0.5 * over**2 / self.hardening
 
     def yielded(self, e: Floats) -> Floats:
-        """``p`` at the end of the step, the history that the next one starts from."""
+        """Plastic elongation ``p`` at the end of the step, where the next step starts."""
         trial = self.stiffness * (e - self.plastic) - self.hardening * self.plastic
         over = np.maximum(np.abs(trial) - self._limit(), 0.0)
         return self.plastic + np.sign(trial) * over / (self.stiffness + self.hardening)
 
     def _limit(self) -> Floats:
-        # Infinity less infinity is nothing to compute with.
+        # An infinite limit would give inf - inf.
         return np.minimum(self.limit, np.finfo(float).max)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Displaced:
-    """What the method of displacements found.
+    """Result of `Truss.solve`.
 
     Attributes
     ----------
@@ -103,9 +108,8 @@ class Displaced:
     converged
         Whether the change of the friction limits fell below the tolerance.
     bifunctional
-        ``B`` (23) in each pass, ``(passes, 2)`` [work]: of the new ``u`` with the reactions
-        of the last pass, and with its own; reactions brought back into the cone, with
-        the stresses that carry them.
+        ``B`` (23) of each pass, ``(passes, 2)`` [work]: of the new ``u`` with the reactions
+        of the pass before, and with its own, as `Truss.bifunctional` computes it.
     """
 
     displacement: Floats
@@ -121,18 +125,18 @@ class Truss:
     Parameters
     ----------
     bars
-        Law of the bars; hold the structure without its contacts.
+        Law of the bars. The bars alone must make the structure stable.
     C
         Elongations ``e = C u``, ``(n_b, n)``.
     B, gap, mu
-        As in `ContactProblem`; ``gap (n_c, d)``, whose tangential part holds the history.
+        As in `ContactProblem`; the tangential part of ``gap (n_c, d)`` is the history.
     load
         ``(n,)``, total.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        A wrong argument.
     """
 
     def __init__(
@@ -152,8 +156,8 @@ class Truss:
         self._B = csr("B", B).matrix.toarray()
         if self._C.shape[0] != len(bars.stiffness):
             raise ValueError(
-                f"C has shape {self._C.shape}, expected {len(bars.stiffness)} rows, a bar "
-                "each"
+                f"C has shape {self._C.shape}, expected {len(bars.stiffness)} rows, one "
+                "for each bar"
             )
         n = self._C.shape[1]
         self._gap = floats("gap", gap, ndim=2)
@@ -164,8 +168,8 @@ class Truss:
         self._load = floats("load", load, shape=(n,))
         self._mu = coulomb(mu, len(self._gap))
         elastic = self._C.T * bars.stiffness @ self._C
-        # Springs of ten times the size of the structure's own bring multipliers home
-        # quickly, and cost Newton's matrix one digit.
+        # A penalty ten times the mean stiffness makes the multipliers converge quickly, and
+        # costs the Newton matrix only one digit.
         self._rho = 10 * float(np.trace(elastic)) / n
 
     def relative_displacement(self, u: Floats) -> Floats:
@@ -173,28 +177,28 @@ class Truss:
         return np.asarray((self._B @ u).reshape(self._gap.shape) + self._gap)
 
     def solve(self, *, tol: float = 1e-12, max_iterations: int = 200) -> Displaced:
-        """Iterate (37), (38) from no friction.
+        """Iterate (37), (38), starting without friction.
 
-        Each pass minimises ``Σ V(C u) - load·u + Σ s ‖v_t‖`` over ``v_n >= 0`` with the
-        limits ``s = μ r_n`` of the last one: (37), for of ``β = V + W`` and ``b`` only these
-        parts depend on ``u``. Its multipliers are the reactions (38b), and (38a) gives
-        the forces of the bars.
+        Each pass minimises ``Σ V(C u) - load·u + Σ s ‖v_t‖`` over ``v_n >= 0``, with the
+        friction limits ``s = μ r_n`` of the pass before. This is (37), because only these
+        terms of ``β = V + W`` and ``b`` depend on ``u``. Its multipliers are the reactions
+        (38b), and (38a) gives the forces of the bars.
 
-        Reactions obey the limits of the last pass, and lie in the cone in the limit
-        only. The step in ``u`` lowers ``B`` or leaves it; the update (38) minimises nothing,
-        and may raise it.
+        Reactions obey the limits of the pass before, so that they lie in the cone only when
+        the iteration has converged. The step in ``u`` never increases ``B``; the update (38)
+        may, because it minimises nothing.
 
         Parameters
         ----------
         tol
-            Change of the limits to stop at, relative to the largest reaction.
+            Stop when the limits change by less, relative to the largest reaction.
         max_iterations
-            Passes.
+            Largest number of passes.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            A wrong argument.
         """
         tol = number("tol", tol)
         if not tol > 0:
@@ -222,11 +226,11 @@ class Truss:
         )
 
     def bifunctional(self, u: Floats, r: Floats) -> float:
-        """``B`` (23) at ``u`` and the reactions nearest to ``r`` that obey the cone.
+        """``B`` (23) at ``u`` and at ``r``, scaled back into the cone.
 
-        ``Σ V(C u) + W(N) - N·C u + Σ r·ṽ`` with the forces ``N`` of the bars that are in
-        equilibrium with the load and those reactions. Never negative where ``u`` does not
-        penetrate, zero at a solution only.
+        ``Σ V(C u) + W(N) - N·C u + Σ r·ṽ``, where the bar forces ``N`` are in equilibrium
+        with the load and these reactions. If ``u`` does not penetrate, ``B`` is not
+        negative, and zero at a solution only.
         """
         held = r.copy()
         held[:, 0] = np.maximum(r[:, 0], 0.0)
@@ -242,7 +246,7 @@ class Truss:
         return body + float(np.sum(held * v) + np.sum(limit * slip))
 
     def _tresca(self, u: Floats, r: Floats, s: Floats) -> tuple[Floats, Floats]:
-        """(37): the least of a convex function, by multipliers [dSF91, IV]."""
+        """Minimise the convex function of (37) by augmented multipliers, [dSF91, IV]."""
         for _ in range(_MULTIPLIERS):
             u = self._newton(u, self._load, (r, s))
             before, r = r, self._held(r, u, s)[0]
@@ -272,10 +276,10 @@ class Truss:
     def _newton(
         self, u: Floats, load: Floats, held: tuple[Floats, Floats] | None
     ) -> Floats:
-        """The least of ``Σ V(C u) - load·u``, with contacts augmented where ``held``.
+        """Minimise ``Σ V(C u) - load·u``, with augmented contact terms if ``held`` is given.
 
-        A convex function with a piecewise linear derivative: Newton's method with a line
-        search ends at its least in finitely many steps, in the plane exactly.
+        The function is convex. In the plane its derivative is piecewise linear, and Newton's
+        method with a line search ends at the minimum after finitely many steps.
         """
         C, B, rho = self._C, self._B, self._rho
         contacts, d = self._gap.shape
@@ -306,7 +310,7 @@ class Truss:
             worst = float(np.abs(slope).max())
             for _ in range(_HALVINGS):
                 new = parts(u + step)
-                # The value, or where that is rounding the slope, must fall.
+                # The value must fall or, where its change is rounding, the gradient.
                 if new[0] < value or float(np.abs(new[1]).max()) < 0.5 * worst:
                     break
                 step = step / 2
@@ -317,9 +321,9 @@ class Truss:
         return u
 
     def _reach(self, held: tuple[Floats, Floats], u: Floats, r: Floats) -> Floats:
-        """``2 x - r`` with ``x`` before projection: ``r·(2 x - r)`` is ``2ρ`` of the energy.
+        """``2 x - r`` with ``x`` before projection: ``r·(2 x - r)`` is ``2ρ`` times the energy.
 
-        The Moreau envelope of the support function: ``‖x‖² - ‖x - r‖² = r·(2 x - r)``.
+        It is the Moreau envelope of the support function: ``‖x‖² - ‖x - r‖² = r·(2 x - r)``.
         """
         x = held[0] - self._rho * self.relative_displacement(u)
         return np.asarray(2 * x - r)

@@ -1,14 +1,13 @@
 """The variational inequalities of contact, [dSF91, 73-78], with their worst test fields.
 
 Each inequality requires that a linear function of the test field is nowhere negative. Its
-minimum is computed exactly for each contact; the negative part is the residual, in units of
-work: zero if and only if the inequality holds. Unbounded test fields would make a violation
-infinite. They are bounded by a given size, which scales a violation, but does not change
-whether there is one.
+minimum is computed exactly for each contact. The negative part of the minimum is the
+residual, in units of work: it is zero if and only if the inequality holds. Test fields are
+bounded by a given size. It scales a violation, but does not change whether there is one.
 
-Tractions and displacements are totals, ``t = t0 + Δt`` and ``v = Δu + (u_n0 + h0, 0)``, and
-so are test fields ``t* = t0 + Δt*``, ``v* = Δu* + (u_n0 + h0, 0)``: their differences are
-those of the increments in the paper, and the sets ``ΔK_μ`` are shifted by the start state.
+Tractions, displacements and test fields are totals: ``t = t0 + Δt``,
+``v = Δu + (u_n0 + h0, 0)``, and likewise ``t*``, ``v*``. Their differences equal those of
+the increments in the paper, and the sets ``ΔK_μ`` are shifted by the start state.
 Reactions are nodal forces, so that integrals are sums.
 """
 
@@ -46,10 +45,10 @@ class Verdict(NamedTuple):
 
 
 def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
-    """The one inequality (74): ``Σ ṽ·(t* - t) >= 0`` for all ``t*`` in the cones.
+    """Residual of the single inequality (74): ``Σ ṽ·(t* - t) >= 0`` for all ``t*`` in the cones.
 
-    With ``ṽ = (v_n + μ ‖v_t‖, v_t)`` as in (57). The least of ``ṽ·t*`` over the cone with
-    ``t_n* <= size`` lies on its edge opposite to the slip, where it is ``t_n* v_n``, or at
+    ``ṽ = (v_n + μ ‖v_t‖, v_t)`` as in (57). The minimum of ``ṽ·t*`` over the cone with
+    ``t_n* <= size`` lies on the edge opposite to the slip, where it is ``t_n* v_n``, or at
     the vertex. The residual is ``ṽ·t + size max(-v_n, 0)``.
 
     Parameters
@@ -59,13 +58,13 @@ def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
     mu
         Friction coefficient, a number or ``(n_c,)``.
     size
-        Largest normal force of a test field, as large as those of ``t`` at least.
+        Largest normal force of a test field; at least the largest normal force of ``t``.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; ``size`` is smaller than a normal reaction, or ``t``
-        outside of the cones by more than rounding.
+        A wrong argument; ``size`` is smaller than a normal reaction; ``t`` is outside the
+        cones by more than rounding.
     """
     t, v, mu = _pair(t, v, mu)
     limit = _bound("size", size, float(t[:, 0].max(initial=0.0)), "normal reaction")
@@ -80,12 +79,12 @@ def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
 
 
 def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
-    """The two inequalities (75), for all ``v_n* >= 0`` and all ``v_t*``, added up.
+    """Sum of the residuals of the two inequalities (75).
 
-    ``Σ t_n (v_n* - v_n) >= 0`` and
-    ``Σ t_t·(v_t* - v_t) + μ t_n (‖v_t*‖ - ‖v_t‖) >= 0``. The worst field opens a contact
-    that pulls, by ``size``, and slips by ``size`` along the excess of friction. The
-    residual is ``t_n v_n + size max(-t_n, 0)`` and
+    ``Σ t_n (v_n* - v_n) >= 0`` for all ``v_n* >= 0``, and
+    ``Σ t_t·(v_t* - v_t) + μ t_n (‖v_t*‖ - ‖v_t‖) >= 0`` for all ``v_t*``. The worst field
+    opens a contact with ``t_n < 0`` by ``size``, and slips by ``size`` opposite to ``t_t``
+    where friction exceeds its limit. The residuals are ``t_n v_n + size max(-t_n, 0)`` and
     ``t_t·v_t + μ t_n ‖v_t‖ + size max(‖t_t‖ - μ t_n, 0)``.
 
     Parameters
@@ -93,13 +92,13 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
     t, v, mu
         As in `coupled`; ``v`` must not penetrate.
     size
-        Largest opening and slip of a test field, as large as those of ``v`` at least.
+        Largest opening and slip of a test field; at least the largest of ``v``.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; ``size`` is smaller than an opening or a slip, or ``v``
-        penetrates by more than rounding.
+        A wrong argument; ``size`` is smaller than an opening or a slip; ``v`` penetrates by
+        more than rounding.
     """
     t, v, mu = _pair(t, v, mu)
     slip = np.linalg.norm(v[:, 1:], axis=1)
@@ -109,13 +108,13 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
     if deep.any():
         at = int(np.argmax(deep))
         raise ValueError(
-            f"v of contact {at} penetrates by {-v[at, 0]}, expected v_n >= 0: (75) asks "
-            "for displacements that do not"
+            f"v of contact {at} penetrates by {-v[at, 0]}, expected v_n >= 0, which "
+            "inequality (75) assumes"
         )
     drag = np.linalg.norm(t[:, 1:], axis=1)
     worst = np.zeros_like(v)
     worst[:, 0] = np.where(t[:, 0] < 0, limit, 0.0)
-    # A contact that pulls drags by a negative limit, along any direction.
+    # With t_n < 0 the friction limit is negative: without friction any direction serves.
     away = direction(t[:, 1:])
     away[(drag == 0) & (t[:, 0] < 0), :1] = 1.0
     worst[:, 1:] = -np.where(drag > mu * t[:, 0], limit, 0.0)[:, None] * away
@@ -127,12 +126,12 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
 
 
 def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
-    """The two inequalities (76)-(78) of the explicit form, added up.
+    """Sum of the residuals of the two inequalities (76)-(78) of the explicit form.
 
     ``Σ v_n (t_n* - t_n) >= 0`` for all ``t_n* >= 0``, and ``Σ v_t·(t_t* - t_t) >= 0`` for
-    all ``t_t*`` of the disc of radius ``μ t_n``. The residual is
-    ``v_n t_n + size max(-v_n, 0)`` and ``v_t·t_t + μ t_n ‖v_t‖``: added up, that of
-    `coupled`. What differs is the set of test fields, a cylinder against a cone.
+    all ``t_t*`` in the disc of radius ``μ t_n``. The residuals are
+    ``v_n t_n + size max(-v_n, 0)`` and ``v_t·t_t + μ t_n ‖v_t‖``. Their sum equals the
+    residual of `coupled`, although the test fields form a cylinder instead of a cone.
 
     Parameters
     ----------
@@ -156,34 +155,33 @@ def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdic
 
 
 class Response:
-    """The operators (73): ``E`` from increments of reaction to those of displacement, and back.
+    """The operators (73): ``E`` from increments of reaction to displacement, and its inverse.
 
-    Affine, by the equilibrium of the bodies under the loads of the step:
-    ``E(Δt) = W (t0 + Δt) + q - offset``, and ``E⁻¹`` by the stiffness condensed on the
-    contacts.
+    Both are affine, by equilibrium under the loads of the step:
+    ``E(Δt) = W (t0 + Δt) + q - offset``.
 
     Parameters
     ----------
     problem
-        The step, as `ContactProblem.reduced` gives it: ``W`` and ``q`` with the loads, and
-        rigid motions of bodies that contact alone holds.
+        The step, from `ContactProblem.reduced`: ``W``, ``q`` with the loads, and the rigid
+        motions that supports leave free.
     reaction, offset
-        ``t0`` and ``(u_n0 + h0, 0)`` of the start state, ``(n_c, d)``; default zero, for
-        which increments are totals.
+        ``t0`` and ``(u_n0 + h0, 0)`` of the start state, ``(n_c, d)``. The default is zero;
+        increments are then totals.
 
     Attributes
     ----------
     monotonicity
         The largest ``c`` with ``(E(t) - E(t'))·(t - t') >= c ‖t - t'‖²``: the least
-        eigenvalue of the symmetric part of ``W``, as computed [length/force].
+        computed eigenvalue of the symmetric part of ``W`` [length/force].
     inverse_monotonicity
-        That of ``E⁻¹`` [force/length]: zero where bodies are free to move rigidly, and
-        ``None`` where ``E⁻¹`` does not exist.
+        The same constant of ``E⁻¹`` [force/length]. It is zero if supports leave rigid
+        motions free, and ``None`` if ``E⁻¹`` does not exist.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        A wrong argument.
     """
 
     def __init__(
@@ -218,20 +216,20 @@ class Response:
     def displacement(self, dt: ArrayLike, rigid: ArrayLike | None = None) -> Floats:
         """``E(Δt) = Δû``, (73a), ``(n_c, d)``.
 
-        A body that contact alone holds is not placed by its reactions: the amounts
-        ``rigid (k,)`` of its motions are to be given, and ``Δt`` should balance its loads.
+        Reactions do not determine the rigid motions that supports leave free: give their
+        amounts ``rigid (k,)``. ``Δt`` should balance the loads on these motions.
 
         Raises
         ------
         ValueError
-            ``rigid`` is missing, or a wrong shape.
+            ``rigid`` is missing, or an argument has a wrong shape.
         """
         increment = floats("dt", dt, shape=self.problem.q.shape)
         count = len(self._e)
         if rigid is None and count:
             raise ValueError(
-                f"rigid is missing, expected ({count},): reactions do not place bodies "
-                "that contact alone holds"
+                f"rigid is missing, expected shape ({count},): supports leave {count} rigid "
+                "motions free, and reactions do not determine their amounts"
             )
         a = np.zeros(0) if rigid is None else floats("rigid", rigid, shape=(count,))
         moved = self._W @ (self.reaction + increment).ravel() + self._R @ a
@@ -240,18 +238,18 @@ class Response:
         )
 
     def traction(self, du: ArrayLike) -> Floats:
-        """``E⁻¹(Δu) = Δt̂``, (73b), ``(n_c, d)``: in balance, rigid motions or not.
+        """``E⁻¹(Δu) = Δt̂``, (73b), ``(n_c, d)``; it balances the loads on free rigid motions.
 
         Raises
         ------
         ValueError
-            ``W`` is singular beyond rigid motions: displacements do not determine reactions.
+            ``W``, bordered by rigid motions, is singular: ``E⁻¹`` does not exist.
         """
         increment = floats("du", du, shape=self.problem.q.shape)
         if self._inverse is None:
             raise ValueError(
-                "problem has a singular compliance, expected one that displacements "
-                "determine the reactions of"
+                "the compliance W of problem is singular: displacements do not determine "
+                "the reactions; remove redundant contacts, or use inequality_74"
             )
         moved = (increment + self.offset - self.problem.q).ravel()
         m = len(moved)
@@ -260,10 +258,10 @@ class Response:
         return np.asarray(total.reshape(self.offset.shape)) - self.reaction
 
     def sizes(self) -> tuple[float, float]:
-        """Force and displacement of the size of the problem's own, to bound test fields by.
+        """Estimate the largest force and displacement, to choose the size of test fields.
 
-        The largest free displacement, and the largest force that undoes it at a contact
-        alone or that the loads on rigid motions ask for.
+        The displacement is the largest in ``q``. The force is the largest that reduces ``q``
+        to zero at one contact, or that balances the loads on a rigid motion.
         """
         q = self.problem.q
         moved = np.linalg.norm(q, axis=1)
@@ -278,7 +276,7 @@ class Response:
 
     def _invert(self) -> None:
         m, k = self._R.shape
-        # Bordered: [W R; Rᵀ 0], in the scale of W's own entries.
+        # Bordered matrix [W R; Rᵀ 0], scaled to the entries of W.
         alpha = np.sqrt(np.trace(self._W) / m) if m else 1.0
         lengths = np.linalg.norm(self._R, axis=0)
         border = self._R / lengths * alpha**2
@@ -287,13 +285,13 @@ class Response:
             return
         scale = np.concatenate([np.ones(m), alpha**2 / lengths])
         self._inverse = np.linalg.inv(whole) * scale
-        # Zero to rounding along rigid motions, which need no force.
+        # Rigid motions need no force: the least eigenvalue is zero up to rounding.
         least = _least(self._inverse[:m, :m])
         self.inverse_monotonicity = 0.0 if k else least
 
 
 def inequality_74(response: Response, dt: ArrayLike, size: float) -> Verdict:
-    """(74) of increments ``Δt``, with ``Δû = E(Δt)`` and the worst ``Δt*``.
+    """Residual of (74) for increments ``Δt``, with ``Δû = E(Δt)`` and the worst ``Δt*``.
 
     Parameters
     ----------
@@ -307,7 +305,7 @@ def inequality_74(response: Response, dt: ArrayLike, size: float) -> Verdict:
     Raises
     ------
     TypeError, ValueError
-        As `coupled`; bodies that contact alone holds, whose ``E`` is not a function.
+        As `coupled`; supports leave rigid motions free, so that ``E`` is not a function.
     """
     total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
     v = response.displacement(dt) + response.offset
@@ -316,7 +314,7 @@ def inequality_74(response: Response, dt: ArrayLike, size: float) -> Verdict:
 
 
 def inequality_75(response: Response, du: ArrayLike, size: float) -> Verdict:
-    """(75) of increments ``Δu``, with ``Δt̂ = E⁻¹(Δu)`` and the worst ``Δu*``.
+    """Residual of (75) for increments ``Δu``, with ``Δt̂ = E⁻¹(Δu)`` and the worst ``Δu*``.
 
     Parameters
     ----------
@@ -339,15 +337,15 @@ def inequality_75(response: Response, du: ArrayLike, size: float) -> Verdict:
 
 
 def inequality_78(response: Response, dt: ArrayLike, size: float) -> Verdict:
-    """(76)-(78) of increments ``Δt``, as `inequality_74` otherwise."""
+    """Residual of (76)-(78) for increments ``Δt``; otherwise as `inequality_74`."""
     total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
     v = response.displacement(dt) + response.offset
     found = alternated(total, v, response.problem.mu, size)
     return Verdict(found.residual, found.worst - response.reaction)
 
 
-# What a member of a set may be outside of it by, relative to the size of test fields: a
-# computed solution is in the cone to its tolerance.
+# Tolerance for membership in a set, relative to the size of test fields: a computed
+# solution lies in the cone up to the tolerance of the solver only.
 _ROUNDING = 1e-8
 
 
@@ -363,8 +361,8 @@ def _bound(what: str, value: float, least: float, of: str) -> float:
     size = number(what, value)
     if not (np.isfinite(size) and size >= least and size > 0):
         raise ValueError(
-            f"{what} is {size}, expected a positive number, {least} or more: the largest "
-            f"{of}"
+            f"{what} is {size}, expected a positive number of at least {least}, the "
+            f"largest {of}"
         )
     return size
 
@@ -376,8 +374,8 @@ def _in_cone(t: Floats, mu: Floats) -> None:
     if (lack > _ROUNDING * largest).any():
         at = int(np.argmax(lack))
         raise ValueError(
-            f"t of contact {at} is outside of its cone by {lack[at]}, expected reactions "
-            "inside: the inequality asks for them"
+            f"t of contact {at} is outside the friction cone by {lack[at]}, expected a "
+            "reaction inside, which the inequality assumes"
         )
 
 

@@ -1,16 +1,16 @@
-"""The contact law in each of the paper's forms, as residuals of one unit.
+"""Every form of the contact law in the paper, as a residual in units of force.
 
-One law, written in [dSF91] in nine ways: by inclusions (51), (55), (57), (63), by the
-sliding rule (60) and the normal (61), by the bipotential (54), by one projection (79)
-and by two, (82) and (83). Each function takes a law with its start state,
-`materials.Coulomb`, and the increments ``Δu`` and ``Δt`` of a step, ``(n_c, d)``, and
-returns a residual ``(n_c,)`` in units of force: zero if and only if the pair is on the
-law. Displacements are made forces by a step ``rho`` [N/m], a number or one a contact,
-as in (11); the block of the compliance gives a fitting one, ``d/tr W_ii``.
+[dSF91] writes one law in nine ways: by inclusions (51), (55), (57), (63), by the sliding
+rule (60) and the normal (61), by the bipotential (54), by one projection (79) and by two
+projections (82), (83). Each function takes `materials.Coulomb`, which contains the start
+state, and the increments ``Δu`` and ``Δt`` of a step, ``(n_c, d)``. It returns a residual
+``(n_c,)`` in units of force: zero if and only if the pair is on the law. Displacements are
+converted to forces by a step ``rho`` [N/m], one number or one for each contact, as in (11);
+``d/tr W_ii``, from the compliance of the contact, is suitable.
 
-An inclusion in a subdifferential has jumps that no rounded number hits: a gap of 1e-17
-is open and bears nothing. Residuals of inclusions are therefore distances to their
-*graphs*, in the largest of the parts of which the form is made.
+An inclusion in a subdifferential has jumps: with a gap of 1e-17 a contact is open and must
+have no reaction. Rounded numbers would never satisfy it. Residuals of inclusions are
+therefore distances to their *graphs*: the largest of the distances of their parts.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def normal_and_gap(
     body, obstacle
         ``x_A`` and ``x_B``, ``(n_c, d)`` [m].
     normal
-        Unit vectors from the obstacle towards the body, ``(n_c, d)``, to 1e-6. As
-        printed (48) takes the direction from the points; points that touch have none,
-        and points that penetrate the opposite one. With it given,
-        ``h₀ = (x_A - x_B)·n`` may be zero and negative.
+        Unit vectors from the obstacle towards the body, ``(n_c, d)``, to 1e-6. If missing,
+        the direction between the points is used, as (48) is printed: it does not exist for
+        coincident points, and is reversed for points that penetrate. With a given normal
+        ``h₀ = (x_A - x_B)·n`` may be zero or negative.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def normal_and_gap(
     Raises
     ------
     ValueError
-        Points of a pair coincide to rounding, and no normal is given.
+        The points of a pair coincide up to rounding, and no normal is given.
     """
     x_a = floats("body", body, ndim=2)
     x_b = floats("obstacle", obstacle, shape=x_a.shape)
@@ -74,24 +74,24 @@ def normal_and_gap(
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ValueError(
-                f"normal of pair {at} has the length {lengths[at]}, expected 1"
+                f"normal of pair {at} has length {lengths[at]}, expected 1"
             )
         return n, dot(between, n)
     distance = length(between)
-    # The direction of a difference that is rounding is no direction.
+    # The direction of a difference is meaningless if the difference is only rounding.
     eps = float(np.finfo(np.float64).eps)
     touching = distance <= 4 * eps * np.maximum(length(x_a), length(x_b))
     if touching.any():
         at = int(np.argmax(touching))
         raise ValueError(
-            f"body and obstacle coincide at pair {at}: points that touch have no direction "
-            "of their own, give normal="
+            f"body and obstacle coincide at pair {at}: coincident points do not determine "
+            "a normal; give normal="
         )
     return direction(between), distance
 
 
 class _Pair(NamedTuple):
-    """The state at the end of the step; displacements are forces, times rho."""
+    """State at the end of the step; displacements are multiplied by rho."""
 
     r: Floats
     r_n: Floats
@@ -126,7 +126,7 @@ def _steps(law: Coulomb, rho: ArrayLike) -> Floats:
 
 
 def _worst(*parts: Floats) -> Floats:
-    """The largest of several lacks, none of them below zero."""
+    """Largest of several violations, or zero."""
     return np.asarray(np.maximum.reduce([np.zeros_like(parts[0]), *parts]))
 
 
@@ -135,10 +135,10 @@ def _least(*cases: Floats) -> Floats:
 
 
 def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """Signorini's and Coulomb's law status by status, (47) and (50): as in textbooks.
+    """Residual of Signorini's and Coulomb's law, status by status, (47) and (50).
 
     Open: no reaction and no penetration. Stick: no relative displacement, reaction in
-    the cone. Slip: closed, friction at its limit and against the slip.
+    the cone. Slip: closed, friction at its limit and opposite to the slip.
     """
     p = _pair(law, du, dt, rho)
     slip = length(p.v_t)
@@ -150,10 +150,10 @@ def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Float
 
 
 def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """(51) at the end of the step, the rate of slip being ``Δu_t`` over any time.
+    """Residual of (51) at the end of the step; the rate of slip is ``Δu_t`` over any time.
 
-    ``t_n ∈ -∂Ψ(u_n + h₀ >= 0)`` and ``t_t ∈ -μ t_n ∂|u̇_t|`` as fixed points of the
-    proximal maps of those two functions: half-line and shrinkage.
+    ``t_n ∈ -∂Ψ(u_n + h₀ >= 0)`` and ``t_t ∈ -μ t_n ∂|u̇_t|``, as fixed points of the proximal
+    maps of the two functions: the projection onto a half-line, and shrinkage.
     """
     p = _pair(law, du, dt, rho)
     normal = np.abs(p.v_n - np.maximum(p.v_n - p.r_n, 0.0))
@@ -164,11 +164,11 @@ def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floa
 def by_displacements(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
 ) -> Floats:
-    """(55): ``Δt`` in the subdifferential of ``b`` by ``-Δu``, set by set.
+    """Residual of (55): ``Δt`` is in the subdifferential of ``b`` with respect to ``-Δu``.
 
-    (55a): ``-Δt_n - t_n⁰`` is 0 where open and not positive where closed. (55b):
-    ``-Δt_t - t_t⁰`` is ``μ t_n`` times the direction of slip, or any vector up to that
-    length where nothing slips.
+    (55a): ``-Δt_n - t_n⁰`` is 0 if open and not positive if closed. (55b):
+    ``-Δt_t - t_t⁰`` is ``μ t_n`` times the direction of slip or, without slip, any vector
+    of at most that length.
     """
     p = _pair(law, du, dt, rho)
     opened = np.hypot(np.minimum(p.v_n, 0.0), p.r_n)
@@ -181,10 +181,10 @@ def by_displacements(
 
 
 def _to_normals(p: _Pair, w: Floats) -> Floats:
-    """How far ``(t, w)`` is from the normals ``w ∈ ∂Ψ_{K_μ}(t)``, (56).
+    """Distance of ``(t, w)`` from the graph of normals ``w ∈ ∂Ψ_{K_μ}(t)``, (56).
 
-    Inside the cone there is no normal but 0, on its surface the ray of
-    ``(-μ, t_t/|t_t|)``, at the vertex the polar cone.
+    The normals are: inside the cone only 0; on its surface the ray of
+    ``(-μ, t_t/|t_t|)``; at the vertex the polar cone.
     """
     height, radial = project_cone(p.r_n, p.r_t, p.mu)
     outside = length(p.r - np.column_stack([height, radial]))
@@ -205,15 +205,15 @@ def _to_normals(p: _Pair, w: Floats) -> Floats:
 
 
 def by_normals(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """(57) with (56): ``-(Δu_n + u_n⁰ + h₀ + μ|Δu_t|, Δu_t)`` is normal to ``ΔK_μ`` at Δt."""
+    """Residual of (57): ``-(Δu_n + u_n⁰ + h₀ + μ|Δu_t|, Δu_t)`` is normal to ``ΔK_μ`` at Δt."""
     p = _pair(law, du, dt, rho)
     return _to_normals(p, -p.corrected)
 
 
 def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """``(μ|Δv_t| + Δv_n)₊`` with Δv from (57): what misses the polar cone of (58).
+    """Residual ``(μ|Δv_t| + Δv_n)₊`` of the polar cone (58), with Δv from (57).
 
-    Necessary, not sufficient; with (57) it is `penetration`.
+    (58) is necessary, not sufficient; with (57) the residual equals `penetration`.
     """
     p = _pair(law, du, dt, rho)
     w = -p.corrected
@@ -221,16 +221,16 @@ def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Fl
 
 
 def penetration(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """``(Δu_n + u_n⁰ + h₀)₋`` of (59): necessary, not sufficient."""
+    """Residual ``(Δu_n + u_n⁰ + h₀)₋`` of (59), which is necessary, not sufficient."""
     return _worst(-_pair(law, du, dt, rho).v_n)
 
 
 def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """The sliding rule (60), with the multiplier at work at the limit only.
+    """Residual of the sliding rule (60).
 
-    At the vertex (59) alone. Else closed, ``Δu_t = -Δλ t_t/|t_t|``, ``Δλ >= 0``, and
-    ``Δλ (μ t_n - |t_t|) = 0``, which (60) leaves to (53). With μ = 0 there is no
-    direction of ``t_t``, and any slip will do.
+    At the vertex only (59) is required. Otherwise the contact is closed,
+    ``Δu_t = -Δλ t_t/|t_t|``, ``Δλ >= 0``, and ``Δλ (μ t_n - |t_t|) = 0``, which (60) leaves
+    to (53). With μ = 0, ``t_t`` has no direction and every slip is allowed.
     """
     p = _pair(law, du, dt, rho)
     vertex = _worst(length(p.r), -p.v_n)
@@ -246,9 +246,9 @@ def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Fl
 def by_sliding_normal(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
 ) -> Floats:
-    """(61), with its sign: where closed, ``(-μ|Δu_t|, -Δu_t)`` is normal to ``ΔK_μ`` at Δt.
+    """Residual of (61), sign corrected: ``(-μ|Δu_t|, -Δu_t)`` is normal to ``ΔK_μ`` at Δt.
 
-    At the vertex (59) alone.
+    The contact is closed. At the vertex only (59) is required.
     """
     p = _pair(law, du, dt, rho)
     vertex = _worst(length(p.r), -p.v_n)
@@ -257,9 +257,9 @@ def by_sliding_normal(
 
 
 def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """(63): ``Δu`` in normal cones of the half-line of ``t_n`` and of the disc of ``t_t``.
+    """Residual of (63): ``Δu`` is in the normal cones of half-line (``t_n``) and disc (``t_t``).
 
-    The disc is ``ΔK_μ(Δt_n)`` of (76), held while the normal is taken: the form of an
+    The disc is ``ΔK_μ(Δt_n)`` of (76), fixed while the normal is taken: the form of an
     explicit material that is not standard.
     """
     p = _pair(law, du, dt, rho)
@@ -272,7 +272,7 @@ def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> 
     multiplier = np.maximum(-dot(p.v_t, back), 0.0)
     across = length(p.v_t + multiplier[:, None] * back)
     border = np.where(friction > 0, _worst(np.abs(friction - p.limit), across), np.inf)
-    # A disc of no radius is a point, and every vector normal to it.
+    # A disc of radius zero is a point, and every vector is normal to it.
     point = _worst(friction, p.limit)
     return _worst(normal, _least(inside, border, point))
 
@@ -280,11 +280,11 @@ def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> 
 def by_bipotential(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
 ) -> Floats:
-    """(8) with (54): ``b(-Δu, Δt) + Δu·Δt = 0``, an energy, as a force.
+    """Residual of (8) with (54): ``b(-Δu, Δt) + Δu·Δt = 0``, converted to a force.
 
-    The gap is taken at the nearest admissible pair, and how far that is counts. Divided
-    by ``|ṽ|`` and ``|t|/ρ`` an error of the size of a gap is a force; an error of the
-    direction of slip enters squared.
+    The gap, an energy, is computed at the nearest admissible pair and divided by
+    ``|ṽ| + |t|/ρ``; the residual is at least the distance to that pair.
+    An error in the direction of slip enters squared.
     """
     p = _pair(law, du, dt, rho)
     steps = _steps(law, rho)
@@ -300,10 +300,10 @@ def by_bipotential(
 
 
 def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """(79): ``|Δt - proj(Δt - ρ (Δu + (u_n⁰ + h₀ + μ|Δu_t|) n), ΔK_μ)|``, our (11).
+    """Residual of (79), ``|Δt - proj(Δt - ρ (Δu + (u_n⁰ + h₀ + μ|Δu_t|) n), ΔK_μ)|``.
 
-    Call it F. For ``t`` in the cone and ``v_n >= 0``, ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``:
-    the gap of the bipotential bounds it, and is bounded by it.
+    It is (11). Call the residual F. For ``t`` in the cone and ``v_n >= 0``,
+    ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``: F and the gap of the bipotential bound each other.
     """
     p = _pair(law, du, dt, rho)
     increments = law.start.vectors("dt", dt)
@@ -314,7 +314,7 @@ def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) ->
 def by_two_projections(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
 ) -> Floats:
-    """(82) onto the half-line ``[-t_n⁰, ∞[`` and (83) onto the disc ``ΔK_μ(Δt_n)``."""
+    """Residual of the projections (82) onto ``[-t_n⁰, ∞[`` and (83) onto ``ΔK_μ(Δt_n)``."""
     p = _pair(law, du, dt, rho)
     normal = np.abs(p.r_n - np.maximum(p.r_n - p.v_n, 0.0))
     tangent = length(p.r_t - project_ball(p.r_t - p.v_t, p.limit))
@@ -337,14 +337,13 @@ FORMS: Mapping[str, Form] = MappingProxyType(
         "(82), (83)": by_two_projections,
     }
 )
-"""Every form of the whole law, by its number in [dSF91]."""
+"""Every complete form of the law, by its number in [dSF91]."""
 
 
 def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
-    """What residuals of a pair are small against, ``(n_c,)`` [N].
+    """Sum of reactions, and of displacements times ρ, start state included, ``(n_c,)`` [N].
 
-    The terms of reactions and of displacements times ρ, start state included: rounding
-    of a residual is a few units of it.
+    It is the scale of tolerances: a residual has a few units of rounding of this size.
     """
     moved, pressed = law.start.vectors("du", du), law.start.vectors("dt", dt)
     terms = np.abs(law.start.displacement[:, 0]) + np.abs(law.start.gap)
@@ -357,7 +356,7 @@ def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
 def verdicts(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike, tol: float = 1e-9
 ) -> dict[str, Bools]:
-    """Whether each contact is on the law, by each of `FORMS`.
+    """Decide for each contact whether it is on the law, by each of `FORMS`.
 
     ``tol`` is relative to `size`.
     """
@@ -369,21 +368,21 @@ def verdicts(
 
 
 def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
-    """Law with its start state, and the increments, of one step of a solved path.
+    """Law with its start state, and increments, of one step of a solved path.
 
     Parameters
     ----------
     result
-        As `ContactProblem.solve` returns it; its ``contacts`` hold ``gap`` and ``mu``.
+        The result of `ContactProblem.solve`, whose ``contacts`` have ``gap`` and ``mu``.
     k
-        The step, from 0. Before the first the contacts are unloaded and unmoved, unless
-        the path continues from a state.
+        Index of the step, from 0. The first step starts from the unloaded state, unless the
+        path continues from another state.
 
     Returns
     -------
     law, du, dt
-        `Coulomb`, and the increments of relative displacement and of reaction,
-        ``(n_c, d)``, tangential displacements being the slips of the step.
+        `Coulomb`, and the increments of relative displacement and of reaction, ``(n_c, d)``.
+        The tangential part of ``du`` is the slip of the step.
     """
     k = integer("k", k, least=0, most=max(len(result) - 1, 0))
     mu, gaps = _known(result, "mu"), _known(result, "gap")
@@ -403,5 +402,7 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
 def _known(result: Result, name: str) -> Any:
     found = result.contacts.get(name)
     if found is None:
-        raise ValueError(f"result has no {name} of its contacts")
+        raise ValueError(
+            f"result.contacts has no {name!r}: give the result of ContactProblem.solve"
+        )
     return found

@@ -1,14 +1,14 @@
 """Explicit and implicit standard materials, sections II and IV of [dSF91].
 
-A material relates a generalised strain ``x`` and a generalised stress ``y``, vectors
-along the last axis of arrays. An *explicit* one has two potentials, conjugate to each
-other, with ``V(x) + W(y) >= x·y`` and equality on the law (3)–(7). An *implicit* one
-has a bipotential, convex in each argument, with ``b(x, y) >= x·y`` and equality on the
-law (8)–(13). Explicit ones are implicit, ``b = V + W`` (10): `implicit` makes them so.
+A material relates a generalised strain ``x`` and a generalised stress ``y``, vectors along
+the last axis of arrays. An *explicit* material has two conjugate potentials, with
+``V(x) + W(y) >= x·y`` and equality on the law (3)–(7). An *implicit* material has a
+bipotential, convex in each argument, with ``b(x, y) >= x·y`` and equality on the law
+(8)–(13). Explicit materials are implicit with ``b = V + W`` (10); `implicit` converts them.
 
 Contact is a material whose strain is minus the increment of relative displacement,
-``x = -Δu``, and whose stress is the increment of reaction, ``y = Δt`` (21): shapes
-``(n_c, d)``, normal first. Energies are those of each contact.
+``x = -Δu``, and whose stress is the increment of reaction, ``y = Δt`` (21). Both have the
+shape ``(n_c, d)``, normal first. Energies are given for each contact.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class ExplicitMaterial(Protocol):
     """Two conjugate potentials, (3)–(7)."""
 
     def energy(self, x: ArrayLike, /) -> Floats:
-        """``V(x)``, ``+inf`` outside its domain."""
+        """``V(x)``; ``+inf`` outside its domain."""
         ...
 
     def complementary_energy(self, y: ArrayLike, /) -> Floats:
-        """``W(y) = sup_x [x·y - V(x)]``, ``+inf`` outside its domain."""
+        """``W(y) = sup_x [x·y - V(x)]``; ``+inf`` outside its domain."""
         ...
 
     def prox(self, predictor: ArrayLike, r: ArrayLike, /) -> Floats:
@@ -55,7 +55,7 @@ class ImplicitMaterial(Protocol):
     """A bipotential and its partial conjugates, (8)–(18)."""
 
     def bipotential(self, x: ArrayLike, y: ArrayLike, /) -> Floats:
-        """``b(x, y)``, ``+inf`` outside its domain."""
+        """``b(x, y)``; ``+inf`` outside its domain."""
         ...
 
     def left_dual(self, z: ArrayLike, y: ArrayLike, /) -> Floats:
@@ -69,8 +69,8 @@ class ImplicitMaterial(Protocol):
     def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike, /) -> Floats:
         """The ``y`` that minimises ``r b(x, y) + ½|y - predictor|²``, (44).
 
-        Terms in ``x`` alone do not move it: it is given for every ``x``, also where
-        they are infinite.
+        Terms in ``x`` alone do not change it. It is therefore defined for every ``x``, even
+        where these terms are infinite.
         """
         ...
 
@@ -80,7 +80,7 @@ Material: TypeAlias = ExplicitMaterial | ImplicitMaterial
 
 @dataclass(frozen=True)
 class Separable:
-    """An explicit material as an implicit one, ``b(x, y) = V(x) + W(y)``, (10).
+    """Explicit material as an implicit one, ``b(x, y) = V(x) + W(y)``, (10).
 
     Its duals follow from ``V* = W`` and ``W* = V``.
     """
@@ -101,54 +101,51 @@ class Separable:
         """``V(u) - V(x)``."""
         return _less(self.explicit.energy(u), self.explicit.energy(x))
 
-    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:  # noqa: ARG002 - V(x) does not move it
-        """That of ``r W``, whatever ``x``."""
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:  # noqa: ARG002 - V(x) does not change it
+        """Proximal point of ``r W``, for every ``x``."""
         return self.explicit.prox(predictor, r)
 
 
 def _less(value: Floats, taken: Floats) -> Floats:
-    """``value - taken``, ``-inf`` where ``taken`` is ``+inf``: a supremum of nothing."""
+    """``value - taken``; ``-inf``, the supremum of an empty set, where ``taken`` is ``+inf``."""
     nothing = np.isposinf(taken)
     return np.where(nothing, -np.inf, value - np.where(nothing, 0.0, taken))
 
 
 def implicit(material: Material) -> ImplicitMaterial:
-    """The material as one with a bipotential."""
+    """Return the material as an implicit material, with a bipotential."""
     return Separable(material) if isinstance(material, ExplicitMaterial) else material
 
 
 def fenchel_gap(material: ExplicitMaterial, x: ArrayLike, y: ArrayLike) -> Floats:
-    """``V(x) + W(y) - x·y >= 0``, zero on the law alone, (3) and (5)."""
+    """``V(x) + W(y) - x·y >= 0``, zero exactly on the law, (3) and (5)."""
     return gap(Separable(material), x, y)
 
 
 def gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
-    """``b(x, y) - x·y >= 0``, zero on the law alone, (8) and (11)."""
+    """``b(x, y) - x·y >= 0``, zero exactly on the law, (8) and (11)."""
     work = dot(floats("x", x), floats("y", y))
     return implicit(material).bipotential(x, y) - work
 
 
 def left_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
-    """By how much ``y`` is no subgradient of ``b(·, y)`` at ``x``, (13a).
+    """Residual of (13a), ``y ∈ ∂_x b(x, y)``, as an energy.
 
-    ``b(x, y) + b_l*(y, y) - x·y``: Fenchel's inequality for the first argument, never
-    negative, zero if and only if ``y ∈ ∂_x b(x, y)``; ``+inf`` outside the domain.
+    ``b(x, y) + b_l*(y, y) - x·y`` is not negative, by Fenchel's inequality for the first
+    argument. It is zero if and only if (13a) holds, and ``+inf`` outside the domain.
     """
     material = implicit(material)
     return _sum(gap(material, x, y), material.left_dual(y, y))
 
 
 def right_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
-    """By how much ``x`` is no subgradient of ``b(x, ·)`` at ``y``, (13b).
-
-    ``b(x, y) + b_r*(x, x) - x·y``, as in `left_gap`.
-    """
+    """Residual of (13b), ``x ∈ ∂_y b(x, y)``: ``b(x, y) + b_r*(x, x) - x·y``, as `left_gap`."""
     material = implicit(material)
     return _sum(gap(material, x, y), material.right_dual(x, x))
 
 
 def _sum(lack: Floats, dual: Floats) -> Floats:
-    """``lack + dual``, ``+inf`` where the first is, whatever the second."""
+    """``lack + dual``; ``+inf`` where ``lack`` is, for every ``dual``."""
     inside = np.isfinite(lack)
     return np.where(inside, lack + np.where(inside, dual, 0.0), np.inf)
 
@@ -162,34 +159,34 @@ def uzawa(
 ) -> Floats:
     """Uzawa's iterates of a structure and a material, (41)–(42) and (45)–(46).
 
-    Predictor ``y + r x``, corrector ``prox(·, r b(x, ·))``, with ``x`` the strain that
-    the structure takes under the stress ``y``. What rests is on the law, for every
-    ``r > 0``; whether it comes to rest depends on ``r``.
+    Predictor ``y + r x``, corrector ``prox(·, r b(x, ·))``, where ``x`` is the strain of
+    the structure under the stress ``y``. A fixed point is on the law, for every ``r > 0``;
+    convergence depends on ``r``.
 
     Parameters
     ----------
     material
         Explicit or implicit.
     strain
-        The structure, ``y ↦ x``: an affine map of decreasing kind, for contact
-        ``x = -Δu`` of the elastic answer to ``y = Δt``, (73a).
+        The structure, ``y ↦ x``: a decreasing affine map. For contact it is ``x = -Δu``,
+        with ``Δu`` the elastic solution under ``y = Δt``, (73a).
     start
         The first stress.
     r
-        Coefficient, positive, [stress/strain]; for contact a number or one a contact.
+        Positive coefficient [stress/strain]; for contact one number or one for each contact.
     iterations
-        How many.
+        Number of iterations.
 
     Returns
     -------
     iterates
-        ``(iterations + 1, *start.shape)``, the start first.
+        ``(iterations + 1, *start.shape)``, from the start on.
 
     Raises
     ------
     ValueError
-        An argument is wrong, or ``strain`` gives an array of another shape or numbers
-        that are not finite, as after many steps that are too long.
+        An argument is wrong, or ``strain`` returns a wrong shape or numbers that are not
+        finite, for example after many iterations that diverge.
     """
     material = implicit(material)
     step = positive_step(r)
@@ -207,7 +204,7 @@ def _predictor(y: Floats, r: Floats, x: Floats) -> Floats:
 
 
 def positive_step(r: ArrayLike) -> Floats:
-    """A coefficient of (39)–(46): positive numbers."""
+    """Check a coefficient of (39)–(46): positive numbers."""
     step = floats("r", r)
     if not (step > 0).all():
         raise ValueError(f"r is {float(step.min())}, expected positive numbers")
@@ -233,7 +230,7 @@ class LinearElastic:
             raise ValueError(
                 f"stiffness has shape {found.shape}, expected a square matrix"
             )
-        # Asymmetry of rounding is no mistake of the caller's.
+        # Asymmetry of the size of rounding is allowed.
         if (np.abs(found - found.T) > 1e-12 * np.abs(found).max(initial=0.0)).any():
             raise ValueError(
                 "stiffness is not symmetric, expected a symmetric positive definite matrix"
@@ -269,7 +266,7 @@ class LinearElastic:
         return 0.5 * dot(self._vectors("y", y), self.strain(y))
 
     def prox(self, predictor: ArrayLike, r: ArrayLike) -> Floats:
-        """``(D + r I) y = D ŷ``, which is (40) without the inverse of ``D``."""
+        """Solution of ``(D + r I) y = D ŷ``, which is (40) without the inverse of ``D``."""
         step = floats("r", r, shape=())
         shifted = self.stiffness + positive_step(step) * np.eye(len(self.stiffness))
         return _solved(shifted, self.stress(self._vectors("predictor", predictor)))
@@ -284,15 +281,15 @@ def _solved(matrix: Floats, vectors: Floats) -> Floats:
 class Start:
     """State of contacts at the start of a step: ``t⁰``, ``u⁰``, ``h₀``.
 
-    Any numbers: the laws below hold from states that are themselves off the law.
+    All values are allowed: the laws below also hold from states that are not on the law.
 
     Parameters
     ----------
     reaction
         ``t⁰ (n_c, d)``, normal first [N].
     displacement
-        ``u⁰ (n_c, d)``, relative displacement without the gap [m]. Slip is measured
-        from it, so that only its normal part enters.
+        ``u⁰ (n_c, d)``, relative displacement without the gap [m]. Only its normal part is
+        used, because slip is counted from the start of the step.
     gap
         ``h₀ (n_c,)``, initial gap, open when positive [m].
     """
@@ -317,7 +314,7 @@ class Start:
 
     @classmethod
     def unloaded(cls, gap: ArrayLike, d: int) -> Start:
-        """No reactions and no displacements, the gap alone."""
+        """State with the gap and without reactions and displacements."""
         height = floats("gap", gap, ndim=1)
         rest = np.zeros((len(height), d))
         return cls(rest, rest, height)
@@ -329,11 +326,11 @@ class Start:
 
     @property
     def product(self) -> Floats:
-        """``t_n⁰ (u_n⁰ + h₀) (n_c,)`` [J]: zero from a state that is complementary."""
+        """``t_n⁰ (u_n⁰ + h₀) (n_c,)`` [J]: zero for a complementary state."""
         return np.asarray(self.reaction[:, 0] * self.opening)
 
     def vectors(self, what: str, value: ArrayLike) -> Floats:
-        """An increment of one row a contact."""
+        """Check an increment with one row for each contact."""
         return floats(what, value, shape=self.reaction.shape)
 
     def total_reaction(self, dt: Floats) -> Floats:
@@ -341,19 +338,19 @@ class Start:
         return np.asarray(self.reaction + dt)
 
     def separated(self, du: Floats) -> Bools:
-        """``Δu_n + u_n⁰ + h₀ >= 0``, (59), to rounding of its terms."""
+        """Whether ``Δu_n + u_n⁰ + h₀ >= 0``, (59), up to rounding of its terms."""
         terms = np.abs(du[:, 0]) + np.abs(self.displacement[:, 0]) + np.abs(self.gap)
         return within(-(du[:, 0] + self.opening), terms)
 
     def pressed(self, dt: Floats) -> Bools:
-        """``t_n⁰ + Δt_n >= 0``, (66), to rounding of its terms."""
+        """Whether ``t_n⁰ + Δt_n >= 0``, (66), up to rounding of its terms."""
         terms = np.abs(self.reaction[:, 0]) + np.abs(dt[:, 0])
         return within(-self.total_reaction(dt)[:, 0], terms)
 
     def held(self, dt: Floats, limit: Floats, size: Floats) -> Bools:
-        """``|t_t⁰ + Δt_t| <= limit``, the disc of (76), to rounding.
+        """Whether ``|t_t⁰ + Δt_t| <= limit``, the disc of (76), up to rounding.
 
-        ``size`` is that of the terms of ``limit``.
+        ``size`` is the size of the terms of ``limit``.
         """
         terms = length(self.reaction[:, 1:]) + length(dt[:, 1:]) + size
         lack = length(self.total_reaction(dt)[:, 1:]) - limit
@@ -364,7 +361,7 @@ class Start:
 class Tresca:
     """Unilateral contact with a friction limit that does not depend on the pressure.
 
-    An explicit standard material, with ``x = -Δu`` and ``y = Δt``,
+    It is an explicit standard material, with ``x = -Δu``, ``y = Δt`` and
 
     ``V = t⁰·Δu + s |Δu_t| + Ψ(Δu_n + u_n⁰ + h₀ >= 0)``,
     ``W = (t_n⁰ + Δt_n)(u_n⁰ + h₀) + Ψ(t_n⁰ + Δt_n >= 0) + Ψ(|t_t⁰ + Δt_t| <= s)``.
@@ -404,7 +401,7 @@ class Tresca:
         return np.asarray(t_n * self.start.opening + indicator(inside))
 
     def prox(self, predictor: ArrayLike, r: ArrayLike) -> Floats:
-        """(40): ``t_n`` onto the half-line, ``t_t`` onto the disc of radius ``s``."""
+        """(40): project ``t_n`` onto the half-line, ``t_t`` onto the disc of radius ``s``."""
         t = self.start.total_reaction(self.start.vectors("predictor", predictor))
         t_n = np.maximum(t[:, 0] - positive_step(r) * self.start.opening, 0.0)
         t_t = project_ball(t[:, 1:], self.limit)
@@ -412,7 +409,7 @@ class Tresca:
 
 
 def frictionless(start: Start) -> Tresca:
-    """Unilateral contact without friction: the explicit material with limit 0."""
+    """Unilateral contact without friction: `Tresca` with the limit 0."""
     return Tresca(0.0, start)
 
 
@@ -424,8 +421,8 @@ class Coulomb:
 
     ``b = t⁰·Δu + t_n (u_n⁰ + h₀) + μ t_n |Δu_t| + Ψ(t ∈ K_μ) + Ψ(Δu_n + u_n⁰ + h₀ >= 0)``,
 
-    which is (54) with the constant ``t_n⁰ (u_n⁰ + h₀)`` that the print lacks: without it
-    ``b = x·y`` fails on the law from a start state that is not complementary
+    This is (54) with the constant ``t_n⁰ (u_n⁰ + h₀)``, which the paper omits. Without it
+    ``b = x·y`` is false on the law if the start state is not complementary
     (docs/theory.md, section 4). ``b - x·y = t·ṽ``, the gap of (10).
 
     Parameters
@@ -444,7 +441,7 @@ class Coulomb:
         object.__setattr__(self, "start", start)
 
     def admissible(self, dt: ArrayLike) -> Bools:
-        """``Δt ∈ ΔK_μ``, (53), with ``t_n >= 0``, which (53) implies for μ > 0 alone."""
+        """Whether ``Δt ∈ ΔK_μ``, (53), and ``t_n >= 0``, which (53) implies only for μ > 0."""
         increment = self.start.vectors("dt", dt)
         t_n = self.start.total_reaction(increment)[:, 0]
         size = np.abs(self.start.reaction[:, 0]) + np.abs(increment[:, 0])
@@ -461,7 +458,7 @@ class Coulomb:
         return work + lost + indicator(inside)
 
     def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
-        """``b_l*(Δt̄, Δt)``, (62) with the disc of ``Δt``'s own pressure.
+        """``b_l*(Δt̄, Δt)``, (62), corrected: the disc has the radius ``μ t_n`` of ``Δt``.
 
         ``(Δt̄_n - Δt_n)(u_n⁰ + h₀) + Ψ(t_n⁰ + Δt̄_n >= 0) + Ψ(|t_t⁰ + Δt̄_t| <= μ t_n)
         - Ψ(Δt ∈ ΔK_μ)``: the conjugate of ``b(·, Δt)``, which is Tresca friction with
@@ -478,8 +475,7 @@ class Coulomb:
         """``b_r*(-Δu, -Δw)`` of each contact [J].
 
         ``t⁰·(Δw - Δu) + Ψ(Δw_n + u_n⁰ + h₀ + μ|Δu_t| >= μ|Δw_t|)
-        - Ψ(Δu_n + u_n⁰ + h₀ >= 0)``: what remains of the supremum over the cone is the
-        indicator of its dual.
+        - Ψ(Δu_n + u_n⁰ + h₀ >= 0)``: the supremum over the cone is the indicator of its dual.
         """
         du, dw = -self.start.vectors("x", x), -self.start.vectors("u", u)
         kept, moved = self.mu * length(du[:, 1:]), self.mu * length(dw[:, 1:])
@@ -492,7 +488,7 @@ class Coulomb:
     def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:
         """(44): the projection of ``ŷ - r (u_n⁰ + h₀ + μ|Δu_t|) n`` onto ``ΔK_μ``.
 
-        With ``ŷ = Δt - r Δu`` it is the corrector of (79).
+        With ``ŷ = Δt - r Δu`` this is the corrector of (79).
         """
         tau = self.start.vectors("predictor", predictor)
         du = -self.start.vectors("x", x)
@@ -501,7 +497,7 @@ class Coulomb:
         return project(tau, self.mu, base=self.start.reaction)[0]
 
     def frozen(self, dt: ArrayLike) -> Tresca:
-        """The explicit material that ``b(·, Δt)`` is: Tresca friction with ``s = μ t_n``."""
+        """Explicit material with the potential ``b(·, Δt)``: Tresca friction, ``s = μ t_n``."""
         t = self.start.total_reaction(self.start.vectors("dt", dt))
         return Tresca(self.mu * np.maximum(t[:, 0], 0.0), self.start)
 
@@ -514,7 +510,7 @@ def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Floats],
     compliance
         ``W (d n_c, d n_c)`` [m/N].
     free
-        ``Δq (n_c, d)``: the increment of relative displacement with ``Δt = 0`` [m].
+        ``Δq (n_c, d)``: the increment of relative displacement for ``Δt = 0`` [m].
     """
     rest = floats("free", free, ndim=2)
     W = floats("compliance", compliance, shape=(rest.size, rest.size))

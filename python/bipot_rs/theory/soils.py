@@ -1,9 +1,9 @@
-"""Drucker–Prager plasticity with a dilatancy of its own: an implicit material of solids.
+"""Drucker–Prager plasticity with independent dilatancy: an implicit material of solids.
 
-De Saxcé's other example beside contact. Tension is positive; ``σ_m`` is the mean stress
-and ``s`` the deviator, ``ε_v`` the volume strain and ``e`` the deviator of the plastic
-strain increment, so that ``σ:ε = σ_m ε_v + s:e``. Tensors are vectors of six
-components, `mandel`, whose dot product is the double contraction.
+This is de Saxcé's second example, after contact. Tension is positive. ``σ_m`` is the mean
+stress and ``s`` the deviator, ``ε_v`` the volume strain and ``e`` the deviator of the
+plastic strain increment, so that ``σ:ε = σ_m ε_v + s:e``. Tensors are stored as vectors of
+six components (`mandel`), whose dot product is the double contraction.
 
 criterion
     ``|s| <= α (a - σ_m)``
@@ -12,17 +12,17 @@ flow
     ``σ = a I``: ``ε_v >= β |e|``.
 
 α is the friction, β the dilatancy, ``a`` the mean stress of the apex. The law is
-associated for β = α only; for ``0 <= β <= α`` it has the bipotential
+associated only for β = α. For ``0 <= β <= α`` it has the bipotential
 
     ``b(ε, σ) = a ε_v + (α - β)(a - σ_m)|e| + Ψ(|s| <= α (a - σ_m)) + Ψ(ε_v >= β |e|)``,
     ``b - σ:ε = (a - σ_m)(ε_v - β|e|) + (α (a - σ_m)|e| - s:e) >= 0``:
 
-neither bracket is negative in the domain, and both vanish on the law alone. The limits
-are those of convexity in ``ε``: for β > α the factor of ``|e|`` is negative inside the
-cone, for β < 0 the set ``ε_v >= β|e|`` is the outside of a cone.
+In the domain neither bracket is negative, and both vanish exactly on the law. Convexity in
+``ε`` gives the limits of β: for β > α the factor of ``|e|`` is negative inside the cone;
+for β < 0 the set ``ε_v >= β|e|`` is the outside of a cone.
 
 Coulomb contact is the case β = 0, ``a = 0`` with ``σ_m = -t_n``, ``ε_v = u_n``, ``s = t_t``,
-``e = -u_t``: friction is a soil without dilatancy.
+``e = -u_t``: Coulomb friction is a soil without dilatancy.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def mandel(tensor: ArrayLike) -> Floats:
 
 
 def tensor(vector: ArrayLike) -> Floats:
-    """The tensors ``(..., 3, 3)`` of vectors ``(..., 6)``."""
+    """Vectors ``(..., 6)`` of `mandel` as tensors ``(..., 3, 3)``."""
     found = _vectors("vector", vector) / _WEIGHT
     full = np.empty((*found.shape[:-1], 3, 3))
     full[..., _ROWS, _COLUMNS] = found
@@ -86,7 +86,7 @@ def _strain(x: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class DruckerPrager:
-    """The material; ``x`` are increments of plastic strain, ``y`` stresses, ``(..., 6)``.
+    """Drucker–Prager material: ``x`` increments of plastic strain, ``y`` stresses, ``(..., 6)``.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class DruckerPrager:
     dilatancy
         β, from 0 to α.
     apex
-        ``a >= 0``, the mean stress that the soil bears in tension [Pa].
+        ``a >= 0``, the largest mean stress (in tension) [Pa].
     """
 
     friction: float
@@ -112,8 +112,8 @@ class DruckerPrager:
             raise ValueError(f"friction is {alpha}, expected a positive number")
         if not 0 <= beta <= alpha:
             raise ValueError(
-                f"dilatancy is {beta}, expected 0 to {alpha}, the friction: beyond it the "
-                "law has no bipotential of this form"
+                f"dilatancy is {beta}, expected 0 to {alpha}, the friction: outside this "
+                "range the law has no bipotential of this form"
             )
         if not 0 <= a < math.inf:
             raise ValueError(f"apex is {a}, expected zero or positive")
@@ -122,7 +122,7 @@ class DruckerPrager:
     def from_angles(
         cls, cohesion: float, friction_angle: float, dilatancy_angle: float
     ) -> DruckerPrager:
-        """The cone through the compressive edges of Mohr and Coulomb's pyramid.
+        """Material whose cone contains the compressive edges of the Mohr–Coulomb pyramid.
 
         Parameters
         ----------
@@ -134,9 +134,11 @@ class DruckerPrager:
         c, phi = number("cohesion", cohesion), number("friction_angle", friction_angle)
         psi = number("dilatancy_angle", dilatancy_angle)
         if not 0 < phi < math.pi / 2:
-            raise ValueError(f"friction_angle is {phi}, expected 0 to pi/2, both out")
+            raise ValueError(f"friction_angle is {phi}, expected above 0, below pi/2")
         if not 0 <= psi <= phi:
-            raise ValueError(f"dilatancy_angle is {psi}, expected 0 to {phi}")
+            raise ValueError(
+                f"dilatancy_angle is {psi}, expected 0 to {phi} (the friction angle)"
+            )
         if not 0 <= c < math.inf:
             raise ValueError(f"cohesion is {c}, expected zero or positive")
         alpha, beta = (
@@ -150,19 +152,19 @@ class DruckerPrager:
         return self.dilatancy == self.friction
 
     def criterion(self, y: ArrayLike) -> Floats:
-        """``|s| - α (a - σ_m)``, not positive where the stress is borne [Pa]."""
+        """``|s| - α (a - σ_m)`` [Pa], not positive for an admissible stress."""
         mean, deviator = _stress(_vectors("y", y))
         return np.asarray(length(deviator) - self.friction * (self.apex - mean))
 
     def plastic_potential(self, y: ArrayLike) -> Floats:
-        """``|s| + β σ_m`` [Pa]: the flow is normal to its surfaces, not the criterion's."""
+        """``|s| + β σ_m`` [Pa]: the flow is normal to its level sets, not to the criterion."""
         mean, deviator = _stress(_vectors("y", y))
         return np.asarray(length(deviator) + self.dilatancy * mean)
 
     def flow(self, y: ArrayLike) -> Floats:
-        """Gradient of the plastic potential, ``s/|s| + β I/3``: the flow but for λ.
+        """Gradient of the plastic potential, ``s/|s| + β I/3``: the flow divided by λ.
 
-        At ``s = 0`` only the volume part is left.
+        At ``s = 0`` it is the volume part ``β I/3``.
         """
         _, deviator = _stress(_vectors("y", y))
         return np.asarray(direction(deviator) + self.dilatancy / 3 * _UNIT)
@@ -186,10 +188,10 @@ class DruckerPrager:
         return value + indicator(self._bears(stress) & self._dilates(strain))
 
     def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
-        """``Ψ(σ̄_m <= a) + Ψ(|s̄| <= β(a - σ̄_m) + (α - β)(a - σ_m)) - Ψ(σ borne)``, (14).
+        """``Ψ(σ̄_m <= a) + Ψ(|s̄| <= β(a - σ̄_m) + (α - β)(a - σ_m)) - Ψ(σ admissible)``, (14).
 
-        As a set of ``σ̄`` through ``σ``: below the surface of the plastic potential, cut
-        off at the apex. Its normals at ``σ̄ = σ`` are the flow, (16).
+        For ``σ`` on the criterion, the level set of the plastic potential through ``σ`` bounds
+        the set of ``σ̄``, cut off at the apex. Its normals at ``σ̄ = σ`` are the flow, (16).
         """
         bar, stress = _vectors("z", z), _vectors("y", y)
         (bar_mean, bar_s), (mean, _) = _stress(bar), _stress(stress)
@@ -211,16 +213,16 @@ class DruckerPrager:
         return np.where(self._dilates(strain), value, -np.inf)
 
     def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:
-        """(44): the projection of ``σ̂ + r (α - β)|e| I/3`` onto the criterion's cone.
+        """(44): the projection of ``σ̂ + r (α - β)|e| I/3`` onto the cone of the criterion.
 
-        ``b(ε, ·)`` is linear in its domain, and ``I/3`` the gradient of ``σ_m``.
+        ``b(ε, ·)`` is linear in its domain, and ``I/3`` is the gradient of ``σ_m``.
         """
         stress, strain = _vectors("predictor", predictor), _vectors("x", x)
         _, e = _strain(strain)
         excess = self.friction - self.dilatancy
         pushed = positive_step(r) * excess * length(e) / 3
         mean, deviator = _stress(stress + pushed[..., None] * _UNIT)
-        # |σ|² = 3 σ_m² + |s|²: in √3 (a - σ_m) and s the cone's slope is α/√3.
+        # |σ|² = 3 σ_m² + |s|²: in the variables √3 (a - σ_m), s the slope is α/√3.
         root = math.sqrt(3)
         height, radial = project_cone(
             root * (self.apex - mean), deviator, self.friction / root

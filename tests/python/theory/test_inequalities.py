@@ -144,7 +144,7 @@ def test_the_three_agree_on_pairs(d: int) -> None:
         said = displacements(out, v, mu, size).residual
         assert (said[excess > 1e-3] > 0).all()
         for form in (coupled, alternated):
-            with pytest.raises(ValueError, match="is outside of its cone by"):
+            with pytest.raises(ValueError, match="is outside the friction cone by"):
                 form(out, v, mu, size)
 
 
@@ -234,7 +234,7 @@ def test_operators_are_inverse_and_monotone() -> None:
                 assert gain == pytest.approx(response.monotonicity, rel=1e-9)
     singular = Response(random_problem("redundant", 3, 3).problem())
     assert singular.inverse_monotonicity is None
-    with pytest.raises(ValueError, match="singular compliance"):
+    with pytest.raises(ValueError, match="the compliance W of problem is singular"):
         singular.traction(np.zeros_like(singular.offset))
 
 
@@ -310,7 +310,7 @@ def test_prints_of_74_and_78_fail_at_solutions() -> None:
 def test_bounds_and_members_are_checked() -> None:
     t, v = np.array([[1.0, 0.2]]), np.array([[0.0, 0.0]])
     with pytest.raises(
-        ValueError, match=r"size is 0\.5, expected a positive number, 1\.0"
+        ValueError, match=r"size is 0\.5, expected a positive number of at least 1\.0"
     ):
         coupled(t, v, 0.5, 0.5)
     with pytest.raises(ValueError, match=r"v of contact 0 penetrates by 1\.0"):
@@ -385,5 +385,7 @@ def test_explicit_scheme_lets_go_and_closes() -> None:
         [0.1, -0.1, 0.0, 0.0, 0.6], abs=1e-15
     )
     slider = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.3)
-    with pytest.raises(ValueError, match="a body that contact alone holds"):
+    with pytest.raises(
+        ValueError, match=r"unsupported rigid motions \(translation along t1"
+    ):
         explicit_path(slider, [-1.0, 0.0])

@@ -430,7 +430,7 @@ def test_normal_and_gap_of_points() -> None:
     assert np.all(gap == 0)
     touching = body.copy()
     touching[7] = np.nextafter(obstacle[7], 1)
-    with pytest.raises(ValueError, match="coincide at pair 7: points that touch"):
+    with pytest.raises(ValueError, match="coincide at pair 7: coincident points"):
         laws.normal_and_gap(touching, obstacle)
 
 
@@ -448,11 +448,11 @@ def test_mistakes_are_named() -> None:
         laws.by_reactions(law, zero, np.full((2, 3), np.nan), 1.0)
     with pytest.raises(ValueError, match=r"tol is 0.0, expected a positive number"):
         laws.verdicts(law, zero, zero, 1.0, tol=0)
-    with pytest.raises(ValueError, match=r"normal of pair 1 has the length 2.0"):
+    with pytest.raises(ValueError, match=r"normal of pair 1 has length 2.0"):
         laws.normal_and_gap(zero, zero, [[1, 0, 0], [0, 2, 0]])
     with pytest.raises(ValueError, match=r"body has shape \(2, 4\)"):
         laws.normal_and_gap(np.zeros((2, 4)), np.zeros((2, 4)))
     result = bp.solve(np.eye(2), np.eye(2), [-1.0, 0.1], gap=[0.0], mu=0.4)
     del result.contacts["mu"]
-    with pytest.raises(ValueError, match="result has no mu of its contacts"):
+    with pytest.raises(ValueError, match=r"result\.contacts has no .mu."):
         laws.step_of(result, 0)

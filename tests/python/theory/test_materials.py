@@ -1069,7 +1069,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "dilatancy": (
         lambda: soils.DruckerPrager(0.3, 0.4, 1.0),
-        r"dilatancy is 0.4, expected 0 to 0.3, the friction: beyond it the law has no",
+        r"dilatancy is 0.4, expected 0 to 0.3, the friction: outside this range the law has no",
     ),
     "contraction": (
         lambda: soils.DruckerPrager(0.3, -0.1, 1.0),
@@ -1081,7 +1081,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "angle": (
         lambda: soils.DruckerPrager.from_angles(1.0, 2.0, 0.1),
-        r"friction_angle is 2.0, expected 0 to pi/2",
+        r"friction_angle is 2.0, expected above 0, below pi/2",
     ),
     "dilatancy angle": (
         lambda: soils.DruckerPrager.from_angles(1.0, 0.5, 0.6),
