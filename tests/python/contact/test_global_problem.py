@@ -94,7 +94,7 @@ def test_compliance_is_that_of_dense_algebra(name: str) -> None:
     assert np.abs(W - expected).max() <= 1e-11 * np.abs(expected).max()
     q = H.T @ np.linalg.solve(M, f) + w.ravel()
     assert np.abs(reduced.q.ravel() - q).max() <= 1e-11 * np.abs(q).max()
-    # Full rank: singular values below 1e-10 of the largest count as zero.
+    # W has the listed rank: singular values below 1e-10 of the largest count as zero.
     assert np.linalg.matrix_rank(W, rtol=1e-10) == FILES[name].rank
 
 

@@ -128,7 +128,7 @@ def test_a_wrong_cache_size(value: str, monkeypatch: pytest.MonkeyPatch) -> None
     words = f'{LIMIT} is "{value}", expected a whole number of megabytes'
     with pytest.raises(ValueError, match=words):
         problem(body(6))
-    # An empty pattern is not stored.
+    # An empty variable counts as not set.
     monkeypatch.setenv(LIMIT, "")
     assert problem(body(6)).stats["n"] > 0
 
