@@ -236,7 +236,7 @@ def test_beyond_a_border_is_outside() -> None:
     )
 
 
-def test_a_flipped_cavity_is_a_box() -> None:
+def test_a_flipped_box_is_a_cavity() -> None:
     x = np.array([[0.5, 0.5, 0.9]])
     faces = cube()._corners
     die = ob.Surface(cube()._x, faces, flipped=True).closest(x)
