@@ -180,7 +180,7 @@ def test_info(bipot: Any) -> None:
         ("nothing", "neither a file nor one of"),
     ],
 )
-def test_info_of_missing_files(name: str, message: str, bipot: Any) -> None:
+def test_info_of_unreadable_paths(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
     Path("half.mtx").write_text("%%MatrixMarket matrix")

@@ -350,7 +350,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
             ("--kind", "deformed", "--contact", "pad.top"),
             "--contact cannot be used with",
         ),
-        # Alone it knows its settings; with another scene they must be given.
+        # Without --scene the command knows the run's settings; with it they must be given.
         (
             ("--kind", "deformed", "--scene", "clamp.toml"),
             "was not solved from 'clamp.toml' as it is now, or with other settings",

@@ -104,7 +104,7 @@ def test_command_line(
 ) -> None:
     Path("mine.toml").write_text("")
     if "--json" in arguments:
-        # With --json the message is in the last line, and standard error is empty.
+        # With --json the message is in the last line of standard output.
         assert app(list(arguments)) == 2
         assert sentence in request.getfixturevalue("capsys").readouterr().out
         return
