@@ -39,7 +39,7 @@ def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
     assert again.stats["seconds_order"] == again.stats["seconds_symbolic"] == 0
 
 
-def test_zeros_that_are_stored() -> None:
+def test_stored_zeros() -> None:
     """In a grid the material decides which entries cancel within the blocks of nodes."""
     here = body(10)
     stored = sparse.csr_array(here.K)

@@ -160,7 +160,7 @@ def test_normals_of_many_faces(seed: int) -> None:
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
-def test_a_ball_beside_an_edge_gives_no_remark(radius: float, at: float) -> None:
+def test_a_ball_next_to_an_edge_gives_no_remark(radius: float, at: float) -> None:
     one = body("hexahedron", 3, cells=6)
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)

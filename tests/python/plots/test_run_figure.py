@@ -106,7 +106,7 @@ def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert overlaps(figure) == []
 
 
-def test_plane_surfaces_have_maps_of_their_own(
+def test_each_plane_surface_has_its_own_maps(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A floor and a wall: each with its own coordinates and its own path."""

@@ -57,7 +57,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-def test_the_wheel_solves_beside_numpy_and_scipy_alone(
+def test_the_wheel_solves_with_numpy_and_scipy_alone(
     built: Build, tmp_path: Path
 ) -> None:
     wheel, site = built("build"), tmp_path / "site"

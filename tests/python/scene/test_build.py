@@ -402,7 +402,7 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
         m.assemble()
 
 
-def test_files_beside_the_scene(
+def test_files_next_to_the_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "deep").mkdir()

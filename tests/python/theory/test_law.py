@@ -389,7 +389,7 @@ def test_a_continued_path() -> None:
         assert all(v.all() for v in laws.verdicts(law, *step, 1.0).values())
 
 
-def test_steps_are_told_from_the_result() -> None:
+def test_steps_are_read_from_the_result() -> None:
     """A contact by hand: pressed, then pushed to its limit."""
     load = np.array([[-2.0, 0.0], [-2.0, 1.5]])
     result = bp.solve(np.eye(2), np.eye(2), load, gap=[0.5], mu=0.4)
