@@ -99,7 +99,17 @@ def found_by(number: int) -> str:
 
     The tests of the repository itself, such as of its layers, see the switches.
     """
-    tests = ["-q", "-x", "-n", "2", "--dist", "loadgroup", "-p", "no:cacheprovider", "tests/python"]
+    tests = [
+        "-q",
+        "-x",
+        "-n",
+        "2",
+        "--dist",
+        "loadgroup",
+        "-p",
+        "no:cacheprovider",
+        "tests/python",
+    ]
     left_out = ["--ignore=tests/python/repository"]
     run = subprocess.run(
         [sys.executable, "-m", "pytest", *tests, *left_out],

@@ -1,4 +1,4 @@
-"""What every test shares: where the repository is, and reproducible examples."""
+"""Fixtures of all tests: the root of the repository, reproducible examples, the command."""
 
 import os
 from collections.abc import Callable
@@ -9,8 +9,8 @@ from hypothesis import settings
 
 import slow
 
-# In CI a red run must be red again on the next try; at home new examples are
-# looked for at each run. No deadline: both run on machines shared with others.
+# In CI a failing run must fail again when repeated; elsewhere each run draws new examples.
+# No deadline, because other programs share both machines.
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.register_profile("home", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "home")
@@ -37,11 +37,11 @@ def bipot(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[..., tuple[int, str, str]]:
-    """The command in this process, in an empty folder: status, output, errors."""
+    """Run the command in this process, in an empty folder: status, output, errors."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        # Not at the top: most tests need no command.
+        # Imported here, because most tests do not need the command.
         from bipot_rs.cli.app import app
 
         status = app(list(arguments)) or 0

@@ -1,4 +1,4 @@
-"""The closed forms are judged by what they must satisfy, and by tables."""
+"""The closed forms satisfy their defining equations, and agree with published tables."""
 
 import csv
 import math
@@ -33,7 +33,7 @@ def test_hertz_line_carries_its_load() -> None:
     force, radius, e_star = 35e3, 50.0, analytic.contact_modulus(210e3, 0.3, 70e3, 0.3)
     a, p0 = analytic.hertz_line(force, radius, e_star)
     _, p = over_contact(lambda x: analytic.hertz_pressure(x, a, p0), a)
-    # The rule integrates 1 - sin² exactly: rounding only.
+    # The quadrature integrates 1 - sin² exactly: rounding only.
     assert p.sum() == pytest.approx(force, rel=1e-12)
     # NAFEMS advanced contact benchmark 1 prints 6.21 mm and 3585.37 MPa.
     assert a == pytest.approx(6.21, abs=0.005)
@@ -65,7 +65,7 @@ def test_hertz_sphere_carries_its_load() -> None:
     _, p = over_contact(
         lambda r: analytic.hertz_pressure(r, a, p0) * np.abs(r) * math.pi, a
     )
-    # |r| has a kink at the axis: the midpoint rule is of second order there, 1e-6.
+    # |r| has a kink at the axis, where the midpoint rule is of second order: 1e-6.
     assert p.sum() == pytest.approx(force, rel=1e-5)
     # ANSYS VM63 data: a = 1.009635, p0 = 88.2904, delta = 0.127420, to the digits printed.
     assert (a, p0, delta) == pytest.approx((1.009635, 88.2904, 0.127420), rel=5e-6)
@@ -96,7 +96,7 @@ def test_cattaneo_mindlin_table(column: int, ratio: float) -> None:
         analytic.hertz_pressure(x, a, p0) / p0, rows[:, 1], atol=PRINTED
     )
     q = analytic.partial_slip_traction(x, a, c, p0, mu) / (mu * p0)
-    # The square root at the edge of the stuck zone magnifies the 1e-16 of x/c.
+    # The square root at the edge of the stick zone magnifies the 1e-16 of x/c.
     np.testing.assert_allclose(q, rows[:, column], atol=1e-8)
 
 
@@ -134,7 +134,7 @@ def test_mindlin_sphere_carries_its_tangential_load_and_starts_stiff() -> None:
         return q * np.abs(r) * math.pi
 
     _, q = over_contact(ring, got.a)
-    # As for the line: the inner square root costs n^(-3/2) of μP, which is 1.8 Q.
+    # As for the line: the inner square root has an error of n^(-3/2) of μP, which is 1.8 Q.
     assert q.sum() == pytest.approx(1.1, rel=4 * 2000**-1.5)
     # dQ/dδ = 8a/Λ at Q = 0; the next term of the series is Q/(6 μP) of it.
     small = analytic.mindlin_sphere(force, 1e-6, 2.0, 11.0, mu, compliance)
@@ -149,7 +149,7 @@ def test_patch_and_oedometer_satisfy_hooke() -> None:
     # A1 of the reference set: w = 3, H = 1, E = 10, p = 2, τ = 0.6.
     u_x, u_y = analytic.sheared_patch(1.0, 2.0, 0.6, 10.0)
     assert (float(u_x), float(u_y)) == pytest.approx((0.12, -0.2), rel=1e-15)
-    # A2: tops at E = p = H = 1, digits as printed; 1 - 2ν costs ε/(1 - 2ν).
+    # A2: tops at E = p = H = 1, digits as printed; 1 - 2ν loses ε/(1 - 2ν).
     for nu, top, digits in [
         (0.3, -0.742857142857, 1e-12),
         (0.4999, -5.99840032e-4, 1e-8),
@@ -172,14 +172,14 @@ def test_bar_table() -> None:
 
 
 def test_bar_forgets_closed_loops() -> None:
-    # 10, 5, 8, 5: the inner loop closes at 5, 12 goes on with first loading, -12 lands on
-    # its mirror image and -13 beyond it.
+    # 10, 5, 8, 5: the inner loop closes at 5. Then 12 continues the first loading, -12 reaches
+    # its mirror image, and -13 goes beyond it.
     loads = np.array([10.0, 5.0, 8.0, 5.0, 12.0, -12.0, -13.0])
     u = analytic.bar_end_displacement(loads, 1000.0, 50.0)
     assert u[3] == pytest.approx(u[1], rel=1e-14)
     for k in (0, 4, 5, 6):
         assert u[k] == pytest.approx(loads[k] * abs(loads[k]) / 1e5, rel=1e-14)
-    # Small steps along the same path change nothing: the law is free of rate and step.
+    # Small steps along the same path give the same: the law has no rate and no step.
     fine = np.concatenate(
         [
             np.linspace(a, b, 41)[1:]
@@ -231,10 +231,10 @@ def test_one_contact_branches_satisfy_the_law() -> None:
         k[1, 0] = k[0, 1]
         load, mu = rng.normal(size=2) * 3, float(rng.exponential())
         found = analytic.one_contact_branches(k, load, mu)
-        assert len(found) in (1, 3)  # odd away from limits, which have measure zero
+        assert len(found) in (1, 3)  # # odd, except at limits, which have measure zero
         for branch in found:
             u, r = np.array(branch.displacement), np.array(branch.reaction)
-            # Two by two by Cramer's rule: the condition of k times ε.
+            # Two unknowns by Cramer's rule: the condition of k times ε.
             size = (
                 np.linalg.cond(k) * 1e-14 * (np.linalg.norm(load) + np.linalg.norm(r))
             )

@@ -1,4 +1,4 @@
-"""FCLIB files: what they hold is what is read, and what is written is what was given."""
+"""FCLIB files are read as they are, and written as given."""
 
 import errno
 import os
@@ -67,13 +67,13 @@ def test_local_problems_are_solved(name: str) -> None:
     # Sums of at most 27 terms, in another order.
     difference = np.abs(v - solution.relative_displacement.ravel())
     assert difference.max() <= 27 * np.finfo(float).eps * size.max()
-    # η = 1e-12 relative to the whole; scales of contacts differ by 1e2 at most.
+    # η = 1e-12 relative to the whole problem; scales of contacts differ by at most 1e2.
     assert violation(r, v.reshape(r.shape), problem.mu, problem.q) <= 1e-9
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_writing_a_file_twice_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
-    """Every number of problem and answers, in the storage and order of the file."""
+    """Every number of problem and solutions, in the storage and order of the file."""
     problem, copy = fclib.read(path(name)), tmp_path / "copy.hdf5"
     solution, guesses = fclib.read_solution(path(name)), fclib.read_guesses(path(name))
     info = fclib.read_info(path(name))
@@ -82,7 +82,7 @@ def test_writing_a_file_twice_gives_the_same_bytes(name: str, tmp_path: Path) ->
     assert before.keys() == after.keys()
     for key, array in before.items():
         if key.endswith("/nzmax"):
-            continue  # room that is not used is not written
+            continue  # # unused space is not written
         assert after[key].dtype == array.dtype
         assert after[key].tobytes() == array.tobytes(), key
     assert fclib.read_info(copy) == info
@@ -102,7 +102,7 @@ def test_solutions_guesses_and_info() -> None:
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
-# A problem of numbers further apart is refused: it cannot be scaled.
+# A problem whose numbers differ too much is refused, because it cannot be scaled.
 SOME = st.just(0.0) | st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
 
 
@@ -124,7 +124,7 @@ def matrices(draw: st.DrawFn, rows: int, columns: int) -> Any:
 
 
 def parts(matrix: Any) -> tuple[bytes, ...]:
-    """Kind, indices and bits."""
+    """Kind, indices and bits of a matrix."""
     kind = matrix.format
     places = (
         (matrix.row, matrix.col) if kind == "coo" else (matrix.indptr, matrix.indices)
@@ -234,7 +234,7 @@ def test_problems_are_written_with_solutions(
         # The format's two equations, Vᵀ r + R λ + s = 0 and u = W r + V λ + q.
         V, s = found.rigid
         force = V.T @ stored.r.ravel() + s
-        # Held to 1e-12 in an orthonormal basis; R has few columns of order one.
+        # Residual of 1e-12 in an orthonormal basis; R has few columns of order one.
         assert np.abs(force).max() <= 1e-11 * np.abs(s).max()
         u = found.W @ stored.r.ravel() + V @ stored.multiplier + found.q.ravel()
         # Rounding of sums of the size of the free motion.
@@ -247,7 +247,7 @@ def test_problems_are_written_with_solutions(
 
 
 def test_strings_end_with_a_zero_byte(tmp_path: Path) -> None:
-    """Fixed length and ended by a zero, as in the files of the collection."""
+    """Fixed length with a zero at the end, as in the files of the collection."""
     fclib.write(tmp_path / "a.hdf5", pressed.square(), info={"title": "it"})
     with h5py.File(tmp_path / "a.hdf5") as file:
         kind = file["fclib_local/info/title"].id.get_type()
@@ -292,19 +292,19 @@ def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
     for step, file in zip(result, written, strict=True):
         found, stored = fclib.read(file), fclib.read_solution(file)
         assert stored is not None
-        # v of the file is that of the step: its tangential part is the slip in it.
+        # v of the file is that of the step: its tangential part is the slip of the step.
         np.testing.assert_array_equal(stored.u[:, 1:], step.slip)
         slip += step.slip
-        # Increments of the path add up to its total; a few roundings.
+        # Increments of the path add up to its total, to a few roundings.
         total = step.relative_displacement[:, 1:]
         assert np.abs(slip - total).max() <= 1e-15 * np.abs(result.slip).max()
         answer = found.solve(tol=1e-12)
-        # K, which judges the path, and W, which judges the file, differ by cond S ε.
+        # The path is checked with K and the file with W; they differ by ε times cond(S).
         size = np.abs(step.reaction).max()
         assert np.abs(answer.reaction - step.reaction).max() <= 1e-9 * size
         assert found.residual(stored.r) <= 1e-11
     assert fclib.read_info(written[1])["title"] == "way, step 2 of 3"
-    # From the second step on: the same files.
+    # From the second step on the files are the same.
     again = problem.solve(prescribed=np.array(moved[1:]), start=result[0], tol=1e-12)
     for k, file in enumerate(fclib.write_path(tmp_path / "on", problem, again)):
         other, before = fclib.read(file), fclib.read(written[k + 1])
@@ -366,7 +366,7 @@ def shorter(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def altered(source: str, change: Change, folder: Path) -> Path:
-    """A copy of a file, changed."""
+    """A changed copy of a file."""
     target = folder / "altered.hdf5"
     shutil.copyfile(path(source), target)
     with h5py.File(target, "r+") as file:
@@ -375,7 +375,7 @@ def altered(source: str, change: Change, folder: Path) -> Path:
 
 
 def said_of(source: str, change: Change, folder: Path) -> str:
-    """What `read` says of a file that was altered."""
+    """The message of `read` for an altered file."""
     target = altered(source, change, folder)
     with pytest.raises(ValueError, match=r"altered\.hdf5") as caught:
         fclib.read(target)
@@ -401,7 +401,7 @@ def test_missing_or_wrong_data_are_named(
     )
     assert f"{name} is a group" in group
     if len(datasets(path(source))[name]) > 1:
-        # A length is wrong against others: they are named together, or it is.
+        # If two lengths contradict each other, the message names both, or the wrong one.
         short = said_of(source, edit(name, shorter), tmp_path)
         assert f"{name} has" in short or f"{name.rpartition('/')[0]}/" in short
         huge = said_of(
@@ -489,7 +489,7 @@ def test_wrong_content_is_named(
 
 
 def matrix_of(name: str, rows: int, columns: int, x: list[float]) -> Change:
-    """Put a matrix whose entries lie in its first row."""
+    """Write a matrix whose entries are all in its first row."""
 
     def change(file: h5py.File) -> None:
         matrix = sparse.coo_array(
@@ -526,7 +526,7 @@ def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
     b = put("/fclib_global/vectors/b", [0.0])
     said = said_of("rods_2_3c", several(G, b), tmp_path)
     assert "/fclib_global/G is not empty" in said
-    # What is there and empty says nothing.
+    # An empty entry counts as absent.
     target = tmp_path / "a.hdf5"
     shutil.copyfile(path("rods_2_3c"), target)
     with h5py.File(target, "r+") as file:
@@ -575,14 +575,14 @@ def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> N
 
 
 def test_out_of_range_numbers_are_refused(tmp_path: Path) -> None:
-    """Fine as numbers, refused as a problem: with the path all the same."""
+    """Valid numbers that are refused as a problem: the message still has the path."""
     large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
     small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
     said = said_of("nespheres_10", several(large, small), tmp_path)
     assert "W and q cannot be scaled" in said
 
 
-def test_what_is_no_file(tmp_path: Path) -> None:
+def test_paths_that_are_not_files(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="none"):
         fclib.read(tmp_path / "none.hdf5")
     with pytest.raises(IsADirectoryError):
@@ -596,8 +596,8 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         fclib.read(tmp_path / "b")
 
 
-def test_room_that_is_not_used_is_not_read(tmp_path: Path) -> None:
-    """Arrays of nzmax entries of which nz, or the last pointer, say how many count."""
+def test_unused_space_is_not_read(tmp_path: Path) -> None:
+    """Arrays have nzmax entries; only nz of them, or those up to the last pointer, count."""
     target = tmp_path / "a.hdf5"
     for source, name in (
         ("nespheres_10", LOCAL + "/W"),
@@ -666,7 +666,7 @@ def test_messages_name_the_file(tmp_path: Path) -> None:
 def test_without_h5py_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # None there is how Python is told that a module is not to be found.
+    # With None in its place, Python does not find the module.
     monkeypatch.setitem(sys.modules, "h5py", None)
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
     for call in (

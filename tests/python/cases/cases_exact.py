@@ -1,4 +1,4 @@
-"""A1–A6, A11, A12, A14: answers that a discrete problem meets exactly."""
+"""A1–A6, A11, A12, A14: solutions that a discrete problem reproduces exactly."""
 
 import csv
 import math
@@ -20,7 +20,7 @@ DATA = REFERENCE
 
 
 def verdict(body: Body, load: Array, mu: float) -> str:
-    """What becomes of a body that contact alone holds."""
+    """Outcome for a body held by contact alone."""
     try:
         bp.solve(body.K, body.B, load, gap=body.gap, mu=mu, tol=TOL)
     except bp.NoEquilibriumError:
@@ -72,7 +72,7 @@ def a2() -> list[Row]:
         )
         height = body.basis.mesh.p[1]
         u = result.displacement[0][body.basis.nodal_dofs[1]]
-        # K holds 1/(1 - 2ν), rounded.
+        # K contains 1/(1 - 2ν), rounded.
         within = 1e-11 + 1e-15 / (1 - 2 * nu)
         closed = analytic.oedometer(height, 1.0, 1.0, nu)
         rows.append(
@@ -82,7 +82,7 @@ def a2() -> list[Row]:
 
 
 def listed() -> dict[tuple[float, float], list[list[float]]]:
-    """Every answer of one contact: (u_n, u_t, r_n, r_t) by (μ, f_t)."""
+    """Every solution of one contact: (u_n, u_t, r_n, r_t) by (μ, f_t)."""
     found: dict[tuple[float, float], list[list[float]]] = {}
     with (DATA / "one_contact_branches.csv").open() as file:
         for row in csv.DictReader(file):
@@ -92,7 +92,7 @@ def listed() -> dict[tuple[float, float], list[list[float]]]:
 
 
 def nearest(result: Any, branches: list[list[float]]) -> tuple[list[float], Array]:
-    """The listed answer that is nearest, and the answer."""
+    """The nearest listed solution, and the computed one."""
     got = np.array([*result.displacement[0], *result.reaction[0, 0]])
     return min(branches, key=lambda b: float(np.abs(got - b).max())), got
 
@@ -197,7 +197,7 @@ def turning(steps: int) -> tuple[float, float]:
 
 def a12() -> list[Row]:
     """Rotating load."""
-    # The transient shrinks by a fixed factor a radian, 1e-9 in three turns.
+    # The transient shrinks by a fixed factor per radian, to 1e-9 in three turns.
     return [
         exact(
             f"slip under a turning load, {m} steps a turn",

@@ -1,4 +1,4 @@
-"""H1–H26: what tends to go wrong."""
+"""H1–H26: hard cases."""
 
 import json
 import math
@@ -147,7 +147,7 @@ def h9() -> list[Row]:
 
 
 def outcome(K: Any, B: Any, load: Any, mu: float) -> str:
-    """Name of the error, or the answer."""
+    """Name of the error, or the solution."""
     try:
         result = bp.solve(K, B, load, gap=np.zeros(B.shape[0] // 2), mu=mu)
     except bp.BipotError as error:
@@ -177,7 +177,7 @@ def h11() -> list[Row]:
             branches = analytic.one_contact_branches(K1, [-1.0, f_t], mu)
             rows = [[*b.displacement, *b.reaction] for b in branches]
             pair = nearest(one_node([-1.0, f_t], mu), rows)
-            # Loads and their answers grow with μ.
+            # Loads and solutions grow with μ.
             size = np.abs(pair[0]).max()
             want.append(np.array(pair[0]) / size)
             got.append(pair[1] / size)
@@ -281,7 +281,7 @@ def h15() -> list[Row]:
     turned = bp.ReducedProblem(T @ problem.W @ T.T, problem.q @ frame.T, problem.mu)
     source = "the same problem"
     back = turned.solve(tol=TOL).reaction @ frame
-    # Each is held to η = 1e-12; condition of W about 1e2.
+    # Each has η = 1e-12; the condition of W is about 1e2.
     return [
         exact(
             "r, contacts renumbered",
@@ -393,7 +393,7 @@ def h23() -> list[Row]:
     limit = 0.3 * (12000 - 0.02)
     for share, want in ((1 - 1e-6, "stick"), (1 + 1e-6, "slip")):
         _, slip, _ = pad(limit * share)
-        # Beyond it the springs take 0.0036 N, over 4 N/mm.
+        # Beyond the limit the springs carry 0.0036 N, over 4 N/mm.
         got = "slip" if np.abs(slip).max() > 1e-4 else "stick"
         rows.append(same(f"pad, {share:.6f} of its limit", STATICS, want, got))
     return rows
@@ -404,7 +404,7 @@ def h25() -> list[Row]:
     path = [[-1.0, 1.5], [1.0, 1.5], [-1.0, 0.0]]
     result: Any = one_node(path, 0.3)
     free = np.linalg.solve(K1, path[1])
-    # It slides back from u_t of the free step, so that r_t = μ r_n; with u_n = 0,
+    # It slides back from u_t of the free step until r_t = μ r_n; with u_n = 0,
     # r_n = 1 + k_c u_t and k_t u_t = r_t.
     u_t = 0.3 / (K1[1, 1] - 0.3 * K1[0, 1])
     r_n = 1 + K1[0, 1] * u_t

@@ -1,7 +1,7 @@
-"""A7, A9, A13: half-planes, approached by bodies of 300 and more half-widths.
+"""A7, A9, A13: half-planes, represented by bodies of 300 or more half-widths.
 
-Lengths in units of the half-width a unless said; corrections by the size L of the
-body are (a/L)², and a/L where a punch drags it sideways.
+Lengths are in units of the half-width unless stated. The finite size L of the body
+changes results by (a/L)², or by a/L where a punch drags it sideways.
 """
 
 from functools import cache
@@ -30,8 +30,8 @@ def line(
 ) -> tuple[Profile, float]:
     """Two half-planes (inf: rigid), pressed on each other; as given, a = 1.
 
-    Without friction, half of them, x >= 0. After the profile the half-width by the
-    second moment: a²/4 is the mean of x² under a half ellipse.
+    Without friction only half of them, x >= 0. After the profile it returns the half-width
+    from the second moment: the mean of x² under a half ellipse is a²/4.
     """
     upper, lower = moduli
     e_star = analytic.contact_modulus(upper, NU, lower, NU)
@@ -70,7 +70,7 @@ def a7(fine: bool = False) -> list[Refinement]:
     profiles, widths = [f[0] for f in found], [(1.0, f[1]) for f in found]
     axis = [p.on_axis(0) for p in profiles]
     return [
-        # The axis sees the edges by their means only.
+        # The axis depends on the edges only through their mean.
         refine("pressure on the axis", source, sizes, axis, order=1.8, within=2e-5),
         refine("half-width", source, sizes, widths, order=1.8, within=1e-3),
         mean_square(source, sizes, profiles, 0, order=0.9, within=0.02),
@@ -79,10 +79,10 @@ def a7(fine: bool = False) -> list[Refinement]:
 
 @cache
 def sheared(h: float) -> tuple[Profile, float]:
-    """Equal half-planes pressed, then sheared by 3/4 of μP; the stuck half-width.
+    """Equal half-planes pressed, then sheared by 3/4 of μP; the half-width of the stick zone.
 
-    The far faces move without turning. How far is found by iteration for the forces
-    that give a = 1 and a stuck half-width of 1/2.
+    The far faces move without rotation. Iteration finds the motions whose forces give a = 1
+    and a stick zone of half-width 1/2.
     """
     side, up = mirrored(grid(h, 1.6, FAR)), grid(h, 1.0, FAR)
     bodies = [body("upper", [side, up], 1.0, NU), body("lower", [side, -up], 1.0, NU)]
@@ -101,7 +101,7 @@ def sheared(h: float) -> tuple[Profile, float]:
     model = fem.assemble(bodies, [contact], held)
     problem = model.problem()
     down, aside = 3.5 * force, 0.7 * force
-    for _ in range(8):  # each gains a digit
+    for _ in range(8):  # # each iteration gains a digit
         path = [model.prescribed([[0, 0], [x, -down]]) for x in (0, aside)]
         result: Any = problem.solve(None, np.array(path))
         P, Q = result.reaction[-1].sum(axis=0)
@@ -115,7 +115,7 @@ def sheared(h: float) -> tuple[Profile, float]:
             -analytic.partial_slip_traction(x, a, c, p0, MU),
         ]
     )
-    # Half of a cell to the last stuck node.
+    # Half a cell is added to the last sticking node.
     stuck = float(x[result.status[-1] == 2].max()) + h / 2
     return Profile(x, model.area, result.traction[-1], expected), stuck
 
@@ -135,7 +135,7 @@ def a9(fine: bool = False) -> list[Refinement]:
 @cache
 def punch(h: float, mu: float, nu: float = 0.1) -> tuple[Array, Array, Array, float]:
     """A flat rigid punch of half-width 1, sliding to -x: x, area, reactions, β."""
-    # The drag turns the body as a whole by a/L.
+    # The drag rotates the whole body by a/L.
     far = 1e4
     side, up = mirrored(grid(h, 1.2, far)), grid(h, 1.0, far)
     contact = fem.Contact(
@@ -143,7 +143,7 @@ def punch(h: float, mu: float, nu: float = 0.1) -> tuple[Array, Array, Array, fl
     )
     top = fem.Support("body", "top", [0, 1])
     model = fem.assemble([body("body", [side, up], 1.0, nu)], [contact], [top])
-    # Small displacements are linear: ten times as far aside as down slips everywhere.
+    # Displacements are linear: moving ten times as far sideways as down slips everywhere.
     moved = model.prescribed([[10.0 * (mu > 0), -1.0]])
     result = model.problem().solve(None, moved)
     beta = (1 - 2 * nu) / (2 * (1 - nu))
@@ -151,13 +151,13 @@ def punch(h: float, mu: float, nu: float = 0.1) -> tuple[Array, Array, Array, fl
 
 
 def within_08(x: Array, r: Array) -> float:
-    """Share of the force within |x| < 0.8; the nodes there are counted by half."""
+    """Share of the force within |x| < 0.8; nodes on the limit count half."""
     weight = np.where(np.abs(np.abs(x) - 0.8) < 1e-6, 0.5, np.abs(x) < 0.8)
     return float(weight @ r / r.sum())
 
 
 def closed_share(mu: float, beta: float) -> float:
-    """The same of the closed form; x = sin θ takes the singularity away."""
+    """The same share of the closed form; x = sin θ removes the singularity."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     end = np.arcsin(0.8)
     theta = end * nodes
@@ -174,7 +174,7 @@ def a13(fine: bool = False) -> list[Refinement]:
         share = [
             (closed_share(mu, beta), within_08(x, r[:, 0])) for x, _, r, beta in runs
         ]
-        # The singular edges are met to one cell, which acts as a wider punch.
+        # The singular edges are resolved to one cell, which acts like a wider punch.
         found.append(
             refine(
                 f"share of the force in abs(x) < 0.8a, {what}",

@@ -27,7 +27,7 @@ PAD = "SSNV503 of code_aster"
 
 @cache
 def plate(n: int, steps: int = 5) -> tuple[fem.Assembly, Array, Any]:
-    """The scene `raous_plate`: model, last load, result; contacts by their place."""
+    """The scene `raous_plate`: model, last load, result; contacts sorted by position."""
     read = scene.read("raous_plate", [f"mesh.n={n}", f"path.steps={steps}"])
     case = scene.assemble(read, scene.bodies(read))
     assert case.load is not None
@@ -36,12 +36,12 @@ def plate(n: int, steps: int = 5) -> tuple[fem.Assembly, Array, Any]:
 
 
 def along(model: fem.Assembly, values: Array) -> Array:
-    """Values of the contacts from x = 0 on."""
+    """Values at the contacts from x = 0 on."""
     return values[np.argsort(model.points[:, 0])]
 
 
 def points_of_the_plate() -> tuple[list[str], Array, Array, Array]:
-    """Names, places, published u_x and that of an independent program on 32² cells."""
+    """Names, positions, published u_x and that of an independent program on 32² cells."""
     with (DATA / "ssnv128_published.csv").open() as file:
         rows = list(csv.reader(file))[1:]
     numbers = np.array([[float(row[k]) for k in (1, 2, 4)] for row in rows])
@@ -49,7 +49,7 @@ def points_of_the_plate() -> tuple[list[str], Array, Array, Array]:
 
 
 def shift(n: int, at: Array) -> Array:
-    """u_x of the contact line at nodes."""
+    """u_x at nodes of the contact line."""
     model, _, result = plate(n)
     x = model.points[:, 0]
     nearest = [int(np.argmin(np.abs(x - place))) for place in at]
@@ -70,7 +70,7 @@ def p1() -> list[Row]:
     """Plate of Raous, Chabrand and Lebon."""
     names, at, published, independent = points_of_the_plate()
     rows = [
-        # The tolerance that code_aster quotes it with; E looks read off a curve.
+        # The tolerance that code_aster states; E seems to be read from a curve.
         near(f"u_x at {name}, 64² cells [m]", PLATE, want, got, 0.05)
         for name, want, got in zip(names, published, shift(64, at), strict=True)
     ]
@@ -163,7 +163,7 @@ def p3() -> list[Row]:
     stick, still, _ = pad(3564.0)
     slip, _, moved = pad(3636.0)
     # The weak springs carry 2 · 0.005 · 2 N of the 12000, so that friction is 0.006 N
-    # less than the source's.
+    # less than in the source.
     limit = 0.3 * (12000 - 0.02)
     return [
         exact("sum of r_t under 3564 N [N]", PAD, -3564.0, stick[:, 1].sum(), 1e-10),

@@ -1,7 +1,7 @@
-"""Classes of random problems with fixed seeds: what is drawn, checked and found.
+"""Classes of random problems with fixed seeds, their checks and their counts.
 
-The suite runs the first problems of each, ``make verify`` many more. The counts on the page
-are those of the suite.
+The suite runs the first problems of each class, ``make verify`` many more. The page shows
+the counts of the suite.
 """
 
 from collections import Counter
@@ -16,8 +16,8 @@ import verdicts
 class Class(NamedTuple):
     """A class of problems.
 
-    `run` asks everything of the problems of some seeds, fails where something is wrong,
-    and counts by name what it met; `told` are the names that the page shows.
+    `run` checks the problems of some seeds, fails at an error, and counts outcomes by name;
+    `told` are the names that the page shows.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Class(NamedTuple):
     told: tuple[str, ...]
 
     def row(self) -> list[str]:
-        """Cells of the table of the page."""
+        """Cells of this class in the table of the page."""
         counts = self.run(range(self.suite))
         met = ", ".join(f"{counts[name]} {name}" for name in self.told)
         return [

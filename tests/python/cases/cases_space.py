@@ -1,6 +1,6 @@
-"""A8, A10: half-spaces, approached by boxes of 8 contact radii.
+"""A8, A10: half-spaces, represented by boxes of 8 contact radii.
 
-Their far faces move as the closed forms of point forces say. Boxes twice as large
+Their far faces are moved by the closed forms of point forces. Boxes twice as large
 change the force by 5e-4.
 """
 
@@ -51,7 +51,7 @@ def quarter(
 
 
 def moved(model: fem.Assembly, field: Array) -> Array:
-    """Values of the prescribed degrees of freedom: of the field on the far faces."""
+    """Prescribed values: the displacement field on the far faces."""
     on_far = (model.nodes == model.nodes.max(axis=0)).any(axis=1)
     return np.where(on_far[:, None], field, 0.0).ravel()[model.fixed]
 
@@ -60,7 +60,7 @@ def moved(model: fem.Assembly, field: Array) -> Array:
 def sphere(h: float) -> tuple[Profile, float, float, float]:
     """A rigid sphere on a half-space: force, expected and computed, and the radius.
 
-    The radius by the second moment: the mean of x² under the half ellipsoid is 2a²/5.
+    The radius comes from the second moment: the mean of x² under the half ellipsoid is 2a²/5.
     """
     radius, young, nu, delta = VM63.values()
     e_star = analytic.contact_modulus(young, nu)
@@ -94,10 +94,10 @@ def a8(fine: bool = False) -> list[Refinement]:
 def sheared(h: float, nu: float, mu: float = 0.3) -> tuple[Profile, float, float]:
     """Equal spheres, pressed and then sheared by 7/8 of μP; Q expected and computed.
 
-    The lower body is the image of the upper one. So normal forces move them apart by
-    twice what one of them moves and do not shear them, and tangential forces likewise:
-    the compliance of the pair is twice that of one body without its coupling. The
-    normal part is even in x, and the tangential part odd, each in a quarter.
+    The lower body is the mirror image of the upper one. So normal forces move the two apart
+    by twice the motion of one and do not shear them, and the same holds for tangential
+    forces: the compliance of the pair is twice that of one body without its coupling. In
+    each quarter the normal part is even in x, the tangential part odd.
     """
     delta, radius, young = 1e-3, 1e3, 1.0  # a = 1
     e_star = analytic.contact_modulus(young, nu, young, nu)
@@ -119,7 +119,7 @@ def sheared(h: float, nu: float, mu: float = 0.3) -> tuple[Profile, float, float
         np.outer(~row, ~row), aside.W, 0
     )
     q = np.column_stack([normal.q[:, 0], aside.q[:, 1:]])
-    # Pressing alone shears nothing: the step that shears has no history.
+    # Pressing alone causes no shear, so the shearing step has no history.
     solution = bp.ReducedProblem(2 * W, 2 * q, mu).solve()
     r, x = solution.reaction, np.linalg.norm(model.points, axis=1)
     expected = np.zeros_like(r)

@@ -1,4 +1,4 @@
-"""Cases with known answers, as rows of numbers, and the page made of them.
+"""Cases with known solutions as rows of numbers, and the page made from them.
 
 Tests assert `Row.holds`; `python tests/python/cases/verification.py` writes
 `docs/verification.md` from the same rows.
@@ -22,9 +22,9 @@ PAGE = places.ROOT / "docs" / "verification.md"
 class Row:
     """One number or word, computed and expected.
 
-    `difference` is relative to the size of what is expected and must be at most
-    `within`. Rounding differs between machines: for it the page shows `within`. A
-    difference due to the discretisation is shown itself.
+    `difference` is relative to the size of the expected value and must be at most `within`.
+    Rounding differs between machines, so for rounding the page shows `within`. It shows a
+    discretisation error itself.
     """
 
     what: str
@@ -38,7 +38,7 @@ class Row:
     def holds(self) -> bool:
         if isinstance(self.expected, str):
             return self.computed == self.expected
-        # Written so that NaN fails.
+        # In this form NaN fails.
         return self.difference <= self.within
 
     def cells(self) -> list[str]:
@@ -60,7 +60,7 @@ class Row:
 
 
 class Refinement(NamedTuple):
-    """Errors of one quantity over mesh sizes, and the smallest order allowed."""
+    """Errors of one quantity for several mesh sizes, and the smallest order allowed."""
 
     what: str
     source: str
@@ -77,14 +77,14 @@ class Refinement(NamedTuple):
         return [math.log(e / f) / math.log(h / k) for (h, k), (e, f) in steps]
 
     def holds(self) -> bool:
-        # The position of edges within cells is chance: one pair of meshes says little.
+        # The position of edges within cells is random, so one pair of meshes proves little.
         first, last = self.error[0], self.error[-1]
         mean = math.log(first / last) / math.log(self.sizes[0] / self.sizes[-1])
         falls = all(f < e for e, f in pairwise(self.error))
         return falls and mean >= self.order and last <= self.within
 
     def rows(self) -> list[list[str]]:
-        # A whole profile has an error but no number to show.
+        # A whole profile has an error but no single number.
         numbers = [
             (f"{e:.5g}", f"{c:.5g}")
             for e, c in zip(self.expected, self.computed, strict=True)
@@ -108,7 +108,7 @@ def power(x: float) -> str:
     if x == 0:
         return "0"
     exponent = math.floor(math.log10(x))
-    # 1e-10 is a little less or more than ten to that power.
+    # 1e-10 may be slightly below or above that power of ten.
     digit = math.ceil(x / 10.0**exponent * (1 - 1e-9))
     return f"{digit * 10.0**exponent:.0e}"
 
@@ -123,7 +123,7 @@ def exact(
     size: float | None = None,
     rounding: bool = True,
 ) -> Row:
-    """Row of the largest difference of two arrays; it shows the largest entry."""
+    """Row with the largest difference of two arrays; it shows the largest entry."""
     want, got = (np.asarray(x, dtype=float) for x in (expected, computed))
     if want.shape != got.shape:
         raise ValueError(f"{what}: {got.shape} computed, {want.shape} expected")
@@ -144,12 +144,12 @@ def near(
     *,
     size: float | None = None,
 ) -> Row:
-    """`exact`, for differences due to the discretisation or to printed digits."""
+    """`exact` for discretisation errors or errors of printed digits."""
     return exact(what, source, expected, computed, within, size=size, rounding=False)
 
 
 def same(what: str, source: str, expected: str, computed: str) -> Row:
-    """Row of two words."""
+    """Row that compares two words."""
     return Row(what, source, expected, computed)
 
 

@@ -24,7 +24,7 @@ COUNTS = (
 
 @pytest.mark.parametrize(
     ("scene", "n"),
-    # Two and three dimensions, two bodies; the last outlasts one check for signals.
+    # Two and three dimensions, two bodies; the last takes longer than the interval of signals.
     [
         ("pressed_block", 8),
         ("sheared_cube", 4),

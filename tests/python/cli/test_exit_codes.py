@@ -63,8 +63,8 @@ def said(command: list[str], status: int, out: str, err: str) -> str:
     return str(lines[-1].get("message", ""))
 
 
-# What reads scenes meets every fault; other commands meet each fourth, a sweep each
-# eighth, for each of its rows is a run in another process.
+# Commands that read scenes get every fault, other commands each fourth, and a sweep each
+# eighth, because each of its rows starts a process.
 SHARE = {"run": 1, "check": 1, "sweep": 8}
 
 
@@ -104,7 +104,7 @@ def test_all_commands_over_faulty_scenes(
     [(name, model) for name, model, status in late() if status == 1],
     ids=[name for name, _, status in late() if status == 1],
 )
-def test_check_of_what_floats(name: str, model: bp.Model, bipot: Bipot) -> None:
+def test_check_of_floating_bodies(name: str, model: bp.Model, bipot: Bipot) -> None:
     """The message is that of a run, and the sizes are reported too."""
     model.to_toml("it.toml")
     status, out, err = bipot("check", "it.toml")

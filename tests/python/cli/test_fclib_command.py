@@ -44,7 +44,7 @@ def rows(output: str) -> list[dict[str, Any]]:
 
 @pytest.fixture
 def stuck(tmp_path: Path) -> str:
-    """A file without an answer: a fixed body penetrates."""
+    """A file without a solution: a fixed body penetrates."""
     problem = bp.ReducedProblem(np.diag([1.0, 1.0, 0.0, 0.0]), [[-1.0, 0.0]] * 2, 0.3)
     fclib.write(tmp_path / "stuck.hdf5", problem)
     return str(tmp_path / "stuck.hdf5")
@@ -237,7 +237,7 @@ def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> Non
         assert "worst residual" in output
 
 
-def test_reader_that_goes_away() -> None:
+def test_a_reader_that_closes_the_pipe() -> None:
     process = subprocess.Popen(
         [*BIPOT, *[GOOD] * 500],
         stdout=subprocess.PIPE,
@@ -265,7 +265,7 @@ def test_scene_is_written_as_fclib_files(tmp_path: Path) -> None:
     for step, row, file in zip(result, told, written, strict=True):
         assert row["contacts"] == len(step.reaction)
         answer = fclib.read(file).solve(tol=1e-12)
-        # The scene is held to 1e-10, times the condition of W of some tens.
+        # The scene is solved to 1e-10; the condition of W is some tens.
         size = np.abs(step.reaction).max()
         assert np.abs(answer.reaction - step.reaction).max() <= 1e-7 * size
         info = fclib.read_info(file)

@@ -180,7 +180,7 @@ def test_info(bipot: Any) -> None:
         ("nothing", "neither a file nor one of"),
     ],
 )
-def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
+def test_info_of_unreadable_paths(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
     Path("half.mtx").write_text("%%MatrixMarket matrix")
@@ -347,7 +347,7 @@ def test_unknown_names_where_none_exist(bipot: Any) -> None:
 
 
 def test_a_body_that_slides_away_is_named(bipot: Any) -> None:
-    """It is towed by 5, pressed by 10, and friction can carry 3."""
+    """It is pulled by 5, pressed by 10, and friction can carry 3."""
     assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
     supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# To prescribe a pressure)")

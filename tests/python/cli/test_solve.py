@@ -58,7 +58,7 @@ def test_files_give_bitwise_the_result_of_arrays(
 
 @pytest.mark.parametrize("form", ["lower", "upper", "both"])
 def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
-    """Another numbering of the degrees of freedom gives the same answer."""
+    """Another numbering of the degrees of freedom gives the same solution."""
     command, case = written(tmp_path, "block", form=form)
     run = bipot(*command, "--out", "here", "--tol", "1e-12", "--json", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
@@ -282,7 +282,7 @@ def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
 
 
 def test_wrong_normals_give_a_remark(tmp_path: Path) -> None:
-    """No contact closes: a correct answer, but hardly ever the intended one."""
+    """No contact closes: a correct solution, but hardly ever the intended one."""
     mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"), symmetry="symmetric")
     (tmp_path / "load.csv").write_text("dof,force\n1,-1\n")
     command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
@@ -297,7 +297,7 @@ def test_wrong_normals_give_a_remark(tmp_path: Path) -> None:
 
 
 def test_forces_of_the_contact_surface(tmp_path: Path) -> None:
-    """Two nodes pressed by 1 N each and towed by 0.4 N, of the 1 N that μ = 0.5 holds."""
+    """Two nodes pressed by 1 N each and pulled by 0.4 N, of the 1 N that μ = 0.5 holds."""
     K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))
     mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
     (tmp_path / "contacts.csv").write_text(
@@ -321,7 +321,7 @@ def test_forces_of_the_contact_surface(tmp_path: Path) -> None:
 
 
 def test_no_answer_and_floating_bodies(tmp_path: Path) -> None:
-    """Towed harder than friction can carry; and bodies that contact cannot hold."""
+    """Pulled harder than friction can carry; and bodies that contact cannot hold."""
     K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))
     mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
     (tmp_path / "contacts.csv").write_text(

@@ -66,7 +66,7 @@ def test_wrong_ranges(setting: str) -> None:
         ("n=4:9:0", "COUNT is 0, not between 1 and 100000"),
     ],
 )
-def test_what_is_wrong_with_a_range(setting: str, why: str) -> None:
+def test_messages_of_wrong_ranges(setting: str, why: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}: {why}; expected KEY="):
         spaced(setting)
 
@@ -263,7 +263,7 @@ def test_a_killed_worker_is_reported_and_replaced() -> None:
 
 
 def sleep() -> None:
-    """Work whose answer is not awaited."""
+    """Work whose result is not awaited."""
     time.sleep(60)
 
 
@@ -271,7 +271,7 @@ def test_leaving_ends_the_workers() -> None:
     started = time.monotonic()
     with Workers(sleep, 2) as workers:
         iterator = workers.map([(), ()])
-        # Start, and leave before an answer arrives.
+        # Start, and leave before a result arrives.
         connection = workers._idle({})
         connection.send(())
         processes = list(workers.processes.values())

@@ -17,7 +17,7 @@ TOL = 1e-12
 
 
 def compliance(rng: np.random.Generator, size: int) -> Array:
-    """Positive definite, condition about 10, couplings weak enough for one answer."""
+    """Positive definite, condition about 10, coupling weak enough for a unique solution."""
     root = rng.normal(size=(size, size)) / np.sqrt(size)
     return np.asarray(root @ root.T + 0.5 * np.eye(size))
 
@@ -25,7 +25,7 @@ def compliance(rng: np.random.Generator, size: int) -> Array:
 def pressed(rng: np.random.Generator, contacts: int, dim: int) -> Array:
     q = rng.normal(size=(contacts, dim))
     q[:, 0] -= 0.7
-    q[::2, 1:] *= 0.2  # little to slide for: some contacts stick
+    q[::2, 1:] *= 0.2  # # small tangential load: some contacts stick
     return q
 
 
@@ -52,9 +52,9 @@ def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
         solution = reduced.solve(method=method, tol=TOL)
         assert str(solution.outcome) == "converged"
         assert solution.residual <= solution.tolerance
-        # Evaluated again, as a user would.
+        # η computed again, as a user would.
         assert reduced.residual(solution.reaction) == solution.residual
-        # η of both, times the condition of W and what friction adds to it.
+        # η of both, times the condition of W and the factor that friction adds.
         size = np.abs(expected.r).max()
         np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-9 * size)
         assert tuple(solution.status) == expected.status
@@ -78,7 +78,7 @@ def test_held_by_contact_alone(dim: int, method: str) -> None:
         R[:, 0, dim:] = at
         R[:, 1:, 1:dim] = np.eye(dim - 1)
         flat = R.reshape(contacts * dim, -1)
-        # Loads that a spread-out set of reactions inside the cone balances.
+        # Loads that balance a set of varied reactions inside the cone.
         inside = np.ones((contacts, dim))
         inside[:, 1:] = rng.uniform(-1, 1, dim - 1) * 0.5 * MU
         e = -flat.T @ inside.ravel()
@@ -90,7 +90,7 @@ def test_held_by_contact_alone(dim: int, method: str) -> None:
         size = np.abs(expected.r).max()
         np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-8 * size)
         balance = flat.T @ solution.reaction.ravel() + e
-        # Part of η, in another orthonormal basis.
+        # One term of η, in another orthonormal basis.
         assert np.abs(balance).max() <= 1e-10 * np.abs(e).max()
         r, v = solution.reaction, solution.relative_displacement
         a = np.asarray(solution.rigid_motion)

@@ -22,9 +22,9 @@ from signorini_coulomb import Missed, inequalities, judge
 
 Array = NDArray[np.float64]
 
-# A claim holds η to its tolerance; each inequality is missed by at most a few times
-# that, (1 + μ) more where slip adds to penetration in ṽ_n. Penetration, which a large
-# μ hides from η, is held to ten times the tolerance by itself.
+# A converged solution has η below its tolerance. Each inequality is then violated by at
+# most a few times that, and (1 + μ) times more where slip adds to penetration in ṽ_n. A
+# large μ hides penetration from η, so penetration has its own limit, ten tolerances.
 FACTOR = 10.0
 # Each planted error is at least one percent.
 BROKEN = 1e-3
@@ -52,7 +52,7 @@ def test_converged_solutions_satisfy_the_law(kind: str, d: int, method: str) -> 
         missed = judged(problem, solution.reaction, solution.rigid_motion)
         allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
         assert missed.worst <= allowed, (seed, missed)
-    # Newton may stall on a few of them, the default must not.
+    # Newton may stall on a few of them; the default method must not.
     assert claims >= (12 if method == "auto" else 6)
 
 
@@ -91,8 +91,8 @@ def test_converged_from_any_start_to_any_tolerance(
 
 @pytest.mark.parametrize("method", METHODS)
 def test_zero_reactions_are_not_accepted(method: str) -> None:
-    # No reaction is an answer: η is then relative to what is left of the start, which
-    # shrinks until its squares are below the range of doubles.
+    # If the reactions are zero, η is relative to what remains of the start. That shrinks
+    # until its squares are below the range of doubles.
     for seed in (187203, 632323, 746802):
         problem = random_problem("flat", 2, seed)
         problem.q[:] = 0.0
@@ -107,7 +107,7 @@ def test_zero_reactions_are_not_accepted(method: str) -> None:
 
 
 def all_statuses(d: int) -> Given:
-    """Contacts that open, slip and stick, with blocks that are far from isotropic."""
+    """Contacts that open, slip and stick, with strongly anisotropic blocks."""
     for seed in range(200):
         rng = np.random.default_rng([d, seed])
         n = 6
@@ -128,9 +128,9 @@ def solved(given: Given) -> bp.Solution:
 
 
 def radial_return(given: Given) -> Array:
-    """Sweeps with one trial step at each contact and the friction cut back to its limit.
+    """Sweeps with one trial step at each contact, then friction cut back to its limit.
 
-    What a program does that takes W_tt for a multiple of the identity, and stops.
+    A program does this if it treats W_tt as a multiple of the identity. It then stops.
     """
     n, d = given.q.shape
     r = np.zeros((n, d))
@@ -173,7 +173,7 @@ def scaled(given: Given) -> Array:
 
 
 def penetrating(given: Given) -> Array:
-    """Every contact that is open is left out, and one that should be closed."""
+    """All open contacts are left out, and one that should be closed."""
     r = solved(given).reaction
     keep = np.flatnonzero(r[:, 0] > 0)
     gone = keep[np.argmin(r[keep, 0])]
@@ -189,7 +189,7 @@ def penetrating(given: Given) -> Array:
 
 
 def stick_outside_the_cone(given: Given) -> Array:
-    """Every closed contact held, whatever friction that takes."""
+    """Every closed contact sticks, whatever friction force that needs."""
     closed = solved(given).reaction[:, 0] > 0
     rows = np.repeat(closed, given.q.shape[1])
     r = np.zeros(given.q.size)
@@ -198,7 +198,7 @@ def stick_outside_the_cone(given: Given) -> Array:
 
 
 def transposed(given: Given) -> Array:
-    """The two tangents, or the two components of the plane, mixed up."""
+    """The two tangents, or the two components in the plane, exchanged."""
     r = solved(given).reaction.copy()
     r[:, [0, -1]] = r[:, [-1, 0]]
     return r
@@ -225,14 +225,14 @@ BREAKERS: dict[str, Callable[[Given], Array]] = {
 def test_a_planted_error_is_found(how: str, d: int) -> None:
     given = all_statuses(d)
     right, wrong = solved(given).reaction, BREAKERS[how](given)
-    # The correct solution violates the law by its tolerance and rounding.
+    # The correct solution violates the law by its tolerance and by rounding.
     assert judged(given, right).worst <= FACTOR * 1e-12
     assert judged(given, wrong).worst > BROKEN
     assert given.problem().residual(wrong) > BROKEN
 
 
 def test_each_inequality_alone() -> None:
-    """One contact, W = I, each part of the law missed by a tenth."""
+    """One contact, W = I; each condition of the law is violated by a tenth."""
     one, still = np.ones(1), np.array([[-1.0, 0.0]])
     cases = {
         "penetration": ([[1.0, 0.0]], [[-0.1, 0.0]]),
@@ -243,10 +243,10 @@ def test_each_inequality_alone() -> None:
     }
     for name, (r, v) in cases.items():
         missed = inequalities(np.array(r), np.array(v), 0.5, one, still)
-        # The slip counts by the share of the force that lies the wrong way, 1 of 1.6.
+        # The slip counts in proportion to the force in the wrong direction, 1 of 1.6.
         expected = 0.1 / 1.6 if name == "slip_not_opposed" else 0.1
         assert getattr(missed, name) == pytest.approx(expected, rel=1e-12)
-        # What pulls has no limit of friction to be within either: μ r_n < 0.
+        # A tensile contact also violates its friction limit: μ r_n < 0.
         others = 0.5 * 0.1 if name == "pull" else 0.0
         assert missed._replace(**{name: 0.0}).worst == pytest.approx(others, abs=1e-15)
 
@@ -256,18 +256,18 @@ def test_the_check_does_not_depend_on_units(d: int) -> None:
     given = all_statuses(d)
     r = wrong_mu(given)
     before = judged(given, r).worst
-    # Lengths in other units by 1024, forces by 1/16. The root of 2^14 is a power of
-    # two, so that the bits are the same.
+    # Units of length change by 1024, of force by 1/16. The root of 2^14 is a power of two,
+    # so the bits are the same.
     other = given._replace(W=given.W * 2.0**14, q=given.q * 2.0**10)
     assert judged(other, r / 16).worst == before
 
 
-# Friction of the paths: the largest shear is just below what it holds as a whole.
+# μ of the paths: the largest shear is just below the friction limit of the whole block.
 MU = 0.3
 
 
 def _path(d: int) -> tuple[Any, Array]:
-    """A block on a plane, pressed, sheared forth and back."""
+    """A block pressed on a plane and sheared forth and back."""
     body = block([2.0, 1.0, 1.0][:d], [5, 3, 2][:d], 10.0, 0.3)
     top = 1.0
     press = body.traction(d - 1, top, [0.0] * (d - 1) + [-1.0])
@@ -289,14 +289,14 @@ def test_every_step_of_a_path_is_confirmed_from_K_and_B(d: int, method: str) -> 
     for k, u in enumerate(total):
         r = result.reaction[k]
         rest = body.K @ u - loads[k] - body.B.T @ r.ravel()
-        # η of the balance of a body that contact alone holds, and the rounding of K u.
+        # η of the balance of a body held by contact alone, and the rounding of K u.
         assert np.abs(rest).max() <= 1e-10 * np.abs(loads[k]).max()
-        # Normal totals, tangential increments of the step.
+        # Total normal displacement, tangential increment of the step.
         v = (body.B @ u).reshape(-1, d)
         v[:, 1:] = (body.B @ (u - before)).reshape(-1, d)[:, 1:]
         free = np.abs(body.B @ u).max() * np.ones((len(v), d))
         missed = inequalities(r, v, MU, compliance, free)
-        # η to 1e-11; u comes by way of K, whose condition is below 1e4.
+        # η is 1e-11; u is computed with K, whose condition is below 1e4.
         assert missed.worst <= 1e-9, (k, missed)
         before = u
 
@@ -306,7 +306,7 @@ def test_total_slip_instead_of_the_increment_is_found() -> None:
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
     result = problem.solve(loads)
     first = result[2]
-    # The step as if nothing had slipped before, which is another problem.
+    # The step as if nothing had slipped before, which is a different problem.
     forgot = problem.solve(loads[3])[0].reaction
     right = problem.reduced(loads[3], start=first)
     assert right.residual(result[3].reaction) <= 1e-9
@@ -318,7 +318,7 @@ def test_total_slip_instead_of_the_increment_is_found() -> None:
 
 
 def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
-    """The rigid motion that serves pressed contacts best, by least squares."""
+    """The rigid motion that fits the pressed contacts best, by least squares."""
     assert problem.rigid is not None
     R = problem.rigid[0]
     v = (np.asarray(problem.W) @ r.ravel()) + problem.q.ravel()
@@ -330,7 +330,7 @@ def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
 
 
 def test_the_oracle_and_the_judge_agree() -> None:
-    """Solutions found by trying all statuses, without the package, pass the check."""
+    """Solutions of the oracle, which tries all statuses without the package, pass the check."""
     for seed in range(6):
         given = random_problem("held", 2, seed)
         small = Given(given.W[:4, :4], given.q[:2], given.mu[:2], None)
@@ -339,14 +339,14 @@ def test_the_oracle_and_the_judge_agree() -> None:
         found = list(oracle.answers(oracle.Problem(small.W, small.q, small.mu)))
         assert found
         for answer in found:
-            # The oracle keeps what misses the law by 1e-10 of its sizes at the most.
+            # The oracle accepts errors of at most 1e-10, relative to the sizes in the law.
             assert judged(small, answer.r).worst <= 1e-9
             assert small.problem().residual(answer.r) <= 1e-9
 
 
 def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:
-    """Three smooth contacts whose normals span a plane press each other without moving
-    anything, a fourth slides off: reactions grow until rounding hides the overlap."""
+    """Three smooth contacts whose normals span a plane press each other and move nothing,
+    while a fourth slides off: reactions grow until rounding hides the overlap."""
     rng = np.random.default_rng(2)
     weights = np.array([0.62, 0.44, 0.18])
     slopes = rng.normal(size=(3, 2))
@@ -359,7 +359,7 @@ def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:
     R[1::3] = np.c_[np.cos(angle), np.sin(angle)]
     R[2::3] = np.c_[-np.sin(angle), np.cos(angle)]
     q = 0.1 * rng.normal(size=(4, 3))
-    q[1:, 0] = -0.1  # no displacement opens all three: weights · v_n is below zero
+    q[1:, 0] = -0.1  # # no displacement opens all three: weights · v_n is negative
     problem = bp.ReducedProblem(
         G @ G.T, q, [0.6, 0.0, 0.0, 0.0], rigid=(R / 2, [-0.73, 0.06])
     )
@@ -391,7 +391,7 @@ def test_displacements_agree_with_the_relative_displacements(off: float) -> None
     wrong[2, 0] += off * np.abs(v).max()
     with pytest.raises(bp.NotConvergedError, match=r"error of .* at contact 2"):
         core.displacements([state], [(wrong, gap, slip)])
-    # Forces that are wrong give other displacements, and these another v.
+    # Wrong reactions give other displacements, and these give another v.
     other = np.zeros(n), moved, (1 + off) * step.reaction, np.empty(0)
     with pytest.raises(bp.NotConvergedError, match=r"B u \+ gap has an error"):
         core.displacements([other], [(v, gap, slip)])

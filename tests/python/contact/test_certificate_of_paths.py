@@ -11,8 +11,8 @@ from methods import METHODS
 from signorini_coulomb import inequalities
 
 Array = NDArray[np.float64]
-# As for a reduced problem, where the same judge finds at most ten times the tolerance;
-# v from K itself and v by way of W differ by the condition of S, below 1e4, times ε.
+# As for a reduced problem, where the same check finds at most ten times the tolerance.
+# v from K and v from W differ by ε times the condition of S, which is below 1e4.
 FACTOR = 30.0
 
 
@@ -27,7 +27,7 @@ class Given(NamedTuple):
 
 
 def random_path(seed: int) -> Given:
-    """A held body, contacts on degrees of freedom of their own or shared."""
+    """A held body; contacts with separate or shared degrees of freedom."""
     rng = np.random.default_rng(seed)
     d, contacts = int(rng.integers(2, 4)), int(rng.integers(1, 6))
     n = int(rng.integers(d + 2, 16))
@@ -65,7 +65,7 @@ def displacement(given: Given, force: Array, prescribed: Array) -> Array:
 
 
 def relative(given: Given, u: Array, before: Array) -> Array:
-    """The normal gap of the total, the slip of the step."""
+    """Total normal gap, and slip of the step."""
     v = (given.B @ u).reshape(len(given.gap), -1)
     v[:, 1:] = (given.B @ (u - before)).reshape(v.shape)[:, 1:]
     v[:, 0] += given.gap
@@ -85,7 +85,7 @@ def test_steps_of_random_paths(method: str) -> None:
             result = problem.solve(
                 given.loads, given.prescribed, method=method, max_iterations=2000
             )
-        except bp.BipotError as error:  # too many contacts for what can move
+        except bp.BipotError as error:  # # more contacts than the body can satisfy
             result = error.result
         assert result is not None
         shape = (len(given.gap), -1)
@@ -110,5 +110,5 @@ def test_steps_of_random_paths(method: str) -> None:
             assert missed.worst <= FACTOR * step.tolerance, (seed, k, missed)
             judged += 1
             before = u
-    # Half of the contacts are more than the body has motions, and contradict some loads.
+    # In half of the cases there are more contacts than motions: some loads have no solution.
     assert judged >= 60

@@ -1,4 +1,4 @@
-"""W, q, u and r agree with twice the precision, on bodies of scikit-fem."""
+"""W, q, u and r agree with computations in doubled precision, on bodies of scikit-fem."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Indices = NDArray[np.int64]
 Young = Callable[[Array], Array]
 EPS = float(np.finfo(float).eps)
 
-# Poisson's ratio, and Young's modulus by place.
+# Poisson's ratio, and Young's modulus as a function of place.
 MATERIALS: dict[str, tuple[float, Young]] = {
     "steel": (0.3, lambda x: np.full(x.shape[1], 2.1e11)),
     "rubber": (0.4999, lambda x: np.ones(x.shape[1])),
@@ -33,7 +33,7 @@ SHAPES = ("linear tetrahedra", "quadratic tetrahedra", "quadratic hexahedra")
 
 
 def tetrahedra(points: int, rng: np.random.Generator) -> Any:
-    """Delaunay's of a lattice in the unit cube, moved where it is inside."""
+    """Delaunay tetrahedra of a lattice in the unit cube, with its inner points moved."""
     line = np.linspace(0, 1, points)
     at = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
     step = rng.uniform(-0.3, 0.3, at.shape) / (points - 1)
@@ -41,7 +41,7 @@ def tetrahedra(points: int, rng: np.random.Generator) -> Any:
     cells = Delaunay(at).simplices.T
     edges = at.T[:, cells[1:]] - at.T[:, cells[:1]]
     volume = np.abs(np.linalg.det(np.moveaxis(edges, 2, 0)))
-    # Four points of one face are a cell without volume.
+    # Four points of one face form a cell without volume.
     return skfem.MeshTet(at.T.copy(), cells[:, volume > 1e-4 * volume.max()])
 
 
@@ -55,16 +55,16 @@ def hexahedra(cells: int, rng: np.random.Generator) -> Any:
 
 @dataclass
 class Held:
-    """A cube that may touch with its bottom and is prescribed at its top."""
+    """A cube with possible contact at its bottom and prescribed displacement at its top."""
 
     K: Any
     fixed: Indices
     free: Indices
-    # Unknowns of the bottom's nodes, (n_c, 3).
+    # Unknowns of the bottom nodes, (n_c, 3).
     bottom: Indices
 
     def operator(self, frames: Array) -> Any:
-        """B of bases ``(n_c, 3, 3)``, rows n, t1, t2."""
+        """B for bases ``(n_c, 3, 3)`` with rows n, t1, t2."""
         rows = np.repeat(np.arange(self.bottom.size), 3)
         columns = np.repeat(self.bottom, 3, axis=0).ravel()
         shape = self.bottom.size, self.K.shape[0]
@@ -73,7 +73,7 @@ class Held:
     def known(
         self, load: Array, dofs: Indices, values: Array
     ) -> tuple[Indices, twice.Pair]:
-        """The other unknowns, and the forces on them: the load and what the known move.
+        """The other unknowns, with the load and the forces of the known unknowns on them.
 
         `dofs` are distinct.
         """
@@ -91,7 +91,7 @@ def held(shape: str, material: str, rng: np.random.Generator) -> Held:
     }[shape]()
     nu, young = MATERIALS[material]
     basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=4)
-    # One value a cell: a rule with negative weights loses definiteness on a jump.
+    # One value per cell: with negative weights in the rule, a jump makes K indefinite.
     modulus = young(mesh.p[:, mesh.t].mean(axis=1))[:, None]
 
     def energy(u: Any, v: Any, _: Any) -> Any:
@@ -127,14 +127,14 @@ def test_open_contacts(shape: str, material: str) -> None:
     W, v = np.split(twice.product(B[:, free], x)[0], [-1], axis=1)
     u = np.zeros(n)
     u[free], u[body.fixed] = x[0][:, -1], prescribed
-    # Wide open: what the loads do is the free displacement.
+    # All contacts are open: the displacement is that of the loads alone.
     gap = np.zeros((contacts, 3))
     gap[:, 0] = 2 * np.abs(v).max()
     q = v.reshape(-1, 3) + gap
 
     problem = bp.ContactProblem(body.K, B, gap=gap, mu=0.3, fixed=body.fixed)
-    # An inverse loses cond(S) roundings at the worst; a tenth of them at the most
-    # is met here. The displacement is refined against K and loses none.
+    # An inverse loses at most cond(S) roundings; a tenth of that is reached here. The
+    # displacement is refined with K and loses none.
     rounding = EPS * problem.stats["cond_S"]
     found = problem.compliance
     assert (found == found.T).all()
@@ -172,7 +172,7 @@ def test_sticking_contacts(shape: str, material: str) -> None:
         )
         return u[0][:, 0], support[0][body.bottom[:, [2, 0, 1]], 0]
 
-    # Pressed down by three times what it pulls with.
+    # The pressing load is three times the pulling one.
     _, r = supported()
     load[body.bottom[:, 2]] = -3 * np.abs(r).max()
     u, r = supported()
@@ -182,16 +182,16 @@ def test_sticking_contacts(shape: str, material: str) -> None:
     problem = bp.ContactProblem(body.K, B, gap=gap, mu=10.0, fixed=body.fixed)
     result = problem.solve(load, prescribed)
     assert (result.status == bp.Status.STICK).all()
-    # Sums of some hundred terms, whatever cond(S): up to 30 roundings are met.
+    # Sums of some hundred terms, for any cond(S); up to 30 roundings are reached.
     assert np.abs(result.reaction - r).max() <= 100 * EPS * np.abs(r).max()
-    # A rounding of every reaction moves the contacts by this; 2.4 times is met.
+    # A rounding of every reaction moves the contacts by this; 2.4 times it is reached.
     moved = np.abs(problem.compliance) @ np.abs(r).ravel()
     size = max(moved.max(), np.abs(u).max())
     assert np.abs(result.displacement - u).max() <= 10 * EPS * size
 
 
 def test_refinement_finds_fractions() -> None:
-    """A chain of springs: W between two unknowns is what lies between the ground and them."""
+    """A chain of springs: W of two unknowns is the compliance between the ground and both."""
     springs = [1 + (7 * k) % 9 for k in range(60)]
     k = np.array([*springs, 0.0])
     K = sparse.diags_array([k[:-1] + k[1:], -k[1:-1], -k[1:-1]], offsets=[0, 1, -1])
@@ -201,5 +201,5 @@ def test_refinement_finds_fractions() -> None:
         for j in range(60):
             found = Fraction(high[i, j]) + Fraction(low[i, j])
             exact = flexible[min(i, j)]
-            # Twice 53 bits less the condition, below 1e5.
+            # Twice 53 bits, minus the condition, which is below 1e5.
             assert abs(found - exact) <= Fraction(1e-26) * exact

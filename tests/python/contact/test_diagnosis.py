@@ -1,4 +1,4 @@
-"""The diagnosis names each cause for problems that have it, and for no others."""
+"""The diagnosis names a cause for the problems that have it, and for no others."""
 
 import pickle
 import re
@@ -32,7 +32,7 @@ def names(message: str) -> set[str]:
 
 
 def held(seed: int = 0, contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
-    """W of condition below ten and weak coupling, and a q that closes most contacts."""
+    """W with a condition below ten and weak coupling; q closes most contacts."""
     rng = np.random.default_rng(seed)
     m = contacts * d
     root = rng.normal(size=(m, m)) / np.sqrt(m)
@@ -41,7 +41,7 @@ def held(seed: int = 0, contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
 
 
 def stopped(W: Any, q: Any, mu: Any = 0.3, **options: Any) -> str:
-    """Message of a solve that a limit ends early."""
+    """The message of a solve that a limit stops early."""
     rigid = options.pop("rigid", None)
     given = {"method": "uzawa", "tol": 1e-13, "max_iterations": 8} | options
     solution = bp.ReducedProblem(W, q, mu, rigid=rigid).solve(**given)
@@ -98,11 +98,11 @@ def test_fewer_contacts_are_advised_only_if_the_default_stalls() -> None:
     message = stopped(W, q, method="newton", max_iterations=300)
     assert names(message) == {"redundant"}
     assert message.endswith("try method='auto'")
-    # A tolerance that no point can have, and reactions that dwarf what they move.
+    # A tolerance that no point can reach; the reactions are far larger than their effect.
     message = stopped(W, q, method="auto", tol=1e-14, max_iterations=None)
     assert "stalled" in message
     assert names(message) == {"redundant"}
-    # η of 1e-12 is relative to those reactions: no looser tolerance is offered.
+    # η of 1e-12 is relative to those reactions, so no larger tolerance is advised.
     assert message.endswith("try fewer contacts")
 
 
@@ -116,13 +116,13 @@ def test_redundant_contacts_of_a_single_precision_w() -> None:
 
 
 def test_contacts_that_the_rigid_motions_determine_are_not_redundant() -> None:
-    """W of a rigid body on springs has no rank, and the balance of forces gives it."""
+    """W of a rigid body on springs is rank deficient; the balance of forces is not."""
     W, q = held(contacts=2, d=2)
     values, vectors = np.linalg.eigh(W)
     values[:2] = 0.0
     soft = (vectors * values) @ vectors.T
     R = np.ascontiguousarray(vectors[:, :2])
-    # Whatever is pressed enough: the loads are those of reactions within the cone.
+    # Enough pressure everywhere: the loads balance reactions inside the cone.
     e = -R.T @ np.array([1.0, 0.05, 1.0, -0.05])
     message = stopped((soft + soft.T) / 2, q, rigid=(R, e), max_iterations=1)
     assert "redundant" not in names(message)
@@ -137,7 +137,7 @@ def test_a_body_that_is_nearly_free() -> None:
     assert names(message) == {"limit", "nearly free"}
     assert "one motion is softer by" in message
     assert "a support" not in message
-    # A hundred times softer than the rest is how bodies are.
+    # A support a hundred times softer than the body is common.
     assert names(stopped(W + 1e2 * np.outer(push, push), q)) == {"limit"}
 
 
@@ -155,7 +155,7 @@ def test_a_stiffness_that_is_nearly_free() -> None:
 
     assert names(message(0.1, 1)) == {"limit"}
     assert names(message(1e-10, 1)) == {"limit", "nearly free"}
-    # If the residual no longer falls, this is the cause, and it is named once.
+    # If the residual stops falling, this is the cause, and the message names it once.
     stood = message(1e-10, 300)
     assert names(stood) == {"nearly free"}
     assert stood.count("nearly free") == 1
@@ -171,7 +171,7 @@ def test_friction_that_can_jam() -> None:
     assert "friction that can jam contact 0, mu ‖W_nt‖ ≥ W_nn with mu = 3" in message
     assert "try a smaller mu" in message
     assert "jam" not in names(stopped(W, [[-1.0, 2.0]], 1.0))
-    # Of several, the first is named and the others are counted.
+    # If there are several, the message names the first and counts the others.
     both = np.kron(np.eye(2), W) + 0.01
     assert "contact 0 and 1 more" in stopped(both, [[-1.0, 2.0]] * 2, 3.0)
 
@@ -183,7 +183,7 @@ def test_rounding_error_of_coupling_does_not_jam() -> None:
     q, mu = [[-1.0, 0.3], [-1.0, 0.5]], 1e15
     message = stopped(W, q, mu, method="nesterov", max_iterations=60)
     assert names(message) == set()
-    # More iterations of a stalled method are not advised.
+    # After a stall, more iterations of the same method are not advised.
     assert message.endswith("try method='auto'")
 
 
@@ -198,12 +198,12 @@ def test_rounding_of_the_slip_under_a_huge_friction_coefficient() -> None:
     assert re.search(
         r"mu = 1e\+14 times the rounding error \de-\d+ of", solution.message
     )
-    # True: all contacts stick, W r = -q, which is solved by elimination.
+    # The message is true: all contacts stick, and elimination solves W r = -q.
     stuck = np.linalg.solve(W, -q.ravel()).reshape(4, 3)
     assert (stuck[:, 0] > 0).all()
-    # Rounding times the condition of W, about 1e2, with two digits to spare.
+    # Rounding times the condition of W, about 1e2, with two digits of margin.
     np.testing.assert_allclose(solution.reaction, stuck, atol=1e-12)
-    # The same answer with the mu that is advised.
+    # The advised mu gives the same solution.
     smaller = bp.ReducedProblem(W, q, 1e3).solve()
     assert smaller.converged
     np.testing.assert_allclose(smaller.reaction, stuck, atol=1e-8)
@@ -228,7 +228,7 @@ def test_not_positive_semidefinite(
     W: Array, place: str, cure: str, method: str
 ) -> None:
     """The message gives the entry and no other cause."""
-    # Some of these have answers: before the first iteration none is found.
+    # Some of these have solutions, but none is found before the first iteration.
     q = [[-1.0, 2.0], [-1.0, 0.5]]
     message = stopped(W, q, method=method, max_seconds=1e-12, max_iterations=None)
     assert names(message) == {"indefinite"}
@@ -250,7 +250,7 @@ def test_a_semidefinite_w_is_not_called_indefinite() -> None:
     rounded = np.round(W, 9)
     assert np.linalg.eigvalsh(rounded)[0] < 0
     assert "indefinite" not in names(stopped(rounded, q, max_iterations=1))
-    # What W is along the rigid motions does not matter: R'r is given.
+    # W along the rigid motions has no effect, because R'r is given.
     R = np.zeros((60, 1))
     R[::3] = 1.0
     pressed = R / 20
@@ -313,13 +313,13 @@ def test_advice_is_not_the_method_that_failed() -> None:
 
 
 def test_several_answers() -> None:
-    # Above μ = k_t/|k_c| = 1/0.9 some loads have three answers, others one.
+    # Above μ = k_t/|k_c| = 1/0.9 some loads have three solutions, others one.
     W = np.linalg.inv(np.array([[1.0, -0.9], [-0.9, 1.0]]))
     found = []
     for angle in np.linspace(1.0, 3.0, 60):
         q = [W @ np.array([np.cos(angle), np.sin(angle)])]
         problem = bp.ReducedProblem(W, q, 2.0)
-        # From a reaction, for to open is one of the answers and found at once.
+        # Starts from a reaction: open is one of the solutions and is found at once from zero.
         start = np.array([[5.0, 1.0]])
         solution = problem.solve("uzawa", 1e-13, max_iterations=2, start=start)
         if solution.converged:
@@ -331,7 +331,7 @@ def test_several_answers() -> None:
 
 
 def test_a_body_that_slides_away() -> None:
-    # A slider pressed by a spring, pulled beyond friction: feasible, and no answer.
+    # A slider pressed by a spring is pulled beyond friction: feasible, but no solution.
     K = np.diag([1.0, 0.0])
     problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
     with pytest.raises(bp.BipotError) as caught:
@@ -339,7 +339,7 @@ def test_a_body_that_slides_away() -> None:
     message = str(caught.value)
     assert "slide" in message or "nothing stops this motion" in message
     assert "add a support" in message
-    # Smaller loads in proportion do not help.
+    # Reducing the loads in proportion does not help.
     assert "lower the loads" not in message
 
 
@@ -370,11 +370,11 @@ def test_the_contact_with_the_largest_violation_has_coordinates() -> None:
 
 
 def test_violations_of_each_contact() -> None:
-    """By hand, with W_ii = 4: displacements count half, forces twice."""
+    """By hand, with W_ii = 4: displacements count half, forces count twice."""
     r = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.6], [1.0, 0.5], [0.0, 0.0]])
     v = np.array([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.2], [3.0, 7.0]])
     found = misses(r, v, np.full(5, 0.5), np.full(5, 4.0))
-    # The slip of 0.1 sees 2 of 0.1 + 2 + 1 of the force the wrong way.
+    # With a slip of 0.1, a share 2 / (0.1 + 2 + 1) of the force has the wrong direction.
     expected = np.zeros((4, 5))
     expected[0, 0], expected[1, 1], expected[2, 2] = 0.1, 0.1, 0.2
     expected[3, 3] = 0.1 * 2 / 3.1
@@ -399,7 +399,7 @@ def test_the_message_is_kept_without_the_problem() -> None:
     assert lost.message.startswith("not converged, max_iterations was reached")
     message = solution.message
     assert pickle.loads(pickle.dumps(solution)).message == message
-    # A W that the caller has changed is not diagnosed.
+    # If the caller has changed W, there is no diagnosis.
     other = bp.ReducedProblem(W, q, 0.3).solve("uzawa", max_iterations=2)
     W[3, 5] = np.nan
     assert other.message.startswith("not converged: 2 iterations of 'uzawa'")
@@ -414,7 +414,7 @@ def test_contacts_without_violation_are_not_named() -> None:
     W, _ = held()
     R = np.zeros((60, 1))
     R[::3] = 1.0
-    # From no reactions and no motion: other methods start from a balanced point.
+    # From zero reaction and zero motion; other methods start from a balanced point.
     q = np.zeros((20, 3))
     given = {"rigid": (R, np.array([-20.0])), "start": q, "max_iterations": None}
     message = stopped(W, q, method="newton", max_seconds=1e-12, **given)

@@ -1,4 +1,4 @@
-"""A wrong order of the degrees of freedom is found by rigid motions, and a right one passes."""
+"""Rigid motions show a wrong order of the degrees of freedom and accept a right one."""
 
 import csv
 import itertools
@@ -32,7 +32,7 @@ def fit(K: Any, order: str, nodes: Floats) -> dof_order.Fit:
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("aspect", [1.0, 100.0])
 def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
-    """The right order leaves only rounding errors, a wrong one large forces in some rows."""
+    """The right order leaves only rounding errors; a wrong one leaves large forces in some rows."""
     one = body(cell, d, order, aspect=aspect)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -43,7 +43,7 @@ def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
         assert right.fits
         assert right.rows == right.still == right.turnable == n
         assert right.translation <= 1e-14
-        # Six nodes of a side a hundred times as long as high cancel four digits.
+        # Six nodes on a side with aspect ratio 100 cancel four digits.
         assert right.rotation <= 1e-11
         other = next(o for o in dof_order.ORDERS if o != name)
         wrong = fit(matrix, other, x)
@@ -56,7 +56,7 @@ def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
         assert wrong.translates
         assert not wrong.fits
         assert wrong.rotation > 0.03
-    # Axes exchanged: a linear field, of which only the rows of the border tell.
+    # Axes exchanged: a linear field, visible only in the rows of the boundary.
     assert not fit(K, "node", x[:, ::-1]).fits
 
 
@@ -83,7 +83,7 @@ def test_supports_and_few_digits_are_not_a_wrong_order(
                 keep = sparse.diags_array(1 - some)
                 given = keep @ K @ keep + sparse.diags_array(some)
             assert fit(given.tocsr(), "node", x).fits
-    # A plane of symmetry at 45 degrees, by penalty: the sums of its rows stay zero.
+    # A symmetry plane at 45 degrees, by penalty: the sums of its rows stay zero.
     across = np.zeros(n)
     across[d * sides[0]], across[d * sides[0] + 1] = 1.0, -1.0
     nodes = sparse.csc_array((across, (np.arange(n), np.arange(n) // d)))
@@ -97,7 +97,7 @@ def test_supports_and_few_digits_are_not_a_wrong_order(
 def test_springs_without_rigid_motions_pass() -> None:
     parts = csr("K", np.eye(12)).parts
     assert dof_order.of_order(parts, "node", 2, np.zeros((6, 2))) is None
-    # A point between springs along a slope, and a chain of which nothing turns.
+    # A point between inclined springs, and a chain that cannot rotate.
     slope = csr("K", [[1.0, -1.0], [-1.0, 1.0]]).parts
     assert dof_order.of_order(slope, "node", 2, np.zeros((1, 2))) is None
     chain = np.diag([1.0] + 6 * [2.0] + [1.0]) - np.eye(8, k=1) - np.eye(8, k=-1)
@@ -107,7 +107,7 @@ def test_springs_without_rigid_motions_pass() -> None:
 
 
 def test_warnings_of_contact_problem() -> None:
-    """The warning gives the misfit and the order that fits."""
+    """The warning gives the misfit and the order that fits better."""
     one = body("quadrilateral", 2)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -129,7 +129,7 @@ def test_warnings_of_contact_problem() -> None:
     assert warned(K, B, coordinates=nodes) == []
     assert warned(K, B, coordinates=np.column_stack([nodes, np.zeros(n)])) == []
     assert warned(K, B, points=x[at]) == []
-    # Held, as by skfem.enforce without its asymmetry.
+    # Supported as by skfem.enforce, but kept symmetric.
     (said,) = warned(K, B, coordinates=components)
     assert said.startswith(
         "coordinates do not fit K: they are component after component, all u_x, then all "
@@ -141,7 +141,7 @@ def test_warnings_of_contact_problem() -> None:
     (said,) = warned(K, B, coordinates=np.repeat(x[shuffled], 2, axis=0))
     assert "K times a rigid rotation is not zero in" in said
     assert said.endswith("give the coordinates in the order of the rows of K")
-    # K all u_x first, and B node after node: no coordinates are needed to see that.
+    # K has all u_x first, B has node after node: this is visible without coordinates.
     turned = by_component(n, 2)
     (said,) = warned(K[turned][:, turned], B, points=x[at])
     assert said == (
@@ -154,7 +154,7 @@ def test_warnings_of_contact_problem() -> None:
     assert said.startswith(
         "B does not fit coordinates: coordinates are component after"
     )
-    # Frictionless pairs by their normals alone: two columns of two nodes are no mistake.
+    # Frictionless pairs with normals only: two columns for two nodes are correct.
     rows = np.repeat(np.arange(0, 10, 2), 2)
     columns = (2 * np.column_stack([at, at - at.min() + 1]) + 1).ravel()
     normals = sparse.csr_array((np.ones(10), (rows, columns)), (10, n))
@@ -178,7 +178,7 @@ def test_large_matrices_are_checked_in_blocks(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def files(tmp_path: Path) -> Any:
-    """A block on a floor as files, in any order of nodes and of components."""
+    """A block on a floor as files, with any order of nodes and of components."""
     one = body("quadrilateral", 2, aspect=2.0)
     x, n = one.points, one.points.size
     K = fem.stiffness(one).tocsr()
@@ -236,7 +236,7 @@ def test_orders_of_files(files: Any, tmp_path: Path) -> None:
 
     write()
     assert run()[0] == run("--order", "node")[0] == 0
-    # What acts on the floor is all that presses, 100 N a node.
+    # The force on the floor is the sum of the pressing loads, 100 N per node.
     assert pressed() == pytest.approx(500.0, rel=1e-9)
     code, last = run("--order", "component")
     assert code == 2
@@ -269,7 +269,7 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
             assert code == 2
             assert "K times a rigid " in last["message"]
             assert "the rows of nodes.csv sorted by label would fit" in last["message"]
-    # Two of them: few rows see it, and it may be right by other means.
+    # Two nodes only: few rows show it, and other causes are possible.
     swapped = np.arange(25)
     swapped[[0, 1]] = 1, 0
     write(rows=swapped, supports=supports)
@@ -297,7 +297,7 @@ def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
     command += ["--nodes", "nodes.csv", "--load", "load.csv"]
     rng = np.random.default_rng(6)
     for places, code in ((x, 0), (x[rng.permutation(len(x))], 2)):
-        # Rows in any order: labels tell.
+        # Rows in any order: the labels identify them.
         rows = [
             f"{k + 1},{places[k, 0]!r},{places[k, 1]!r}\n"
             for k in rng.permutation(len(x))
@@ -315,7 +315,7 @@ def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
 @pytest.mark.verify
 @pytest.mark.parametrize("seed", range(200))
 def test_any_body_in_any_order(seed: int) -> None:
-    """Curved and graded bodies of all cells, turned and shuffled at random."""
+    """Curved and graded bodies of every cell type, rotated and shuffled at random."""
     rng = np.random.default_rng(seed)
     cell, d, order = CELLS[seed % len(CELLS)]
     one = body(

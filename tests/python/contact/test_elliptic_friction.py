@@ -23,7 +23,7 @@ def friction(r_n: float, mu: Array, v_t: Array) -> Array:
 def random_problem(
     n: int, seed: int, ratio: float = 10.0
 ) -> tuple[Array, Array, Array]:
-    """W definite, q and (n, 2) coefficients so small that the answer is unique."""
+    """Definite W, q, and (n, 2) coefficients small enough for a unique solution."""
     rng = np.random.default_rng([n, seed])
     root_of = rng.normal(size=(3 * n, 3 * n)) / np.sqrt(3 * n)
     q = rng.normal(size=(n, 3))
@@ -34,7 +34,7 @@ def random_problem(
 
 
 class TestOneContact:
-    """W = diag(2, 3, 3), so that sticking friction is -q_t/3 and r_n = -q_n/2."""
+    """W = diag(2, 3, 3): sticking friction is -q_t/3, and r_n = -q_n/2."""
 
     W = np.diag([2.0, 3.0, 3.0])
     MU = np.array([0.4, 0.2])
@@ -46,11 +46,11 @@ class TestOneContact:
 
     @pytest.mark.parametrize("method", METHODS)
     def test_sticks_within_the_ellipse_only(self, method: str) -> None:
-        # r_n = 1; friction (0.4, 0.2) cos/sin 45° is on the ellipse, to either side.
+        # r_n = 1; the friction (0.4, 0.2) at 45° lies on the ellipse; tested on both sides.
         edge = 3 * self.MU * np.sqrt(0.5)
         held = self.solve([-2.0, *(0.99 * edge)], method)
         assert held.status[0] == STICK
-        # η = 1e-14 of reactions of size one, and the scaling of W.
+        # η = 1e-14 for reactions of size one, and the scaling of W.
         np.testing.assert_allclose(
             held.reaction[0], [1, *(-0.99 * edge / 3)], atol=1e-13
         )
@@ -66,13 +66,13 @@ class TestOneContact:
         r[0], r[1 + axis] = 1.0, mu
         np.testing.assert_allclose(solution.reaction[0], r, atol=1e-13)
         v = solution.relative_displacement[0]
-        # -5 + 3 μ along the axis, and nothing across it.
+        # -5 + 3 μ along the axis, zero across it.
         assert v[1 + axis] == pytest.approx(-5 + 3 * mu, rel=1e-13)
         assert abs(v[2 - axis]) < 1e-13
 
     def test_slides_obliquely_not_against_friction(self) -> None:
-        # Slip along (3, 4): D v = (1.2, 0.8), of length √2.08; friction is along
-        # D² v = (0.48, 0.16), 18.4° from the first axis where slip is at 53.1°.
+        # Slip along (3, 4): D v = (1.2, 0.8), of length √2.08. Friction is along
+        # D² v = (0.48, 0.16), 18.4° from the first axis; slip is at 53.1°.
         v_t = np.array([3.0, 4.0])
         r_t = -np.array([0.48, 0.16]) / np.sqrt(2.08)
         solution = self.solve([-2.0, *(v_t - 3 * r_t)])
@@ -83,21 +83,23 @@ class TestOneContact:
         angle = np.degrees(
             np.arctan2(-solution.reaction[0, 2], -solution.reaction[0, 1])
         )
-        assert angle == pytest.approx(18.4349, abs=1e-4)  # arctan(1/3), printed digits
+        assert angle == pytest.approx(
+            18.4349, abs=1e-4
+        )  # # arctan(1/3), to the digits printed
 
     def test_separates(self) -> None:
         solution = self.solve([0.1, 1.0, -1.0])
         assert solution.status[0] == OPEN
         np.testing.assert_array_equal(solution.reaction, 0.0)
-        # Back through the change of variables: x/T·T, two roundings.
+        # The change of variables inverted, x/T·T: two roundings.
         np.testing.assert_allclose(
             solution.relative_displacement, [[0.1, 1.0, -1.0]], rtol=4e-16
         )
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_finds_a_made_answer(method: str) -> None:
-    """r on the border and v along the law, chosen; q = v - W r makes them the answer."""
+def test_every_method_finds_a_constructed_solution(method: str) -> None:
+    """r on the cone and v by the law are chosen; q = v - W r makes them the solution."""
     rng = np.random.default_rng(5)
     W, _, mu = random_problem(6, 1)
     r, v = np.zeros((2, 6, 3))
@@ -114,8 +116,8 @@ def test_every_method_finds_a_made_answer(method: str) -> None:
     np.testing.assert_array_equal(
         solution.status, [SLIP, SLIP, STICK, STICK, OPEN, OPEN]
     )
-    # η = 1e-12 in stretched variables, whose condition is that of W: below 10; the
-    # slip along the weaker tangent is ṽ_t over a ratio of up to 10.
+    # η = 1e-12 in scaled variables, whose condition is that of W, below 10; slip along the
+    # weaker tangent is ṽ_t divided by a ratio of up to 10.
     np.testing.assert_allclose(solution.reaction, r, atol=1e-10)
     np.testing.assert_allclose(solution.relative_displacement, v, atol=1e-9)
     assert problem.residual(r) <= 1e-14
@@ -125,7 +127,7 @@ def test_every_method_finds_a_made_answer(method: str) -> None:
 
 
 def _answers(W: Array, q: Array, mu: Array) -> Iterator[Array]:
-    """Reactions of all assignments of statuses that fulfil the law, by a general root finder."""
+    """Reactions of all combinations of statuses that satisfy the law, by a root finder."""
     n = len(q)
     turn = np.arange(6) * np.pi / 3
     sides = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -154,7 +156,7 @@ def _answers(W: Array, q: Array, mu: Array) -> Iterator[Array]:
 
 
 def _fulfils(r: Array, v: Array, mu: Array, status: tuple[int, ...]) -> bool:
-    """The inequalities; those of slip include that friction opposes it."""
+    """The inequalities of the law; for slip, friction must also oppose it."""
     inside = np.linalg.norm(r[:, 1:] / mu, axis=1) <= r[:, 0] * (1 + 1e-8) + 1e-9
     against = np.array(
         [s != SLIP or r[i, 1:] @ v[i, 1:] <= 0 for i, s in enumerate(status)]
@@ -171,13 +173,13 @@ def test_an_exhaustive_solver_agrees(seed: int) -> None:
     found = list(_answers(W, q, mu))
     assert found
     for r in found:
-        # The root finder's 1e-10 of the law, through a W of condition below 10.
+        # The root finder satisfies the law to 1e-10; W has a condition below 10.
         np.testing.assert_allclose(solution.reaction, r, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_answers_fulfil_the_law_in_the_callers_variables(seed: int) -> None:
-    """The fixed point (11) by the Euclidean projection, which no solver uses."""
+    """The fixed point (11) with the Euclidean projection, which no solver uses."""
     W, q, mu = random_problem(5, seed, ratio=100.0)
     solution = bp.ReducedProblem(W, q, mu).solve(tol=1e-12)
     assert solution.converged
@@ -185,9 +187,9 @@ def test_answers_fulfil_the_law_in_the_callers_variables(seed: int) -> None:
     drag = np.linalg.norm(mu * v[:, 1:], axis=1)
     corrected = v + np.outer(drag, [1.0, 0.0, 0.0])
     again, _ = bp.project(r - corrected, mu)
-    # η of 1e-12 of r̃, and of ṽ over ratios of up to 100.
+    # η of 1e-12 for r̃, and for ṽ divided by ratios of up to 100.
     np.testing.assert_allclose(again, r, atol=1e-9 * np.abs(r).max())
-    # The gap of the bipotential (10e) is what the definition says, and no less than zero.
+    # The gap of the bipotential (10e) equals its definition and is never negative.
     work = (r * v).sum(axis=1) + r[:, 0] * drag
     size = (np.abs(r) * np.abs(v)).sum(axis=1).max()
     np.testing.assert_allclose(solution.bipotential_gap, work, atol=1e-14 * size)
@@ -217,7 +219,7 @@ class TestSymmetries:
         W, q, mu = random_problem(4, seed)
         one = bp.ReducedProblem(W, q, mu).solve()
         other = bp.ReducedProblem(W * 2.0**-30, q * 2.0**7, mu).solve()
-        # Powers of two change no bit of stretched and scaled variables.
+        # Powers of two change no bit of the scaled variables.
         np.testing.assert_array_equal(other.reaction, one.reaction * 2.0**37)
         assert (other.iterations, other.residual) == (one.iterations, one.residual)
 
@@ -248,7 +250,7 @@ class TestSymmetries:
 
 
 class TestHeldByFrictionAlone:
-    """A plate on three contacts, pressed by 3, drawn sideways: an ellipse of limit loads."""
+    """A plate on three contacts is pressed by 3 and pulled sideways: limit loads on an ellipse."""
 
     MU = np.array([0.5, 0.1])
 
@@ -271,7 +273,7 @@ class TestHeldByFrictionAlone:
         let_go = self.problem(1.001 * limit * e).solve()
         assert let_go.outcome is bp.Outcome.NO_EQUILIBRIUM
         assert let_go.free_motion is not None
-        # The proof (section 7): a motion d in the dual cone, v_n ≥ ‖D v_t‖, e·d > 0.
+        # The proof (theory, section 7): a motion d in the dual cone, v_n ≥ ‖D v_t‖, e·d > 0.
         d = let_go.free_motion
         assert d[0] >= np.linalg.norm(self.MU * d[1:]) * (1 - 1e-9)
         assert np.array([-3, *(1.001 * limit * e)]) @ d > 0
@@ -293,7 +295,7 @@ def test_a_limit_is_reported() -> None:
     assert solution.unique == "unknown"
 
 
-def test_answers_of_a_definite_problem_are_one() -> None:
+def test_a_definite_problem_has_one_solution() -> None:
     W, q, mu = random_problem(3, 2)
     assert len(bp.ReducedProblem(W, q, mu).answers(restarts=8)) == 1
 
@@ -306,8 +308,8 @@ def test_projection_of_many_is_that_of_each() -> None:
     one, kind = bp.project(tau[4321:4322], mu[4321:4322])
     np.testing.assert_array_equal(whole[4321:4322], one)
     assert status[4321] == kind[0]
-    # Moreau: τ = r + rest, rest·r = 0 and rest in the polar cone; products of four
-    # roundings each, over the length of the cone's rays.
+    # Moreau: τ = r + rest, rest·r = 0 and rest is in the polar cone. Products have four
+    # roundings each, relative to the length of the rays of the cone.
     rest = tau - whole
     np.testing.assert_allclose((rest * whole).sum(axis=1), 0.0, atol=1e-14)
     height = rest[:, 0] + np.linalg.norm(mu * rest[:, 1:], axis=1)

@@ -24,7 +24,7 @@ def cube(*settings: str, n: int = 4) -> scene.Case:
 
 
 def path() -> tuple[fem.Assembly, Array, Array]:
-    """Pressed, dragged there and back: slip reverses. Coefficients by contact."""
+    """Press, then drag there and back, so that slip reverses. One coefficient pair per contact."""
     case = cube(*GRAIN)
     drag = np.array([0.0, 1.0, -0.5, 0.2])[:, None]
     pressed, moved = case.prescribed[0], case.prescribed[1] - case.prescribed[0]
@@ -40,7 +40,7 @@ def problem(model: fem.Assembly, mu: Any, **more: Any) -> bp.ContactProblem:
 
 
 def test_a_path_agrees_with_the_scaled_problem() -> None:
-    """r = T r̃ and ṽ = T v with B and gap stretched by hand and Coulomb's μ, step by step."""
+    """r = T r̃ and ṽ = T v, with B and gap scaled by hand and Coulomb's μ, at every step."""
     model, moved, mu = path()
     result = problem(model, mu, area=model.area).solve(None, moved, tol=1e-12)
     largest = mu.max(axis=1)
@@ -52,8 +52,8 @@ def test_a_path_agrees_with_the_scaled_problem() -> None:
         mu=largest,
         fixed=model.fixed,
     ).solve(None, moved, tol=1e-12)
-    # The same numbers up to the products T r̃ and quotients, whose rounding goes through
-    # the history of four steps; η = 1e-12 of either.
+    # The same numbers, up to the rounding of the products T r̃ and of quotients, which the
+    # history carries through four steps; η = 1e-12 for each.
     for name, ours, theirs in (
         ("reaction", result.reaction, T * by_hand.reaction),
         ("v", result.relative_displacement, by_hand.relative_displacement / T),
@@ -67,7 +67,7 @@ def test_a_path_agrees_with_the_scaled_problem() -> None:
     np.testing.assert_array_equal(
         result.traction, result.reaction / model.area[:, None]
     )
-    # Both states of friction are there, or nothing was tested.
+    # Both stick and slip occur; otherwise the test would check nothing.
     assert {1, 2} <= set(result.status[-1])
 
 
@@ -77,13 +77,13 @@ def test_every_step_fulfils_the_law_and_the_balance() -> None:
     result = whole.solve(None, moved, tol=1e-12)
     for k, step in enumerate(result):
         r, size = step.reaction, np.abs(step.reaction).max()
-        # η = 1e-12 of the reactions, and a digit for the norm it is taken in.
+        # η = 1e-12 of the reactions, and a factor of ten for its norm.
         shear = np.linalg.norm(r[:, 1:] / mu, axis=1)
         assert (shear <= r[:, 0] + 1e-10 * size).all()
         drag = np.linalg.norm(mu * step.slip, axis=1)
         sliding = (step.status == bp.Status.SLIP) & (drag > 1e-9 * drag.max())
         friction = -r[:, :1] * mu**2 * step.slip / np.where(drag > 0, drag, 1)[:, None]
-        # The direction of slip is as good as slip: 1e-12 of the largest over 1e-9.
+        # The direction has the relative accuracy of the slip: 1e-12 of the largest over 1e-9.
         np.testing.assert_allclose(r[sliding, 1:], friction[sliding], atol=1e-3 * size)
         work = (r[:, 1:] * step.slip).sum(axis=1) + r[:, 0] * drag
         assert np.abs(work).max() <= 1e-11 * size * np.abs(step.slip).max()
@@ -107,7 +107,7 @@ def test_results_are_in_unscaled_variables() -> None:
     model, moved, mu = path()
     two, one = problem(model, mu), problem(model, 0.3)
     W = one.compliance
-    # Sums of stretched entries: rounding of W, of which its largest entry is a measure.
+    # Sums of scaled entries: the rounding of W, measured by its largest entry.
     atol = 1e-14 * np.abs(W).max()
     np.testing.assert_allclose(two.compliance, W, atol=atol)
     np.testing.assert_allclose(two.reduced(None, moved[1]).W, W, atol=atol)
@@ -119,7 +119,7 @@ def test_results_are_in_unscaled_variables() -> None:
 
 
 def test_a_body_that_contact_alone_holds() -> None:
-    """A block under its weight, drawn along the diagonal: the limit is on the ellipse."""
+    """A block with weight is pulled along the diagonal: the limit load is on the ellipse."""
     case = cube(*GRAIN, n=2)
     model = case.model
     held = bp.ContactProblem(
@@ -136,26 +136,26 @@ def test_a_body_that_contact_alone_holds() -> None:
     e = np.array([1.0, 0.0, 0.0])
     tangents = model.frame[0, 1:]
     limit = pressed / np.linalg.norm(tangents @ e / MU)
-    # Drawn at the base, so that the block does not tip.
+    # Pulled at the base, so that the block does not tip.
     base = model.nodes[:, 2] == 0
     pull = np.zeros((len(model.nodes), 3))
     pull[base] = e / base.sum()
     result = held.solve(weight + 0.99 * limit * pull.ravel())
     total = np.einsum("ck,ckd->d", result[0].reaction, model.frame)
-    # The balance is met to η = 1e-10.
+    # η = 1e-10 bounds the balance.
     np.testing.assert_allclose(total, [-0.99 * limit, 0, pressed], atol=1e-8 * pressed)
     with pytest.raises(bp.NoEquilibriumError) as refused:
         held.solve(weight + 1.01 * limit * pull.ravel())
     direction = refused.value.direction
     assert direction is not None
-    # In the dual cone of every contact: a proof, to the rounding that a refusal allows.
+    # In the dual cone of every contact: a proof, up to the rounding that the error allows.
     opens = direction[:, 0] - np.linalg.norm(MU * direction[:, 1:], axis=1)
     assert opens.min() >= -1e-8
     assert "translation along" in str(refused.value)
 
 
 def test_many_paths_on_one_factorisation() -> None:
-    """Coefficients of any kind for any kind, with the bits that a fresh problem has or nearly."""
+    """Cases with one or two coefficients in any order give the bits of a new problem, or nearly."""
     model, moved, mu = path()
     coulomb = mu[:, 0]
     for given in (mu, coulomb):
@@ -176,7 +176,7 @@ def test_a_working_set_and_another_stiffness() -> None:
     case = cube(*GRAIN, "body.cube.z.cells=1", "support.0.z=-0.5", n=14)
     model, moved = case.model, case.prescribed
     mu = MU * np.random.default_rng(1).uniform(0.5, 1.5, (len(model.mu), 2))
-    gap = 1e-4 * model.points[:, 0] ** 2  # a roof: some 60 of 225 close
+    gap = 1e-4 * model.points[:, 0] ** 2  # # a roof: some 60 of 225 close
     ends = []
     for working_set in (True, False):
         made = bp.ContactProblem(
@@ -198,7 +198,7 @@ def test_a_working_set_and_another_stiffness() -> None:
         assert estimate is not None
         assert max(estimate) < 1e-6
     for one, two in zip(*ends, strict=True):
-        # Two solves to η = 1e-10, slip along the weaker tangent with 5 to 15 times that.
+        # Two solves to η = 1e-10; slip along the weaker tangent has 5 to 15 times that.
         np.testing.assert_allclose(one, two, atol=1e-7 * np.abs(one).max())
 
 
@@ -245,8 +245,8 @@ def test_a_global_problem() -> None:
 
 
 class TestGrainOfTheCube:
-    def test_dragged_far_it_resists_by_the_law(self) -> None:
-        """All nodes slide by 10 along x, the cube deforms by 0.05: so is the direction."""
+    def test_the_reaction_of_a_long_slide_satisfies_the_law(self) -> None:
+        """All nodes slide by 10 along x and the cube deforms by 0.05: slip is along x too."""
         case = cube(*GRAIN, "support.0.x.value=10.0")
         step = bp.ContactProblem(
             case.model.K,
@@ -262,7 +262,7 @@ class TestGrainOfTheCube:
         shear = -MU * slip / np.linalg.norm(slip)
         expected = total[2] * (shear[0] * along + shear[1] * across)
         np.testing.assert_allclose(total[:2], expected, atol=0.02 * total[2])
-        # It is drawn aside, along the grain: nearly as much sideways as back.
+        # The grain turns the reaction: nearly as much sideways as backwards.
         assert total[1] < 0.8 * total[0] < 0
 
     def test_the_axis_turns_with_the_coefficients(self) -> None:
@@ -294,7 +294,7 @@ class TestGrainOfTheCube:
             frame @ frame.swapaxes(1, 2), np.tile(np.eye(3), (3, 1, 1)), atol=4e-16
         )
         np.testing.assert_allclose(np.linalg.det(frame), 1.0, rtol=1e-15)
-        # t1 is the direction less its normal part: its product with it is their length.
+        # t1 is the direction without its normal part, so their product is the length of t1.
         n = normals / np.linalg.norm(normals, axis=1)[:, None]
         along = np.array([3.0, 1.0, 0.0])
         length = np.sqrt(10 - (n @ along) ** 2)

@@ -23,7 +23,7 @@ def one_contact(load: list[float], mu: float) -> bp.ReducedProblem:
 
 
 def alike(found: list[Array], expected: list[Array], rtol: float) -> bool:
-    """Whether the same reactions are in both, in whatever order."""
+    """Whether both lists have the same reactions, in any order."""
     if len(found) != len(expected):
         return False
     size = max((float(np.abs(r).max()) for r in expected), default=0.0) or 1.0
@@ -38,7 +38,7 @@ def test_a3_every_branch_is_found(f_t: float, mu: float) -> None:
     listed = one_contact_branches(K, [-1.0, f_t], mu)
     found = problem.answers()
     assert found.complete
-    # Reactions of order 1 and 1e3, condition below 1e4, are exact to rounding.
+    # Reactions of order 1 and 1e3, condition below 1e4: exact to rounding.
     expected = [np.array(branch.reaction) for branch in listed]
     assert alike([s.reaction[0] for s in found], expected, 1e-11)
     assert len(found) in (1, 3)
@@ -68,7 +68,7 @@ def test_a_slider_pushed_off_its_spring_has_no_answer() -> None:
     assert none.complete
     assert len(none) == 0
     assert "all there are" in repr(none)
-    # At half the push it holds, or slips back: u_t = r_n - 1 = r_t - 1.2, r_t = 2 r_n.
+    # With half the push it holds, or slips back: u_t = r_n - 1 = r_t - 1.2, r_t = 2 r_n.
     two = problem.reduced([-1.0, -1.2]).answers()
     assert two.complete
     expected = [np.array([1.0, 1.2]), np.array([0.2, 0.4])]
@@ -91,18 +91,18 @@ def random_problem(rng: np.random.Generator, rigid: bool) -> bp.ReducedProblem:
 @pytest.mark.parametrize("rigid", [False, True])
 def test_answers_are_those_of_the_oracle(rigid: bool) -> None:
     counts = compare_with_oracle(7, 15, rigid)
-    # Definite problems with several answers, and floating ones with none.
+    # Definite problems with several solutions, and floating ones with none.
     assert (0 if rigid else 3) in counts
 
 
 @pytest.mark.verify
 @pytest.mark.parametrize("rigid", [False, True])
-def test_answers_are_those_of_the_oracle_at_length(rigid: bool) -> None:
+def test_answers_are_those_of_the_oracle_on_many_problems(rigid: bool) -> None:
     assert len(set(compare_with_oracle(8, 400, rigid))) > 2
 
 
 def compare_with_oracle(seed: int, count: int, rigid: bool) -> list[int]:
-    """How many answers there are of random problems, which are those of the oracle."""
+    """The solutions of random problems, and their number, are those of the oracle."""
     rng = np.random.default_rng(seed)
     counts = []
     for _ in range(count):
@@ -111,7 +111,7 @@ def compare_with_oracle(seed: int, count: int, rigid: bool) -> list[int]:
         expected = [answer.r for answer in answers(oracle)]
         found = problem.answers()
         assert found.complete
-        # The oracle tells answers apart by 1e-6 and accepts errors of 1e-10.
+        # The oracle separates solutions that differ by 1e-6 and accepts errors of 1e-10.
         assert alike([s.reaction for s in found], expected, 1e-6)
         counts.append(len(found))
     return counts
@@ -132,7 +132,7 @@ def test_twelve_contacts_are_exhausted() -> None:
 
 
 def test_redundant_contacts_leave_the_answers_incomplete() -> None:
-    # The same contact twice: their sum is determined, their shares are not.
+    # The same contact twice: the sum of the two reactions is determined, each one is not.
     W = np.tile([[0.5, 0.1], [0.1, 1.0]], (2, 2))
     problem = bp.ReducedProblem(W, [[-1.0, 0.7], [-1.0, 0.7]], 0.3)
     found = problem.answers()
@@ -144,7 +144,7 @@ def test_redundant_contacts_leave_the_answers_incomplete() -> None:
 
 
 def wedge_in_space() -> bp.ReducedProblem:
-    # The wedge of the plane with a second tangent that nothing couples to.
+    # The wedge in the plane, with a second tangent that nothing couples to.
     stiffness = np.eye(3)
     stiffness[:2, :2] = K
     W = np.linalg.inv(stiffness)
@@ -157,7 +157,7 @@ def test_restarts_find_several_answers_in_space() -> None:
     assert not found.complete
     assert "there may be others" in repr(found)
     kinds = {bp.Status(s.status[0]) for s in found}
-    # Open and stick are attractive; the slip between them need not be found.
+    # Iterations converge to open and to stick; the slip between them may not be found.
     assert {bp.Status.OPEN, bp.Status.STICK} <= kinds
     again = problem.answers(restarts=20, seed=3)
     assert [s.reaction.tobytes() for s in again] == [
@@ -169,7 +169,7 @@ def test_restarts_find_several_answers_in_space() -> None:
 
 def test_a_solution_between_two_others_is_not_unique_in_space() -> None:
     problem = wedge_in_space()
-    # Slip of the plane branch, bent a little by the second tangent.
+    # The slip branch of the plane problem, changed a little by the second tangent.
     u_t = 0.5 / (1 - 3 * 0.5)
     start = [[0.5 * u_t + 1.0, 3 * (0.5 * u_t + 1.0), -0.1]]
     slip = problem.solve("auto", tol=1e-12, start=start)
@@ -187,11 +187,11 @@ def test_small_friction_is_proved_unique(d: int) -> None:
     for mu, said in ((0.0, "proved"), (0.1, "proved"), (5.0, "unknown")):
         solution = bp.ReducedProblem(W, q, mu).solve()
         assert solution.unique == said
-    # Without a definite W nothing is said: here the last contact feels nothing.
+    # Without a definite W the verdict is unknown: the last contact has no compliance here.
     W[-d:], W[:, -d:] = 0.0, 0.0
     q[-1] = 0.0
     assert bp.ReducedProblem(W, q, 0.1).solve().unique == "unknown"
-    # With a gap it is open, whatever happens.
+    # With a gap it is always open.
     q[-1] = 1.0
     assert bp.ReducedProblem(W, q, 0.1).solve().unique == "proved"
 
@@ -213,7 +213,7 @@ def test_a_computed_verdict_is_pickled(tmp_path: Path) -> None:
     assert asked[0].unique == "proved"
     asked.save(tmp_path / "x.h5")
     for copy in (bp.load(tmp_path / "x.h5"), pickle.loads(pickle.dumps(asked))):
-        # The verdict of the second step was not computed before.
+        # Uniqueness of the second step was not computed before.
         assert [step.unique for step in copy] == ["proved", "unknown"]
     assert asked[1].unique == "proved"
 
@@ -226,7 +226,7 @@ def test_uniqueness_is_unknown_without_convergence() -> None:
 
 
 def test_a_sticking_solution_is_counted_once() -> None:
-    """If all contacts stick, v is rounding error."""
+    """If all contacts stick, v contains only rounding errors."""
     W = [[2.0, 0.3, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 2.5]]
     problem = bp.ReducedProblem(W, [[-1.0, 0.13, 0.07]], 1.0)
     assert problem.solve().unique == "proved"

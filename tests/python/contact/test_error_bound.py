@@ -1,4 +1,4 @@
-"""`error`: the true error never exceeds the bound, which is sharp, or absent with a reason."""
+"""`error`: a sharp upper bound of the true error, or None with a reason."""
 
 import itertools
 import pickle
@@ -16,9 +16,9 @@ from bipot_rs import _core, scene
 from random_problems import random_problem
 
 Array = NDArray[np.float64]
-# With supports and W definite: of these there is something to prove.
+# With supports and definite W, where a bound can be proved.
 KINDS = ("held", "graded", "flat", "frictionless", "open")
-# Sizes of error, from a first guess to an answer.
+# Sizes of error, from a first guess to a solution.
 SIZES = np.array([1.0, 1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
 
 
@@ -27,7 +27,7 @@ def energy_norm(W: Array, d: Array) -> float:
 
 
 def approximations(answer: Array, mu: Array, rng: np.random.Generator) -> Array:
-    """Points at `SIZES` from an answer, in their cones or not."""
+    """Points at distances `SIZES` from a solution, inside their cones or not."""
     size = np.abs(answer).max(axis=1, keepdims=True) + 0.1 * np.abs(answer).max()
     found = answer + SIZES[:, None, None] * rng.normal(size=(7, *answer.shape)) * size
     found[:, mu == 0, 1:] = 0.0
@@ -37,9 +37,9 @@ def approximations(answer: Array, mu: Array, rng: np.random.Generator) -> Array:
 def excess(
     W: Array, point: Array, answer: Array, bound: bp.ErrorBound, blur: bp.ErrorBound
 ) -> float:
-    """By how much the largest of all errors beats its bound, relative to the answer.
+    """The largest amount by which an error exceeds its bound, relative to the solution.
 
-    `answer` is one to rounding only: what it lacks itself, `blur`, counts for the bound.
+    `answer` is exact to rounding only; its own error `blur` is added to the bound.
     """
     d = point - answer
     moved = (W @ d.ravel()).reshape(d.shape)
@@ -49,7 +49,7 @@ def excess(
     assert blur.relative_displacement is not None
     assert bound.energy is not None
     assert blur.energy is not None
-    # d is rounded too: 20 unknowns at the most, and W d sums as many.
+    # d is rounded too: at most 20 unknowns, and W d has as many terms.
     rounding = 1e-14
     terms = (np.abs(W) @ np.abs(d).ravel()).reshape(d.shape)
     over = [
@@ -64,14 +64,14 @@ def excess(
 
 
 def random_cases(seeds: range) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """W, μ, an answer and approximate ones; friction up to twice that of the kinds."""
+    """W, μ, a solution and approximations; friction up to twice that of the kinds."""
     for seed, kind, d in itertools.product(seeds, KINDS, (2, 3)):
         given = random_problem(kind, d, seed)
         mu = given.mu * (1 + seed % 3) / 1.5
         problem = bp.ReducedProblem(given.W, given.q, mu)
         solution = problem.solve(tol=1e-15)
         if not (solution.converged and solution.reaction.any()):
-            continue  # without an answer, or with none but zero, nothing is off
+            continue  # # no solution, or only zero: there are no relative errors
         rng = np.random.default_rng([seed, d])
         points = approximations(solution.reaction, mu, rng)
         yield given.W, mu, solution.reaction, points
@@ -105,7 +105,7 @@ def never_beaten(seeds: range) -> int:
 
 def test_bound_holds() -> None:
     assert never_beaten(range(22)) > 1000
-    # And of use: these matrices have a condition of ten or so.
+    # The bound is also useful: these matrices have a condition of about ten.
     assert np.median(RATIOS) < 2
     assert np.quantile(RATIOS, 0.9) < 10
 
@@ -131,7 +131,7 @@ def test_bound_holds_on_scenes(name: str, n: int) -> None:
     W = np.asarray(reduced.W)
     exact = reduced.solve(tol=1e-15)
     blur = exact.error
-    # Rounding only: W has a condition of some hundreds, displacements slide far.
+    # Rounding only: W has a condition of some hundreds, and slips are large.
     assert blur.kind == "global"
     assert blur.relative is not None
     assert blur.relative < 1e-9
@@ -139,7 +139,7 @@ def test_bound_holds_on_scenes(name: str, n: int) -> None:
     points = approximations(exact.reaction, reduced.mu, rng)[:5]
     for point, bound in zip(points, reduced.error_bounds(points), strict=True):
         assert excess(W, point, exact.reaction, bound, blur) <= 0
-    # Of the step itself, which was solved to 1e-8.
+    # The error of the step itself, which was solved to 1e-8.
     step = path[-1]
     error = step.error
     assert error.kind == "global"
@@ -159,7 +159,7 @@ def test_bound_holds_on_scenes(name: str, n: int) -> None:
 
 
 def history(step: bp.Step) -> Array:
-    """What a step leaves to be subtracted, (22)."""
+    """The history (22) that a step leaves for the next one."""
     before = step.relative_displacement.copy()
     before[:, 0] = 0.0
     return before
@@ -168,9 +168,9 @@ def history(step: bp.Step) -> Array:
 def exact_answer(
     W: Array, q: Array, mu: Array, solution: bp.Solution
 ) -> tuple[list[Fraction], list[Fraction]]:
-    """Reactions and v of plane contacts in rational numbers, by the statuses found.
+    """Reactions and v of plane contacts in rational numbers, for the statuses found.
 
-    The law is checked in rationals: a wrong status is no answer.
+    The law is checked in rationals, so a wrong status gives no solution.
     """
     m = q.size
     w = [[Fraction(x) for x in row] for row in W]
@@ -222,9 +222,9 @@ def eliminated(rows: list[list[Fraction]]) -> list[Fraction]:
 
 @pytest.mark.parametrize("soft", [1.0, 1e-6])
 def test_bound_holds_for_rounding_errors(soft: float) -> None:
-    """Against answers in rational numbers, points that are answers to an ulp or two.
+    """Compared with solutions in rational numbers, for points within an ulp or two of them.
 
-    With `soft` W has a condition of 1e8: solves lose half of all digits.
+    With `soft`, W has a condition of 1e8: a solve loses half of all digits.
     """
     seen = 0
     for seed in range(60):
@@ -290,7 +290,7 @@ def test_units_change_no_bit() -> None:
         np.testing.assert_array_equal(
             known.relative_displacement * length, scaled.relative_displacement
         )
-        # √2 of an odd power is not a power of two.
+        # √2 to an odd power is not a power of two.
         assert known.energy is not None
         assert scaled.energy == pytest.approx(
             known.energy * np.sqrt(length * force), rel=4e-16
@@ -298,7 +298,7 @@ def test_units_change_no_bit() -> None:
 
 
 def test_threads_change_no_bit() -> None:
-    """Large enough for every kernel to be shared out."""
+    """Large enough for every kernel to use several threads."""
     rng = np.random.default_rng(8)
     size = 600
     root = rng.normal(size=(size, 2 * size))
@@ -318,7 +318,7 @@ def test_threads_change_no_bit() -> None:
 
 @pytest.mark.parametrize("k_c", [0.1, -0.4, 0.7])
 def test_one_contact_up_to_the_exact_limit(k_c: float) -> None:
-    """Unique below μ = k_t/|k_c|, proved for k_c² ≤ ½ k_n k_t to within the search."""
+    """Unique below μ = k_t/|k_c|; proved for k_c² ≤ ½ k_n k_t, up to the search."""
     k_n, k_t = 1.0, 1.0
     assert k_c**2 <= 0.5 * k_n * k_t
     W = np.linalg.inv([[k_n, k_c], [k_c, k_t]])
@@ -327,14 +327,14 @@ def test_one_contact_up_to_the_exact_limit(k_c: float) -> None:
     below = bp.ReducedProblem(W, q, 0.9 * limit)
     assert below.solve().unique == "proved"
     assert below.error_bound(np.zeros((1, 2))).kind == "global"
-    # Above, some loads have three answers, so nothing may be said for all of them.
+    # Above the limit some loads have three solutions, so uniqueness cannot hold for all loads.
     above = bp.ReducedProblem(W, q, 1.001 * limit)
     assert above.solve().error.kind != "global"
     assert not above.solve().error.unique
 
 
 def test_weights_prove_more_than_the_closed_form() -> None:
-    """Where L ≥ 2 the criterion in closed form is silent; answers are still one."""
+    """For L ≥ 2 the closed criterion proves nothing, but the solution is still unique."""
     W = np.linalg.inv([[1.0, 0.5], [0.5, 1.0]])
     mu = 1.8
     closed = mu * np.sqrt(W[1, 1] * np.linalg.inv(W)[0, 0])
@@ -343,9 +343,9 @@ def test_weights_prove_more_than_the_closed_form() -> None:
 
 
 def several(rng: np.random.Generator) -> bp.ReducedProblem:
-    """Plane contacts near the single one that has three answers, weakly coupled."""
+    """Weakly coupled plane contacts, each near the one that has three solutions."""
     n = int(rng.integers(1, 4))
-    one = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])  # unique below μ = 2
+    one = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])  # # unique below μ = 2
     root = rng.normal(size=(2 * n, 2 * n))
     W = np.kron(np.eye(n), one) + 0.02 * root @ root.T / n
     load = np.column_stack([-np.ones(n), rng.uniform(-3, 1.5, n)])
@@ -353,8 +353,8 @@ def several(rng: np.random.Generator) -> bp.ReducedProblem:
     return bp.ReducedProblem((W + W.T) / 2, (W @ load.ravel()).reshape(n, 2), mu)
 
 
-def test_a_ball_holds_one_answer() -> None:
-    """Against all answers, by exhaustion of statuses, a list that knows nothing of A."""
+def test_a_ball_contains_one_solution() -> None:
+    """Compared with all solutions, found by trying all statuses without using A."""
     rng = np.random.default_rng(3)
     kinds: dict[str, int] = {}
     many = 0
@@ -380,7 +380,7 @@ def test_a_ball_holds_one_answer() -> None:
                 assert len(exact) == 1
             if bound.energy is None or bound.alone_within is None:
                 continue
-            # An answer of `answers` is one to rounding.
+            # A solution of `answers` is exact to rounding.
             blur = 1e-12 * max(energy_norm(problem.W, r) for r in exact)
             assert away.min() <= bound.energy + blur
             assert (away < bound.alone_within - blur).sum() <= 1
@@ -392,7 +392,7 @@ def test_a_ball_holds_one_answer() -> None:
 
 
 def test_asymmetric() -> None:
-    """W is used as it is given, and the proof does not ask for its symmetry."""
+    """W is used as given; the proof does not need symmetry."""
     seen = 0
     for seed in range(40):
         given = random_problem("held", 2 + seed % 2, seed)
@@ -411,7 +411,7 @@ def test_asymmetric() -> None:
 
 
 def test_an_exact_answer_has_no_error() -> None:
-    """Open contacts: r = 0 is the answer, and every bound of r is zero."""
+    """Open contacts: the solution is r = 0, and every bound of r is zero."""
     W = np.array([[2.0, 0.5], [0.5, 1.0]])
     error = bp.ReducedProblem(W, [[1.0, -3.0]], 0.3).solve().error
     assert (error.energy, error.relative, error.total, error.share) == (0, 0, 0, 0)
@@ -492,7 +492,7 @@ def test_bounds_of_a_path_and_of_its_pickle() -> None:
         pickle.dumps(bp.solve(K, sparse.eye_array(2), loads[1], gap=[0.0], mu=0.3)[0])
     )
     assert "problem is not available" in lost.error.reason
-    # A body with supports: ‖u - u*‖ in K is ‖r - r*‖ in W. By hand, it slides:
+    # A body with supports: ‖u - u*‖ in K equals ‖r - r*‖ in W. By hand, it slides:
     # r = (r_n, -mu r_n), u_n = 0.
     exact_u = np.array([0.0, 0.0])
     r_n = 0.0
@@ -505,7 +505,7 @@ def test_bounds_of_a_path_and_of_its_pickle() -> None:
 
 
 def projected(r: Array, limit: Array) -> Array:
-    """Onto half-line and disc: Tresca's friction."""
+    """Projection onto half-line and disc: Tresca friction."""
     r = r.copy()
     r[:, 0] = np.maximum(r[:, 0], 0.0)
     length = np.linalg.norm(r[:, 1:], axis=1)
@@ -515,11 +515,11 @@ def projected(r: Array, limit: Array) -> Array:
 
 
 def least(W: Array, q: Array, project: Callable[[Array], Array], start: Array) -> Array:
-    """Of `½ rᵀW r + q·r` over a convex set: gradients with momentum, begun anew."""
+    """Minimum of `½ rᵀW r + q·r` over a convex set, by accelerated gradients with restarts."""
     step = 1 / np.linalg.eigvalsh(W)[-1]
     r = y = start
     t = 1.0
-    for _ in range(400):  # W has a condition of ten or so
+    for _ in range(400):  # # W has a condition of about ten
         new = project(y - step * ((W @ y.ravel()).reshape(q.shape) + q))
         if ((y - new) * (new - r)).sum() > 0:
             t, y = 1.0, new
@@ -532,13 +532,13 @@ def least(W: Array, q: Array, project: Callable[[Array], Array], start: Array) -
 
 
 def sharpness_of(seed: int) -> list[float]:
-    """B over the true energy of the error after both steps; asserts the bound on the way."""
+    """B over the true energy of the error after both steps; asserts the bound as well."""
     W, q, mu, _ = random_problem("held", 2 + seed % 2, seed)
     n, d = q.shape
     normal = np.arange(0, n * d, d)
     tangent = np.setdiff1d(np.arange(n * d), normal)
     K = np.linalg.inv(W)
-    # Of scaled variables, blocks of W with the mean diagonal one, or of these.
+    # In scaled variables, W has blocks of mean diagonal one; or the blocks as they are.
     mean = 1 / np.sqrt(np.diag(W).reshape(n, d).mean(axis=1))
     limits = []
     for scale in (mean, np.ones(n)):
@@ -552,7 +552,7 @@ def sharpness_of(seed: int) -> list[float]:
     if L >= 1 or not answer.reaction.any():
         return []
     found = answer.error.contraction
-    # What is proved lies above L by a few per cent.
+    # The proved value exceeds L by a few per cent.
     assert L > 0.9 or (found is not None and L <= found <= 1.1 * L)
 
     def missing(v: Array, r: Array) -> float:
@@ -588,13 +588,13 @@ def sharpness_of(seed: int) -> list[float]:
 
 
 def test_missing_energy_bounds_the_error() -> None:
-    """½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B at admissible pairs, and how sharp.
+    """½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B at admissible pairs, and how sharp it is.
 
-    One step of the alternating sequence [dSF91, 31-34] in u, friction limits frozen, and
-    one in r, slips frozen, take out of B what is far from an answer.
+    One step of the alternating sequence [dSF91, 31-34] in u with fixed friction limits, and
+    one in r with fixed slips, remove from B the part that is not near a solution.
     """
     sharpness = [ratio for seed in range(24) for ratio in sharpness_of(seed)]
-    # Of the constant between 1 - L and 1 that B/away may have.
+    # The constant in B/away may be anything between 1 - L and 1.
     assert len(sharpness) > 20
     assert np.quantile(sharpness, 0.1) > 0.5
     assert np.quantile(sharpness, 0.9) < 2
@@ -614,7 +614,7 @@ def test_friction_that_depends_on_direction_has_no_bound() -> None:
     solution = problem.solve()
     assert solution.error.kind == "not available"
     assert "direction" in solution.error.reason
-    # The gap is that of the law, in work.
+    # The gap of the law, an amount of work.
     np.testing.assert_allclose(
         solution.error.constitutive, solution.bipotential_gap, atol=1e-15
     )

@@ -17,13 +17,13 @@ from pressed import MU, cube, free, square
 from smoothing import follow
 
 Array = NDArray[np.float64]
-# Each stops where it is told to: what it leaves is an error of the size of tol.
-# Newton's last step, in "auto", leaves a square of that.
+# Each method stops at its tolerance, so it leaves an error of the size of tol. In "auto",
+# Newton's last step leaves the square of that.
 SLOW = ("gauss_seidel", "nesterov", "uzawa", "uzawa_two_projection")
 
 
 def away(solution: Any, r: Array, v: Array) -> tuple[float, float]:
-    """Relative errors, as the estimate defines them."""
+    """Relative errors, by the definition of the estimate."""
     pairs = (solution.reaction, r), (solution.relative_displacement, v)
     of_r, of_v = (np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in pairs)
     return float(of_r), float(of_v)
@@ -35,14 +35,14 @@ def within_three(solution: Any, r: Array, v: Array) -> None:
     for estimate, true in zip(
         solution.error_estimate, away(solution, r, v), strict=True
     ):
-        assert true > 1e-12  # well above the rounding of what it is compared with
+        assert true > 1e-12  # # well above the rounding of the reference
         assert true / 3 <= estimate <= 3 * true
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-8])
 @pytest.mark.parametrize("method", SLOW)
 @pytest.mark.parametrize("problem", [cube, square, free])
-def test_true_to_a_factor_of_three(
+def test_the_estimate_is_right_to_a_factor_of_three(
     problem: Callable[[], bp.ReducedProblem], method: str, tol: float
 ) -> None:
     reduced = problem()
@@ -50,11 +50,11 @@ def test_true_to_a_factor_of_three(
     refined = reduced.solve(tol=1e-14)
     assert refined.residual <= 1e-14
     within_three(solution, refined.reaction, refined.relative_displacement)
-    # By a route that shares nothing with the package.
+    # Computed without the package.
     exact = follow(Problem(reduced.W, reduced.q, MU, reduced.rigid))
     within_three(solution, exact.r, exact.v)
-    # A correction of what is exact to rounding is rounding: W has a condition of
-    # about a hundred.
+    # The correction of a point that is exact to rounding is itself rounding. W has a
+    # condition of about a hundred.
     assert max(refined.error_estimate or [1.0]) <= 1e-13
 
 
@@ -76,14 +76,14 @@ def test_of_the_steps_of_a_path(held: bool, tol: float) -> None:
     result = problem.solve(path, method="uzawa", tol=tol)
     before = None
     for load, step in zip(path, result, strict=True):
-        # The answer of this step from where the one before it really ended.
+        # The solution of this step, started from the true end of the step before.
         exact = problem.solve(load, tol=1e-14, start=before)[0]
         within_three(step, exact.reaction, exact.relative_displacement)
         before = step
 
 
 def redundant_bar() -> tuple[Any, Any, Array]:
-    # H8: three supports of a bar (v, θ, w along them); two would do.
+    # H8: three supports of a bar (v, θ, w along them); two would be enough.
     rows = [[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in (-1.0, 0.0, 1.0)]
     B = sparse.csr_array(np.vstack(rows))
     return 1e-3 * np.eye(3), B, np.array([-1.0, 0.0, 0.1])
@@ -128,7 +128,7 @@ def test_a_computed_estimate_is_pickled(tmp_path: Path) -> None:
     for copy in (sent, read):
         assert copy[0].error_estimate is None
         assert copy[1].error_estimate == asked
-    # It can still be computed if the problem is available.
+    # If the problem is available, the estimate can still be computed.
     assert result[0].error_estimate is not None
     assert pickle.loads(pickle.dumps(result))[0].error_estimate is not None
 

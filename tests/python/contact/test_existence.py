@@ -14,20 +14,20 @@ Array = NDArray[np.float64]
 
 
 def slider(F: float, mu: float = 0.5) -> bp.Existence:
-    """Pressed by a spring with force 1, pulled by F, free to slide: exists iff F <= mu."""
+    """Pressed by a spring with force 1, pulled by F, free to slide: solvable iff F <= mu."""
     problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=mu)
     return problem.existence([-1.0, F])
 
 
 def test_balance_is_necessary_and_not_sufficient() -> None:
-    # r = (F/μ, -F) balances the free direction for every F; there is an answer up to μ.
+    # r = (F/μ, -F) balances the free direction for every F; a solution exists up to F = μ.
     for F in (0.2, 0.499, 0.501, 5.0):
         problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.5)
         found = problem.existence([-1.0, F])
         assert found.verdict == "unknown"
         assert found.motion is not None
         assert found.displacement is not None
-        # The motion: pulled along, as pressure alone does not stop it.
+        # The proof is the motion along the pull, which pressure alone does not stop.
         assert found.motion.tolist() == [[0.0, 1.0]]
         assert found.displacement == pytest.approx([0.0, 1.0], abs=1e-15)
         exhausted = problem.existence([-1.0, F], exhaust=True)
@@ -44,12 +44,12 @@ def test_balance_is_necessary_and_not_sufficient() -> None:
     assert without.motion.tolist() == [[0.0, 1.0]]
 
 
-# Of (u_x, u_y) a foot: normals along y.
+# (u_x, u_y) of each foot; normals along y.
 PLANK_B = np.kron(np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]]))
 
 
 def plank(mu: float) -> bp.ContactProblem:
-    """A bar on two feet, at x = 0 and 1, free to slide, to rise and to turn."""
+    """A bar on two feet, at x = 0 and 1, free to slide, to lift and to turn."""
     e = np.array([-1.0, 0.0, 1.0, 0.0])
     K = 100.0 * np.outer(e, e)
     return bp.ContactProblem(K, PLANK_B, gap=[0.0, 0.0], mu=mu)
@@ -68,7 +68,7 @@ def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
         else:
             with pytest.raises(bp.NoEquilibriumError):
                 problem.solve(load)
-            # The proof: a motion that no reaction works against, and the loads for.
+            # The proof is a motion on which the loads do work and no reaction does negative work.
             d, u = found.motion, found.displacement
             assert d is not None
             assert u is not None
@@ -79,8 +79,8 @@ def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
 
 
 @pytest.mark.parametrize("x", [0.25, 0.5])
-def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
-    # Its feet carry 1 - x and x, whatever friction does: the limit is known.
+def test_a_plank_slides_at_the_friction_limit_of_its_feet(x: float) -> None:
+    # The feet carry 1 - x and x for any friction, so the limit is known.
     feet = np.array([0.2, 0.6])
     e = np.array([-1.0, 0.0, 1.0, 0.0])
     problem = bp.ContactProblem(
@@ -100,7 +100,7 @@ def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
         else:
             with pytest.raises(bp.NoEquilibriumError):
                 problem.solve(load)
-    # All weight above one foot, about to tip: that foot alone must hold.
+    # All weight on one foot, about to tip: that foot alone must hold.
     edge = [0.199, -1.0, 0.0, 0.0]
     assert problem.existence(edge).verdict == "guaranteed"
     assert problem.solve(edge).success
@@ -108,7 +108,7 @@ def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
 
 
 def check(given: Any, found: bp.Existence) -> None:
-    """The witnesses prove the verdict by their definitions."""
+    """The verdict is proved by its witnesses, checked by their definitions."""
     W, q, mu, rigid = given
     columns = W if rigid is None else np.hstack([W, rigid[0]])
     if found.inside is not None:
@@ -119,7 +119,7 @@ def check(given: Any, found: bp.Existence) -> None:
         lack = (v - q).ravel()[rows.ravel()]
         reach = columns[rows.ravel()]
         rest = lack - reach @ np.linalg.lstsq(reach, lack, rcond=None)[0]
-        # Within reach to the digits of least squares with a singular matrix.
+        # The loads are in the range, to the accuracy of least squares with a singular matrix.
         assert np.abs(rest).max() <= 1e-9 * np.abs(v - q).max()
     if found.pressure is not None:
         R, e = rigid
@@ -131,7 +131,7 @@ def check(given: Any, found: bp.Existence) -> None:
         n = q.shape[1]
         assert (found.overlap >= 0).all()
         assert found.overlap @ q[:, 0] < 0
-        # To a billionth of what the gaps sum to, in the scale of the compliance.
+        # To 1e-9 of the sum of the gaps, in the scale of the compliance.
         assert (
             np.abs(found.overlap @ columns[::n]).max() <= 1e-8 * np.abs(columns).max()
         )
@@ -146,29 +146,29 @@ def test_guaranteed_solutions_are_found(kind: str, d: int) -> None:
         problem = given.problem()
         found = problem.existence()
         check(given, found)
-        assert found.verdict != "none"  # these all have answers
+        assert found.verdict != "none"  # # all of these have solutions
         if found.verdict == "guaranteed":
             guaranteed += 1
             assert problem.solve(max_iterations=5000).converged
-    # Redundant ones may only just open; floating ones are dragged within friction, but
-    # where it is nearly zero, by no less than a margin.
+    # Redundant contacts may only open slightly. Floating bodies are dragged within
+    # friction, with a margin, except where friction is nearly zero.
     assert guaranteed >= {"floating": 39, "redundant": 30}.get(kind, 40)
 
 
 def solvable(problem: bp.ReducedProblem) -> bool:
-    """Whether the default or, where it comes to a stand, momentum finds an answer.
+    """Whether the default method or, if it stalls, momentum finds a solution.
 
-    An answer that exists is not always found by each method: a body without loads, or
-    one of its feet hardly pressed.
+    One method may miss an existing solution: a body without loads, or with one foot that
+    is hardly pressed.
     """
     methods = ("auto", "nesterov")
     return any(problem.solve(m, max_iterations=5000).converged for m in methods)
 
 
 def random_rigid(d: int, seed: int) -> Any:
-    """A body on contacts all around it, held by them alone, loaded at random."""
+    """A body surrounded by contacts, held by them alone, with random loads."""
     rng = np.random.default_rng([11, d, seed])
-    # Fewer cannot hold a body, whatever the loads.
+    # Fewer contacts cannot hold a body under any load.
     n = int(rng.integers(d, 7 if d == 2 else 10))
     root = rng.normal(size=(n * d, n * d)) / np.sqrt(n * d)
     W = root @ root.T + 0.1 * np.eye(n * d)
@@ -176,7 +176,7 @@ def random_rigid(d: int, seed: int) -> Any:
     rows = []
     for x in points:
         frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
-        # Normals mostly upwards, so that all three verdicts come.
+        # Normals mostly upwards, so that all three verdicts occur.
         frame[0] = np.eye(d)[-1] + 0.5 * rng.normal(size=d)
         frame = np.linalg.qr(frame.T)[0].T
         frame[0] *= np.sign(frame[0, -1])
@@ -189,7 +189,7 @@ def random_rigid(d: int, seed: int) -> Any:
     e = np.append(0.4 * rng.normal(size=d), 0.3 * rng.normal(size=R.shape[1] - d))
     e[d - 1] = -rng.exponential()
     if seed % 3 == 0:
-        # Loads that pressure balances, that of some contacts only: mostly on a border.
+        # Loads that the pressures of a few contacts balance: mostly on the boundary of the cone.
         pressure = rng.exponential(size=n) * (rng.random(n) < 0.6)
         e = -R[::d].T @ pressure
     q = rng.normal(size=(n, d)) * 0.3
@@ -207,7 +207,7 @@ def test_verdicts_on_bodies_that_contact_alone_holds(d: int) -> None:
         check(given, found)
         seen[found.verdict] += 1
         assert found.verdict == "guaranteed" or seed % 3
-        # In the plane all statuses are tried: the truth, by another way.
+        # In the plane all statuses are tried, which gives the truth independently.
         answers = problem.answers() if d == 2 else None
         complete = answers is not None and answers.complete
         if found.verdict == "guaranteed":
@@ -228,7 +228,7 @@ def test_verdicts_do_not_depend_on_units(d: int) -> None:
     for seed in range(30):
         W, q, mu, (R, e) = random_rigid(d, seed)
         told = bp.ReducedProblem(W, q, mu, rigid=(R, e)).existence().verdict
-        # Metres to micrometres, newtons to meganewtons; rotations are still radians.
+        # Metres to micrometres, newtons to meganewtons; rotations stay in radians.
         length, force = 1e6, 1e-6
         changed = R.copy()
         changed[:, d:] *= length
@@ -240,7 +240,7 @@ def test_verdicts_do_not_depend_on_units(d: int) -> None:
 
 
 def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
-    # Feet on a line, at random; one coefficient: the limit is μ N, whatever the pressures.
+    # Random feet on a line, one coefficient: the limit is μ N for any pressures.
     rng = np.random.default_rng(9)
     told = {"guaranteed": 0, "none": 0}
     for _ in range(60):
@@ -255,7 +255,7 @@ def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
         e = np.array([share * mu * weight, -weight, -weight * place])
         root = rng.normal(size=(2 * n, 2 * n))
         W = root @ root.T + 0.1 * np.eye(2 * n)
-        # Amounts of other motions, of any units.
+        # Amounts of other motions, in any units.
         change = rng.normal(size=(3, 3)) * 10.0 ** rng.integers(-3, 4, size=3)
         rigid = (R @ change, change.T @ e)
         problem = bp.ReducedProblem(W, rng.normal(size=(n, 2)), mu, rigid=rigid)
@@ -263,7 +263,7 @@ def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
         assert found.verdict == ("guaranteed" if share < 1 else "none")
         told[found.verdict] += 1
         assert problem.solve(max_iterations=5000).converged == (share < 1)
-        # Coefficients that differ: what is guaranteed holds in truth, by all statuses.
+        # Different coefficients: trying all statuses confirms that the guaranteed load holds.
         several = bp.ReducedProblem(
             W, problem.q, mu * rng.uniform(0.3, 1.0, n), rigid=rigid
         )
@@ -297,8 +297,8 @@ def test_a_block_on_a_plane_in_space() -> None:
     centre = np.array([0.2, -0.3])
     for angle in np.linspace(0, 6, 7):
         way = np.array([np.cos(angle), np.sin(angle)])
-        # Pulled in line with its weight, friction in proportion to pressure holds it, up to
-        # the limit but for the polygon, half a percent.
+        # Pulled through the line of its weight: friction in proportion to pressure holds the
+        # block up to the limit, minus half a percent for the polygon.
         for share, verdict in (
             (0.0, "guaranteed"),
             (0.99, "guaranteed"),
@@ -307,15 +307,15 @@ def test_a_block_on_a_plane_in_space() -> None:
             problem = block_on_a_plane(share * 0.4 * way, centre, 0.4)
             assert problem.existence().verdict == verdict
             assert problem.solve(max_iterations=3000).converged == (share < 1)
-    # Out of line: the foot below its weight alone could not hold it against spin.
+    # Pulled off that line: the foot below its weight alone could not stop it turning.
     beside = block_on_a_plane(np.array([0.1, 0.0]), np.array([0.2, 0.0]), 0.4)
     assert beside.existence().verdict == "unknown"
     assert beside.solve().converged
 
 
 def test_a_tripod_is_always_decided() -> None:
-    # Three feet share the weight in one way only, whatever is pulled and turned: then no
-    # verdict but the two that are proved, and never both.
+    # Three feet share the weight in one way only, for any pull and moment: the verdict is
+    # always one of the two proved ones, never both.
     seen = {"guaranteed": 0, "none": 0}
     for seed in range(60):
         rng = np.random.default_rng([13, seed])
@@ -340,7 +340,7 @@ def test_a_tripod_is_always_decided() -> None:
 
 
 def test_walls_that_overlap() -> None:
-    # A node between two walls, held by a spring: gaps sum to the room between them.
+    # A node between two walls, held by a spring: the gaps add up to the room between them.
     B = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     for room, verdict in ((0.1, "guaranteed"), (-0.1, "none")):
         problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3 + room], mu=[0.2, 0.5])
@@ -355,10 +355,10 @@ def test_walls_that_overlap() -> None:
                 problem.solve(load)
         else:
             assert problem.solve(load).success
-    # Walls that just touch it on both sides: no room inside, and no contradiction.
+    # Walls that just touch the node on both sides: no room, but no contradiction.
     problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3], mu=[0.2, 0.5])
     assert problem.existence(load).verdict == "unknown"
-    # A contact whose every component is prescribed, and penetrates.
+    # A contact with all components prescribed, which penetrates.
     held = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.3, fixed=[0, 1])
     assert held.existence(None, [-0.1, 0.0]).verdict == "none"
     assert held.existence(None, [0.1, 0.0]).verdict == "guaranteed"
@@ -369,7 +369,7 @@ def test_compliance_that_no_theorem_covers() -> None:
     found = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
     assert found.verdict == "unknown"
     assert "not symmetric" in found.reason
-    # Definite, if not symmetric, is enough.
+    # A definite W is enough; it need not be symmetric.
     W[1, 1] = 1.0
     assert bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence().verdict == "guaranteed"
     found = bp.ReducedProblem(np.diag([1.0, -1.0]), [[-1.0, 0.2]], 0.3).existence()
@@ -404,7 +404,7 @@ def test_a_block_with_a_grain_in_its_feet() -> None:
             assert found.verdict == verdict
             assert problem.solve(max_iterations=3000).converged == (share < 1)
             if found.motion is not None:
-                # It lies in every dual cone, v_n >= ‖D v_t‖, to the rounding of it.
+                # It lies in every dual cone, v_n >= ‖D v_t‖, to rounding.
                 v = found.motion
                 slip = np.linalg.norm(mu * v[:, 1:], axis=1)
                 assert (v[:, 0] - slip >= -1e-9).all()

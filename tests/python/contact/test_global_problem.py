@@ -1,4 +1,4 @@
-"""Global problems, condensed or factored by LU, are checked with NumPy."""
+"""Global problems, condensed or factored by LU, satisfy their equations in NumPy."""
 
 from functools import cache
 from typing import Any
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @cache
 def arrays(name: str) -> tuple[Array, ...]:
-    """M, H, f, w, mu of a file, dense."""
+    """M, H, f, w, mu of a file, as dense arrays."""
     with h5py.File(path(name)) as file:
         group = file["fclib_global"]
         f, w, mu = (group["vectors"][k][:] for k in ("f", "w", "mu"))
@@ -37,7 +37,7 @@ def solved(name: str) -> tuple[GlobalProblem, bp.Solution]:
 
 
 def balance(problem: Any, solution: bp.Solution, parts: tuple[Array, ...]) -> float:
-    """Largest error of both equations, relative to what their terms add up to."""
+    """Largest error of both equations, relative to the sum of the sizes of their terms."""
     M, H, f, w, _ = parts
     v, r = problem.velocity(solution), solution.reaction.ravel()
     force = M @ v - H @ r - f
@@ -54,27 +54,27 @@ def balance(problem: Any, solution: bp.Solution, parts: tuple[Array, ...]) -> fl
 def test_equations_and_law_hold(name: str) -> None:
     problem, solution = solved(name)
     parts = arrays(name)
-    # Backward stable solves: a few ε a degree of freedom that a body has; u through W
-    # loses what W has lost, its condition below 1e6 here.
+    # Backward stable solves: a few ε per degree of freedom of a body. u from W also has the
+    # error of W, whose condition is below 1e6 here.
     assert balance(problem, solution, parts) <= 1e-13
     r, u = solution.reaction, solution.relative_displacement
     # η = 1e-12 bounds F at each contact, in node-scaled variables and relative to the
-    # whole; scales of contacts differ by 1e2 at most. u is a difference from the free
-    # motion.
+    # whole problem; the scales of contacts differ by at most 1e2. u is a difference from
+    # the free motion.
     free = parts[1].T @ np.linalg.solve(parts[0], parts[2]) + parts[3].ravel()
     assert violation(r, u, parts[4], free) <= 1e-9
 
 
 @pytest.mark.parametrize("name", ["fe_cube_h8_9c", "rods_2_3c"])
 def test_agrees_with_its_local_form(name: str) -> None:
-    """Condensed by another program; W has full rank, so r is determined."""
+    """The local form comes from another program; W has full rank, so r is determined."""
     _, solution = solved(name)
     reduced = bp.fclib.read(path(f"{name}__local"))
     assert isinstance(reduced, bp.ReducedProblem)
     local = reduced.solve(tol=1e-12)
     assert local.converged
-    # Each is within η = 1e-12 times cond W, 1.2e5 for the rods. Where all contacts
-    # stick u is rounding: q is what it is a difference of.
+    # Both have the error η = 1e-12 times cond W, 1.2e5 for the rods. Where all contacts
+    # stick, u is a rounding error relative to q.
     for field, size in (
         ("reaction", local.reaction),
         ("relative_displacement", reduced.q),
@@ -90,11 +90,11 @@ def test_compliance_is_that_of_dense_algebra(name: str) -> None:
     reduced = solved(name)[0].reduced()
     W = reduced.W.toarray() if sparse.issparse(reduced.W) else reduced.W
     expected = H.T @ np.linalg.solve(M, H)
-    # cond(M) is below 1e4 in all of them after a change of units; ε times that.
+    # After a change of units cond(M) is below 1e4 in all of them; the error is ε times that.
     assert np.abs(W - expected).max() <= 1e-11 * np.abs(expected).max()
     q = H.T @ np.linalg.solve(M, f) + w.ravel()
     assert np.abs(reduced.q.ravel() - q).max() <= 1e-11 * np.abs(q).max()
-    # To the rank, small singular values are 1e-10 and less of the largest.
+    # W has the listed rank: singular values below 1e-10 of the largest count as zero.
     assert np.linalg.matrix_rank(W, rtol=1e-10) == FILES[name].rank
 
 
@@ -106,24 +106,24 @@ def test_asymmetric_matrix_is_used_as_given_and_reported() -> None:
     # The same few operations in another order.
     assert problem.asymmetry == pytest.approx(expected, rel=1e-14)
     assert problem.stats["asymmetry"] == problem.asymmetry > 0.2
-    # 16 % in W, as published with the file.
+    # An asymmetry of 16 % in W, as published with the file.
     assert problem.reduced().asymmetry == pytest.approx(0.16, abs=5e-3)
     assert solution.converged
 
 
 def test_units_of_the_unknowns_change_nothing() -> None:
-    """Length in the first dof, time in the next: still (a)symmetric, same answer."""
+    """Length in one unknown, time in the next: symmetry and solution do not change."""
     rng = np.random.default_rng(3)
     for name in ("fe_cube_h8_9c", "rods_2_3c"):
         M, H, f, w, mu = arrays(name)
         S = 2.0 ** rng.integers(-30, 30, len(f))
         scaled = GlobalProblem(S[:, None] * M * S, S[:, None] * H, S * f, w, mu)
         problem, solution = solved(name)
-        # Powers of two: not a bit of an entry's quotient changes.
+        # Powers of two change no bit of the quotient of two entries.
         assert scaled.asymmetry == problem.asymmetry
         other = scaled.solve(tol=1e-12)
         assert other.converged
-        # Pivots may be others, and each is within η = 1e-12 times cond W = 1.2e5.
+        # Pivots may differ; both have the error η = 1e-12 times cond W = 1.2e5.
         size = np.abs(solution.reaction).max()
         assert np.abs(other.reaction - solution.reaction).max() <= 1e-6 * size
         v = problem.velocity(solution)
@@ -139,7 +139,7 @@ def test_rounding_errors_do_not_count_as_asymmetry(
     problem = GlobalProblem(shaken, H, f, w, mu)
     assert ("cond_S" in problem.stats) == condensed
     expected = solved("rods_2_3c")[1].reaction
-    # The noise times cond W = 1.2e5, with room for cond M.
+    # The noise times cond W = 1.2e5, with a margin for cond M.
     reaction = problem.solve(tol=1e-12).reaction
     assert np.abs(reaction - expected).max() <= 1e7 * noise * np.abs(expected).max()
 
@@ -152,7 +152,7 @@ def test_many_bodies_without_a_dense_matrix(name: str) -> None:
     assert sparse.issparse(W)
     M, H, *_ = arrays(name)
     expected = H.T @ np.linalg.solve(M, H)
-    # Two factorisations of bodies of three or six unknowns.
+    # Two factorisations of bodies with three or six unknowns.
     assert abs(W - expected).max() <= 1e-14 * abs(expected).max()
     assert balance(problem, problem.solve(tol=1e-12), arrays(name)) <= 1e-13
 
@@ -167,14 +167,14 @@ def test_body_held_by_contact_alone() -> None:
     assert solution.rigid_motion is not None
     assert len(solution.rigid_motion) == 3
     parts = (body.K.toarray(), body.B.toarray().T, load, np.zeros((n_c, 2)), None)
-    # Of a body of 30 unknowns and ν = 0.3, with the tolerance 1e-12 on its balance.
+    # A body of 30 unknowns with ν = 0.3; its balance has the tolerance 1e-12.
     assert balance(problem, solution, parts) <= 1e-11
     with pytest.raises(ValueError, match="rigid motions, expected 3"):
         problem.velocity(solution.reaction)
 
 
 def test_no_solution_is_an_outcome() -> None:
-    """A contact penetrates that no reaction can move."""
+    """A contact penetrates, and no reaction can move it."""
     problem = GlobalProblem(np.eye(2), np.zeros((2, 2)), [0, 0], [[-1.0, 0.0]], 0.3)
     solution = problem.solve()
     assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM

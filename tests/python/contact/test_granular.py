@@ -11,17 +11,17 @@ TOL = 1e-10
 
 
 def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Solution:
-    """The solution, with the textbook's conditions and Newton's law for the bodies."""
+    """The solution, after a check of Coulomb's conditions and the balance of the bodies."""
     W, q = assembly.step()
     problem = bp.ReducedProblem(W, q, assembly.mu)
     solution = problem.solve(tol=TOL, max_seconds=seconds)
     r = solution.reaction
     assert problem.residual(r) == pytest.approx(solution.residual, rel=1e-3, abs=1e-14)
     if solution.converged:
-        # M u = f + Bᵀ r gives the displacements of the bodies, and B those of contacts.
+        # M u = f + Bᵀ r gives the displacements of the bodies; B u gives those of the contacts.
         u = (assembly.load + assembly.B.T @ r.ravel()) / assembly.mass
         v = (assembly.B @ u).reshape(r.shape)
-        # η is relative to reactions, which are up to a hundred times what moves.
+        # η is relative to reactions, which are up to a hundred times what displacements need.
         assert violation(r, v, assembly.mu, q) <= 1e3 * TOL
     return solution
 
@@ -31,7 +31,7 @@ def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Soluti
     "seed", [1, *(pytest.param(k, marks=pytest.mark.verify) for k in (0, 2))]
 )
 def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
-    """Sweeps, Newton and proximal points alone need up to 40,000 iterations, or stall."""
+    """Sweeps, Newton's method or proximal points alone need up to 40,000 iterations or stall."""
     rng = np.random.default_rng(seed)
     wall = grains.wall("wall", 20, rng, staggered=staggered, mu=0.4)
     solution = solved(wall)
@@ -70,15 +70,15 @@ def test_nine_in_ten_walls_within_twenty_seconds() -> None:
 
 @pytest.mark.verify
 def test_heaps_converge_or_report_that_they_do_not() -> None:
-    """Those with little friction flow apart, and are not solved in that time."""
+    """Heaps with little friction flow apart and are not solved in that time."""
     found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
     for solution in found:
         assert solution.converged == (solution.residual <= TOL)
-    # Nine of these on a quiet machine.
+    # Nine of them converge if no other program runs.
     assert sum(solution.converged for solution in found) >= 6
 
 
-def test_a_limit_of_seconds_ends_a_path() -> None:
+def test_a_time_limit_ends_a_path() -> None:
     W, q = grains.heaps(11).step()
     problem = bp.ReducedProblem(W, q, 0.3)
     solution = problem.solve(tol=TOL, max_seconds=4.0)

@@ -1,4 +1,4 @@
-"""Hard cases: vertices, redundancy, bad input, histories. Ids H are those of the cases."""
+"""Hard cases: vertices, redundancy, bad input, histories. H1, H2, … are their ids."""
 
 import math
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def test_h2_zero_slip() -> None:
     result = one_node([-1.0, 0.0], 0.5)
     assert result.status[0, 0] == STICK
     np.testing.assert_allclose(result.reaction[0, 0], [1, 0], atol=SMALL)
-    # K⁻¹ and the solve round; with the statuses right nothing else is left.
+    # Only K⁻¹ and the solve have rounding errors if the statuses are right.
     np.testing.assert_allclose(result.slip[0, 0], 0, atol=4e-16)
 
 
@@ -39,7 +39,7 @@ def test_h3_grazing_gap() -> None:
     for result in answers_at:
         np.testing.assert_allclose(result.reaction[0, 0], [1.56, -0.78], rtol=SMALL)
         np.testing.assert_allclose(result.displacement[0, 1], 1.12, rtol=SMALL)
-        # 1e-16 of gap is 1e-16 of force; each answer is held to η = 1e-12.
+        # A gap of 1e-16 changes the force by 1e-16; each solution has η = 1e-12.
         np.testing.assert_allclose(
             result.reaction, answers_at[0].reaction, rtol=2 * TOL
         )
@@ -101,7 +101,7 @@ def test_h8_redundant_supports(mu: float) -> None:
     B = sparse.csr_array(np.vstack([[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in at]))
     load = np.array([-1.0, 0.0, 0.1])
     result = bp.solve(1e-3 * np.eye(3), B, load, gap=np.zeros(3), mu=mu, tol=TOL)
-    # W of 1e3 on forces of 1, three supports.
+    # W of size 1e3 for forces of size 1, three supports.
     np.testing.assert_allclose(result.displacement[0, :2], 0, atol=1e-7)
     total = result.reaction[0].sum(axis=0)
     np.testing.assert_allclose(total, [1.0, -0.1 * (mu > 0)], atol=SMALL)
@@ -145,7 +145,7 @@ def test_h17_no_contact_is_a_linear_solve() -> None:
     assert result.reaction.shape == (1, 0, 2)
     assert result.slip.shape == (1, 0, 1)
     assert result.status.shape == (1, 0)
-    # Two by two, condition 3.
+    # Two unknowns, condition 3.
     np.testing.assert_allclose(result.displacement[0], np.linalg.solve(K1, load), 1e-14)
     empty = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0)).solve()
     assert empty.converged
@@ -159,7 +159,7 @@ def test_h25_released_contact_remembers_nothing() -> None:
     np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
     free = np.linalg.solve(K1, path[1])
     np.testing.assert_allclose(result.displacement[1], free, atol=SMALL)
-    # Back in contact, slip counts from where the last step left the node.
+    # In contact again: slip counts from where the last step left the node.
     W = np.linalg.inv(K1)
     q = W @ path[2] - [0.0, free[1]]
     (only,) = answers(Problem(W, q[None], 0.3))
@@ -168,14 +168,14 @@ def test_h25_released_contact_remembers_nothing() -> None:
 
 
 @pytest.mark.parametrize("f_t", [0.2, 1.5])
-def test_h26_a_step_of_nothing_changes_nothing(f_t: float) -> None:
+def test_h26_a_step_without_a_change_of_load_changes_nothing(f_t: float) -> None:
     result = one_node([[-1.0, f_t]] * 3, 0.3)
     for k in (1, 2):
         np.testing.assert_allclose(result.reaction[k], result.reaction[0], rtol=SMALL)
         np.testing.assert_allclose(result.slip[k], 0, atol=SMALL)
 
 
-def test_every_step_of_random_paths_is_an_answer() -> None:
+def test_every_step_of_random_paths_is_a_solution() -> None:
     rng = np.random.default_rng(11)
     for _ in range(10):
         root = rng.normal(size=(4, 4))
@@ -190,7 +190,7 @@ def test_every_step_of_random_paths_is_an_answer() -> None:
         for k in range(6):
             offset = np.column_stack([gap, -last[:, 1]])
             q = (W @ path[k]).reshape(2, 2) + offset
-            # Condition of K below 1e2, and errors of the steps before add up.
+            # cond(K) is below 1e2; the errors of earlier steps add up.
             near = [
                 np.abs(result.reaction[k] - x.r).max() <= 1e-8 * np.abs(path).max()
                 for x in answers(Problem(W, q, 0.3))
@@ -203,13 +203,13 @@ def test_every_step_of_random_paths_is_an_answer() -> None:
 @pytest.mark.parametrize(
     ("W", "q", "mu", "status"),
     [
-        # The second tangent prescribed: its row and column vanish.
+        # The second tangent is prescribed: its row and column vanish.
         ([[1, 0.2, 0], [0.2, 2, 0], [0, 0, 0]], [-1, 0.1, 0], 0.5, STICK),
         ([[1, 0.2, 0], [0.2, 2, 0], [0, 0, 0]], [-1, 0.1, 0], 0.01, SLIP),
         ([[1, 0, 0.2], [0, 0, 0], [0.2, 0, 2]], [-1, 0, 0.1], 0.5, STICK),
-        # Both prescribed.
+        # Both tangents are prescribed.
         ([[1, 0, 0], [0, 0, 0], [0, 0, 0]], [-1, 0, 0], 0.5, STICK),
-        # A guide at 45 degrees in the plane of contact.
+        # A guide at 45 degrees in the contact plane.
         ([[1, 0.5, 0.5], [0.5, 1, 1], [0.5, 1, 1]], [-1, 0.1, 0.1], 0.5, STICK),
     ],
 )
@@ -220,7 +220,7 @@ def test_tangent_that_cannot_move(
     solution = bp.ReducedProblem(matrix, free, mu).solve(method=method, tol=TOL)
     assert str(solution.outcome) == "converged"
     assert solution.status[0] == status
-    # r is free where W does not see it; v is not.
+    # r is undetermined along directions in the null space of W; v is determined.
     v = solution.relative_displacement
     assert violation(solution.reaction, v, mu, free) <= SMALL
 
@@ -231,7 +231,7 @@ def block_pulled_up() -> tuple[Any, Any, Array, float]:
 
 
 def slider_on_a_spring() -> tuple[Any, Any, Array, float]:
-    # The cone programme is feasible, and yet no status has an answer.
+    # The cone programme is feasible, but no combination of statuses is a solution.
     K = np.array([[1.0, 1.0], [1.0, 1.0]])
     return K, sparse.eye_array(2, format="csr"), np.array([-1.0, -2.5]), 2.0
 

@@ -17,7 +17,7 @@ MU = 0.3
 
 
 def pressed_cube(cells: int = 4) -> tuple[Body, NDArray[np.int64], Array]:
-    """A cube held at its top, pressed and then sheared askew: all three statuses."""
+    """A cube held at its top, pressed and then sheared obliquely: all three statuses occur."""
     body = block((1.0, 1.0, 1.0), (cells,) * 3, 200.0, 0.3)
     top = [body.dofs(2, 1.0, component) for component in range(3)]
     count = top[0].size
@@ -26,7 +26,7 @@ def pressed_cube(cells: int = 4) -> tuple[Body, NDArray[np.int64], Array]:
 
 
 def uneven_gap(body: Body) -> Array:
-    """The plane falls away towards one corner, so that some nodes stay open."""
+    """The plane slopes away from one corner, so that some nodes stay open."""
     x, y = body.points[:, 0], body.points[:, 1]
     return np.asarray(2e-2 * np.maximum(x + y - 1.2, 0.0))
 
@@ -40,7 +40,7 @@ def solve(
     length: float = 1.0,
     **options: Any,
 ) -> Any:
-    """The cube with forces in units of 1/(stress length²) and so on: (K, u) scaled."""
+    """The cube in scaled units, forces in 1/(stress length²) and so on: (K, u) scaled."""
     problem = bp.ContactProblem(
         body.K * (stress * length),
         body.B,
@@ -87,7 +87,7 @@ def test_units(stress: float, length: float) -> None:
         (one.relative_displacement, other.relative_displacement, length),
     ]:
         size = np.abs(ours).max()
-        # Each stops at η <= 1e-12, after rounding that differs: a few times that.
+        # Each solve stops at η <= 1e-12 and rounds differently: a few times that.
         np.testing.assert_allclose(theirs / unit, ours, rtol=0, atol=1e-11 * size)
     assert np.array_equal(other.status, one.status)
     assert np.array_equal(other.iterations, one.iterations)
@@ -109,8 +109,8 @@ def test_h15_rotation_of_the_scene() -> None:
     body, fixed, path = pressed_cube()
     one = solve(body, fixed, path)
     turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    # u' = Q u node by node; then K' = Q K Qᵀ, and contact rows B' = B Qᵀ: the frames of
-    # the contacts turn with the scene. Prescribed values turn to all three components.
+    # u' = Q u node by node, so K' = Q K Qᵀ and B' = B Qᵀ: the contact frames rotate with
+    # the scene. Prescribed values become prescribed values of all three components.
     nodes = body.basis.nodal_dofs
     Q = sparse.lil_array(body.K.shape)
     for i in range(3):
@@ -126,7 +126,7 @@ def test_h15_rotation_of_the_scene() -> None:
     )
     other = problem.solve(None, turned, tol=1e-12)
     size = np.abs(one.reaction).max()
-    # K is rounded anew: ε times the condition of the cube, about 1e3, and η.
+    # K is rounded again: ε times the condition of the cube, about 1e3, and η.
     np.testing.assert_allclose(other.reaction, one.reaction, rtol=0, atol=1e-10 * size)
     assert np.array_equal(other.status, one.status)
 
@@ -147,7 +147,7 @@ def test_rotation_of_the_tangents() -> None:
     other = problem.solve(None, path, tol=1e-12)
     size = np.abs(one.reaction).max()
     back = other.reaction @ frame
-    # B is exact to rounding; η twice.
+    # B is exact to rounding; η counts twice.
     np.testing.assert_allclose(back, one.reaction, rtol=0, atol=1e-11 * size)
 
 
@@ -168,7 +168,7 @@ def test_h15_renumbering() -> None:
     )
     other = problem.solve(None, path, tol=1e-12)
     size = np.abs(one.reaction).max()
-    # Another elimination order rounds otherwise, and sweeps go another way: η twice.
+    # Another elimination order and other sweeps round differently: η counts twice.
     np.testing.assert_allclose(
         other.reaction, one.reaction[:, contacts], rtol=0, atol=1e-10 * size
     )
@@ -178,7 +178,7 @@ def test_h15_renumbering() -> None:
 
 
 def test_energy_balance() -> None:
-    """Work of the loads = stored + lost, exactly in the trapezoidal sense, and in time."""
+    """Work of the loads = stored + dissipated: exact with mean forces, and in the limit."""
     body = block((2.0, 1.0), (6, 3), 100.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, component) for component in (0, 1)])
     side = body.traction(0, 2.0, [1.0, 0.0])
@@ -191,7 +191,7 @@ def test_energy_balance() -> None:
         lowered = np.repeat([0.0, -5e-3], fixed.size // 2)
         result = problem.solve(load, t * lowered, tol=1e-13)
         u = np.vstack([np.zeros(body.K.shape[0]), result.displacement])
-        # The supports' forces are what is missing from balance at their nodes.
+        # The forces of the supports close the balance at their nodes.
         inner = u @ body.K.T
         outer = np.vstack([np.zeros(inner.shape[1]), load])
         flat = result.reaction.reshape(steps, -1)
@@ -202,18 +202,18 @@ def test_energy_balance() -> None:
         work = np.sum((applied[1:] + applied[:-1]) / 2 * np.diff(u, axis=0))
         stored = 0.5 * u[-1] @ inner[-1]
         contact = np.sum((pushed[1:] + pushed[:-1]) / 2 * np.diff(u, axis=0))
-        # An identity of equilibria K u = f + Bᵀ r; η and rounding of sums of 80 terms.
+        # An identity of the equilibria K u = f + Bᵀ r: η and the rounding of sums of 80 terms.
         assert work + contact == pytest.approx(stored, rel=1e-10)
         lost = -np.einsum("kij,kij->k", result.reaction[:, :, 1:], result.slip)
         assert np.all(lost >= -1e-12 * work)
         assert lost.sum() > 0.01 * work
         errors.append(abs(work - stored - lost.sum()))
-    # The implicit step loses what it should but for a term of first order in the step.
+    # The implicit step dissipates the right amount up to first order in the step.
     assert errors[2] < 0.65 * errors[1] < 0.65 * 0.65 * errors[0] * 1.2
 
 
 def test_one_thread_equals_two_bit_by_bit() -> None:
-    # Large enough that subtrees and tiles are really shared out.
+    # Large enough for subtrees and tiles to use several threads.
     body, fixed, path = pressed_cube(12)
     one = solve(body, fixed, path, num_threads=1)
     two = solve(body, fixed, path, num_threads=2)
@@ -243,8 +243,8 @@ def _child(queue: Any) -> None:
 
 
 def test_a_forked_child_can_solve() -> None:
-    # A thread pool does not survive fork: a child that waits for the parent's threads
-    # waits for ever.
+    # A thread pool does not survive a fork: a child that waits for the threads of its
+    # parent never ends.
     here = solve(*pressed_cube(6), num_threads=2).reaction
     context = multiprocessing.get_context("fork")
     queue: Any = context.SimpleQueue()

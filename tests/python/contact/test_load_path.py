@@ -1,4 +1,4 @@
-"""Load paths: cycles without drift, energy balance, slip history of every method."""
+"""Load paths with every method: cycles without drift, energy balance, slip history."""
 
 import math
 from typing import Any
@@ -27,21 +27,21 @@ def test_h19_a_thousand_cycles_do_not_drift() -> None:
     u = result.displacement[:, -1]
     np.testing.assert_allclose(u, 0.009 * np.sign(ends), rtol=1e-10)
     assert lost(result)[1:].sum() == pytest.approx(361.25, rel=1e-9)
-    # From the tenth cycle to the last nothing but rounding may add up: errors of
-    # 1e-13, a step, in a direction of their own each.
+    # From the tenth cycle to the last only rounding may add up: errors of 1e-13 per step,
+    # each with its own direction.
     assert np.ptp(np.abs(u[20:])) <= 1e-12 * 0.009 * math.sqrt(2 * cycles)
 
 
 def test_h20_work_of_aligned_steps_is_what_friction_takes() -> None:
     problem, load = bar_problem()
-    # Steps of q h: every limit of a node is met at the end of a step.
+    # Steps of q h: each node reaches its limit at the end of a step.
     half = np.arange(30.0, -30.0, -2.5)
     ends = np.concatenate([half, -half, [30.0]])
     result = problem.solve(pulled(load, ends), tol=1e-13)
     force, u = ends, result.displacement[:, -1]
     work = ((force[1:] + force[:-1]) / 2 * np.diff(u)).sum()
     exact = analytic.bar_cycle_dissipation(30.0, **BAR, element=0.05)
-    # Forces are held to η = 1e-13, and terms of either sign come to about the result.
+    # Forces are exact to η = 1e-13; terms of both signs are about as large as the result.
     assert work == pytest.approx(exact, rel=1e-13)
 
 
@@ -61,19 +61,19 @@ def random_path(steps: int, end: float = 6.0) -> tuple[Any, Array]:
 
 
 def test_a_path_that_closes_ends_without_forces() -> None:
-    # At its end loads are rounding beside the slip that the contacts remember.
+    # At the end the loads are rounding errors, small against the slip in the history.
     result, (_, path) = random_path(50, 2 * math.pi)
     assert result.success
-    # A load of 1e-15 of the largest, over a condition of K below 10.
+    # A load of 1e-15 of the largest; the condition of K is below 10.
     assert np.abs(result.reaction[-1]).max() <= 1e-14 * np.abs(path).max()
     assert np.abs(result.slip).max() > 1e-3
 
 
 def energy_balance(steps: int) -> tuple[float, float, float]:
-    """Work, what is missing of it beside the energy and friction, and that in steps.
+    """Work, work minus energy minus friction, and the largest such difference of a step.
 
-    The last is the same with the mean reaction of each step, for which nothing may
-    be missing: `Δ(uᵀ K u)/2 = (f + f')/2·Δu + (r + r')/2·Δv`.
+    The last uses the mean reaction of each step, for which the balance is exact:
+    `Δ(uᵀ K u)/2 = (f + f')/2·Δu + (r + r')/2·Δv`.
     """
     result, (K, path) = random_path(steps)
     f = np.vstack([np.zeros(9), path])
@@ -83,7 +83,7 @@ def energy_balance(steps: int) -> tuple[float, float, float]:
     work = ((f[1:] + f[:-1]) / 2 * du).sum()
     stored = u[-1] @ K @ u[-1] / 2
     mean = ((r[1:] + r[:-1]) / 2).reshape(steps, 9)
-    # Friction never gives work back, but for η = 1e-12 of forces and slips.
+    # Friction never returns work, except for η = 1e-12 of forces and slips.
     assert np.all(lost(result) >= -1e-11 * abs(work))
     assert set(np.unique(result.status)) == {0, 1, 2}, "the path must show every status"
     return work, work - stored - lost(result).sum(), work - stored + (mean * du).sum()
@@ -93,13 +93,13 @@ def test_h20_energy_balance_of_a_random_path() -> None:
     missing = []
     for steps in (100, 200, 400, 800):
         work, step_error, rounding = energy_balance(steps)
-        # K u = f + Bᵀ r holds to rounding, whatever the error of r: ε times a condition
-        # of about 10 a step, and errors of 800 steps.
+        # K u = f + Bᵀ r holds to rounding for any error of r: ε times a condition of about 10
+        # per step, over 800 steps.
         assert abs(rounding) <= 1e-12 * work
         missing.append(step_error / work)
     orders = np.log2(np.array(missing[:-1]) / missing[1:])
-    # Friction by its value at the end of each step, backward Euler: of first order,
-    # but for the places of status changes within their steps.
+    # Friction takes its value at the end of each step (backward Euler): first order,
+    # except where the status changes within a step.
     assert orders[1:] == pytest.approx(1, abs=0.15)
     assert 0 < missing[-1] < 0.002
 
@@ -131,8 +131,8 @@ def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
         [np.full_like(angle, -1.0), force * np.cos(angle), force * np.sin(angle)]
     )
     result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]), method=method)
-    # The transient shrinks by a fixed factor a radian: at the end of the third turn
-    # it is below 1e-8 (as for one method at every number of steps).
+    # The transient shrinks by a fixed factor per radian. At the end of the third turn it is
+    # below 1e-8, for one method at every number of steps.
     last = np.linalg.norm(result.displacement[-1, 1:])
     assert last == pytest.approx(radius, rel=1e-8)
     assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
@@ -173,7 +173,7 @@ def test_h25_released_contact_remembers_nothing_by_every_method(method: str) -> 
     np.testing.assert_array_equal(result.reaction[1, 0], 0)
     free = np.linalg.solve(K1, path[1])
     np.testing.assert_allclose(result.displacement[1], free, atol=SMALL)
-    # Back in contact, slip counts from where the last step left the node.
+    # In contact again: slip counts from where the last step left the node.
     W = np.linalg.inv(K1)
     (only,) = answers(Problem(W, (W @ path[2] - [0.0, free[1]])[None], 0.3))
     np.testing.assert_allclose(result.reaction[2], only.r, atol=SMALL)

@@ -1,4 +1,4 @@
-"""Long use: memory does not grow, and no object is kept alive, also if callbacks raise."""
+"""Long use: memory does not grow and no object stays alive, even if callbacks raise."""
 
 import ctypes
 import gc
@@ -19,7 +19,7 @@ from methods import METHODS
 
 
 class _Heap(ctypes.Structure):
-    """`struct mallinfo2` of glibc; `uordblks` are the bytes in use, `hblkhd` mapped."""
+    """`struct mallinfo2` of glibc: `uordblks` bytes in use, `hblkhd` bytes mapped."""
 
     _fields_ = [
         (name, ctypes.c_size_t)
@@ -50,10 +50,10 @@ def memory() -> tuple[int, int]:
 
 
 def growth(work: Callable[[int], object], warm_up: int, rounds: int) -> None:
-    """What the memory of a child process does between warm-up and end.
+    """Change of the memory of a child process between warm-up and end.
 
-    One per cent of what a process holds that has loaded this package and solved
-    something: far less than a problem kept alive, or a few bytes leaked each time.
+    The limit is one per cent of a process that has loaded this package and solved a
+    problem. A problem kept alive, or a few bytes lost in each call, exceed it by far.
     """
 
     def child() -> int:
@@ -71,7 +71,7 @@ def growth(work: Callable[[int], object], warm_up: int, rounds: int) -> None:
 
 
 def random_problem(seed: int) -> None:
-    """A small problem of one of every kind, solved or refused."""
+    """A small problem of a random kind, solved or refused."""
     rng = np.random.default_rng(seed)
     d, contacts = int(rng.integers(2, 4)), int(rng.integers(1, 7))
     n = d * contacts
@@ -103,7 +103,7 @@ def random_problem(seed: int) -> None:
 
 
 class Endless:
-    """A load path that goes on for ever."""
+    """A load path without end."""
 
     def __init__(self) -> None:
         self.problem, self.load = bar_problem(10)
@@ -136,7 +136,7 @@ def test_a_thousand_load_steps() -> None:
 
 
 class Own(Exception):
-    """What a callback raises."""
+    """An exception raised by a callback."""
 
 
 def test_callbacks_that_raise() -> None:
@@ -176,7 +176,7 @@ def test_nothing_is_kept_alive() -> None:
     del problem, result, reduced, solution, callback
     gc.collect()
     assert [ref() for ref in kept] == [None] * 4
-    # A step on its own answers for itself, by its problem; and takes it along.
+    # A step keeps its problem alive, because its properties need it.
     assert np.isfinite(step.displacement).all()
     del step
     gc.collect()

@@ -1,7 +1,8 @@
 """Accuracy with a nearly incompressible K, or with large differences of stiffness.
 
-Closed forms of the oedometer: `shortening = p H / M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`,
-under smooth walls, whatever the friction; and dense solves in extended precision.
+References are the closed form of the oedometer with smooth walls and any friction,
+`shortening = p H / M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`, and dense solves in extended
+precision.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ STICK, SLIP, OPEN = bp.Status.STICK, bp.Status.SLIP, bp.Status.OPEN
 
 
 class Column(NamedTuple):
-    """A pressed column between smooth walls, and the answer: `u` and normal `press`."""
+    """A column pressed between smooth walls, with its solution: `u` and normal `press`."""
 
     K: Any
     B: Any
@@ -47,7 +48,7 @@ def walls(body: Body) -> NDArray[np.int64]:
 
 
 def lowered(body: Body, by: Array) -> Array:
-    """The displacement that lowers each node by so much."""
+    """The displacement that lowers each node by a given amount."""
     u = np.zeros(body.K.shape[0])
     u[body.basis.nodal_dofs[-1]] = -by
     return u
@@ -61,7 +62,7 @@ def oedometer(dim: int, nu: float, cells: int) -> Column:
 
 
 def two_bodies(youngs: Sequence[float], cells: int = 4, nu: float = 0.3) -> Column:
-    """Unit squares on each other, the lower one on the plane: held by contact alone."""
+    """One unit square on another, the lower one on the plane: held by contact alone."""
     lower, upper = (block([1.0, 1.0], [cells] * 2, young, nu) for young in youngs)
     face = [lower.dofs(1, 1.0, component) for component in (1, 0)]
     columns = np.stack(face, axis=1).ravel()
@@ -86,7 +87,7 @@ def two_bodies(youngs: Sequence[float], cells: int = 4, nu: float = 0.3) -> Colu
 
 
 def bonded(youngs: Sequence[float], cells: int = 4, nu: float = 0.3) -> Column:
-    """The same in one piece, of two materials."""
+    """The same squares as one body of two materials."""
     body = block([1.0, 2.0], [cells, 2 * cells], 1.0, nu)
     mesh, element = body.basis.mesh, body.basis.elem
     above = mesh.p[1][mesh.t].mean(axis=0) > 1
@@ -114,7 +115,7 @@ def solve(
 
 
 def misses(u: Array, r: Array, column: Column) -> tuple[float, float]:
-    """Errors of displacement and of reaction, beside the largest of each."""
+    """Errors of displacement and reaction, relative to the largest value of each."""
     exact = np.zeros_like(r)
     exact[:, 0] = column.press
     of_u = np.abs(u - column.u).max() / np.abs(column.u).max()
@@ -136,8 +137,8 @@ def test_a2_oedometer(mu: float, nu: float, dim: int, cells: int) -> None:
     half = 0.5 * 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
     u, r = result.displacement[0], result.reaction[0]
     assert abs(u.min() - float(PRINTED[nu])) <= half
-    # Entries of K are as large as 1/(1 - 2ν) and rounded, by what u is the answer to
-    # another ν; and so are those of its factor.
+    # Entries of K are as large as 1/(1 - 2ν). Their rounding, and that of the factor,
+    # changes the problem to one with a slightly different ν.
     of_u, of_r = misses(u, r, column)
     assert of_u <= 1e-12 + 2 * EPS / (1 - 2 * nu)
     assert of_r <= 1e-12 + 2 * EPS / (1 - 2 * nu)
@@ -165,8 +166,8 @@ def test_h13_bonded_with_the_stiff_half_below(cells: int) -> None:
 @pytest.mark.parametrize("cells", [2, 4])
 def test_h13_bonded_with_the_stiff_half_above(cells: int) -> None:
     # Entries of K in the stiff half are rounded by ε E₂, as if a spring of that size
-    # held each of its cells² nodes to the ground, beside the modulus E₁ of what really
-    # holds it. An exact solution of this K is 5e-9 away at 4 cells, and 1.6e-7 at 10.
+    # tied each of its cells² nodes to the ground, compared with the modulus E₁ that really
+    # holds it. The exact solution of this K is off by 5e-9 at 4 cells, 1.6e-7 at 10.
     stiff = 1e8
     column = bonded((1.0, stiff), cells)
     rounding = EPS * stiff * cells**2
@@ -208,7 +209,7 @@ def test_h14_other_units_keep_the_digits(name: str, s: float, c: float) -> None:
     one, other = solve(column), solve(column, s, c)
     assert np.array_equal(other.status, one.status)
     assert np.array_equal(other.iterations, one.iterations)
-    # K is rounded anew in other units: as large a change as its first rounding was.
+    # K is rounded again in other units, by as much as the first time.
     of_u, of_r = misses(other.displacement[0] / s, other.reaction[0] / c, column)
     assert of_u <= 1e-10
     assert of_r <= 1e-10
@@ -246,16 +247,16 @@ def test_h12_one_triangle(mu: float, f_t: float, nu: float) -> None:
     if abs(f_t) <= mu:
         np.testing.assert_allclose(r, [1.0, -f_t], rtol=1e-8)
         return
-    # K is taken as it is; its closed form has no cancellation.
+    # K is used as given; its closed form has no cancellation.
     np.testing.assert_allclose(r, slip(k_t, k_c), rtol=1e-8)
-    # As ν → 1/2 it tends to a multiple of g gᵀ, k_t/k_c to l_y/l_x = 2, by a term in
-    # 1 - 2ν with a coefficient of order one.
+    # As ν → 1/2, K tends to a multiple of g gᵀ and k_t/k_c to l_y/l_x = 2. The difference
+    # is 1 - 2ν times a coefficient of order one.
     limit = slip(Fraction(2), Fraction(1))
     np.testing.assert_allclose(r, limit, rtol=1e-8 + 10 * (1 - 2 * nu))
 
 
 def extended(body: Body, load: Array, fixed: NDArray[np.int64], step: Any) -> Array:
-    """Reactions of known statuses in 2D, by dense elimination in extended precision."""
+    """Reactions for known statuses in 2D, by dense elimination in extended precision."""
     K = body.K.toarray().astype(np.longdouble)
     n, contacts = K.shape[0], len(step.status)
     B = body.B.toarray().astype(np.longdouble)
@@ -266,7 +267,7 @@ def extended(body: Body, load: Array, fixed: NDArray[np.int64], step: Any) -> Ar
     rows[fixed, fixed] = K.max()
     for i, status in enumerate(step.status):
         normal, tangent = n + 2 * i, n + 2 * i + 1
-        # v = 0 in the scale of forces, r = 0, or r_t against the slip.
+        # v = 0 in the scale of forces; r = 0; or r_t against the slip.
         rows[normal, :n] = B[2 * i] * K.max()
         rows[tangent, :n] = B[2 * i + 1] * K.max()
         if status == OPEN:
@@ -282,7 +283,7 @@ def extended(body: Body, load: Array, fixed: NDArray[np.int64], step: Any) -> Ar
 
 
 def eliminate(rows: Any, right: Any) -> Any:
-    """Gauss's elimination with partial pivoting; NumPy's solvers round to doubles."""
+    """Gaussian elimination with partial pivoting; NumPy's solvers round to doubles."""
     rows, x = rows.copy(), right.copy()
     for k in range(len(x)):
         best = k + int(np.argmax(np.abs(rows[k:, k])))
@@ -304,8 +305,8 @@ def test_h12_nearly_incompressible_block(shear: float, nu: float) -> None:
     result = bp.solve(body.K, body.B, load, gap=body.gap, mu=MU, fixed=fixed)
     step = result[0]
     exact = extended(body, load, fixed, step)
-    # With 64 bits of mantissa the reference has 12 digits here, as rational numbers
-    # show. K of size 1/(1 - 2ν) and its rounding, or that of u, leave r 1e-9.
+    # With 64 bits of mantissa the reference has 12 digits here, as rational numbers show.
+    # The rounding of K, of size 1/(1 - 2ν), or of u leaves an error of 1e-9 in r.
     np.testing.assert_allclose(
         step.reaction, exact, rtol=0, atol=1e-8 * np.abs(exact).max()
     )

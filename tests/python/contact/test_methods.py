@@ -25,10 +25,10 @@ def test_all_methods_find_one_solution(method: str) -> None:
     assert np.array_equal(solution.status, reference.status)
     for name in ("reaction", "relative_displacement"):
         found, expected = getattr(solution, name), getattr(reference, name)
-        # η, and the condition of W, about a hundred.
+        # η, times the condition of W, which is about a hundred.
         size = np.abs(expected).max()
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
-    # No method but Newton's holds a matrix beside W.
+    # Only Newton's method stores a second matrix of the size of W.
     beside = {0, cube().W.nbytes} if method in ("auto", "newton") else {0}
     assert solution.stats["bytes_beside_W"] in beside
 
@@ -37,12 +37,12 @@ def test_all_methods_find_one_solution(method: str) -> None:
 def test_history(method: str) -> None:
     solution = cube().solve(method, tol=TOL)
     work, residual = solution.history.T
-    # A row for the start, which is r = 0, of residual one by definition.
+    # The first row is the start r = 0, whose residual is one by definition.
     assert len(work) == solution.iterations + 1
     assert residual[0] == 1.0
     assert 0 <= work[0] <= 1
     assert np.all(np.diff(work) > 0)
-    # The end is judged anew, at a cost.
+    # The residual of the end is computed again, which costs a product.
     assert work[-1] < solution.work <= work[-1] + 2
     assert residual[-1] <= solution.tolerance
     assert residual[:-1].min() > TOL
@@ -56,14 +56,14 @@ def test_a_near_start_takes_fewer_iterations(method: str) -> None:
         warm = after.solve(method, tol=TOL, start=start)
         assert warm.converged
         assert warm.iterations < cold.iterations
-    # The answer itself is a start that needs nothing.
+    # A start from the solution needs no iteration.
     done = after.solve(method, tol=TOL, start=cold)
     assert done.iterations == 0
     np.testing.assert_array_equal(done.reaction, cold.reaction)
 
 
 def endless() -> bp.ReducedProblem:
-    """More contacts than a soft body has motions: no reaction is the only one."""
+    """More contacts than a soft body has motions: the reactions are not unique."""
     rng = np.random.default_rng(7)
     columns = rng.normal(size=(600, 40)) * np.logspace(0, -6, 40)
     q = rng.normal(size=(200, 3)) - [1.0, 0.0, 0.0]
@@ -77,7 +77,7 @@ def test_callback_gets_the_progress() -> None:
         "uzawa", 1e-13, **limited, callback=lambda *now: told.append(now)
     )
     assert str(solution.outcome) == "time_limit"
-    # At most twenty a second, fewer on a machine that is busy elsewhere.
+    # At most twenty calls a second; fewer if the machine is busy.
     assert 2 <= len(told) <= 20 * solution.seconds + 1
     for iterations, work, residual in told:
         assert (type(iterations), type(work), type(residual)) == (int, float, float)
@@ -102,10 +102,10 @@ def test_an_exception_of_the_callback_ends_the_solve() -> None:
 
     problem = endless()
     with pytest.raises(EnoughError):
-        # Without limits but the patience of the method, it would go on for minutes.
+        # Without a limit the solve would take minutes.
         problem.solve("uzawa", 1e-13, callback=callback, max_iterations=10**9)
     assert len(told) == 3
-    # The problem is as good as before.
+    # The problem can be used again.
     assert problem.solve(max_iterations=1).iterations == 1
     with pytest.raises(TypeError, match="callback"):
         problem.solve(callback=3)  # type: ignore[arg-type]
@@ -143,7 +143,7 @@ for problem, method in (pressed(26, 0.12), "newton"), (pressed(32, 0.4), "auto")
 
 
 def test_ctrl_c_ends_a_large_solve() -> None:
-    # Of order 2028 with nearly all contacts sticking, where W is inverted, and of
+    # Of order 2028 with nearly all contacts sticking, where W is inverted; and of
     # order 3072, where GMRES and sweeps take seconds.
     ended = subprocess.run(
         [sys.executable, "-c", INTERRUPTED],
@@ -155,8 +155,8 @@ def test_ctrl_c_ends_a_large_solve() -> None:
     assert ended.returncode == 0, ended.stderr
     (inverse, first), (none, second) = (x.split() for x in ended.stdout.splitlines())
     assert (int(inverse), int(none)) == (8 * 2028**2, 0)
-    # Signals are looked for every 0.05 s, and work stops within a block of a
-    # factorisation or a product. A machine shared with other jobs may lose a second.
+    # Signals are checked every 0.05 s, and work stops within one block of a factorisation
+    # or product. A machine with other jobs may need another second.
     assert max(float(first), float(second)) < 1.5
 
 

@@ -11,13 +11,13 @@ import bipot_rs as bp
 from bodies import Body, block
 
 TOL = 1e-13
-# Two answers held to η = 1e-13, of problems whose data differ by the rounding of sums.
+# Two solutions with η = 1e-13 whose data differ by the rounding of sums.
 SAME = 1e-10
 
 
 @cache
 def setup(dim: int) -> tuple[Body, Any, np.ndarray]:
-    """A block held at its top over a plane that falls away."""
+    """A block held at its top over a plane that slopes away."""
     body = block([1.0] * dim, [5] * dim, 1.0, 0.3)
     fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
     gap = 0.03 * np.abs(body.points[:, 0] - 0.4)
@@ -32,9 +32,9 @@ def make(dim: int, mu: Any = 0.3, **more: Any) -> bp.ContactProblem:
 
 
 def wall(dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ways of the obstacle, normal first ``(4, d)``, and the gaps they make.
+    """Displacements of the obstacle, normal first ``(4, d)``, and the gaps that they give.
 
-    It comes up, goes aside, back past the start, and sinks a little.
+    The obstacle rises, moves aside, returns past its start, and sinks a little.
     """
     ways = np.zeros((4, dim))
     ways[:, 0] = [0.01, 0.01, 0.012, 0.006]
@@ -48,7 +48,7 @@ def wall(dim: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def as_supports(dim: int, ways: np.ndarray) -> np.ndarray:
-    """Prescribed displacements of the top that do to the body what the wall does."""
+    """Prescribed displacements of the top with the same effect on the body as the wall."""
     fixed = len(setup(dim)[1]) // dim
     in_axes = np.column_stack([ways[:, 1:], ways[:, 0]])
     return np.repeat(-in_axes, fixed, axis=1)
@@ -71,7 +71,7 @@ def test_a_moving_wall_equals_a_moving_body(dim: int) -> None:
     close(moving.reaction, body.reaction)
     close(moving.relative_displacement, body.relative_displacement)
     close(moving.slip, body.slip)
-    # What differs is who moved.
+    # The two differ by the motion of the wall.
     shift = np.zeros((dim, len(ways)))
     shift[:-1], shift[-1] = ways[:, 1:].T, ways[:, 0]
     n = moving.displacement.shape[1] // dim
@@ -83,7 +83,7 @@ def test_a_working_set_grows_by_contacts_that_a_step_closes() -> None:
     fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
     x = body.points[:, 0]
     start = 0.1 + (x - 0.2) ** 2 / 2
-    # A roller that passes by: other contacts close in each step.
+    # A roller passes by: each step closes other contacts.
     gaps = np.array([(x - c) ** 2 / 2 - 0.002 for c in (0.2, 0.5, 0.8)])
     results = []
     for grow in (True, False):
@@ -95,7 +95,7 @@ def test_a_working_set_grows_by_contacts_that_a_step_closes() -> None:
     grown, whole = results
     assert np.array_equal(grown.status, whole.status)
     assert [x[s != 0].mean().round(1) for s in whole.status] == [0.2, 0.5, 0.8]
-    # Cells as thin as these, 80 to 1, cost both W's three digits more than SAME.
+    # Cells with aspect ratio 80 cost both W's three digits more than SAME.
     for name in ("reaction", "relative_displacement"):
         expected = getattr(whole, name)
         within = 1e3 * SAME * np.abs(expected).max()
@@ -119,7 +119,7 @@ def test_the_gaps_of_the_problem_given_again_change_no_bit(mu: Any) -> None:
 
 @pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
 def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
-    """Each step again, by another problem that has the gaps of the step from the start."""
+    """Each step solved again by a new problem with the gaps of that step."""
     dim = 2 if np.ndim(mu) == 0 else 3
     body, fixed, gap = setup(dim)
     friction = mu if dim == 2 else np.tile(mu, (len(gap), 1))
@@ -147,8 +147,8 @@ def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
         before = step
 
 
-def test_history_turns_back() -> None:
-    """A wall that rubs to and fro: friction turns with it, and slip adds up."""
+def test_friction_reverses_with_the_wall() -> None:
+    """A wall rubs to and fro: friction reverses with it, and slip adds up."""
     problem = make(2)
     gap = setup(2)[2]
     there = np.zeros((4, len(gap), 2))
@@ -157,7 +157,7 @@ def test_history_turns_back() -> None:
     result = problem.solve(gap=there, tol=TOL)
     pressed = result.reaction[:, :, 0] > 0
     drag = 0.3 * result.reaction[:, :, 0]
-    # Far enough that all slide; the wall carries the body along, then takes it back.
+    # Far enough for all contacts to slide; the wall drags the body, then back.
     for k, sense in ((2, 1.0), (3, -1.0)):
         assert pressed[k].sum() >= 5
         np.testing.assert_allclose(result.reaction[k, :, 1], sense * drag[k], rtol=1e-9)
@@ -165,7 +165,7 @@ def test_history_turns_back() -> None:
     np.testing.assert_allclose(
         total, result.relative_displacement[-1, :, 1], rtol=1e-12
     )
-    # Relative displacement is what the body moved less what the wall did.
+    # Relative displacement is that of the body minus that of the wall.
     body = setup(2)[0]
     moved = (body.B @ result.displacement.T).T.reshape(4, -1, 2)
     close(result.relative_displacement, moved + there)
@@ -247,14 +247,14 @@ def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) 
             assert np.array_equal(rest.slip, whole.slip[2:])
             (many,) = problem.solve_many([{"start": start}])
             assert np.array_equal(many.reaction, whole.reaction[2:])
-        # A path in three pieces counts the steps of all of them.
+        # A path in three parts numbers its steps from the first part on.
         third = given.solve(prescribed=told[2:3] or None, gap=gaps[2:3], start=first)
         third.save(tmp_path / "third.h5")
         for start in (third, bp.load(tmp_path / "third.h5")):
             last = problem.solve(start=start)
             assert np.array_equal(last.reaction, whole.reaction[3:])
         assert len(problem.solve(start=whole)) == 0
-    # Arguments hold the following steps only.
+    # Arguments apply to the following steps only.
     loaded = make(2, gaps=gaps).solve(prescribed=prescribed)
     begun = make(2).solve(prescribed=prescribed[:2], gap=gaps[:2])
     rest = make(2, gaps=gaps).solve(prescribed=prescribed[2:], start=begun)
@@ -349,7 +349,7 @@ def test_existence_uses_the_gaps_of_the_step() -> None:
 
 
 def test_adaptive_steps() -> None:
-    """Gaps as a function of s; steps that need no halving equal given load steps."""
+    """Gaps as a function of s; steps that are not halved equal given load steps."""
     for dim in (2, 3):
         _, gaps = wall(dim)
         problem = make(dim)
@@ -369,7 +369,7 @@ def test_adaptive_steps() -> None:
         followed = problem.follow(stops=ends, largest=1.0, gap=at, tol=TOL)
         assert followed.reaction.tobytes() == fixed.reaction.tobytes()
         assert followed.slip.tobytes() == fixed.slip.tobytes()
-        # Divided, they are those of the same gaps, and what is left of them goes on.
+        # Halved steps use the gaps of their own s, and the path continues from there.
         most = 0.3 * float(np.abs(fixed.slip).max())
         divided = problem.follow(stops=ends, gap=at, slip=most, tol=TOL)
         assert len(divided) > 4
@@ -386,7 +386,7 @@ def test_wrong_gaps_of_follow() -> None:
         problem.follow(gap=lambda _: [0.0, 1.0])
     with pytest.raises(TypeError, match="gap is"):
         problem.follow(gap=gaps[0])
-    # Otherwise the obstacles would stand still without a message.
+    # Otherwise the obstacles would stop moving without a message.
     with pytest.raises(
         ValueError, match="gap is missing: the gaps of this problem have 4"
     ):

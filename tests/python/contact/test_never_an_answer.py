@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("method", METHODS)
 def test_walls_that_overlap_have_no_answer(dim: int, method: str) -> None:
-    # One node between two walls that are closer than nothing: the two reactions
-    # push against each other and grow, and η, relative to them, vanishes.
+    # One node between two walls that overlap: the two reactions push against each other
+    # and grow, and η, which is relative to them, goes to zero.
     B = np.vstack([np.eye(dim), -np.eye(dim)])
     problem = bp.ContactProblem(np.eye(dim), B, gap=[-1, -1], mu=0.3)
     load = [0.2, *[0.1] * (dim - 1)]
@@ -45,15 +45,15 @@ def test_a_large_mu_hides_no_penetration(mu: float, method: str) -> None:
         start = np.column_stack([np.abs(rng.normal(size=2)), np.zeros(2)])
         solution = problem.solve(method, start=start, max_iterations=2000)
         if solution.converged:
-            # Held to 1e-6 at the worst, ten times that of penetration, and a
-            # condition of W below 100.
+            # The residual allows at most 1e-6, and penetration ten times that; the condition of W
+            # is below 100.
             deepest = -solution.relative_displacement[:, 0].min(initial=0.0)
             assert deepest <= 1e-3 * np.abs(q).max()
 
 
 def test_lost_digits_of_soft_supports_are_reported() -> None:
-    # A stiff chain on springs of 1e-9: W is dominated by the springs, and the local
-    # part of it is rounding. The law is checked on u from K in extended precision.
+    # A stiff chain on springs of 1e-9: the springs dominate W, and its local part is lost
+    # in rounding. The law is checked on u from K in extended precision.
     rng = np.random.default_rng(3)
     for soft in (1e-7, 1e-9):
         n = 12
@@ -74,7 +74,7 @@ def test_lost_digits_of_soft_supports_are_reported() -> None:
         v = np.asarray((B @ u).reshape(3, 2), float)
         v[:, 0] += gap
         closed = step.status > 0
-        # What the reactions leave open or pushed in, beside gaps of 0.1: ε of a
+        # Gap or penetration that the reactions leave, compared with gaps of 0.1: ε times a
         # motion of 1/soft.
         assert np.abs(v[closed, 0]).max(initial=0.0) <= 1e-15 / soft
         stuck = step.status == bp.Status.STICK
@@ -90,14 +90,14 @@ def test_the_same_problem_solved_again_gives_the_same_bits() -> None:
     load = rng.normal(size=n)
     load[::3] -= 1.0
     path = np.array([load, 1.1 * load, 0.9 * load])
-    # An inverse that the first path leaves behind decides nothing in the second.
+    # An inverse kept from the first path must not change the second.
     first, second = problem.solve(path), problem.solve(path)
     np.testing.assert_array_equal(first.reaction, second.reaction)
     np.testing.assert_array_equal(first.iterations, second.iterations)
 
 
 def test_a_time_limit_is_kept_where_statuses_could_be_exhausted() -> None:
-    # Plane, twelve contacts, a slider on a spring: feasible, and without an answer.
+    # In the plane, twelve contacts, a slider on a spring: feasible, but without a solution.
     n = 12
     K = np.zeros((2 * n, 2 * n))
     for i in range(n):

@@ -20,7 +20,7 @@ MU = 0.6
 
 
 def floor_frame(body: Body) -> Array:
-    """Normal up, tangents along the other axes in their order: what `block` assumes."""
+    """Normal up, tangents along the other axes in order, as `block` assumes."""
     d = body.dim
     return np.tile(np.roll(np.eye(d), 1, axis=0), (len(body.area), 1, 1))
 
@@ -38,7 +38,7 @@ def refused(body: Body, load: Array, mu: float = MU) -> bp.NoEquilibriumError:
 
 
 def in_dual_cone(direction: Array | None, mu: Array | float) -> bool:
-    """v_n >= mu |v_t|: proofs keep clear of the edge, or come to 1e-9 of it."""
+    """v_n >= mu |v_t|: a proof lies inside by a margin, or within 1e-9 of the edge."""
     assert direction is not None
     assert np.linalg.norm(direction, axis=1).max() == pytest.approx(1, rel=1e-12)
     slip = np.linalg.norm(direction[:, 1:], axis=1)
@@ -53,7 +53,7 @@ def test_a1_on_both_sides_of_the_limit(shear: list[float]) -> None:
     body = block((3, 2, 1) if dim == 3 else (3, 1), (4, 3, 2)[:dim], 10.0, 0.0)
     limit = MU * 2.0 * np.array(shear)
     held = solve(body, uniform_shear(body, 2.0, [*(limit * (1 - 1e-6))]))
-    # r_n = p·trib, r_t = −τ·trib; the judge is held to 1e-10 of the whole load.
+    # r_n = p·trib, r_t = −τ·trib; the residual is held to 1e-10 of the total load.
     expected = np.outer(body.area, [2.0, *(-limit * (1 - 1e-6))])
     np.testing.assert_allclose(held.reaction[0], expected, atol=1e-8)
     error = refused(body, uniform_shear(body, 2.0, [*(limit * (1 + 1e-6))]))
@@ -76,7 +76,7 @@ def test_a6_block_on_an_incline_slides(share: float, dim: int) -> None:
     fall = [1.0] if dim == 2 else [0.6, 0.8]
     load = body.weight([*(math.sin(slope) * x for x in fall), -math.cos(slope)])
     if share > 2:
-        # tan(slope) = 60 is beyond width/height = 3: it may tip as well.
+        # tan(slope) = 60 exceeds width/height = 3, so the block may also tip.
         refused(body, load)
     else:
         along = ", ".join(f"{x:g}" for x in [*fall, 0.0])
@@ -87,14 +87,14 @@ def test_a6_block_on_an_incline_slides(share: float, dim: int) -> None:
 def test_pulled_up(dim: int) -> None:
     body = block((3, 2, 1)[:dim], (3, 2, 2)[:dim], 1e3, 0.3)
     up = ", ".join(["0"] * (dim - 1) + ["1"])
-    # A thousandth of the weight is left.
+    # A thousandth of the weight remains.
     net = body.weight([0.0] * (dim - 1) + [0.001])
     assert f"translation along ({up})" in str(refused(body, net))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
-    """What turns by ω about a middle that moves by 1, seen over a length of 3."""
+    """A rotation by ω about a centre that moves by 1, over a length of 3."""
     plane = np.array([(x, y) for x in range(4) for y in range(3)], dtype=float)
     points = np.column_stack([plane] + [np.zeros(12)] * (dim - 2))
     frame, mu = np.tile(np.eye(dim), (12, 1, 1)), np.zeros(12)
@@ -116,7 +116,7 @@ def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
 def test_a_block_that_tips_in_the_plane() -> None:
     body = block((1, 3), (4, 9), 1e3, 0.3)
     top = body.traction(1, 3.0, [1.0, 0.0])  # a force of 1 at height 3
-    # Moment 3 about the right corner against weight · ½: tips below a weight of 6.
+    # Moment 3 about the right corner against weight · ½: tips for a weight below 6.
     weight = body.weight([0.0, -1.0])
     assert solve(body, top + 6.001 * weight, mu=2.0).success
     error = refused(body, top + 5.999 * weight, mu=2.0)
@@ -135,7 +135,7 @@ def test_a_block_that_tips_in_space() -> None:
     weight = body.weight([0.0, 0.0, -1.0])
     assert solve(body, top + 6.001 * weight, mu=2.0).success
     message = str(refused(body, top + 5.999 * weight, mu=2.0))
-    # The edge x = 1; of its points the one nearest to the middle of the contacts.
+    # It tips about the edge x = 1; reported is the point nearest to the contacts' centre.
     assert "rotation about an axis through (1, 1, 0) along (0, 1, 0)" in message
 
 
@@ -179,7 +179,7 @@ def test_two_free_blocks_stacked(mu: tuple[float, float]) -> None:
     moves = np.linalg.norm(direction, axis=1).reshape(2, count).max(axis=1)
     between, floor = " against " in str(caught.value), mu[0] < mu[1]
     assert between is not floor
-    # Only the contacts that give way move.
+    # The message names only the contacts that give way.
     assert moves[int(floor)] <= 1e-6 < moves[int(not floor)]
 
 
@@ -202,7 +202,7 @@ def test_without_coordinates_contacts_are_named() -> None:
     load = body.traction(1, 3.0, [1.0, 0.0]) + body.weight([0.0, -5.0])
     with pytest.raises(bp.NoEquilibriumError) as caught:
         bp.solve(body.K, body.B, load, gap=body.gap, mu=2.0)
-    # The left corner lifts most, then the middle; the right one stays.
+    # The left corner lifts most, the middle less; the right corner stays.
     left, middle = np.argsort(body.points[:, 0])[:2]
     said = f"contact {left} by (1, 0), contact {middle} by (0.5, 0)"
     assert said in str(caught.value)
@@ -223,7 +223,7 @@ def test_a_reduced_problem_reports_it() -> None:
     held = bp.ReducedProblem(
         np.eye(12), np.zeros((4, 3)), 0.3, rigid=(rigid[0], 0.79 * rigid[1])
     )
-    # The direction of the load decides, not its size.
+    # The result depends on the direction of the load, not on its size.
     assert str(held.solve().outcome) == "no_equilibrium"
     light = (rigid[0], rigid[1] * [1.0, 0.79, 0.79])
     held = bp.ReducedProblem(np.eye(12), np.zeros((4, 3)), 0.3, rigid=light)
@@ -232,7 +232,7 @@ def test_a_reduced_problem_reports_it() -> None:
 
 
 def test_a_channel_without_friction() -> None:
-    # Walls above and below leave one motion, on the edge of every dual cone.
+    # Walls above and below leave one motion, on the boundary of every dual cone.
     R = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])  # by (y, x)
     for push, outcome in ((0.0, "converged"), (0.1, "no_equilibrium")):
         problem = bp.ReducedProblem(
@@ -243,9 +243,9 @@ def test_a_channel_without_friction() -> None:
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel"])
 def test_sliding_away_without_a_proof(method: str) -> None:
-    # Thirteen sliders in a chain, each pressed by its own spring with force 1:
-    # r_n = 1 whatever happens, and 0.7 each is more than friction 0.5 holds. Yet
-    # reactions large enough would balance the push, had they something to press.
+    # Thirteen sliders in a chain, each pressed by its own spring with force 1: r_n = 1
+    # always, and 0.7 each exceeds the friction limit 0.5. Large enough reactions would
+    # balance the push if anything pressed the contacts.
     count = 13
     chain = 2 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     chain[0, 0] = chain[-1, -1] = 1.0
@@ -268,8 +268,8 @@ def test_sliding_away_without_a_proof(method: str) -> None:
 
 @pytest.mark.parametrize("nu", [0.3, 0.4999])
 def test_loads_in_balance_with_themselves_are_not_refused(nu: float) -> None:
-    # A body squeezed from the sides, nothing else: what is left of the load on its
-    # rigid motions is rounding, 1e-11 of the squeeze at nu = 0.4999.
+    # A body squeezed from the sides only: the load on its rigid motions is rounding,
+    # 1e-11 of the squeeze at nu = 0.4999.
     body = block((3, 1), (8, 6), 1e3, nu)
     squeeze = body.traction(0, 0.0, [1.0, 0.0]) - body.traction(0, 3.0, [1.0, 0.0])
     with contextlib.suppress(bp.NotConvergedError):
@@ -279,7 +279,7 @@ def test_loads_in_balance_with_themselves_are_not_refused(nu: float) -> None:
 
 
 def best_work(load: Array, generators: Array) -> float:
-    """Most work of a load on a motion, components up to 1, that no generator resists."""
+    """Most work of a load on a motion with components up to 1 that no generator resists."""
     found = linprog(
         -load, A_ub=-generators, b_ub=np.zeros(len(generators)), bounds=(-1, 1)
     )
@@ -289,7 +289,7 @@ def best_work(load: Array, generators: Array) -> float:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_against_linear_programming(dim: int) -> None:
-    """Cones with flat sides, exact in the plane, from within and without in space."""
+    """Cones with flat sides: exact in the plane, inner and outer bounds in space."""
     rng = np.random.default_rng(dim)
     motions, sides = (3, 2) if dim == 2 else (6, 48)
     turn = 2 * np.pi * np.arange(sides) / sides
@@ -304,7 +304,7 @@ def test_against_linear_programming(dim: int) -> None:
         contacts = int(rng.integers(1, 7))
         R = rng.standard_normal((contacts, dim, motions))
         if contacts * dim < motions:
-            continue  # too few contacts to feel every motion
+            continue  # # too few contacts to block every motion
         mu = rng.choice([0.0, 0.3, 1.0, 3.0], contacts)
         load = rng.standard_normal(motions)
         works = []
@@ -319,7 +319,7 @@ def test_against_linear_programming(dim: int) -> None:
             rigid=(R.reshape(-1, motions), load),
         ).solve(max_iterations=1)
         impossible = str(solution.outcome) == "no_equilibrium"
-        # The programme's own tolerance is 1e-7 a constraint.
+        # The linear programme has a tolerance of 1e-7 per constraint.
         if works[1] > 1e-4:
             assert impossible
         if works[0] < 1e-6:

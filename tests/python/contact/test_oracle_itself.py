@@ -13,12 +13,12 @@ from smoothing import follow
 
 Array = NDArray[np.float64]
 DATA = REFERENCE
-# Dense solves of a dozen unknowns, condition below 1e3: rounding times condition.
+# Dense solves with a dozen unknowns and a condition below 1e3: rounding times condition.
 ROUNDING = 1e-12
 
 
 def random_problem(seed: int, contacts: int, dim: int) -> Problem:
-    """W positive definite, pressed in the mean; statuses of all three kinds occur."""
+    """Positive definite W, pressed on average; all three statuses occur."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(contacts * dim, contacts * dim))
     q = rng.normal(size=(contacts, dim))
@@ -33,7 +33,7 @@ def test_each_violation_is_found() -> None:
         (-r, v),  # tension
         (r, np.array([[-1.0, 2.0]])),  # penetration
         (r, np.array([[1.0, 2.0]])),  # force at a distance
-        (np.array([[1.0, -0.6]]), v),  # beyond the cone
+        (np.array([[1.0, -0.6]]), v),  # # outside the cone
         (np.array([[1.0, -0.4]]), v),  # slip below the limit
         (np.array([[1.0, 0.5]]), v),  # slip along the force
     ]:
@@ -94,7 +94,7 @@ def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
     for seed in range(seeds):
         problem = random_problem(seed, contacts, dim)
         found = list(answers(problem))
-        # The number of answers is odd: the map has degree one.
+        # The number of solutions is odd, because the map has degree one.
         assert len(found) % 2 == 1
         one = follow(problem)
         near = min(np.abs(one.r - x.r).max() for x in found)
@@ -122,7 +122,7 @@ def test_answer_keeps_its_units(dim: int) -> None:
 
 
 def test_body_held_by_contact_alone() -> None:
-    # A rigid bar on two supports, a quarter from the left: 3 to 1, by moments.
+    # A rigid bar on two supports, loaded at a quarter from the left: 3 to 1, by moments.
     at = np.array([0.0, 1.0])
     R = np.array([[1.0, 0.0, at[0]], [0, 1, 0], [1, 0, at[1]], [0, 1, 0]])
     e = np.array([-4.0, 0.8, -1.0])  # weight 4, 0.8 along the supports, moment

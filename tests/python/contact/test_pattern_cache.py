@@ -15,7 +15,7 @@ LIMIT = "BIPOT_PATTERN_CACHE_MB"
 
 
 def body(cells: int, young: float = 100.0) -> Body:
-    """Each test uses its own sizes, so that no pattern is in the cache before."""
+    """Each test uses its own sizes, so that its pattern is not yet in the cache."""
     return block([4.0, 2.0], [2 * cells + 1, cells], young, 0.3)
 
 
@@ -39,27 +39,27 @@ def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
     assert again.stats["seconds_order"] == again.stats["seconds_symbolic"] == 0
 
 
-def test_zeros_that_are_stored() -> None:
-    """Entries that cancel within the blocks of a grid are a matter of the material."""
+def test_stored_zeros() -> None:
+    """In a grid the material decides which entries cancel within the blocks of nodes."""
     here = body(10)
     stored = sparse.csr_array(here.K)
     clean = stored.copy()
     clean.eliminate_zeros()
-    # Every entry of every pair of nodes that has one, and every entry there is.
+    # Every entry of each coupled pair of nodes, then every entry of the matrix.
     n = stored.shape[0]
     pairs = sparse.bsr_array(clean, blocksize=(2, 2)).tocsr()
     rows, columns = np.indices((n, n)).reshape(2, -1)
     whole = sparse.coo_array((clean.toarray().ravel(), (rows, columns))).tocsr()
     assert clean.nnz < pairs.nnz < whole.nnz == n**2
     made = [problem(here, K=K) for K in (pairs, whole, clean)]
-    # What couples no two nodes costs nothing, wherever it is stored; the zeros of a
-    # node leave its unknowns together, and fill in all the same.
+    # Stored zeros between uncoupled nodes cost nothing. Zeros within coupled nodes keep the
+    # unknowns of a node together and fill in anyway.
     assert [orderings(one) for one in made] == [1, 1, 0]
     counts = [one.stats["nnz_factor"] for one in made]
     assert counts[1] == counts[2]
     assert counts[0] <= 1.05 * counts[2]
     W = [one.compliance for one in made]
-    # Other orders, other roundings: S is right to 1e-14, and cond(S) times that W.
+    # Other orderings round differently: S is right to 1e-14, W to that times cond(S).
     bound = 1e-14 * made[0].stats["cond_S"] * np.abs(W[0]).max()
     assert np.abs(W[0] - W[1]).max() <= bound
 
@@ -87,8 +87,8 @@ def test_different_patterns_are_distinguished() -> None:
     fixed = np.concatenate([here.dofs(1, 2.0, k) for k in range(2)])
     places = np.ascontiguousarray(here.basis.doflocs.T)
     assert places.shape == (here.K.shape[0], 2)
-    # One support less, the contacts in another order, places where there were none, a
-    # spring that couples what nothing did: as many entries or nearly so each time.
+    # One support less, contacts in another order, stored entries where there were none, a
+    # spring between uncoupled unknowns: about the same number of entries each time.
     n = here.K.shape[0]
     spring = sparse.csr_array(([1e-3] * 4, ([0, 0, 9, 9], [0, 9, 0, 9])), shape=(n, n))
     turned = np.arange(here.B.shape[0]).reshape(-1, 2)[::-1].ravel()
@@ -109,14 +109,14 @@ def test_the_least_recently_used_pattern_is_dropped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv(LIMIT, "1")
-    # Some 0.3 MB each: three go in, four do not.
+    # Some 0.3 MB each: three fit, four do not.
     sizes = [body(cells) for cells in (24, 25, 26, 27)]
     assert [orderings(problem(of)) for of in sizes[:2]] == [1, 1]
     assert orderings(problem(sizes[0])) == 0
     assert [orderings(problem(of)) for of in sizes[2:]] == [1, 1]
     assert orderings(problem(sizes[3])) == 0
     assert orderings(problem(sizes[1])) == 1
-    # Larger than the bound: made each time, and nothing else is driven out.
+    # A pattern larger than the limit is made each time and removes no other.
     large = block([4.0, 2.0], [140, 70], 1.0, 0.3)
     assert [orderings(problem(large)) for _ in range(2)] == [1, 1]
     assert orderings(problem(sizes[1])) == 0
@@ -128,7 +128,7 @@ def test_a_wrong_cache_size(value: str, monkeypatch: pytest.MonkeyPatch) -> None
     words = f'{LIMIT} is "{value}", expected a whole number of megabytes'
     with pytest.raises(ValueError, match=words):
         problem(body(6))
-    # Empty, it is not there.
+    # An empty variable counts as not set.
     monkeypatch.setenv(LIMIT, "")
     assert problem(body(6)).stats["n"] > 0
 
@@ -140,7 +140,7 @@ def test_update_counts_no_ordering() -> None:
     assert orderings(made) == 0
 
 
-def test_threads_meet_one_pattern() -> None:
+def test_threads_share_one_pattern() -> None:
     here = body(11)
     expected = problem(here).compliance.tobytes()
     found: list[bytes] = []

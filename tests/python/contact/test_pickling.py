@@ -1,7 +1,7 @@
-"""Problems and answers in another process: the same numbers to the bit.
+"""Problems and solutions in another process: the same numbers to the bit.
 
-A pickle holds the arguments of a problem. Condensing it again must give the same bits,
-and so must all results of the receiver.
+A pickle holds the arguments of a problem. The receiver condenses them again and must
+get the same bits, in every result.
 """
 
 import copy
@@ -18,7 +18,7 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 
-# Read what was sent, ask what was asked, and send the answers back.
+# Read the pickle, compute the requested results, send them back.
 CHILD = """
 import pickle, sys
 import numpy as np
@@ -60,14 +60,14 @@ def block(**contact: Any) -> fem.Assembly:
 
 
 def supported() -> tuple[bp.ContactProblem, Any, Any]:
-    """Prescribed displacements, areas, frames, places and a gap that is not zero."""
+    """Prescribed displacements, areas, frames, coordinates and non-zero gaps."""
     model = block(clearance=lambda x: 1e-5 * x[:, 0] ** 2)
     moves = [model.prescribed([top]) for top in ((0, -1e-3), (4e-4, -1e-3))]
     return model.problem(num_threads=1), None, moves
 
 
 def held_by_contact() -> tuple[bp.ContactProblem, Any, Any]:
-    """No supports: K is singular, and rigid motions are found again."""
+    """No supports: K is singular, and the rigid motions are found again."""
     model = block()
     pressed = model.pressure("block", "top", 1e6)
     pulled = model.body_force("block", (1e5, 0.0))
@@ -76,7 +76,7 @@ def held_by_contact() -> tuple[bp.ContactProblem, Any, Any]:
 
 
 def two_tangents() -> tuple[bp.ContactProblem, Any, Any]:
-    """Friction that depends on direction is solved in variables of its own."""
+    """Friction that depends on direction is solved in scaled variables."""
     rng = np.random.default_rng(5)
     root = rng.normal(size=(12, 12))
     K = root @ root.T + 12 * np.eye(12)
@@ -87,7 +87,7 @@ def two_tangents() -> tuple[bp.ContactProblem, Any, Any]:
 
 
 def known_loads() -> tuple[bp.ContactProblem, Any, Any]:
-    """Its factor was dropped, its stiffness was not."""
+    """The factor was dropped, the stiffness was kept."""
     model = block()
     moves = np.array([model.prescribed([(0, -1e-3)])])
     problem = bp.ContactProblem(
@@ -112,7 +112,7 @@ def test_a_problem_in_another_process(case: Any) -> None:
     assert bits(told) == bits(asked(problem, load, prescribed))
     assert result.success
     with pytest.raises(ValueError, match="displacement was not computed"):
-        # Asked for there, so it came along; a copy that lost it says so.
+        # It was computed before pickling, so the copy has it; a copy that lost it says so.
         _ = pickle.loads(pickle.dumps(problem.solve(load, prescribed)))[0].displacement
     np.testing.assert_array_equal(result[0].displacement, result.displacement[0])
 
@@ -134,7 +134,7 @@ def test_known_loads() -> None:
 
 
 def test_the_current_stiffness_is_pickled() -> None:
-    """Not the array of the caller, which may have changed since, nor the first one."""
+    """Neither the caller's array, which may have changed since, nor the first stiffness."""
     model = block()
     K = model.K.copy()
     problem = bp.ContactProblem(K, model.B, gap=model.gap, mu=0.4, fixed=model.fixed)
@@ -149,7 +149,7 @@ def test_the_current_stiffness_is_pickled() -> None:
 
 def test_a_problem_is_no_larger_than_its_matrices() -> None:
     problem, _, _ = supported()
-    # Of K a number and a wide column each entry, of B likewise; the rest is small.
+    # For each entry of K and B a value and an 8-byte column; the rest is small.
     entries = block().K.nnz + 2 * block().B.nnz
     assert len(pickle.dumps(problem)) <= 16 * entries + 60 * problem.stats["n"] + 4000
 
@@ -172,7 +172,7 @@ def test_reduced_problems(kind: Any) -> None:
 
 
 def test_other_public_objects_are_pickled() -> None:
-    """Bounds, verdicts, answers, global problems: with every number they hold."""
+    """Bounds, verdicts, solutions, global problems: with every number they hold."""
     W, q = np.array([[2.0, 0.5], [0.5, 1.0]]), [[-1.0, 0.75]]
     problem = bp.ReducedProblem(W, q, 0.1)
     solution = problem.solve()

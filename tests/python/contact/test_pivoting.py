@@ -8,7 +8,7 @@ from methods import METHODS, NEED_SUPPORTS
 
 
 def strong(seed: int, contacts: int, mu: float) -> bp.ReducedProblem:
-    """Plane contacts coupled at random, friction beyond any proof of uniqueness."""
+    """Plane contacts with random coupling and friction too large to prove uniqueness."""
     rng = np.random.default_rng(seed)
     n = 2 * contacts
     root = rng.normal(size=(n, n)) / np.sqrt(n)
@@ -28,14 +28,14 @@ def test_a_solution_for_any_friction() -> None:
             several += len(answers) > 1
             size = np.abs(solution.reaction).max()
             apart = [np.abs(a.reaction - solution.reaction).max() for a in answers]
-            # η of 1e-10 at the most, the condition of W, some hundreds, and what
-            # friction adds to it.
+            # η of at most 1e-10, the condition of W, some hundreds, and the factor that friction
+            # adds.
             assert min(apart) <= 1e-7 * max(size, 1e-30)
-    assert several >= 3  # of 90; where there is one, nothing is chosen
+    assert several >= 3  # # of 90; a unique solution tests no choice
 
 
 def test_three_answers_of_one_contact() -> None:
-    # Above μ = k_t/|k_c| some loads have three answers: one of them, from any start.
+    # Above μ = k_t/|k_c| some loads have three solutions; any start must lead to one of them.
     W = np.linalg.inv(np.array([[1.0, -0.9], [-0.9, 1.0]]))
     counted = set()
     for angle in np.linspace(0, 2 * np.pi, 48, endpoint=False):
@@ -46,13 +46,13 @@ def test_three_answers_of_one_contact() -> None:
             solution = problem.solve("pivoting", start=start)
             assert solution.converged
             apart = min(np.abs(a - solution.reaction).max() for a in answers)
-            assert apart <= 1e-9  # η, and reactions of order one to ten
+            assert apart <= 1e-9  # # η, for reactions of order one to ten
     assert {1, 3} <= counted
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_free_body(method: str) -> None:
-    """Two nodes tied to each other and to nothing else, pressed on a wall."""
+    """Two nodes tied to each other only, pressed on a wall."""
     K = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
     problem = bp.ContactProblem(K, np.eye(4), gap=[0.0, 0.0], mu=0.5)
     load = [-1.0, 0.2, -1.0, 0.1]
@@ -61,5 +61,5 @@ def test_a_free_body(method: str) -> None:
             problem.solve(load, method=method)
         return
     result = problem.solve(load, method=method)
-    # Balance alone: the wall takes what the loads are.
+    # By balance alone the reaction of the wall equals the loads.
     np.testing.assert_allclose(result.reaction[0].sum(axis=0), [2.0, -0.3], atol=1e-8)

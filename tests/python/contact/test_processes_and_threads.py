@@ -15,12 +15,12 @@ from scipy import sparse
 import bipot_rs as bp
 from children import forked
 
-# A limit against hanging: each of these takes a second or two.
+# A time limit against hanging: each of these takes a second or two.
 pytestmark = pytest.mark.timeout(60)
 
 
 def cube(cells: int = 5, num_threads: int | None = None) -> bp.ContactProblem:
-    """A springy lattice on a plane: large enough for METIS and for several fronts."""
+    """A lattice of springs on a plane: large enough for METIS and for several fronts."""
     n = cells + 1
     line = sparse.diags_array(
         [np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)],
@@ -41,7 +41,7 @@ def loads(n: int) -> NDArray[np.float64]:
 
 
 def answer(num_threads: int | None = None, cells: int = 5) -> bytes:
-    """Every bit of a path of two steps."""
+    """Every bit of a path with two steps."""
     problem = cube(cells, num_threads)
     result = problem.solve(loads(int(problem.stats["n"])))
     return result.reaction.tobytes() + result.displacement.tobytes()
@@ -62,7 +62,7 @@ def test_any_number_of_threads(num_threads: int | None, expected: bytes) -> None
 
 
 def test_forked_child(expected: bytes) -> None:
-    """The workers of the parent's pool do not exist in the child."""
+    """The child does not have the threads of the parent's pool."""
     assert forked(lambda: check(expected)).returncode == 0
 
 
@@ -91,7 +91,7 @@ def test_a_problem_made_before_the_fork(expected: bytes) -> None:
 
 
 def test_forks_while_threads_solve(expected: bytes) -> None:
-    """A fork copies the locks that other threads hold, and not those threads."""
+    """A fork copies the locks that other threads hold, but not those threads."""
     done = threading.Event()
     wrong: list[bool] = []
 
@@ -108,7 +108,7 @@ def test_forks_while_threads_solve(expected: bytes) -> None:
         worker.start()
     try:
         for k in range(12):
-            time.sleep(0.001 * k)  # another place in their work each time
+            time.sleep(0.001 * k)  # # interrupts their work at another point each time
             assert forked(lambda: check(expected)).returncode == 0
     finally:
         done.set()
@@ -145,7 +145,7 @@ def test_pool_of_processes(method: str, expected: bytes) -> None:
 
 
 def workers() -> int:
-    """Threads of our pool in this process."""
+    """Threads of the package's pool in this process."""
     tasks = Path("/proc/self/task").iterdir()
     return sum((task / "comm").read_text().startswith("bipot-") for task in tasks)
 

@@ -27,12 +27,12 @@ def test_projection_is_the_nearest_point(dim: int, based: bool) -> None:
     assert status.dtype == np.int8
     total, rest = t + base, tau - t
     size = np.linalg.norm(tau, axis=1) + np.linalg.norm(base, axis=1)
-    # Rounding of hypot, a product and a sum; with μ the limit μ t_n.
+    # Rounding of hypot, a product and a sum; the limit μ t_n scales with μ.
     near = 8 * np.finfo(float).eps * size * (1 + mu)
     sideways = np.linalg.norm(total[:, 1:], axis=1)
     assert np.all(sideways <= mu * total[:, 0] + near)
-    # The remainder lies in the polar cone (58), orthogonal to the point: this, and
-    # being in the cone, is what only the nearest point satisfies.
+    # The remainder lies in the polar cone (58) and is orthogonal to the point. With the
+    # point in the cone, only the nearest point satisfies this.
     assert np.all(rest[:, 0] + mu * np.linalg.norm(rest[:, 1:], axis=1) <= near)
     assert np.all(np.abs(np.sum(rest * total, axis=1)) <= near * size)
     assert np.all((status == OPEN) == np.all(total == 0, axis=1))

@@ -1,4 +1,4 @@
-"""Redundant supports: W is singular, reactions are not determined, solutions exist."""
+"""Redundant supports: W is singular and reactions are not determined, but solutions exist."""
 
 import numpy as np
 import problems
@@ -12,8 +12,8 @@ from disks import wall
 TOL = 1e-10
 
 
-# Of the first 150 seeds those that neither sweeps nor Newton's method solve within
-# 20,000 products with W, and some that they do.
+# From the first 150 seeds: those that neither sweeps nor Newton's method solve within
+# 20,000 products with W, and some that they do solve.
 SEEDS = (0, 8, 10, 22, 26, 50, 55, 82, 93, 103, 137)
 
 
@@ -21,8 +21,8 @@ SEEDS = (0, 8, 10, 22, 26, 50, 55, 82, 93, 103, 137)
     "seeds", [SEEDS[::3], pytest.param(SEEDS, marks=pytest.mark.verify)]
 )
 def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
-    """All but one: near a stall the last bit of W, which moves with the machine's
-    BLAS, decides which of them is solved; what is not must not be called so."""
+    """All but one converge: near a stall the last bit of W, which depends on the BLAS,
+    decides which one does not. An unsolved problem must not be reported as solved."""
     solved = 0
     for seed in seeds:
         given = problems.rigid(seed)
@@ -30,8 +30,8 @@ def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
         solution = bp.ReducedProblem(given.W, given.q, given.mu).solve(tol=TOL)
         r = solution.reaction
         v = (given.W @ r.ravel()).reshape(r.shape) + given.q
-        # η bounds what each condition is missed by, in scaled variables; masses of one
-        # assembly differ by a hundred, and W by as much.
+        # η bounds the violation of each condition in scaled variables; in one assembly masses,
+        # and so W, differ by a factor of a hundred.
         missed = violation(r, v, given.mu, given.q)
         assert solution.converged == (missed <= 1e3 * TOL)
         solved += solution.converged and solution.work < 20_000
@@ -39,7 +39,7 @@ def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
 
 
 def test_a_weight_on_sixty_supports_in_a_plane() -> None:
-    """Six unknowns carry sixty reactions: their sum and moment are determined."""
+    """Six unknowns carry sixty reactions: only their sum and moment are determined."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-1, 1, (2, 60))
     H = np.zeros((60, 3, 6))
@@ -51,7 +51,7 @@ def test_a_weight_on_sixty_supports_in_a_plane() -> None:
     solution = bp.ReducedProblem(whole @ whole.T, (whole @ load).reshape(60, 3), 0.4)
     answer = solution.solve(tol=1e-13)
     assert answer.converged
-    # Nothing slips: the body is at rest and its loads in balance.
+    # Nothing slips: the body is at rest and its loads balance.
     balance = whole.T @ answer.reaction.ravel() + load
     np.testing.assert_allclose(balance, 0, atol=1e-12)
 
@@ -64,18 +64,18 @@ def test_a_wall_of_rigid_disks() -> None:
     left = M @ u - load - B.T @ r.ravel()
     np.testing.assert_allclose(left, 0, atol=1e-12 * np.abs(load).max())
     free = (B @ (load / M.diagonal())).reshape(r.shape)
-    # Masses differ by two, reactions and displacements by a hundred.
+    # Masses differ by a factor of two, reactions and displacements by a hundred.
     assert violation(r, (B @ u).reshape(r.shape), 0.4, free) <= 100 * TOL
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.4999, 0.499999, 0.4999999])
 def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
-    """Sweeps alone need a number of products that grows as 1/(1 - 2ν)."""
+    """With sweeps alone the number of products grows as 1/(1 - 2ν)."""
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
     body = fem.Body("a", fem.box(axes, "quadrilateral"), fem.Material(1.0, nu))
     plane = fem.Contact("a", "bottom", 0.3, plane=((0, 0), (0, 1)))
     model = fem.assemble([body], [plane], [fem.Support("a", "top", (0, 1))])
     moved = model.prescribed([(0.004, -0.01)])
     step = model.problem().solve(np.zeros(model.n), moved, tol=TOL)[0]
-    # Five sweeps and a few steps of Newton at 0.3, thirty proximal points at most.
+    # Five sweeps and a few Newton steps at 0.3; at most thirty proximal points.
     assert step.work < 400

@@ -1,4 +1,4 @@
-"""Known solutions. Ids: A have closed forms, P are published problems."""
+"""Known solutions. Ids: A have closed forms, P are published problems, H are hard cases."""
 
 import csv
 import json
@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 DATA = REFERENCE
 SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
 
-# --- A: closed forms ---------------------------------------------------------------
-
 
 @pytest.mark.parametrize("ratio", [0.0, 0.5, -0.9, 0.999])
 def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
@@ -33,7 +31,7 @@ def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
     result: Any = bp.solve(
         body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
     )
-    # Held by contact alone. Condition of the block about 1e2 times η.
+    # Held by contact alone. The error is η times the condition of the block, about 1e2.
     np.testing.assert_allclose(result.traction[0, :, 0], pressure, rtol=1e-9)
     np.testing.assert_allclose(result.traction[0, :, 1], -shear, atol=1e-9 * pressure)
     assert np.all(result.status[0] == STICK)
@@ -54,7 +52,7 @@ def test_a1_sheared_patch_numbers() -> None:
 
 
 def test_a1_sheared_patch_in_space() -> None:
-    young, pressure, mu, shear = 10.0, 2.0, 0.4, [0.45, -0.6]  # 0.75 of 0.8
+    young, pressure, mu, shear = 10.0, 2.0, 0.4, [0.45, -0.6]  # # 0.75 of 0.8
     body = block((2, 1, 1.5), (3, 2, 2), young, 0.0)
     load = uniform_shear(body, pressure, shear)
     result: Any = bp.solve(
@@ -93,7 +91,7 @@ def test_a3_one_contact(mu: float, f_t: float, method: str) -> None:
     near = [s for s, row in branches if np.allclose(got, row, rtol=1e-9, atol=1e-9)]
     assert near, (got, branches)
     status = bp.Status(result.status[0, 0]).name.lower()
-    # Without friction a pressed contact is free to slide, whether it does or not.
+    # Without friction a pressed contact counts as slip, even if it does not move.
     assert status == ("slip" if mu == 0 and "open" not in near else near[0])
 
 
@@ -112,7 +110,7 @@ def test_a4_wedged_at_zero_load() -> None:
     np.testing.assert_allclose(result.reaction[:, 0], [[2, -6], [1, 2]], atol=SMALL)
     np.testing.assert_allclose(result.displacement, [[0, 2], [0, 2]], atol=SMALL)
     assert result.status[1, 0] == STICK
-    # Along a finer unloading path the wedge stays.
+    # With finer unloading steps the wedge stays.
     path = np.outer(np.linspace(1, 0, 9), [-1, 8])
     np.testing.assert_allclose(one_node(path, 3.0).reaction[-1, 0], [1, 2], atol=SMALL)
 
@@ -143,13 +141,13 @@ def test_a6_block_on_an_incline_holds(share: float, dim: int) -> None:
     mu, weight, young = 0.6, 7.0, 1e3
     slope = math.atan(share * mu)
     along, down = weight * math.sin(slope), weight * math.cos(slope)
-    # tan(slope) < width/height: no tipping. In space the fall line is askew.
+    # tan(slope) < width/height: no tipping. In space the fall line is oblique to the axes.
     body = block((3, 2, 1)[:dim] if dim == 3 else (3, 1), (4, 3, 2)[:dim], young, 0.3)
     direction = [1.0] if dim == 2 else [0.8, -0.6]
     load = body.weight([*(along * x for x in direction), -down])
     result = bp.solve(body.K, body.B, load, gap=body.gap, mu=mu, tol=TOL)
     total = result.reaction[0].sum(axis=0)
-    # Balance is part of η, here with the condition of the rigid motions, about 10.
+    # The balance is part of η; the condition of the rigid motions is about 10.
     np.testing.assert_allclose(
         total, [down, *(-along * x for x in direction)], atol=1e-10 * weight
     )
@@ -164,7 +162,7 @@ def test_a6_smallest_force_that_holds() -> None:
     body = block((3, 1), (3, 2), 1e3, 0.0)
 
     def push(force: float) -> Array:
-        # Horizontal, as a body force: up the slope and into it.
+        # A horizontal body force has a part up the slope and a part into it.
         return body.weight([weight * s - force * c, -(weight * c + force * s)])
 
     force = least * (1 + 1e-6)
@@ -179,7 +177,7 @@ def test_a11_bar_table() -> None:
     rows = np.loadtxt(DATA / "bar_cyclic.csv", delimiter=",", skiprows=1)
     problem, load = bar_problem()
     result = problem.solve(pulled(load, rows[:, 0]), tol=1e-13)
-    # Compliance of the chain 1e-3, forces of 30: η gives 1e-14 m a step; the table is
+    # Compliance of the chain 1e-3, forces of 30: η gives 1e-14 m per step. The table is
     # printed to ten digits of 0.009.
     np.testing.assert_allclose(result.displacement[:, -1], rows[:, 1], atol=1e-12)
     # Steps 12 to 60 are one full cycle from 30 to 30.
@@ -191,7 +189,9 @@ def test_a11_bar_table() -> None:
 
 def test_a11_bar_monotone() -> None:
     problem, load = bar_problem()
-    ends = np.arange(1, 17) * 2.5  # multiples of q h: nodal values are the continuum's
+    ends = (
+        np.arange(1, 17) * 2.5
+    )  # # multiples of q h: nodal values equal the continuum's
     result = problem.solve(pulled(load, ends), tol=1e-13)
     exact = analytic.bar_end_displacement(ends, **BAR)
     np.testing.assert_allclose(result.displacement[:, -1], exact, rtol=1e-10)
@@ -199,7 +199,7 @@ def test_a11_bar_monotone() -> None:
     odd = problem.solve(pulled(load, ends - 0.9), tol=1e-13).displacement[:, -1]
     bound = 50 * 0.05**2 / 4e3
     assert np.abs(odd - analytic.bar_end_displacement(ends - 0.9, **BAR)).max() <= bound
-    # The slipped length is P/q: its nodes, from the end, and no other.
+    # The slipped length is P/q, measured from the end: exactly these nodes slip.
     assert np.flatnonzero(np.abs(result.displacement[11, 1::2]) > 1e-12)[0] == 8
 
 
@@ -225,8 +225,8 @@ def test_h22_rotating_load_step_by_step() -> None:
         result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]))
         radius, loss = analytic.rotating_load(k, force, limit, steps)
         last = np.linalg.norm(result.displacement[-steps:, 1:], axis=1)
-        # The transient shrinks by a fixed factor a radian, below 1e-7 after two turns
-        # and below rounding of the table only at the end: compared at its last step.
+        # The transient shrinks by a fixed factor per radian: below 1e-7 after two turns, below
+        # the rounding of the table only at the end. So the last step is compared.
         assert last[-1] == pytest.approx(radius, rel=1e-8)
         assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
         errors.append(abs(last[-1] - analytic.rotating_load(k, force, limit)[0]))
@@ -262,13 +262,10 @@ def test_a14_anisotropic_slip(
     # Eight decimals are printed.
     np.testing.assert_allclose(solution.reaction[0], r, atol=1e-8)
     np.testing.assert_allclose(solution.relative_displacement[0], v, atol=1e-8)
-    # The slip is not along the trial force: a radial return misses by percents.
+    # The slip is not parallel to the trial force: a radial return is wrong by per cents.
     trial = np.array([1.6, 0.9]) / math.hypot(1.6, 0.9)
     slip = solution.relative_displacement[0, 1:]
     assert abs(slip @ trial) < 0.999 * np.linalg.norm(slip)
-
-
-# --- P: published problems ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel"])
@@ -292,9 +289,9 @@ def test_p5_published_problems(name: str, method: str) -> None:
     assert reduced.residual(solution.reaction) <= solution.tolerance
     v = np.array(data["u_checked"]).reshape(shape)
     size = np.abs(v).max()
-    # v is W r + q, however W is conditioned: η of r times the sizes it sums.
+    # v equals W r + q for any condition of W: η of r times the sizes in the sum.
     np.testing.assert_allclose(solution.relative_displacement, v, atol=1e-8 * size)
-    # Compared with the law itself; the inputs are printed to six to sixteen digits.
+    # The law itself is the reference; the inputs are printed to six to sixteen digits.
     r = solution.reaction
     assert violation(r, (W @ r.ravel()).reshape(shape) + q, mu, q) <= 1e-9
     if name == "fc3d_example1":
@@ -302,5 +299,5 @@ def test_p5_published_problems(name: str, method: str) -> None:
         np.testing.assert_allclose(r, np.tile(exact, (3, 1)), atol=1e-11)
     if data["rank"] == W.shape[0] and name != "fc3d_confeti_4_contacts":
         r_checked = np.array(data["r_checked"]).reshape(shape)
-        # Checked to 3e-14 in η, condition of W below 1e5.
+        # The published solution has η below 3e-14; the condition of W is below 1e5.
         np.testing.assert_allclose(r, r_checked, atol=1e-7 * np.abs(r).max())

@@ -40,7 +40,7 @@ def floor(d: int, height: float = 0.0, *, pairing: str = "match") -> fem.Contact
 
 
 def pairing_of(cell: str, order: int) -> str:
-    """Corners of faces of six nodes carry nothing of a constant pressure."""
+    """At faces of six nodes, a constant pressure gives no force at the corners."""
     return "mortar" if (cell, order) == ("tetrahedron", 2) else "match"
 
 
@@ -67,7 +67,7 @@ def test_normals(cell: str, d: int, order: int) -> None:
         wrong = turned_round(model.B, d)
         problem = bp.ContactProblem(model.K, wrong, **options)
         (said,) = problem._remarks
-        # In corners what is outwards lies between three faces, of areas 1 to 2.
+        # At a corner the outward direction lies between three faces, with areas 1 to 2.
         least = count if (cell, d) != ("tetrahedron", 3) else count - 4
         told = re.fullmatch(
             rf"the normals of (\d+) of the {count} contacts point out of the body, first at "
@@ -89,7 +89,7 @@ def test_normals(cell: str, d: int, order: int) -> None:
         )._remarks
         assert first.startswith(f"the normals of 1 of the {count} contacts")
         assert "first at contact 1:" in first
-    # In the other order of components, too.
+    # Also with the other order of components.
     turned = by_component(model.n, d)
     options["coordinates"] = np.tile(model.nodes, (d, 1))
     options["fixed"] = np.flatnonzero(np.isin(turned, model.fixed))
@@ -100,7 +100,7 @@ def test_normals(cell: str, d: int, order: int) -> None:
 
 
 def any_face(seed: int) -> None:
-    """Some normals of a body of any shape and direction are turned round: just these."""
+    """Exactly the reversed normals are found, for a body of any shape and direction."""
     rng = np.random.default_rng(seed)
     cell, d, order = CELLS[seed % len(CELLS)]
     one = body(cell, d, order, cells=3, aspect=10 ** rng.uniform(-1.5, 1.5))
@@ -112,8 +112,8 @@ def any_face(seed: int) -> None:
     name = ["left", "right", "bottom", "top", "front", "back"][rng.integers(2 * d)]
     at = one.nodes(name)
     axis = {"left": 0, "right": 0, "bottom": d - 1, "top": d - 1}.get(name, 1)
-    # Along the edges of a face what is outwards lies between two or three of them; and
-    # corners of faces of six nodes carry nothing of a constant pressure.
+    # Along an edge the outward direction lies between two or three faces. At faces of six
+    # nodes, a constant pressure gives no force at the corners.
     low, high = one.points.min(axis=0), one.points.max(axis=0)
     other = np.delete(np.arange(d), axis)
     within = (
@@ -160,7 +160,7 @@ def test_normals_of_many_faces(seed: int) -> None:
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
-def test_a_ball_beside_an_edge_gives_no_remark(radius: float, at: float) -> None:
+def test_a_ball_next_to_an_edge_gives_no_remark(radius: float, at: float) -> None:
     one = body("hexahedron", 3, cells=6)
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
@@ -188,7 +188,7 @@ def test_normals_in_a_coarse_hole(thickness: float) -> None:
     assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
     wrong = turned_round(model.B, 2)
     (said,) = bp.ContactProblem(model.K, wrong, **options)._remarks
-    # At the ends of the arc the surface turns: what is outwards there is between two.
+    # At the ends of the arc the surface turns: the outward direction is between two faces.
     assert re.match("the normals of [35] of the 5 contacts point out", said)
 
 
@@ -206,7 +206,7 @@ def test_normals_of_pairs(pairing: str) -> None:
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"), pairing=pairing)
     model, options = given(bodies[0], pair, held(2), bodies[1])
     assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
-    # Both roles exchanged it is the same; the normal alone, it is not.
+    # Exchanging both bodies and normals changes nothing; reversing the normals alone does.
     both = bp.ContactProblem(model.K, -model.B, **options)._remarks
     assert ["point out of the body" in said for said in both] == [True]
     (said,) = bp.ContactProblem(model.K, turned_round(model.B, 2), **options)._remarks
@@ -222,7 +222,7 @@ def test_penetration() -> None:
         "0.01, 1 % of the size of the model: the first step pushes them out; this is right "
         "for an interference fit, else check the sign of gap, which is positive when open"
     )
-    # Without places; rounding is none; and of a problem whose gaps tell its size.
+    # Without coordinates; with rounding only; and with sizes known from the gaps only.
     eye: dict[str, Any] = {"mu": 0.3}
     plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
     assert plain._remarks[0].startswith("1 of the 2 contacts penetrate at")
@@ -236,7 +236,7 @@ def test_penetration() -> None:
 def test_loads_in_inconsistent_units(
     cell: str, d: int, order: int, size: float
 ) -> None:
-    """Of a bar, what strains it by 1 is Young's modulus times its section."""
+    """The force that strains a bar by 1 is Young's modulus times its section."""
     grid = np.linspace(0, size, 3)
     mesh = fem.box([grid] * d, cell)
     mesh = fem.second_order(mesh) if order == 2 else mesh
@@ -249,7 +249,7 @@ def test_loads_in_inconsistent_units(
         strength = problem._strength
         assert strength is not None
         share = np.abs(unit).sum() / strength.force[0]
-        # E over 2.5 G: from 2 to 3.
+        # E over 2.5 G lies between 2 and 3.
         assert share * YOUNG == pytest.approx(2 * (1 + poisson) / 2.5, rel=1e-9)
         assert problem.solve(0.01 * YOUNG * unit).remarks[:0] == ()
         calm = problem.solve(0.01 * YOUNG * unit).remarks
@@ -262,7 +262,7 @@ def test_loads_in_inconsistent_units(
         )
 
 
-def test_the_soft_one_of_two_bodies_counts() -> None:
+def test_the_softer_of_two_bodies_determines_the_remark() -> None:
     grid = np.linspace(0, 1, 4)
     soft, stiff = (
         fem.Body(
@@ -280,7 +280,7 @@ def test_the_soft_one_of_two_bodies_counts() -> None:
 
 
 def test_slip_beyond_the_extent_of_the_contacts() -> None:
-    """Places of the contacts alone, in metres where displacements are in millimetres."""
+    """Coordinates of the contacts only, in metres; displacements are in millimetres."""
     K, B = np.diag([1e3, 1.0, 1e3, 1.0]), np.eye(4)
     points = np.array([[0.0, 0.0], [0.1, 0.0]])
     load = np.array([-1.0, 5.0, -1.0, 5.0])
@@ -320,7 +320,7 @@ def test_a_model_has_remarks_of_the_result_too() -> None:
 
 
 def test_remarks_in_files(bipot: Any) -> None:
-    """`bipot solve` says them, and with --json has them in its last line."""
+    """`bipot solve` prints them; with --json they are in its last line."""
     one = body("quadrilateral", 2)
     from scipy.io import mmwrite
 

@@ -14,12 +14,12 @@ RANDOM = np.random.default_rng(8)
 
 
 def frames(count: int, d: int) -> np.ndarray:
-    """Orthonormal frames, of either hand."""
+    """Orthonormal frames, right-handed or left-handed."""
     return np.linalg.qr(RANDOM.standard_normal((count, d, d)))[0]
 
 
 def flat_frames(count: int, d: int) -> np.ndarray:
-    """Those of one plane, with tangents that differ."""
+    """Frames of one plane, with different tangents."""
     found = frames(count, d)
     found[:, 0] = found[0, 0]
     for k in range(1, d):
@@ -49,7 +49,7 @@ def test_resultants_are_sums_of_vectors(d: int) -> None:
 
 
 def ring(count: int) -> np.ndarray:
-    """Frames of a closed ring in the plane, normals inwards, tangents of either sign."""
+    """Frames of a closed ring in the plane, normals inwards, tangents in either direction."""
     angle = 2 * np.pi * np.arange(count) / count
     normal = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
@@ -61,14 +61,14 @@ def ring(count: int) -> np.ndarray:
 def test_rotation_in_a_ring_uses_friction_without_a_force(
     curve: np.ndarray,
 ) -> None:
-    """Each contact at its limit, whatever its direction: used up, to rounding."""
+    """Each contact is at its limit, in any direction: the ratio is one, to rounding."""
     d = curve.shape[1]
     mu = np.full(len(curve), 0.4)
     reaction = np.zeros((len(curve), d))
     reaction[:, 0] = 2.0
     way = RANDOM.standard_normal((len(curve), d - 1))
     if d == 2:
-        # All the same way around.
+        # All forces act in the same sense of rotation.
         way[:, 0] = np.where(np.arange(len(curve)) % 3 == 0, -1.0, 1.0)
     reaction[:, 1:] = 0.8 * way / np.linalg.norm(way, axis=1, keepdims=True)
     (one,) = resultants(reaction, curve, mu, np.zeros(len(curve), np.int64), 1)
@@ -83,11 +83,11 @@ def test_rotation_in_a_ring_uses_friction_without_a_force(
 
 
 def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
-    """By the reach of the ellipse along the friction of each contact."""
+    """The limit is the extent of the ellipse along the friction of each contact."""
     mu = RANDOM.uniform(0.1, 0.9, (7, 2))
     way = RANDOM.standard_normal((7, 2))
     press = RANDOM.uniform(1, 2, 7)
-    # On the rim: ‖D⁻¹ r_t‖ = r_n.
+    # On the edge of the cone: ‖D⁻¹ r_t‖ = r_n.
     rim = way / np.linalg.norm(way / mu, axis=1, keepdims=True) * press[:, None]
     group = np.zeros(7, np.int64)
     reaction = np.column_stack([press, rim])
@@ -100,7 +100,7 @@ def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
 
 
 def test_friction_is_fully_used_if_all_slip_in_one_direction() -> None:
-    """Each node at its limit, along one direction: the ratio is one; else it is below."""
+    """With each node at its limit in one direction, the ratio is one; otherwise it is below."""
     frame = np.broadcast_to(np.eye(3), (5, 3, 3)).copy()
     pressure, mu = RANDOM.uniform(1, 2, 5), RANDOM.uniform(0.1, 0.9, 5)
     reaction = np.zeros((5, 3))
@@ -116,16 +116,16 @@ def test_friction_is_fully_used_if_all_slip_in_one_direction() -> None:
 
 
 def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
-    """Slip along a line: the reaction is the ellipse's point furthest along it."""
+    """Slip along a line: the reaction is the point of the ellipse furthest along that line."""
     mu = np.array([0.5, 0.2])
     slip = np.array([0.3, 0.7])
     drag = mu**2 * slip / np.linalg.norm(mu * slip)
     reaction = np.array([[2.0, *(2 * drag)]])
     (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
-    # The most along the force's own line is no less than the force.
+    # The largest possible force along its own line is at least the force.
     assert one.used is not None
     assert one.used <= 1
-    # Along an axis of the ellipse both are the same.
+    # Along an axis of the ellipse both are equal.
     reaction = np.array([[2.0, 0.0, 2 * 0.2]])
     (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
     assert one.used == pytest.approx(1, rel=1e-14)
@@ -188,19 +188,19 @@ def test_a_curved_surface_has_its_own_column_heads(width: int) -> None:
     for name in ("Σrn [N]", "Σ|rt| [N]", "Σ|rt|/(Σμrn)"):
         assert name in head
     assert "Fn" not in head
-    # In steps.csv they are all the same.
+    # steps.csv always has the same columns.
     assert ("Fx [N]" in head, "Fy [N]" in head) == ((width > 75,) * 2)
     if width > 75:
         cells = lines[4].split()
         at = cells.index("3")
-        # Of what balances rounding is left.
+        # A sum that balances leaves rounding.
         assert cells[at + 1] == "0"
 
 
 def test_rounding_errors_of_zero_are_shown_as_zero() -> None:
     (line,) = (one for one in printed(path(3), 200) if one.lstrip().startswith("2 "))
     step, load, *_, normal, tangential, used, _, _, _ = line.split()
-    # sin 2π in floating point is not zero, and neither is a sum of forces that balance.
+    # sin 2π in floating point is not zero; neither is a sum of forces that balance.
     assert (step, normal, tangential, used) == ("2", "1234.5", "0", "-")
     assert float(load) == pytest.approx(np.sin(2 * np.pi), rel=1e-5) or load == "0"
 
@@ -226,7 +226,7 @@ def test_the_sentence_at_the_end() -> None:
         "solved: 2 load steps, every residual at most 1.0e-15 (asked for 1.0e-12). "
         "At the end 20 of 21 contacts slip, 1 are open."
     )
-    # Friction that holds nothing is not used up.
+    # Without a friction force the sentence does not say that friction is used up.
     assert not any("remark" in line for line in told)
     for row in rows:
         row["friction_used of block.side0"] = 0.9

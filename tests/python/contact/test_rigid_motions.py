@@ -19,7 +19,7 @@ def words(problem: bp.ContactProblem) -> list[str]:
 def test_free_block(dim: int) -> None:
     body = block((2, 1, 1)[:dim], (3, 2, 2)[:dim], 7.0, 0.3)
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3)
-    # n, t1[, t2] shift it; about one axis in the plane, about three in space it turns.
+    # n, t1[, t2] translate the block; it rotates about one axis in the plane, three in space.
     shifts = [f"translation along {axis}" for axis in ("n", "t1", "t2")[:dim]]
     assert words(problem) == shifts + ["rotation"] * (1 if dim == 2 else 3)
     assert problem.stats["rigid_motions"] == (3 if dim == 2 else 6)
@@ -30,7 +30,7 @@ def test_supports_take_motions_away(axis: int) -> None:
     body = block((2, 1), (3, 2), 7.0, 0.3)
     fixed = body.dofs(axis, 0.0 if axis == 0 else 1.0, axis)
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed)
-    # Rollers along a wall leave the shift along it; on top, the shift across.
+    # Rollers along a wall leave the translation along it; rollers on top leave the one across.
     assert words(problem) == [f"translation along {'n' if axis == 0 else 't1'}"]
     frame = np.broadcast_to([[0.0, 1.0], [1.0, 0.0]], (len(body.gap), 2, 2))
     problem = bp.ContactProblem(
@@ -54,14 +54,14 @@ def test_contacts_that_cannot_hold_a_body() -> None:
 
 
 def test_a_mechanism_held_by_contact() -> None:
-    # Four springs resist stretching of one direction each: sixteen unknowns in one
+    # Each of four springs resists stretching in one direction: sixteen unknowns in one
     # component with rank four leave twelve motions, far more than a rigid body has.
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((16, 4))
     K = factor @ factor.T
     problem = bp.ContactProblem(K, np.eye(16), gap=np.zeros(8), mu=0.3)
     assert problem.stats["rigid_motions"] == 12
-    # Pressed everywhere, what the loads are is what the contacts carry.
+    # Contacts are pressed everywhere, so they carry the whole load.
     load = np.tile([-1.0, 0.2], 8)
     result = problem.solve(load)
     np.testing.assert_allclose(result.reaction[0].ravel(), -load, rtol=1e-12)
@@ -70,7 +70,7 @@ def test_a_mechanism_held_by_contact() -> None:
 
 
 def two_blocks(dof_names: bool) -> bp.ContactProblem:
-    """Two blocks that contact alone holds, the second one's numbers behind the first's."""
+    """Two blocks held by contact alone; the numbers of the second follow those of the first."""
     body = block((2, 1), (3, 2), 7.0, 0.3)
     K, B = (sparse.block_diag([one, one]) for one in (body.K, body.B))
     n = body.K.shape[0]
@@ -84,7 +84,7 @@ def test_messages_name_bodies() -> None:
         "body 'lower'",
     }
     load = np.zeros(two_blocks(True)._shape[0])
-    load[len(load) // 2 + 1 :: 2] = 1.0  # the second one is lifted
+    load[len(load) // 2 + 1 :: 2] = 1.0  # # the second block is lifted
     with pytest.raises(bp.NoEquilibriumError, match="motion: body 'lower', con"):
         two_blocks(True).solve(load)
     with pytest.raises(bp.NoEquilibriumError, match="the body of degree of freedom"):
@@ -99,7 +99,7 @@ def test_a_floating_body_is_named() -> None:
     given = {"gap": body.gap, "mu": 0.3}
     with pytest.raises(bp.FloatingBodyError, match=r"^neither the stiffness") as plain:
         bp.ContactProblem(K, B, **given)
-    # The second block has no contact; which of its unknowns is named, is up to the order.
+    # The second block has no contact; the elimination order decides which unknown is named.
     assert n <= plain.value.dof < 2 * n
     assert f"degree of freedom {plain.value.dof}:" in str(plain.value)
     names = {"upper": 0, "lower": n}

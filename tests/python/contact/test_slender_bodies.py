@@ -1,7 +1,7 @@
 """Slender bodies: a small stiffness does not make a motion rigid.
 
-All answers are held to eliminations in twice the precision (`slender`), with the statuses
-that were found: they are right if the displacements are, nothing penetrates and nothing
+References are eliminations in doubled precision (`slender`) with the statuses found.
+The statuses are right if the displacements agree, nothing penetrates and no contact
 pulls.
 """
 
@@ -60,7 +60,7 @@ def test_cells_of_a_strip(cell: str, second: bool) -> None:
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("slenderness", [50, 500])
 def test_a_curved_leaf(slenderness: int, coordinates: bool) -> None:
-    """A leaf spring: its ends on the floor, one of them held, its crown 50 mm high."""
+    """A leaf spring with its ends on the floor, one of them held, and a crown of 50 mm."""
     body = strip((1000.0, 1000.0 / slenderness), (40, 1), rise=50.0)
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) - lifted(model, deflection(slenderness))
@@ -83,7 +83,7 @@ def test_a_plate(slenderness: int) -> None:
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("height", [2.0, 1.0, 0.5])
 def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
-    """A fine mesh, nothing but a traction that lifts: beam theory, to its own error."""
+    """A fine mesh with a lifting traction only: agrees with beam theory to the theory's error."""
     body = strip((1000.0, height), (160, 2))
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = lifted(model, deflection(1000.0 / height))
@@ -94,13 +94,13 @@ def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
     tip = result.displacement[-1].reshape(-1, 2)[body.nodes("right"), 1]
     estimate = result[-1].error_estimate
     assert estimate is not None
-    # The clamp hinders the contraction across the strip: less than a height of length.
-    # The rounding of the entries of K moves the tip of the thinnest by 4 %.
+    # The clamp prevents contraction across the strip over less than a height of length.
+    # The rounding of K's entries moves the tip of the thinnest strip by 4 %.
     np.testing.assert_allclose(tip, 5.0, rtol=3 * height / 1000.0 + 1e-3 + estimate[1])
 
 
 def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Assembly:
-    """A strip that nothing holds but the floor under its two ends."""
+    """A strip held only by the floor under its two ends."""
     length = 1000.0
     body = strip((length, length / slenderness), (cells, 2))
     parts = []
@@ -112,7 +112,7 @@ def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Assembly:
 
 @pytest.mark.parametrize("slenderness", [20, 170, 500, 1000])
 def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
-    """The whole load arrives, at the right places, whatever bends."""
+    """The contacts carry the whole load at the right places, however the strip bends."""
     model = on_two_ends(slenderness, 80, 0.3)
     assert model.problem().stats["rigid_motions"] == 3
     x = model.nodes[:, 0]
@@ -123,7 +123,7 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
     result = model.problem().solve(load, tol=1e-13)
     r, f = result.reaction[-1], load.reshape(-1, 2)
     whole = np.abs(f).sum()
-    # What the residual is held to, and sums of some hundred terms, each rounded once.
+    # The tolerance of the residual, and sums of some hundred terms, each rounded once.
     assert abs(r[:, 0].sum() + f[:, 1].sum()) <= 1e-12 * whole
     t = model.frame[:, 1, 0] * r[:, 1]
     assert abs(t.sum() + f[:, 0].sum()) <= 1e-12 * whole
@@ -133,7 +133,7 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
 
 
 def test_a_stiffness_without_digits_is_an_error() -> None:
-    """Cells a hundred times as long as high, 5000 of these heights in a row."""
+    """Cells with aspect ratio 100, in a strip that is 5000 heights long."""
     body = strip((1000.0, 0.2), (160, 2))
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) + lifted(model, deflection(5000))
@@ -148,7 +148,7 @@ def test_a_stiffness_without_digits_is_an_error() -> None:
 
 @pytest.mark.parametrize("height", [5.0, 2.0, 1.0])
 def test_the_estimate_includes_the_error_of_K(height: float) -> None:
-    """Entries of K moved by half a unit in the last place move the answer as foretold."""
+    """Half a unit in the last place of K changes the solution as the estimate predicts."""
     body = strip((1000.0, height), (40, 1))
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) + lifted(model, deflection(1000.0 / height))
@@ -175,8 +175,8 @@ def test_the_estimate_includes_the_error_of_K(height: float) -> None:
             )
         )
     largest = np.max(moved, axis=0)
-    # Samples of rounding, here as there: of what it may do to all entries together, and,
-    # where all but rounding lies flat, of what it does to reactions.
+    # Both are samples of rounding: its effect in all entries together and, where all but
+    # rounding lies flat, its effect on reactions.
     assert (largest <= 4 * np.maximum(estimate, 1e-13)).all(), (largest, estimate)
     assert (largest >= 1e-5 * np.array(estimate)).all(), (largest, estimate)
 
@@ -188,7 +188,7 @@ def _symmetric(row: Any, col: Any, value: Any, n: int) -> Any:
 
 
 def test_slender_bodies_at_random() -> None:
-    # The most slender ones, on many cells, may be refused: K has no digits for them.
+    # The most slender bodies with many cells may be refused: K has no digits for them.
     assert held(range(20))["solved"] >= 18
 
 
@@ -229,7 +229,7 @@ def heated(model: fem.Assembly, low: float, high: float) -> Array:
 
 
 def bimetal_is_solved(height: float, how: str) -> None:
-    """Frictionless, so convex: every one has an answer, and one only."""
+    """A frictionless problem is convex: each one has exactly one solution."""
     model = bimetal(height, how)
     contact = model.problem()
     for low, high in ((1.2e-5, 1.9e-5), (1.9e-5, 1.2e-5)):
@@ -238,7 +238,7 @@ def bimetal_is_solved(height: float, how: str) -> None:
             result = contact.solve(load)
             assert result.converged.all()
             if how == "roll":
-                # The floor alone carries the weight, on 161 nodes to η = 1e-10 each.
+                # The floor alone carries the weight, on 161 nodes with η = 1e-10 each.
                 pressed = result.reaction[-1, :, 0].sum()
                 assert pressed == pytest.approx(7.9e-5 * 1000.0 * height, rel=2e-8)
                 continue
@@ -246,7 +246,7 @@ def bimetal_is_solved(height: float, how: str) -> None:
             assert estimate is not None
             if there.r.any():
                 assert off(result.reaction[-1], there.r) <= 1e-10
-            # What the strip amplifies of rounding, the estimate tells.
+            # The estimate includes the rounding that the strip amplifies.
             assert off(result.displacement[-1], there.u) <= max(1e-9, estimate[1])
 
 

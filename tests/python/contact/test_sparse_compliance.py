@@ -35,7 +35,7 @@ def test_bodies_with_few_contacts_each_condense_to_a_sparse_compliance() -> None
     contacts = B.shape[0] // 2
     problem = bp.ContactProblem(M, B, gap=np.zeros(contacts), mu=0.4)
     expected = (B @ sparse.diags_array(1 / M.diagonal()) @ B.T).toarray()
-    # Sums of four products, of numbers of order one.
+    # Sums of four products of numbers of order one.
     np.testing.assert_allclose(problem.compliance, expected, rtol=0, atol=1e-14)
     assert problem.stats["bytes_compliance"] < expected.nbytes / 6
     result = problem.solve(load, tol=TOL)
@@ -59,7 +59,7 @@ def test_same_bits_for_any_number_of_threads(method: str) -> None:
 @pytest.mark.parametrize("method", ["auto", "newton", "uzawa"])
 def test_several_islands_and_a_matrix_that_is_not_symmetric(method: str) -> None:
     rng = np.random.default_rng(1)
-    # Chains of ten contacts, coupled by a tenth, one way more than the other.
+    # Chains of ten contacts, coupled by a tenth, more strongly in one direction.
     n = 120
     blocks = rng.uniform(-0.05, 0.05, (n, n, 3, 3))
     i, j = np.indices((n, n))
@@ -92,7 +92,7 @@ def test_twenty_thousand_contacts_take_megabytes() -> None:
     v = (couple @ solution.reaction.ravel()).reshape(n, 3) + q
     np.testing.assert_allclose(v, solution.relative_displacement, atol=1e-13)
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-    # A dense W is 29 GB; three blocks a row, and vectors, are some tens of megabytes.
+    # A dense W takes 29 GB; three blocks per row and some vectors take tens of megabytes.
     assert grown < 1e9
 
 

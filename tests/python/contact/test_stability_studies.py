@@ -31,9 +31,9 @@ SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
 
 
 def held(rows: Iterable[Row]) -> Iterator[Row]:
-    """Rows whose errors are within the bounds: what rounding makes, of worst signs.
+    """Rows with errors within the bounds, which are the rounding errors of worst sign.
 
-    The constant is that of the studies: K's entries are sums of four terms or eight.
+    The constant is that of the studies: entries of K are sums of four or eight terms.
     """
     for found in rows:
         assert found.outcome == "converged", found
@@ -48,11 +48,11 @@ def held(rows: Iterable[Row]) -> Iterator[Row]:
 
 def test_poisson_towards_a_half() -> None:
     for found in held(poisson.rows([0.2, 1e-2, 1e-4, 1e-7])):
-        # K holds (1 - 2ν)⁻¹ beside terms of order one and rounds them away: u follows
-        # that, with the factor of all these bounds.
+        # K adds (1 - 2ν)⁻¹ to terms of order one and rounds them away. The error of u grows
+        # like that, times the constant of all these bounds.
         allowed = 1e-14 + stability.CONSTANT * EPS / (2 * found.parameter)
         assert found.error_u <= allowed
-        # Normal reactions of the column are statics, whatever ν is.
+        # Normal reactions of the column follow from statics, for any ν.
         if found.case == "column":
             assert found.error_r <= 1e-14
 
@@ -60,16 +60,16 @@ def test_poisson_towards_a_half() -> None:
 @pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e12])
 def test_contrast_of_two_bodies(value: float) -> None:
     (found,) = held(x for x in contrast.rows([value]) if x.case == "touching")
-    # Each body is factorised on its own: its rigid motion is split off whatever the
-    # other's stiffness, and nothing of the contrast is left in the error.
+    # Each body is factored separately: its rigid motion is split off for any stiffness of
+    # the other, and the error does not depend on the contrast.
     assert max(found.error_r, found.error_v, found.error_u) <= 1e-14
 
 
 @pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e11])
 def test_contrast_within_one_body(value: float) -> None:
     (found,) = held(x for x in contrast.rows([value]) if x.case == "bonded")
-    # Entries of the stiff half are rounded by ε E₂, as if springs of that size held
-    # its 16 cells to the ground, beside the modulus 1 of what really holds it.
+    # Entries of the stiff half are rounded by ε E₂, as if springs of that size tied its 16
+    # cells to the ground, compared with the modulus 1 that really holds it.
     allowed = 1e-14 + 16 * EPS * max(value, 1.0)
     assert max(found.error_r, found.error_u) <= allowed
 
@@ -94,30 +94,30 @@ def test_a_rigid_motion_is_seen_through_the_rounding_of_a_stiff_part() -> None:
 def test_friction_from_none_to_any() -> None:
     found = list(held(friction.rows([0.0, 1e-8, 0.3, 10.0, 1e4, 1e8])))
     for x in found:
-        # Nothing of μ is in the matrix of a contact that sticks, and where one slides
-        # r is of size one: no power of μ multiplies any error.
+        # The matrix of a sticking contact does not contain μ, and a sliding contact has r of
+        # size one: no power of μ multiplies any error.
         assert max(x.error_r, x.error_v, x.error_u) <= 1e-14
 
 
 def test_gaps_down_to_rounding() -> None:
     for x in held(gaps.rows([1e-16, 1e-12, 1e-8, 1e-3])):
-        # All is in proportion to the gap; only a gap that is the difference of two
-        # coordinates has lost digits before it is given.
+        # Everything is in proportion to the gap. Only a gap computed as a difference of two
+        # coordinates has lost digits before the solve.
         lost = EPS / x.parameter if x.case == "from coordinates" else 0.0
         assert max(x.error_r, x.error_u) <= 1e-14 + lost
 
 
 def test_slender_bodies() -> None:
     for x in held(slender.slender([1.0, 30.0, 1000.0])):
-        # One of the 32 cells is 32 EA/L stiff along the beam, which its end is 3EI/L³
-        # across: 128 (L/h)² times, and K's entries of the first size are rounded.
+        # One of the 32 cells has a stiffness of 32 EA/L along the beam; the tip has 3EI/L³
+        # across it, 128 (L/h)² times less. Entries of K are rounded relative to the first.
         if x.case == "beam":
             assert x.error_u <= 1e-13 + 128 * EPS * x.parameter**2
 
 
 def test_needles_at_the_contact() -> None:
     for x in held(slender.needles([1.0, 100.0, 1e4, 1e6])):
-        # A flat cell is so much stiffer up than the block: S is what is left of that.
+        # A flat cell is much stiffer upwards than the block: S is what remains after cancellation.
         assert max(x.error_r, x.error_u) <= 1e-14 + 2 * EPS * x.parameter
 
 
@@ -127,8 +127,8 @@ def test_flat_cells_of_a_free_body() -> None:
     problem, step = solved(case)
     right = exact.solve(case, step.status, step.slip)
     limit = stability.CONSTANT * bounds(right, problem, step.residual)[0]
-    # S is a small difference of large entries, and what rounding leaves of S on the
-    # free motion is taken out: statics is exact, with W and with K.
+    # S is a small difference of large entries. The rounding in S along the free motion is
+    # removed, so statics is exact, with W and with K.
     by_w = problem.reduced(case.load).solve(tol=1e-14)
     assert problem.stats["cond_S"] < 100 < CORRECTED
     for found in (by_w, step):
@@ -139,7 +139,7 @@ def test_steps_of_a_billionth_and_less() -> None:
     found = list(held(load_steps.rows([1e-13, 1e-12, 1e-6, 1e-1])))
     for x in found:
         if x.case == "totals":
-            # The history adds the rounding of each step, not of each step's product.
+            # The history adds one rounding per step, not one per product.
             assert max(x.error_v, x.error_u) <= 1e-13
         else:
             # The slip of a step is the difference of two totals.
@@ -153,20 +153,17 @@ def test_contacts_from_none_to_many() -> None:
         if np.isfinite(x.bound_r):
             found += held([x])
         else:
-            # In space, with slip: beside the exact answer of W r + q. η is 1e-14.
+            # In space, with slip: compared with the exact solution for W r + q. η is 1e-14.
             assert x.statuses_right
             assert x.error_r <= 1e-14 * x.cond_S
             found.append(x)
         assert x.law <= 1e-13
-    # A hundred times as many contacts take a few times as many products.
+    # A hundred times as many contacts need a few times as many products.
     work = {x.contacts: x.products for x in found if x.case == "plane, one block"}
     assert work[200] <= 10 * work[3]
-    # Blocks on their own need memory in proportion, one block in proportion to n².
+    # Separate blocks need memory in proportion to n, one block in proportion to n².
     one, ten = (x.bytes for x in size.rows([], [1, 10], []))
     assert ten <= 12 * one
-
-
-# The exact answers themselves ----------------------------------------------
 
 
 def test_exact_answers_are_exact() -> None:
@@ -194,7 +191,7 @@ def test_bounds_find_a_wrong_solution() -> None:
     problem, step = solved(case)
     right = exact.solve(case, step.status, step.slip)
     limits = bounds(right, problem, step.residual)
-    # Single precision of K is what double precision would be with 29 bits less.
+    # Single precision of K acts like double precision with 29 bits less.
     single = replace(case, K=case.K.astype(np.float32).astype(float))
     _, off = solved(single)
     found = Answer(off.reaction, off.relative_displacement, off.displacement)
@@ -205,7 +202,7 @@ def test_bounds_find_a_wrong_solution() -> None:
 
 
 def test_the_bound_of_data_is_reached() -> None:
-    """K with its last bits chosen against u moves u by a good part of the bound."""
+    """The last bits of K, chosen against u, move u by a large part of the bound."""
     case = poisson_block()
     right = exact.solve(case, *statuses_of(case))
     n = case.K.shape[0]
@@ -217,8 +214,8 @@ def test_the_bound_of_data_is_reached() -> None:
     signs = np.zeros(n)
     signs[free] = np.sign(inverse[worst])
     against_u = np.sign(signs[K.row] * np.sign(u[K.col]))
-    # Roundings are independent for a program that computes each entry, (i, j) and
-    # (j, i) too; the exact answer does not mind an asymmetric K.
+    # A program that computes each entry separately rounds (i, j) and (j, i) independently.
+    # The exact solution does not need a symmetric K.
     bent = K.copy()
     bent.data = K.data * (1 + EPS * against_u * np.sign(K.data))
     other = replace(case, K=bent.tocsr())
@@ -238,9 +235,6 @@ def statuses_of(case: Any) -> tuple[Any, Any]:
     return step.status, step.slip
 
 
-# The page ------------------------------------------------------------------
-
-
 def test_the_page_shows_what_was_measured(repository: Path) -> None:
     page = (repository / "docs" / "stability.md").read_text(encoding="utf-8")
     assert stability.summary() in page
@@ -258,7 +252,7 @@ def test_the_tables_keep_the_bounds(name: str) -> None:
         solved_rows = [x for x in rows if x.outcome == "converged"]
         assert all(x.statuses_right for x in solved_rows)
         assert all(not stability.share(x) > 1 for x in solved_rows)
-        # Where nothing exact is known, the law and equilibrium in extended precision.
+        # Where no exact solution is known: the law and equilibrium in extended precision.
         assert all(
             x.law <= LAWFUL for x in solved_rows if np.isnan(x.bound_r + x.bound_v)
         )

@@ -1,4 +1,4 @@
-"""Supports and contacts that are just enough, too few, or allow a mechanism."""
+"""Supports and contacts that are just enough, that are too few, or that allow a mechanism."""
 
 import math
 from typing import Any
@@ -42,7 +42,7 @@ def test_two_nodes_never_hold_a_body_in_space() -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])
 def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
-    """One corner held in one direction, contact at the other: W is rounding, no more."""
+    """One corner held in one direction, contact at the other: W is only rounding."""
     mesh: Any = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "triangle")
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     turned = type(mesh)(np.array([[c, -s], [s, c]]) @ mesh.p, mesh.t)
@@ -59,7 +59,7 @@ def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
         load = np.zeros((n // 2, 2))
         load[mesh.p[1] == 1, 1] = -1e6 / 5
         result = problem.solve(load.ravel())
-        # Half of it is on the contact where the top lies over both corners.
+        # The contact carries half of the load where the top lies over both corners.
         share = 1 - (body.points[mesh.p[1] == 1, 0].mean() - body.points[near, 0]) / (
             body.points[far, 0] - body.points[near, 0]
         )
@@ -67,12 +67,12 @@ def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
 
 
 def rope(n: int, angle: float) -> tuple[Array, Any]:
-    """Bars round a drum of radius 1: nodes at `n` corners and one before and behind."""
+    """Bars around a drum of radius 1: nodes at `n` corners, and one before and after them."""
     turn = angle / n
     corners = (np.arange(n) + 0.5) * turn
     points = np.c_[np.cos(corners), np.sin(corners)]
     step = 2 * np.sin(turn / 2)
-    # The ends go on in the direction that makes the same turn at the first and last.
+    # The ends continue in the direction that gives equal angles at the first and last corner.
     first = points[0] - step * np.array([-np.sin(0.0), np.cos(0.0)])
     last = points[-1] + step * np.array([-np.sin(angle), np.cos(angle)])
     return np.vstack([first, points, last]), corners
@@ -124,10 +124,10 @@ def test_a_rope_round_a_drum(n: int, ratio: float | None, coordinates: bool) -> 
 
 @pytest.mark.parametrize("coordinates", [True, False])
 def test_a_truss_that_leans_on_a_wall(coordinates: bool) -> None:
-    """A square of four bars sways until the wall stops it: all forces by statics."""
+    """A square of four bars sways until the wall stops it: all forces follow from statics."""
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     K = bars(points, [(0, 1), (0, 2), (1, 3), (2, 3)], 1e6)
-    # Floor under nodes 0 and 1, a wall to the left of node 2 without friction.
+    # Floor under nodes 0 and 1, a frictionless wall to the left of node 2.
     rows, columns = np.arange(6), np.array([1, 0, 3, 2, 4, 5])
     B = sparse.csr_array((np.ones(6), (rows, columns)), shape=(6, 8))
     problem = bp.ContactProblem(
@@ -147,14 +147,14 @@ def test_a_truss_that_leans_on_a_wall(coordinates: bool) -> None:
     u = result.displacement[-1].reshape(-1, 2)
     exact = [[0, 0], [0, 0], [0, -1e-6], [-1e-6, -2e-6]]
     np.testing.assert_allclose(u, exact, atol=1e-17)
-    # Without the wall it sways for ever.
+    # Without the wall it sways without limit.
     free = sparse.csr_array(B)[:4]
     with pytest.raises(bp.FloatingBodyError):
         bp.ContactProblem(K, free, gap=np.zeros(2), mu=0.5)
 
 
 def test_a_belt_round_two_drums() -> None:
-    """A closed belt, stretched by moving one drum away, driven by nothing: all alike."""
+    """A closed belt, stretched by moving one drum away without torque: uniform tension."""
     n, apart = 6, 4.0
     half = (np.arange(n) + 0.5) * np.pi / n - np.pi / 2
     right = np.c_[np.cos(half) + apart, np.sin(half)]
@@ -168,7 +168,7 @@ def test_a_belt_round_two_drums() -> None:
     columns = np.tile(np.arange(2 * count).reshape(-1, 2), 2).ravel()
     values = np.c_[normals, -normals[:, 1], normals[:, 0]].ravel()
     B = sparse.csr_array((values, (rows, columns)), shape=(2 * count, 2 * count))
-    # The right drum goes 1 mm to the right: what it has come nearer along each normal.
+    # The right drum moves 1 mm to the right: its approach along each normal.
     gap = np.where(np.arange(count) < n, -1e-3 * normals[:, 0], 0.0)
     for mu in (0.0, 1e-6):
         problem = bp.ContactProblem(K, B, gap=gap, mu=mu)
@@ -179,12 +179,12 @@ def test_a_belt_round_two_drums() -> None:
             1e6 / length * (points[j] - points[i]) / length @ (u[j] - u[i])
             for (i, j), length in zip(pairs, lengths, strict=True)
         ]
-        # One tension all along; friction of 1e-6 changes it by π times as much.
+        # One tension along the whole belt; friction of 1e-6 changes it by π times as much.
         np.testing.assert_allclose(
             force, np.mean(force), rtol=1e-9 if mu == 0 else 1e-5
         )
-        # The work of stretching is that of the drum: T ΔL, with ΔL by moving the drum
-        # of 2 n corners: twice the way, less what the corners at its sides give.
+        # The work of stretching is that of the drum, T ΔL. For the drum of 2 n corners, ΔL is
+        # twice the distance, minus the part of the corners at its sides.
         stretch = np.mean(force) / 1e6 * np.sum(lengths)
         assert stretch == pytest.approx(
             2e-3 * np.sin(half[-1] + np.pi / (2 * n)), rel=1e-6

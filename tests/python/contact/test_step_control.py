@@ -1,4 +1,4 @@
-"""Adaptive load steps: their ends, their lengths, and results equal to given steps."""
+"""Adaptive load steps: where they end, how long they are, and results equal to given steps."""
 
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,18 @@ from comparisons import FIELDS, bits
 
 
 def spring(mu: float = 0.5, k: float = 4.0) -> bp.ContactProblem:
-    """A node on springs, 3 along the normal and k along the tangent."""
+    """A node on two springs, 3 along the normal and k along the tangent."""
     return bp.ContactProblem(np.diag([3.0, k]), np.eye(2), gap=[0.0], mu=mu)
 
 
 def pair() -> bp.ContactProblem:
-    """Two nodes that a spring of 1 joins, held by contact alone; mu = 0.5."""
+    """Two nodes joined by a spring of stiffness 1, held by contact alone; mu = 0.5."""
     K = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
     return bp.ContactProblem(K, np.eye(4), gap=[0.0, 0.0], mu=0.5)
 
 
 def towed(s: float) -> Any:
-    """Pressed by 2, towed by 2.4 s: friction holds 1, which is s = 5/12."""
+    """Pressed by 2, pulled by 2.4 s: friction holds 1, the limit is s = 5/12."""
     return [-1.0, 2.4 * s, -1.0, 0.0]
 
 
@@ -37,25 +37,25 @@ def test_a_limit_load_is_found_to_within_the_smallest_step(floor: float) -> None
     assert f"smallest = {floor:g}" in str(refused.value)
     assert "contact cannot carry the loads" in str(refused.value)
     assert f"s = {reached.s[-1]:.10g}" in str(refused.value)
-    # η of 1e-10 lets a load pass that is that much too large.
+    # η of 1e-10 accepts a load that is too large by that amount.
     assert reached.s[-1] <= 5 / 12 * (1 + 1e-9)
     assert reached.s[-1] + floor >= 5 / 12
     assert refused.value.direction is not None
-    # Bisection, and at each new start one attempt more.
+    # Bisection, and one more attempt at each new start.
     assert len(reached) <= 2 + np.log2(1 / floor)
 
 
 def test_slip_divides_sliding_and_leaves_stick() -> None:
-    """Towed by 4 s against a limit of 1: stick to s = 1/4, then 4 ds / k a step."""
+    """Pulled by 4 s against a limit of 1: stick to s = 1/4, then a slip of 4 ds / k a step."""
     result = spring(mu=0.5).follow(
         lambda s: [-2.0, 4.0 * s], largest=0.125, slip=0.04, tol=1e-13
     )
     sizes = np.diff(result.s, prepend=0.0)
     stuck = result.s <= 0.25
     np.testing.assert_array_equal(sizes[stuck], 0.125)
-    # The longest halves of 1/8 that slip by no more than 0.04 are 1/32.
+    # The largest of 1/8, 1/16, … that slips by at most 0.04 is 1/32.
     np.testing.assert_array_equal(sizes[~stuck], 0.03125)
-    # tol, on numbers of order one.
+    # tol, for numbers of order one.
     np.testing.assert_allclose(result.slip[~stuck, 0, 0], 0.03125, rtol=1e-11)
     assert not result.slip[stuck].any()
     assert result.s[-1] == 1.0
@@ -74,7 +74,7 @@ def test_slip_scales_with_the_unit_of_length() -> None:
 
 
 def tugged(load: Any) -> Any:
-    """The bar of A11 under its normal load, its end pulled to and fro."""
+    """The bar of A11 under its normal load, with its end pulled to and fro."""
 
     def at(s: float) -> Any:
         now = np.array(load)
@@ -89,7 +89,7 @@ def test_the_steps_are_those_of_the_same_load_points() -> None:
     at = tugged(load)
     automatic = problem.follow(at, first=0.25, largest=0.5, slip=2e-3)
     sizes = np.diff(automatic.s, prepend=0.0)
-    # Not a trivial division: it has halved and grown.
+    # Steps were halved and grew again: the comparison is not trivial.
     assert sizes.min() < 0.25
     assert np.any(np.diff(sizes) > 0)
     fixed = bar_problem(12)[0].solve(np.array([at(s) for s in automatic.s]))
@@ -128,7 +128,7 @@ def test_an_interrupted_path_continues(tmp_path: Path) -> None:
         assert bits(steps, whole[: k + 1], fields)
         rest = fresh.follow(tugged(load), **options, start=steps[-1])
         assert bits(rest, whole[k + 1 :], fields)
-    # Through a file, in another process as far as the numbers know.
+    # Through a file: nothing but the file connects it with the first part.
     with pytest.raises(bp.NotConvergedError) as refused:
         problem.follow(tugged(load), **(options | {"slip": 1e-9, "smallest": 0.2}))
     refused.value.result.save(tmp_path / "some.h5")
@@ -142,7 +142,7 @@ def test_an_interrupted_path_continues(tmp_path: Path) -> None:
 
 
 def test_a_step_that_does_not_converge_is_halved() -> None:
-    """The front of slip moves by few nodes in so many iterations."""
+    """The slip front moves only a few nodes within so many iterations."""
     problem, load = bar_problem(40)
 
     def at(s: float) -> Any:
@@ -150,14 +150,14 @@ def test_a_step_that_does_not_converge_is_halved() -> None:
         now[-1] += 20 * s
         return now
 
-    # One step of these, from the pressed bar, takes more.
+    # One step from the pressed bar needs more iterations than allowed.
     limit = 8
     pressed = problem.solve(at(0.0))
     with pytest.raises(bp.NotConvergedError):
         problem.solve(at(1.0), start=pressed, max_iterations=limit)
     result = problem.follow(at, max_iterations=limit, start=pressed, smallest=1e-6)
     assert result.s[-1] == 1.0
-    # It was halved, and more than once.
+    # The step was halved more than once.
     assert np.diff(result.s, prepend=0.0).min() <= 0.25
     assert (result.iterations <= limit).all()
     assert bits(
@@ -170,7 +170,7 @@ def test_too_much_slip_in_the_smallest_step() -> None:
         spring().follow(
             lambda s: [-2.0, 4.0 * s], largest=0.25, slip=1e-3, smallest=0.125
         )
-    # Stick is what was reached.
+    # The part up to the end of stick was reached.
     np.testing.assert_array_equal(refused.value.result.s, [0.25])
 
 

@@ -1,9 +1,9 @@
 """A stiffness written with few digits: its rigid motions are restored, and only these.
 
-The bound of all comparisons with the full stiffness: an entry written with D digits is
-right to τ = 10^(1-D)/2 of itself. Entries e within that change the energy of what is
-elastic by ``|e|ᵀ |K| |e| τ`` at the most, once rigid motions cost nothing: a few τ for
-compressible bodies, whatever holds them, in all units.
+The bound of all comparisons with the full stiffness: an entry written with D digits has
+a relative error of at most τ = 10^(1-D)/2. Such errors e change the elastic energy by
+at most ``|e|ᵀ |K| |e| τ``, once rigid motions cost nothing: a few τ for compressible
+bodies, for any supports and in all units.
 """
 
 import json
@@ -25,14 +25,14 @@ from children import bipot
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
-# Times τ: the energy above, and friction, which passes errors of u on to r.
+# Times τ: the energy above, and friction, through which errors of u change r.
 CONDITION = 20.0
-# metres and newtons, millimetres and newtons, and a system nobody uses.
+# Metres and newtons, millimetres and newtons, and an unusual system.
 UNITS = {"m N": (1.0, 1.0), "mm N": (1e3, 1.0), "odd": (3e-7, 5e8)}
 
 
 class Case(NamedTuple):
-    """A block on a plane, pressed and pushed by its weight and a load on top."""
+    """A block on a plane, loaded by its weight and by a pressing and pushing load on top."""
 
     K: Any
     B: Any
@@ -49,7 +49,7 @@ class Case(NamedTuple):
 
 
 def written(K: Any, digits: int) -> Any:
-    """K with its entries as text of so many significant digits gives them back."""
+    """K after its entries were written as text with that many significant digits."""
     K = sparse.csr_array(K, copy=True)
     K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
     return K
@@ -85,7 +85,7 @@ def case(
 
 
 def rigid(at: Array, dim: int) -> Array:
-    """Rigid motions by node-wise numbers of degrees of freedom, about the middle."""
+    """Rigid motions about the middle, for degrees of freedom numbered node by node."""
     x = at[::dim] - at.mean(axis=0)
     x = x / np.abs(x).max()
     shifts = [np.tile(axis, len(x)) for axis in np.eye(dim)]
@@ -99,14 +99,14 @@ def rigid(at: Array, dim: int) -> Array:
 
 
 def used(problem: bp.ContactProblem) -> Any:
-    """The stiffness that was condensed, both triangles."""
+    """The stiffness that was condensed, with both triangles."""
     pointer, column, value = problem._core.stiffness()
     low = sparse.tril(sparse.csr_array((value, column, pointer)))
     return sparse.csr_array(low + sparse.triu(low.T, 1))
 
 
 def off(K: Any, Z: Array) -> float:
-    """The largest entry of K Z over the sum of sizes of a row of K."""
+    """The largest entry of K Z relative to the sum of sizes in a row of K."""
     return float((np.abs(K @ Z) / np.asarray(abs(K).sum(axis=1)).reshape(-1, 1)).max())
 
 
@@ -132,10 +132,10 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
     assert estimate[0] <= condition * tau
     if not len(given.fixed):
         Z = rigid(given.at, given.dim)
-        # Of K as fem assembles it, and as Rust asks for: 64.
+        # The limit in Rust for K as fem assembles it: 64.
         assert off(used(problem), Z) <= 16 * EPS
         balance = Z.T @ (given.load + given.B.T @ result.reaction[0].ravel())
-        # The residual that the solve is held to.
+        # The tolerance of the residual.
         assert np.abs(balance).max() <= 1e-10 * np.abs(given.load).sum()
 
 
@@ -161,7 +161,7 @@ def test_second_order() -> None:
 
 @pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
 def test_a_slender_body_keeps_its_bending(held: bool) -> None:
-    """Fifty times as long as high: rotations are restored row by row, not as a whole."""
+    """Aspect ratio 50: rotations are restored row by row, not all together."""
     given = case("quadrilateral", held, cells=4, length=50.0)
     tau = 0.5e-5
     full = given.problem().solve(given.load)
@@ -178,7 +178,7 @@ def test_entries_move_within_their_digits(digits: int) -> None:
     found = used(given.problem(K, stiffness_rtol=rtol))
     row, column = K.nonzero()
     assert found.nnz == len(row)
-    # What is rounding of the assembly may move by that, too.
+    # The rounding of the assembly may change by the same amount.
     roots = np.sqrt(K.diagonal())
     size = rtol * np.abs(K[row, column]) + 8 * EPS * roots[row] * roots[column]
     ratio = np.abs(found[row, column] - K[row, column]) / size
@@ -244,10 +244,10 @@ def test_a_condensed_stiffness(cell: str, negative: float) -> None:
         superelement.problem(coordinates=None)
     problem = superelement.problem(stiffness_rtol=1e-12)
     assert problem.stats["rigid_motions"] == m
-    # Rows of a full matrix add up more of it than its eigenvalue.
+    # Rows of a full matrix sum to more than its eigenvalue.
     assert 0 < problem.stats["rigid_motions_off"] <= 1e-11
     assert off(used(problem), rigid(superelement.at, given.dim)) <= 16 * EPS
-    # 1e-12 of the entries, times the condition of the block of some hundreds.
+    # 1e-12 of the entries, times the condition of the block, some hundreds.
     full = given.problem().solve(given.load)
     result = problem.solve(superelement.load)
     if not np.any(given.load[rest]):
@@ -256,7 +256,7 @@ def test_a_condensed_stiffness(cell: str, negative: float) -> None:
 
 @pytest.mark.parametrize("digits", [6, 8])
 def test_supports_within_k_stay(digits: int) -> None:
-    """A spring along y at one corner: the block can slide and turn about the corner."""
+    """A spring along y at one corner: the block can slide, and turn about the corner."""
     given = case("quadrilateral", False)
     K = given.K.tolil()
     spring = 0.3 * given.K.diagonal().max()
@@ -271,7 +271,7 @@ def test_supports_within_k_stay(digits: int) -> None:
     held = np.flatnonzero((np.abs(forces) > 16 * EPS * size).any(axis=1))
     assert held.tolist() == [1]
     assert forces[1, 1] == pytest.approx(spring, rel=10.0 ** (2 - digits))
-    assert np.abs(forces[1, 0]) <= 16 * EPS * size[1]  # it does not resist sliding
+    assert np.abs(forces[1, 0]) <= 16 * EPS * size[1]  # # no force against sliding
     expected = full.solve(given.load)
     found = problem.solve(given.load)
     tau = 0.5 * 10.0 ** (1 - digits)
@@ -279,7 +279,7 @@ def test_supports_within_k_stay(digits: int) -> None:
 
 
 def test_a_foundation_all_along_the_bottom() -> None:
-    """Springs along y under every node of a row: one motion is left, along x."""
+    """Springs along y under every node of a row: only the motion along x is left."""
     given = case("quadrilateral", False)
     bottom = np.flatnonzero(given.at[1::2, 1] == 0)
     K = given.K.tolil()
@@ -293,7 +293,7 @@ def test_a_foundation_all_along_the_bottom() -> None:
 
 
 def test_a_condensed_stiffness_that_supports_hold() -> None:
-    """All its rows resist rigid motions, by far more than digits do: nothing to restore."""
+    """All rows resist rigid motions by far more than the digits do: nothing is restored."""
     given = case("quadrilateral", True)
     free = np.setdiff1d(np.arange(len(given.load)), given.fixed)
     bottom = free[np.abs(given.B[:, free]).sum(axis=0) > 0]
@@ -311,7 +311,7 @@ def test_a_condensed_stiffness_that_supports_hold() -> None:
 
 
 def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
-    """A portal of beams in the plane, three degrees of freedom a node."""
+    """A portal of beams in the plane, three degrees of freedom per node."""
     m, newton = units
     x = np.array([[0, 0], [0, 0.5], [0.1, 1], [1, 1.1], [1.2, 0]]) * m
     EA, EI = 2e8 * newton, 2e8 * newton * height**2 / 12 * m**2
@@ -343,7 +343,7 @@ def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("digits", [7, 10])
 def test_nodes_with_rotations(units: str, digits: int) -> None:
-    """A frame that stands on two feet: beams know forces and moments in other units."""
+    """A frame on two feet: beams mix forces and moments, which have different units."""
     newton = UNITS[units][1]
     K, at = frame(0.1, UNITS[units])
     B = np.zeros((4, 15))
@@ -359,7 +359,7 @@ def test_nodes_with_rotations(units: str, digits: int) -> None:
     some = problem(written(K, digits), stiffness_rtol=10.0**-digits)
     assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 3
     expected, found = full.solve(load), some.solve(load)
-    # Axial and bending stiffness are a factor of 1200 apart, and share entries.
+    # Axial and bending stiffness share entries and differ by a factor of 1200.
     tau = 1200 * 0.5 * 10.0 ** (1 - digits)
     assert apart(found.reaction, expected.reaction) <= tau
     assert apart(found.displacement, expected.displacement) <= tau
@@ -383,7 +383,7 @@ def test_all_x_before_all_y() -> None:
 
 
 def test_bodies_with_nodes_at_the_same_points() -> None:
-    """Two blocks one on the other, nodes on nodes: each is restored by itself."""
+    """Two blocks, one on the other, with coincident nodes: each is restored separately."""
     g = np.linspace(0, 1, 4)
     steel = fem.Material(7e4, 0.3)
     bodies = [
@@ -491,7 +491,7 @@ def test_an_asymmetric_stiffness() -> None:
         given.problem(sparse.csr_array(K), stiffness_rtol=1e-8)
     with pytest.raises(ValueError, match="lower triangle only"):
         given.problem(sparse.csr_array(sparse.tril(given.K)), stiffness_rtol=1e-8)
-    # Each entry rounded for itself, from values a bit apart.
+    # Each entry is rounded separately, from slightly different values.
     K = written(given.K, 8)
     K.data *= 1 + 1e-8 * np.sin(np.arange(K.nnz))
     assert given.problem(K, stiffness_rtol=1e-8).stats["rigid_motions"] == 3
@@ -538,7 +538,7 @@ def test_the_result_reports_the_error_of_K(tmp_path: Path) -> None:
 
 
 def test_the_estimate_for_a_nearly_incompressible_body() -> None:
-    """Entries are of the size of λ, the energy of μ: 1e4 times what digits leave open."""
+    """Entries have the size of λ, the energy that of μ: 1e4 times the error of the digits."""
     given = case("quadrilateral", True, nu=0.4999)
     full = given.problem().solve(given.load)
     result = given.problem(written(given.K, 8), stiffness_rtol=1e-8).solve(given.load)
@@ -590,7 +590,7 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:
-    """A block of random cells, supports and units, turned; digits; its rigid motions."""
+    """A turned block with random cells, supports and units; digits; its rigid motions."""
     cell = str(rng.choice(["triangle", "quadrilateral", "tetrahedron", "hexahedron"]))
     cells = int(rng.integers(2, 5))
     units = str(rng.choice(list(UNITS)))
@@ -640,8 +640,8 @@ def check_random(seed: int) -> None:
     full = given.problem()
     assert full.stats["rigid_motions"] == left, seed
     expected, found = full.solve(given.load), problem.solve(given.load)
-    # Of the shape, of thirty and of springs: what is long bends, and rounding of K
-    # itself, 64 ε, grows alike.
+    # Factors of the shape, of thirty and of springs: a long body bends, and the rounding of
+    # K itself, 64 ε, grows in the same way.
     bound = 20 * CONDITION * (tau + 64 * EPS)
     assert apart(found.displacement, expected.displacement) <= bound, seed
     if left == (3 if given.dim == 2 else 6):
@@ -649,7 +649,7 @@ def check_random(seed: int) -> None:
 
 
 def check_too_many_digits(seed: int) -> None:
-    """K has fewer digits than told, by two or three: it is never accepted."""
+    """K has two or three digits less than stated: it is never accepted."""
     rng = np.random.default_rng(seed)
     given, digits, _ = random_case(rng)
     digits = min(digits, 9)
@@ -659,7 +659,7 @@ def check_too_many_digits(seed: int) -> None:
 
 
 def check_wrong_places(seed: int) -> None:
-    """Nodes in another order, one further or at random."""
+    """Nodes in another order, with an offset or at random."""
     rng = np.random.default_rng(seed)
     given, digits, _ = random_case(rng)
     nodes = given.at[:: given.dim]

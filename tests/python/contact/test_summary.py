@@ -12,7 +12,7 @@ import bipot_rs as bp
 from bipot_rs import analytic
 from bipot_rs.contact import summary
 
-# Two contacts in the plane, one pressed and dragged beyond friction, one pulled off.
+# Two contacts in the plane: one pressed and dragged beyond friction, one pulled off.
 PULL = np.array([-2.0, 1.5, 1.0, 0.0])
 
 
@@ -43,7 +43,7 @@ def test_a_result_in_six_lines() -> None:
     )
     # Pressed by 2, so friction is 0.5 * 2.
     assert "normal 2 in total, friction 1 (50 %)" in said["forces"]
-    # The rest of the load stretches the unit spring by 1.5 - 1: times friction, 0.5.
+    # The rest of the load stretches the unit spring by 1.5 - 1; friction times this is 0.5.
     assert said["path"] == "friction dissipated 0.5 in total"
     assert said["residual"].endswith("limit 1e-10")
     assert "condense" in said["cost"]
@@ -91,7 +91,7 @@ def test_a_problem_in_six_lines() -> None:
 
 
 def test_rigid_motions_are_counted() -> None:
-    # One mass on one spring to nothing: free to move along both axes of its contact.
+    # One mass with one spring of stiffness zero: free along both axes of its contact.
     K = sparse.csr_array((2, 2))
     problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
     assert problem.stats["rigid_motions"] == 2
@@ -145,7 +145,7 @@ def test_a_result_without_steps() -> None:
 
 
 def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No recovery, no uniqueness, no diagnosis, no error."""
+    """A summary computes no displacements, uniqueness, diagnosis or error."""
     problem = two()
     result = problem.solve(PULL)
     reduced = problem.reduced(PULL)
@@ -166,26 +166,26 @@ def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_dissipation_of_a_sliding_block() -> None:
-    """A rigid block pressed by N and drawn along by δ loses μ N δ."""
+    """A rigid block pressed by N and dragged by δ dissipates μ N δ."""
     N, mu, delta = 7.0, 0.3, np.array([0.0, 0.4, 1.0, -0.5])
-    # Its normal freedom on a spring, the tangential one prescribed by a stiff rod that
-    # has slipped by N mu / k less than its end.
+    # Its normal motion is on a spring. The tangential motion is prescribed through a stiff
+    # rod, and so is N mu / k less than that of the rod's end.
     k = 100.0
     K = np.array([[1.0, 0, 0], [0, k, -k], [0, -k, k]])
     B = np.eye(3)[:2]
     loads = np.tile([-N, 0.0, 0.0], (4, 1))
     path = bp.solve(K, B, loads, delta[:, None], gap=[0.0], mu=mu, fixed=[2])
-    # The block is where the end of the rod is, less the stretch while it slides.
+    # The displacement of the block is that of the end minus the stretch of the rod.
     stretch = mu * N / k
     block = np.array([0.0, 0.4 - stretch, 1.0 - stretch, -0.5 + stretch])
     lost = mu * N * np.abs(np.diff(block, prepend=0.0))
-    # The residual, 1e-10, of forces that friction turns into work over a path of 1.
+    # The residual, 1e-10, of forces that dissipate work over a path of 1.
     np.testing.assert_allclose(path.dissipation, lost, atol=1e-9 * mu * N)
     np.testing.assert_allclose([s.dissipation for s in path], path.dissipation, rtol=0)
 
 
 def test_dissipation_of_a_bar_in_a_cycle() -> None:
-    """A chain pulled to and fro on a rough foundation, its closed form, every cycle."""
+    """A chain pulled to and fro on a rough foundation: the closed form of every cycle."""
     n, stiffness, limit, peak, mu = 20, 1000.0, 50.0, 30.0, 0.3
     chain = sparse.diags([-1.0, [2.0] * (n - 1) + [1.0], -1.0], [-1, 0, 1], (n, n))
     K = sparse.kron(chain, np.diag([0.0, 1.0])) * stiffness * n
@@ -200,16 +200,16 @@ def test_dissipation_of_a_bar_in_a_cycle() -> None:
     # From peak to peak: steps 2 to 5, 6 to 9, ...
     cycles = result.dissipation[2:-3].reshape(-1, 4).sum(axis=1)
     exact = analytic.bar_cycle_dissipation(peak, stiffness, limit, element=1 / n)
-    # η = 1e-13 a node of 20, over a path that slips to and fro.
+    # η = 1e-13 for each of 20 nodes, over a path that slips to and fro.
     np.testing.assert_allclose(cycles, exact, rtol=1e-10)
 
 
 def test_resultant_in_global_components() -> None:
-    """Frames of either side of a wedge: forces add up as vectors to the load."""
+    """Frames on both sides of a wedge: the vector sum of the forces equals the load."""
     angle = np.array([0.6, -0.6])
     n = np.stack([np.sin(angle), np.cos(angle)], axis=1)
     frame = np.stack([n, np.stack([n[:, 1], -n[:, 0]], axis=1)], axis=1)
-    # One node on both sides, a weak spring: what the spring takes is small.
+    # One node touches both sides; its spring is weak and carries little.
     K, B = 1e-9 * np.eye(2), frame.reshape(4, 2)
     load = np.array([0.1, -1.0])
     result = bp.solve(K, B, load, gap=np.zeros(2), mu=0.0, frame=frame)

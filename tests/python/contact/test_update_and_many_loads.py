@@ -36,7 +36,7 @@ def same_bits(one: bp.Result, other: bp.Result) -> None:
 def test_known_loads_give_the_same_answer_without_the_factor() -> None:
     load, moved = steps()
     kept, dropped = problem(), problem(loads=(load, moved))
-    # S has the same bits; loads pass the factor as a block instead of one by one.
+    # S has the same bits; loads pass the factor as a block and not one by one.
     for one, other in (
         (dropped.solve(), kept.solve(load, moved)),
         (dropped.solve(load[1], moved[1]), kept.solve(load[1], moved[1])),
@@ -113,7 +113,7 @@ def test_a_body_held_by_contact_alone_keeps_its_factor() -> None:
     same_bits(free.solve(), problem(fixed=None).solve(load))
 
 
-def test_another_stiffness_in_place() -> None:
+def test_update_replaces_the_stiffness() -> None:
     load, moved = steps()
     updated = problem()
     before = updated.solve(load, moved)
@@ -121,7 +121,7 @@ def test_another_stiffness_in_place() -> None:
     updated.update(softer.K)
     fresh = problem(softer)
     same_bits(updated.solve(load, moved), fresh.solve(load, moved))
-    # What was solved before belongs to the stiffness it was solved with.
+    # Earlier results keep the stiffness that they were solved with.
     same_bits(before, problem().solve(load, moved))
     assert np.array_equal(
         before.displacement, problem().solve(load, moved).displacement
@@ -132,12 +132,12 @@ def test_an_update_with_the_same_pattern_needs_no_ordering() -> None:
     one = problem()
     ordered = one.stats["seconds_order"]
     one.update(2.0 * BODY.K)
-    # The very seconds of the first analysis are told.
+    # The times reported are those of the first analysis.
     assert one.stats["seconds_order"] == ordered
     n = BODY.K.shape[0]
     far = sparse.coo_array(([1e-9, 1e-9], ([0, n - 1], [n - 1, 0])), shape=(n, n))
     finer = sparse.csr_array(BODY.K + far)
-    one.update(finer)  # another pattern: analysed anew, and right
+    one.update(finer)  # # another pattern is analysed again
     same_bits(one.solve(*steps()), problem_of(finer).solve(*steps()))
 
 
@@ -175,10 +175,10 @@ def test_each_of_many_paths_equals_the_single_path() -> None:
     varied = problem(mu=cases[3]["mu"])
     same_bits(results[3], varied.solve(prescribed=moved[1]))
     assert np.array_equal(results[1].contacts["mu"], np.full(len(BODY.gap), 0.1))
-    # A step uses the friction coefficients of its own case.
+    # Each step uses the friction coefficients of its own case.
     assert results[3][0].unique == varied.solve(prescribed=moved[1])[0].unique
     alone = shared.solve(load, moved)
-    # A displacement has the bits it has alone, however many are found together.
+    # A displacement has the same bits alone as together with others.
     assert np.array_equal(results[0].displacement[2], alone[2].displacement)
 
 

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def held_by_friction(mu: float) -> bp.ReducedProblem:
-    """Friction must carry 2, for which 2/mu presses, and a spring then opens by 8/mu."""
+    """Friction must carry 2, which needs a pressure of 2/mu; a spring then opens by 8/mu."""
     rigid = (np.array([[0.0], [1.0]]), [-2.0])
     return bp.ReducedProblem(np.diag([4.0, 0.0]), [[0.0, -3.0]], mu, rigid=rigid)
 
@@ -51,7 +51,7 @@ def test_diverging_reactions_are_not_a_solution() -> None:
 
 
 def test_a_diverging_rigid_motion_does_not_raise_the_tolerance() -> None:
-    # Free to slide, and pressed by 1: any motion along the floor is an answer.
+    # Free to slide and pressed by 1: any motion along the floor is a solution.
     rigid = (np.array([[0.0], [1.0]]), [0.0])
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.5]], 0.0, rigid=rigid)
     near = problem.solve()
@@ -60,7 +60,7 @@ def test_a_diverging_rigid_motion_does_not_raise_the_tolerance() -> None:
         solution = problem.solve(start=far, tol=1e-15)
         assert solution.converged
         assert solution.rigid_motion == pytest.approx([amount])
-        # 4 ε times the 1e4 lengths that an answer may need.
+        # 4 ε times 1e4, the lengths that a solution may need.
         assert solution.tolerance <= 1e-10
 
 
@@ -99,7 +99,7 @@ def test_a_motion_is_reported_only_as_a_proof_ten_thousand_times() -> None:
 
 
 def refused(problem: bp.ContactProblem, load: Array) -> bp.BipotError | None:
-    """What a solve raises."""
+    """The error that a solve raises."""
     try:
         problem.solve(load, max_iterations=2000)
     except bp.BipotError as error:
@@ -108,7 +108,7 @@ def refused(problem: bp.ContactProblem, load: Array) -> bp.BipotError | None:
 
 
 def test_the_direction_of_an_error_proves() -> None:
-    """The same of bodies given by K, of which K d = 0 says that a motion is rigid."""
+    """The same for bodies given by K: K d = 0 shows that the motion d is rigid."""
     told = Counter[str]()
     for seed in range(300):
         rng = np.random.default_rng([23, seed])
@@ -142,7 +142,7 @@ def test_the_direction_of_an_error_proves() -> None:
 
 @pytest.mark.parametrize("exponent", [*range(-170, 151, 20), 150])
 def test_a_bound_does_not_depend_on_scale(exponent: int) -> None:
-    """Where r* = 0, and of problems that are scaled as a whole."""
+    """Where r* = 0, and for problems scaled as a whole."""
     scale = 10.0**exponent
     problem = bp.ReducedProblem(4 * np.eye(2), [[3.0, 3.0]], 0.5)
     bound = problem.error_bound([[scale, 0.0]])
@@ -156,7 +156,7 @@ def test_a_bound_does_not_depend_on_scale(exponent: int) -> None:
     none = bp.ReducedProblem(4 * np.eye(2), [[0.0, 0.0]], 0.5)
     bound = none.error_bound([[scale, 0.1 * scale]])
     assert bound.energy is not None
-    # Nothing has a size here but the point: the bound is a multiple of it.
+    # Only the point has a size here, so the bound is a multiple of it.
     one = none.error_bound([[1.0, 0.1]])
     assert one.energy is not None
     assert bound.energy / scale == pytest.approx(one.energy, rel=1e-12)
@@ -179,9 +179,9 @@ def test_a_bound_of_random_problems_at_every_scale(exponent: int) -> None:
         if plain.energy is None or bound.energy is None:
             continue
         seen += 1
-        # Rounding of the data by the scale, which is no power of two, times κ(W).
+        # The scale is not a power of two, so it rounds the data; this error is times κ(W).
         assert bound.energy / scale == pytest.approx(plain.energy, rel=1e-11)
-        # The point is far smaller than the answer, or larger: away by itself or r*.
+        # The point is far smaller or larger than the solution: the error is about r* or the point.
         small = bp.ReducedProblem(W, q, mu)
         answer = small.solve(tol=1e-15)
         far = small.error_bound(scale * r)
@@ -225,7 +225,7 @@ def test_local_verdicts_hold_ten_thousand_times() -> None:
 
 
 def test_the_gap_of_a_contact_that_penetrates_is_negative() -> None:
-    """As its documentation says: a sum of such gaps is no bifunctional."""
+    """As documented: a sum of such gaps is not a bifunctional."""
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.5)
     bound = problem.error_bound([[0.5, 0.0]])
     assert bound.total == Fraction(-1, 4)
@@ -235,5 +235,5 @@ def test_proofs_are_checked_by_their_definition() -> None:
     given = three_contacts(0)
     assert given.rigid is not None
     R, e = given.rigid
-    # Neither against the loads nor into a contact.
+    # The proof opposes neither the loads nor a contact.
     assert not proves_none(-(R @ e).reshape(3, 2), given)

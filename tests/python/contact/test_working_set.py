@@ -10,8 +10,8 @@ from scipy import sparse
 import bipot_rs as bp
 from bodies import Body, block
 
-# Both answers fulfil the law to rounding; what they may differ by is the error of two
-# W's of cond(S) below 1e3, and of η = 1e-13 over the smallest reaction that counts.
+# Both solutions satisfy the law to rounding. They may differ by the error of two W's with
+# cond(S) below 1e3, and by η = 1e-13 over the smallest reaction that counts.
 SAME = 1e-10
 
 
@@ -81,11 +81,11 @@ def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     agree(grown, whole)
     closed = (whole.status != 0).any(axis=0)
     assert 5 < closed.sum() < len(gap) / 4
-    # No contact that was left out penetrates.
+    # No contact outside the set penetrates.
     assert grown.relative_displacement[:, :, 0].min() >= -1e-15
 
 
-def test_the_gaps_decide() -> None:
+def test_the_gaps_choose_the_first_set() -> None:
     body, gap = indented(2, 320, radius=1.0)
     fixed = top(body)
     few = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, fixed=fixed)
@@ -100,8 +100,8 @@ def test_the_gaps_decide() -> None:
 
 @pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 14)])
 def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
-    # In space the contacts are numbered row by row: those that pin the body must not
-    # follow a diagonal, about which it would be held by rounding.
+    # In space, contacts are numbered row by row. The contacts that hold the body must not
+    # lie on a diagonal, about which only rounding would hold it.
     body, gap = indented(dim, cells, radius=1.0)
     down = [0.0] * (dim - 1) + [-0.01]
     load = body.traction(dim - 1, HEIGHT[dim], down) + body.weight([0.001, *down[1:]])
@@ -187,9 +187,9 @@ def same_bits(ours: Any, theirs: Any) -> None:
 
 
 def rolling(dim: int) -> tuple[bp.ContactProblem, np.ndarray]:
-    """A ball that goes along the face of a block and drags it, and the gaps of its steps.
+    """A ball that rolls along the face of a block and drags it, and the gaps of its steps.
 
-    Contacts that are open again stay in the set, so that it is more than a state tells.
+    Contacts that open again stay in the set, so the set cannot be found from a state alone.
     """
     cells, depth = ([320, 6], 2e-3) if dim == 2 else ([14, 14, 3], 2e-2)
     body = block([1.0] * dim, cells, 1.0, 0.3)
@@ -212,7 +212,7 @@ def test_a_continued_path_has_the_same_bits(dim: int, tmp_path: Path) -> None:
     through = problem.solve(gap=gaps)
     sets = [step.working_set for step in through]
     assert all(0 < len(s) < len(gaps[0]) for s in sets)
-    # More than closed contacts and seeds: a state alone does not tell it.
+    # The set has more than the closed contacts and the first ones, so a state cannot give it.
     seeds = problem.stats["working_set"]
     assert len(sets[-1]) > seeds + (through.status[-1] > 0).sum()
     through.save(tmp_path / "through.h5")
@@ -234,7 +234,7 @@ def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
 
     automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=2e-4)
     assert automatic.s is not None
-    # Not a trivial division: a step was too long, and tried again from where it began.
+    # A step was too long and was tried again from its start: the comparison is not trivial.
     assert np.diff(automatic.s, prepend=0.0).min() < 1.0
     again = problem.solve(gap=np.array([gap(s) for s in automatic.s]))
     same_bits(again, automatic)
@@ -243,7 +243,7 @@ def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
 def test_a_set_of_all_contacts_of_a_body_that_nothing_else_holds(
     tmp_path: Path,
 ) -> None:
-    """Its rigid motions are those of other unknowns, and go along."""
+    """The rigid motions involve unknowns outside the set, and are kept with it."""
     body = block([1.0, 1.0], [320, 6], 1.0, 0.3)
     gap = (body.points[:, 0] - 0.5) ** 2 / 100
     load = body.traction(1, 1.0, [0.0, -0.2]) + body.weight([0.01, 0.0])
@@ -289,7 +289,7 @@ def test_other_properties_with_a_working_set() -> None:
     ]
     moved = path(body, fixed, 0.02)[1]
     grown, whole = (problem.reduced(prescribed=moved) for problem in made)
-    # One and the same elimination, once it is asked for.
+    # Both use one elimination, made when it is first needed.
     assert np.array_equal(np.asarray(grown.W), np.asarray(whole.W))
     assert np.array_equal(grown.q, whole.q)
     step = made[0].solve(prescribed=moved)[0]

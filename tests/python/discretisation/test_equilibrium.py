@@ -1,4 +1,4 @@
-"""Stresses recovered from P1 displacements are in equilibrium in every point."""
+"""Stresses recovered from P1 displacements are in equilibrium at every point."""
 
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -27,7 +27,7 @@ CELLS = {2: "triangle", 3: "tetrahedron"}
 
 
 def bent(dim: int, n: int = 3, turn: bool = False, poisson: float = 0.3) -> fem.Body:
-    """A box of bent and stretched cells, standing on its bottom unless turned."""
+    """A box of distorted and stretched cells; it stands on its bottom unless rotated."""
     mesh = fem.box(
         [np.linspace(0, side, n + 1) for side in (1.0, 3.0, 2.0)[:dim]], CELLS[dim]
     )
@@ -55,7 +55,7 @@ class Exact:
     def __post_init__(self) -> None:
         dim, random = self.body.dim, np.random.default_rng(11)
         self.frame = np.eye(dim)
-        # u = h (A x), h the height over the bottom.
+        # u = h (A x), with h the height over the bottom.
         self.A = random.normal(size=(dim, dim))
         bottom = self.body.points[self.body.nodes("bottom")]
         self.origin = bottom.mean(axis=0)
@@ -146,10 +146,10 @@ def test_equilibrium_in_every_point(dim: int, turn: bool) -> None:
             cells.edges, cells.gradients, cells.by_cell(tractions)
         )
         size = np.abs(hat).max()
-        # Symmetric, in sums of the same terms.
+        # Symmetric, because both are sums of the same terms.
         assert np.abs(hat - hat.swapaxes(-1, -2)).max() <= 1e-14 * size
-        # The condition of the reference element is 1e2, of the bent cells 1e2, and the
-        # nodes' equations hold to a factorisation's rounding.
+        # The condition of the reference element is 1e2, of the distorted cells 1e2, and the
+        # nodal equations hold to the rounding of a factorisation.
         digits = 1e-11
         corners = parts(cells)
         matrix = np.concatenate([np.ones((*corners.shape[:-1], 1)), corners], axis=-1)
@@ -166,7 +166,7 @@ def test_equilibrium_in_every_point(dim: int, turn: bool) -> None:
                 two = hat[:, m, m if b is None else b]
                 jump = np.einsum("cij,cj->ci", one - two, normal)
                 assert np.abs(jump).max() <= digits * size
-        # Between cells, and to what acts outside: tractions at the nodes of facets.
+        # Between cells, and with the outside: tractions at the nodes of facets.
         low = np.full((len(cells.facets), dim, dim), np.inf)
         high = -low
         normals = cells.area / cells.size[:, None]
@@ -205,14 +205,14 @@ def test_prager_and_synge(dim: int, turn: bool) -> None:
         assert true + dual == pytest.approx(all_of_it, rel=1e-9)
         assert min(true, dual) > 0
         last.append(all_of_it / true)
-    # Prolongation alone overestimates; less energy is what the self-stresses are for.
+    # Prolongation alone overestimates; the self-stresses reduce the energy.
     assert last[1] < last[0]
     assert np.sqrt(last[1]) < 1.5
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_least_energy_is_reached(dim: int) -> None:
-    """The complementary energy cannot fall along any self-stress that was found anew."""
+    """No independently computed self-stress reduces the complementary energy."""
     body = bent(dim, n=2)
     found = recovered(body)
     cells, material = found.cells, body.material
@@ -223,14 +223,14 @@ def test_the_least_energy_is_reached(dim: int) -> None:
         m = functions.relax(m, found.u, own)
         hat = johnson_mercier.stress(cells.edges, cells.gradients, cells.by_cell(m))
         energies.append(error_energy(cells, material, hat - own[:, None, None]).sum())
-    # One call ends within a hundredth of what it aims at, a few times over in space.
+    # One call ends within a hundredth of its target; in space, within a few hundredths.
     assert energies[0] <= 1.05 * energies[-1]
     assert all(b <= a * (1 + 1e-12) for a, b in pairwise(energies))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_one_stress_for_forces_in_balance(dim: int) -> None:
-    """Johnson and Mercier: traction moments in balance fix the stress of a cell."""
+    """Johnson and Mercier: balanced moments of tractions determine the stress of a cell."""
     random = np.random.default_rng(3)
     x = random.normal(size=(dim + 1, dim))
     edges = (x[1:] - x[0]).T[None]
@@ -239,7 +239,7 @@ def test_one_stress_for_forces_in_balance(dim: int) -> None:
     volume = abs(np.linalg.det(edges[0])) / (2 if dim == 2 else 6)
     given = random.normal(size=(dim + 1, dim + 1, dim))
     given[np.arange(dim + 1), np.arange(dim + 1)] = 0
-    # Take out what the forces leave of torque about the centre.
+    # Remove the torque of the forces about the centre.
     spin = [(i, j) for i in range(dim) for j in range(i)]
     arms = x - x.mean(axis=0)
 
@@ -258,7 +258,7 @@ def test_one_stress_for_forces_in_balance(dim: int) -> None:
         np.linalg.solve(np.array([torque(u) for u in unit]).T, torque(given)), unit, 1
     )
     hat = johnson_mercier.stress(edges, gradients, given[None])[0]
-    # Its tractions have the moments that were asked for.
+    # Its tractions have the prescribed moments.
     for k in range(dim + 1):
         others = [a for a in range(dim + 1) if a != k]
         area = -dim * volume * gradients[0, k]
@@ -278,16 +278,16 @@ def test_complementary_energy_is_dual(dim: int, poisson: float) -> None:
     e = e + e.swapaxes(1, 2)
     stress = elastic(material, e)
     work = np.einsum("kij,kij->k", stress, e)
-    # Near ν = 1/2 a stress is 1e5 times what shears it.
+    # Near ν = 1/2 the stress is 1e5 times the part that causes shear.
     np.testing.assert_allclose(complementary(material, stress), work, rtol=1e-9)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("held", ["nothing", "bottom", "a roller", "two sides"])
 def test_self_stresses_span_the_null_space(dim: int, held: str) -> None:
-    """Their span is the null space of the balances of forces and torques of all cells.
+    """They span the null space of the balances of forces and torques of all cells.
 
-    All but one force and one torque from a support to another one.
+    The balances include all supports except one force and one torque.
     """
     mesh = fem.box([np.linspace(0, 1, n) for n in (3, 3, 2)[:dim]], CELLS[dim])
     cells = simplices(fem.Body("it", mesh, fem.Material(1.0, 0.3)))

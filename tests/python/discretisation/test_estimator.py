@@ -1,4 +1,4 @@
-"""The discretisation error of scenes: a bound where it is called one, zero where exact."""
+"""The discretisation error of scenes: a true bound where stated, zero for exact solutions."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +20,8 @@ SMOOTH = "contact.0.mu=0.0"
 
 @pytest.mark.parametrize(
     ("name", "n", "factor", "least"),
-    # What `least` allows is what the reference itself lacks: half the cells, half the
-    # error or, at the corners of the cube, h^0.6; 1 - 0.5² and 1 - 0.25^1.2.
+    # `least` allows for the error of the reference itself. It has half the cell size: half the
+    # error or, at the corners of the cube, h^0.6. Hence 1 - 0.5² and 1 - 0.25^1.2.
     [("cattaneo_mindlin", 5, 2, 0.7), ("sheared_cube", 2, 4, 0.8)],
 )
 def test_bound_without_friction(name: str, n: int, factor: int, least: float) -> None:
@@ -29,7 +29,7 @@ def test_bound_without_friction(name: str, n: int, factor: int, least: float) ->
     assert row.error.kind == BOUND
     assert row.error.reasons == ()
     assert row.effectivity >= 1
-    # The dual part of the bound is about as large as the error itself at the most.
+    # The dual part of the bound is at most about as large as the error.
     assert row.effectivity <= 1.45 / least
 
 
@@ -40,7 +40,7 @@ def test_indicator_with_friction(name: str, n: int, factor: int) -> None:
     row = bench.compare(name, [], n, factor)
     assert row.error.kind == INDICATOR
     assert "Coulomb" in row.error.reasons[0]
-    # The identity: B less the term without sign is no less than the error.
+    # By the identity, B without the term of unknown sign is at least the error.
     energy = row.error.elastic_energy
     assert row.error.total - row.term >= energy * row.true**2
     assert 0.9 < row.effectivity < 2.2
@@ -136,7 +136,7 @@ def test_bound_with_tresca_friction(tmp_path: Path) -> None:
     limits = [np.full(len(case.model.gap), 1.5) for case in (coarse, fine)]
     step, v = tresca(coarse, limits[0])
     reference, _ = tresca(fine, limits[1])
-    # Both sliding and sticking, or the test says nothing about friction.
+    # Both slip and stick occur; otherwise the test would not check friction.
     sticks = np.abs(v[:, 1]) <= 1e-9 * np.abs(v).max()
     assert sticks.any()
     assert not sticks.all()
@@ -152,7 +152,7 @@ def test_bound_with_tresca_friction(tmp_path: Path) -> None:
 
 
 def test_error_is_zero_for_exact_solutions() -> None:
-    """Uniform pressure without friction: a linear displacement."""
+    """Uniform pressure without friction gives a linear displacement."""
     case, result = bench.solved("pressed_block", [SMOOTH, "mesh.n=4"])
     error = discretisation_error(case, result)
     # The square of the rounding of stresses, and of v_n in contacts.
@@ -175,14 +175,14 @@ def test_parts_are_not_negative_and_sum_up(name: str) -> None:
             sum(body.depth * simplices(body).volume.sum() for body in case.model.bodies)
         )
         energy = 0.5 * result.displacement[k] @ (case.model.K @ result.displacement[k])
-        # A sum of squares beside one whose terms cancel.
+        # A sum of squares compared with one whose terms cancel.
         assert error.elastic_energy == pytest.approx(energy, rel=1e-10)
         assert error.relative == pytest.approx(np.sqrt(error.total / energy), rel=1e-9)
         assert error.kind == INDICATOR
 
 
 def test_first_order() -> None:
-    """Energy norm: h, but for the ends of contact, h^0.9 from 4 to 16 cells."""
+    """In the energy norm h, reduced by the ends of contact to h^0.9 from 4 to 16 cells."""
     found = [
         discretisation_error(*bench.solved("pressed_block", [f"mesh.n={n}"])).relative
         for n in (4, 8, 16)
@@ -192,7 +192,7 @@ def test_first_order() -> None:
 
 
 def test_units_do_not_matter(tmp_path: Path) -> None:
-    """Millimetres and megapascals, or inches and pounds, as it were."""
+    """For example millimetres and megapascals, or inches and pounds."""
     length, stress = 1 / 25.4, 145.0377
     one = block(tmp_path)
     scaled = [
@@ -232,7 +232,7 @@ def test_thickness_scales_energies(tmp_path: Path) -> None:
 
 
 def test_a_turned_scene_has_the_same_error() -> None:
-    """A cube on an inclined plane, all of it turned in space."""
+    """A cube on an inclined plane, with the whole scene rotated in space."""
     turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
     moved = np.array([0.3, -0.2, -1.0]) * 1e-2
     errors = []
@@ -250,17 +250,17 @@ def test_a_turned_scene_has_the_same_error() -> None:
         errors.append(
             discretisation_error(case, model.problem().solve(None, given, tol=1e-13))
         )
-    # Tangents differ between the two, and with them the rounding of the solver.
+    # The tangents of the two scenes differ, and so does the rounding of the solver.
     assert errors[1].total == pytest.approx(errors[0].total, rel=1e-8)
 
 
 def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
-    """What the lift leaves of the curvature cannot close a facet, whatever opens it."""
+    """After the lift, the remaining curvature cannot close a facet, for any opening."""
     read = scene.read("cattaneo_mindlin", ["mesh.n=2", "mesh.element=P1"])
     case = scene.assemble(read, scene.bodies(read))
     estimator = Estimator(case)
     facets = estimator.facets
-    # r²/(2 R) between points h apart bulges by h²/(8 R), k/4.
+    # r²/(2 R) bulges by h²/(8 R), k/4, between points at distance h.
     np.testing.assert_allclose(facets.curvature, 0.25**2 / 200, rtol=1e-9)
     random = np.random.default_rng(2)
     for _ in range(20):
@@ -271,17 +271,17 @@ def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
         a, b = opening[facets.edges].T
         gap = (1 - s) * a + s * b - s * (1 - s) * lift.kept
         assert gap.min() >= -1e-15
-        # Opened, not closed: the upper body moves up, the lower one down.
+        # The facet opens: the upper body moves up, the lower one down.
         for bubbles in lift.bubbles:
             up = case.model.bodies[bubbles.body].name == "upper"
             assert np.all(bubbles.vector[:, 1] > 0 if up else bubbles.vector[:, 1] < 0)
-        # Half of what is opened from either side.
+        # Each side contributes half of the opening.
         lifted = sum(np.abs(bubbles.vector).sum() for bubbles in lift.bubbles)
         assert lifted == pytest.approx((facets.curvature - lift.kept).sum())
 
 
 def test_energy_of_the_edge_functions() -> None:
-    """An edge function on one facet of a body: its energy, against quadrature."""
+    """The energy of an edge function on one facet of a body equals its quadrature."""
     case, result = bench.solved("cattaneo_mindlin", ["mesh.n=2"])
     estimator = Estimator(case)
     flat = np.zeros(len(case.model.gap))
@@ -338,7 +338,7 @@ def test_bad_calls(tmp_path: Path) -> None:
 
 
 def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
-    """A body free to turn: nodal forces and tractions differ in their torque."""
+    """A body free to rotate: nodal forces and tractions have different torques."""
     settings = ["support=[]", "body_force=[]", "pressure=[]", "contact.0.mu=0.0"]
     settings += [
         "traction=[{on='block.top', y=-1.0}]",
@@ -346,7 +346,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
     ]
     case = block(tmp_path, *settings)
     result = case.model.problem().solve(case.load, case.prescribed)
-    # Held in x and from turning by the side: only y is left, and that balances.
+    # The side holds x and the rotation: only y is free, and it balances.
     assert discretisation_error(case, result).kind == BOUND
     loads = tuple(replace(load, density=2 * load.density) for load in case.loads)
     wrong = replace(case, load=2 * np.asarray(case.load), loads=loads)
@@ -355,7 +355,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
 
 
 def test_unconverged_solution_gives_an_indicator() -> None:
-    """What penetrates is not admissible, and a limit that is passed neither."""
+    """A penetration, or a reaction outside its limit, is not admissible."""
     case, _ = bench.solved("sheared_cube", [SMOOTH, "mesh.n=3"])
     problem = case.model.problem()
     kinds = {}
@@ -395,8 +395,8 @@ def test_bound_for_any_material(tmp_path: Path, poisson: float, plane: str) -> N
     left = results[1].displacement[0] - bench.prolonged(u, climb).ravel()
     true = 0.5 * left @ (fine.model.K @ left)
     assert error.total >= true
-    # Near ν = 1/2 in plane strain linear triangles lock, and their contact forces, which σ̂
-    # has to carry, are far off: still a bound, not a sharp one.
+    # Near ν = 1/2 in plane strain, linear triangles lock. Their contact forces, which σ̂ must
+    # carry, are far off: the bound holds but is not sharp.
     if plane == "stress" or poisson < 0.49:
         assert error.total <= 2.2 * true
     elif poisson == 0.49:
@@ -404,7 +404,7 @@ def test_bound_for_any_material(tmp_path: Path, poisson: float, plane: str) -> N
 
 
 def test_table_of_the_chapter(repository: Path) -> None:
-    """Its rows are of the bench, and the bounds in it are bounds."""
+    """Its rows come from the bench, and its bounds hold."""
     page = (repository / "docs/paper/10-discretisation-error.md").read_text("utf-8")
     head = "| " + " | ".join(bench.HEAD) + " |"
     rows = [

@@ -1,4 +1,4 @@
-"""A tolerance that the mesh is worth: the error it leaves is small beside the mesh's."""
+"""A tolerance from the discretisation error: the solver's error stays small against it."""
 
 import discretisation_error as bench
 import numpy as np
@@ -25,13 +25,13 @@ def test_solver_error_is_below_the_mesh_error(name: str, n: int, method: str) ->
         left = done.displacement[k] - exact.displacement[k]
         u = exact.displacement[k]
         error = np.sqrt((left @ (K @ left)) / (u @ (K @ u)))
-        # A tenth is what the rule is for, on the step it looked at; errors of a path
-        # add up over its two steps.
+        # The rule allows a tenth for the step that it used; errors of a path add up over its
+        # two steps.
         assert error <= 0.2 * estimator.error(exact, k).relative
     long = problem.solve(case.load, case.prescribed, method=method, tol=TIGHTEST)
     assert done.work.sum() <= long.work.sum()
     if method != "auto":
-        # Of ten digits one or two are wanted.
+        # One or two of ten digits are needed.
         assert done.work.sum() <= 0.5 * long.work.sum()
 
 

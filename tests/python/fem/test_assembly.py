@@ -1,4 +1,4 @@
-"""Assembly beside scikit-fem's own forms, and what it must not mix up."""
+"""Assembly compared with scikit-fem's own forms, and cells that must stay distinct."""
 
 from itertools import product
 
@@ -57,8 +57,8 @@ def test_stiffness_is_that_of_scikit_fem(cell: str, shape: str, poisson: float) 
     one = mesh(cell, shape)
     ours = fem.stiffness(fem.Body("it", one, fem.Material(210e3, poisson)))
     theirs = scikit_fem(one, cell, 210e3, poisson)
-    # Both sum up to 200 products of about the same size an entry; the errors of such
-    # sums grow like the root of their number, 14 ε.
+    # Both sum up to 200 products of similar size per entry. Errors of such sums grow like
+    # the root of their number, 14 ε.
     assert largest(ours - theirs) <= 1e-14 * largest(theirs)
     assert (ours != ours.T).nnz == 0
     assert ours.has_canonical_format
@@ -67,9 +67,9 @@ def test_stiffness_is_that_of_scikit_fem(cell: str, shape: str, poisson: float) 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_far_from_the_origin_no_digits_are_lost(cell: str) -> None:
-    """Where scikit-fem's Jacobians are sums of places, ours are of differences."""
+    """Jacobians here are made of differences; scikit-fem's are sums of coordinates."""
     near = mesh(cell, "dyadic")
-    far = type(near)(near.p + 1e6, near.t)  # without rounding: eighths
+    far = type(near)(near.p + 1e6, near.t)  # # exact, because coordinates are eighths
     K = [fem.stiffness(fem.Body("it", m, fem.Material(1.0, 0.3))) for m in (near, far)]
     np.testing.assert_array_equal(K[0].toarray(), K[1].toarray())
 
@@ -102,7 +102,7 @@ def test_only_bitwise_equal_cells_share_a_matrix() -> None:
 
 
 def test_hash_collisions_of_cells_are_detected() -> None:
-    """Two triangles made to collide: the hash is linear in what it folds."""
+    """Two triangles that collide by design: the hash is linear in its input."""
     odd, whole = 0x9E3779B97F4A7C15, 2**64
     weights = [pow(odd, k, whole) for k in range(1, 5)]
 
@@ -111,7 +111,7 @@ def test_hash_collisions_of_cells_are_detected() -> None:
         return bits ^ (bits >> 32)
 
     def unfold(folded: int) -> float:
-        # The upper half is as it was, so folding again is the inverse.
+        # The upper half is unchanged, so hashing again gives the inverse.
         return float(np.uint64(folded ^ (folded >> 32)).view(np.float64))
 
     first = [1.0, 0.5, 0.25, 2.0]
@@ -144,7 +144,7 @@ def test_surface_integrals_are_those_of_scikit_fem(cell: str) -> None:
             one, element(), facets=one.boundaries[name], intorder=2
         )
         form = skfem.LinearForm(lambda v, w, k=k: density(w.x) * w.n[k] * v)
-        # Sums of 16 terms a node at most, of areas 1/25.
+        # Sums of at most 16 terms per node, of areas 1/25.
         np.testing.assert_allclose(
             found, form.assemble(basis), rtol=1e-13, atol=1e-13 / 25
         )
@@ -175,7 +175,7 @@ def test_partners_are_the_same_with_and_without_a_tree(
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_box_keeps_the_topology_of_its_mesh(cell: str) -> None:
-    """What it keeps from before its surfaces had names is what is found anew."""
+    """The topology kept from the box without named surfaces equals a new computation."""
     named = mesh(cell, "graded")
     anew = type(named)(named.p, named.t)
     np.testing.assert_array_equal(named.facets, anew.facets)

@@ -26,7 +26,7 @@ def block(cell: str, degree: int = 1) -> fem.Body:
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_spring_resists_a_motion_by_its_stiffness(cell: str, degree: int) -> None:
-    """Moved as a whole, then turned: force k A u, moment of a linear field."""
+    """A translation, then a rotation: force k A u, and the moment of a linear field."""
     body, d = block(cell, degree), CELLS[cell]
     depth = 0.5 if d == 2 else 1.0
     k = np.arange(1.0, d + 1) * 10
@@ -52,7 +52,7 @@ def test_spring_resists_a_motion_by_its_stiffness(cell: str, degree: int) -> Non
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_spring_along_the_normal(cell: str) -> None:
-    """On a face that is inclined, with the same in components beside it."""
+    """On an inclined face, compared with the same stiffness in components."""
     body, d = block(cell), CELLS[cell]
     turn = np.linalg.qr(np.random.default_rng(d).normal(size=(d, d)))[0]
     turn[:, 0] *= np.linalg.det(turn)
@@ -72,10 +72,9 @@ def test_spring_along_the_normal(cell: str) -> None:
 
 
 def test_block_on_springs_in_contact() -> None:
-    """A punch hung on springs, pressed on a plane by moving nothing but its load.
+    """A punch on springs is pressed on a plane by its load.
 
-    The spring takes its share: pressed rigidly against the plane, the load is carried by
-    the plane alone; lifted, by the spring alone.
+    Lifted, the spring alone carries the load. Pressed down, plane and spring share it.
     """
     body = block("hexahedron")
     spring = fem.Spring("it", "top", stiffness=7.0)
@@ -89,11 +88,13 @@ def test_block_on_springs_in_contact() -> None:
     top = model.displacement_of("it", up.displacement[0])[body.nodes("top")]
     np.testing.assert_allclose(top[:, 2], 0.1, rtol=1e-9)
     down = problem.solve(model.traction("it", "top", [0.0, 0.0, -7.0]))
-    # Springs at the top go down by c, and by the shortening of the block besides.
+    # Springs at the top go down by c, and also by the shortening of the block.
     top = model.displacement_of("it", down.displacement[0])[body.nodes("top")]
     pressed = down.reaction[0, :, 0].sum()
     area = model.area
-    carried = 7.0 * top[:, 2] @ (area / area.sum())  # the faces are split alike
+    carried = (
+        7.0 * top[:, 2] @ (area / area.sum())
+    )  # # all faces are divided in the same way
     assert pressed == pytest.approx(7.0 + carried, rel=1e-8)
     assert -0.1 < top[:, 2].mean() < -0.01
     assert pressed > 6.0
@@ -111,7 +112,7 @@ def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> N
         axes = [np.linspace(low, 1, 5 if low else 3), *[np.linspace(0, 1, 3)] * (d - 1)]
         mesh = fem.box(axes, cell)
         if cell in ("triangle", "tetrahedron"):
-            # Diagonals that are not mirrored would differ: mirror the half.
+            # The diagonals must be mirrored too, so the half mesh is mirrored.
             right = fem.box([np.linspace(0, 1, 3), *axes[1:]], cell)
             mesh = right if not low else doubled(right)
         mesh = mesh if degree == 1 else elements.second_order(mesh)
@@ -119,7 +120,7 @@ def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> N
         n = np.eye(d)[-1]
         contact = fem.Contact("it", "bottom", 0.2, plane=(0 * n, n))
         symmetries = [] if low else [fem.Symmetry("it", "left")]
-        # Pressed more on the rim than in the middle: the foot spreads and slips.
+        # More pressure at the edge than in the middle: the foot spreads and slips.
         support = fem.Support("it", "top", tuple(range(1, d - 1)))
         model = fem.assemble([body], [contact], [support], symmetries=symmetries)
         load = model.traction(
@@ -147,7 +148,7 @@ def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> N
 
 
 def doubled(right: object) -> object:
-    """A mesh and its mirror image about x = 0, one mesh, with ``bottom`` and ``top``."""
+    """A mesh and its mirror image about x = 0 as one mesh, with ``bottom`` and ``top``."""
     p, t = right.p, right.t
     mirrored = p * np.array([-1.0] + [1.0] * (len(p) - 1))[:, None]
     both = np.hstack([p, mirrored])
@@ -185,7 +186,7 @@ def turned(
     return type(mesh)(p, mesh.t, mesh.boundaries, mesh.subdomains)
 
 
-# A turn of the plane, of space about no axis, and of space about an upright one.
+# Rotations: in the plane, about a general axis in space, about a vertical axis.
 TURNS = {
     "plane": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix()[:2, :2],
     "space": Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix(),
@@ -193,9 +194,9 @@ TURNS = {
 }
 
 
-# Off the origin, decimals of the places, and how far the answer may then be from that of
-# the straight body: η of 1e-13 and a condition of about 1e3; 1e-7 of places beside
-# displacements of 1e-3.
+# Distance from the origin, decimals of coordinates, and the allowed difference from the
+# unrotated body: η of 1e-13 with a condition of about 1e3; or 1e-7 of coordinates relative
+# to displacements of 1e-3.
 PLACES = {"": (0.0, 17, 1e-9), "far": (100.0, 17, 1e-9), "seven": (0.0, 7, 1e-4)}
 
 
@@ -205,9 +206,9 @@ PLACES = {"": (0.0, 17, 1e-9), "far": (100.0, 17, 1e-9), "seven": (0.0, 7, 1e-4)
 def test_planes_of_symmetry_turn_with_the_body(
     name: str, place: str, pairing: str
 ) -> None:
-    """Two planes that meet in an edge, friction below, heat, and all of it turned.
+    """Two planes that meet in an edge, friction below, heat, and all of it rotated.
 
-    A second body lies under the first where its meshes need not match.
+    A second body with a non-matching mesh may lie under the first.
     """
     turn = TURNS[name]
     far, digits, close = PLACES[place]
@@ -291,7 +292,7 @@ def test_planes_of_symmetry_turn_with_the_body(
 
 
 def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:
-    """Nodal forces across the plane are carried by it, whoever made them."""
+    """The plane carries nodal forces across it, whatever program made them."""
     turn = TURNS["plane"]
     mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
     answers = []
@@ -306,7 +307,7 @@ def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:
         u = problem.solve(force.ravel()).displacement[0].reshape(-1, 2) @ R
         answers.append(u)
         if model.inclined is not None:
-            # K without the planes is that of the same bodies.
+            # K without the planes equals that of the same bodies.
             problem.update(fem.assemble([body], []).K)
             again = problem.solve(force.ravel()).displacement[0].reshape(-1, 2) @ R
             np.testing.assert_allclose(again, u, rtol=0, atol=1e-10 * abs(u).max())
@@ -315,7 +316,7 @@ def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:
 
 
 def test_coordinates_of_seven_digits_on_an_inclined_plane() -> None:
-    """Normals are known to as many, and a component along the plane stays free."""
+    """Normals have as few digits, and a component along the plane stays free."""
     mesh = fem.box([np.linspace(0, 1, 3)] * 3, "hexahedron")
     rough = type(mesh)((TURNS["upright"] @ mesh.p).round(7), mesh.t, mesh.boundaries)
     body = fem.Body("it", rough, STEEL)
@@ -331,7 +332,7 @@ def test_coordinates_of_seven_digits_on_an_inclined_plane() -> None:
 
 
 def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
-    """Through a file, its forces and its stresses: the block of the plane, turned."""
+    """The forces and stresses of the block from the test in the plane, rotated, by a file."""
     turn = TURNS["plane"]
     steps = []
     for name, R in (("straight", np.eye(2)), ("turned", turn)):
@@ -376,9 +377,9 @@ def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("angle", [30.0, 60.0])
 def test_a_sector_of_a_ring(angle: float) -> None:
-    """Two planes that meet aslant, one along an axis, and a pressure: σ = -p, exactly."""
+    """Two planes at an oblique angle, one along an axis, and a pressure: σ = -p, exactly."""
     mesh = fem.box([np.linspace(0, 1, 4)] * 2, "triangle")
-    # The half of a square below its diagonal, made a triangle of this angle.
+    # Half of a square, below its diagonal, sheared to this angle.
     x, y = mesh.p
     keep = (y[mesh.t] <= x[mesh.t] + 1e-9).all(axis=0)
     end = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
@@ -449,7 +450,7 @@ def test_invalid_springs() -> None:
 
 
 def test_support_without_nodes() -> None:
-    """A range in other units, or turned around, is not the same as no support."""
+    """A range in wrong units, or with exchanged ends, is not the same as no support."""
     body = block("quadrilateral")
     surface = sorted(body.mesh.boundaries)[0]
     for within in ({0: (20.0, 50.0)}, {0: (0.5, 0.2)}):

@@ -1,4 +1,4 @@
-"""What is said of a model before any work, and what is not."""
+"""Warnings about a model before solving, and models without a warning."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def test_valid_model_gives_no_warning() -> None:
     assert inspect(model, prescribed=moved) == []
     # A block on a floor with friction: contact can hold it.
     assert inspect(fem.assemble([cube()], [on()])) == []
-    # Of a round obstacle, and of a pair.
+    # A round obstacle, then a pair of bodies.
     ball = fem.Contact("a", "bottom", 0.1, obstacle=ob.Sphere([0.4, 0.5, -1], 1.0))
     assert inspect(fem.assemble([cube()], [ball], [top])) == []
     pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
@@ -53,7 +53,7 @@ def test_penetration() -> None:
         "the first step pushes them out; this is right for an interference fit, otherwise "
         "move the body or add a clearance"
     )
-    # In other units the same; and rounding is none.
+    # The same in other units; rounding gives no warning.
     big = fem.assemble([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
     assert inspect(big)[0].startswith("12 of the 16 nodes")
     assert inspect(fem.assemble([cube()], [on(([0, 0, 1e-12], [0, 0, 1.0]))])) == []
@@ -68,7 +68,7 @@ def test_facing_away() -> None:
         "nodes: check that the normal of the obstacle points to the body, and that this is "
         "the right surface"
     )
-    # A normal turned round: the body is inside of the floor, too.
+    # With a reversed normal, the body is also inside the floor.
     turned = fem.assemble([cube()], [on(([0, 0, -0.1], [0, 0, -1.0]))])
     inside, away = inspect(turned)
     assert inside.startswith("16 of the 16 nodes of surface 'bottom'")
@@ -88,7 +88,7 @@ def test_never_closing() -> None:
     assert inspect(model, prescribed=4 * moved) == []
     (said,) = inspect(model, load=np.full(model.n, 1e-4))
     assert said.endswith("stays 0.2 away, 20 % of the size of the model")
-    # An obstacle that comes up closes it.
+    # An obstacle that rises closes it.
     rising = fem.Contact(
         "a",
         "bottom",
@@ -113,7 +113,7 @@ def test_contacts_without_friction_by_supports() -> None:
 
 
 def test_loads_too_large_for_the_stiffness() -> None:
-    """A modulus in GPa with loads in MPa; of all steps the largest counts."""
+    """A modulus in GPa with loads in MPa; the largest load of all steps counts."""
     top = fem.Support("a", "bottom", (0, 1, 2))
     for size in (1.0, 1e3):
         body = cube(young=210.0, size=size)
@@ -126,11 +126,11 @@ def test_loads_too_large_for_the_stiffness() -> None:
             "6 % of its Young's modulus 210, but the theory assumes small strains"
         )
         assert inspect(model, load=0.8 * loads) == []
-        # One after the other they are no more than one of them; strains are no loads.
+        # Loads one after the other count as one; strains are not loads.
         travelling = 0.8 * 12.6 * np.stack([pull, np.roll(pull, 1), np.roll(pull, 2)])
         assert inspect(model, load=travelling) == []
         assert inspect(model, load=loads, strained=0.3 * loads) == []
-    # In the plane over the length and the thickness.
+    # In the plane the load acts on length and thickness.
     thick = fem.Material(210.0, 0.3, thickness=5.0)
     g = np.linspace(0, 1, 4)
     plate = fem.Body("a", fem.box([g, 3 * g], "quadrilateral"), thick)
@@ -145,13 +145,13 @@ def test_unsupported_bodies() -> None:
     assert alone == [
         "body 'a' can move freely and has no support and no spring: add one"
     ]
-    # With one that leaves motions free, these are told.
+    # With a support that leaves motions free, the warning names these motions.
     (said,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
     assert said.startswith(
         "body 'a' can move freely by translation along y; translation along z; "
         "rotation about"
     )
-    # On a floor without friction it slides, and turns about the vertical.
+    # On a frictionless floor it can slide, and turn about the vertical.
     (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
     assert said == (
         "body 'a' can move freely by translation along x; translation along y; "
@@ -174,12 +174,12 @@ def test_two_unsupported_bodies_in_contact() -> None:
     assert inspect(both) == [
         "bodies 'a' and 'b' can move freely and have no support and no spring: add one"
     ]
-    # A floor holds them, by its normal.
+    # A floor holds them along its normal.
     loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     (said,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
     assert "by translation along x of body 'a'" in said
     assert "no support" not in said
-    # Without friction between them, the upper one slides by itself.
+    # Without friction between them, the upper body can slide separately.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     held = fem.Support("b", "left", (0, 1, 2))
     model = fem.assemble([cube(), cube("b", -1.0)], [slick, floor], [held])

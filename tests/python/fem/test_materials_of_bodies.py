@@ -1,4 +1,4 @@
-"""Elastic materials: orthotropy beside engineering constants, several in one body."""
+"""Elastic materials: orthotropy from engineering constants, several in one body."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ ROTATION = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
 
 
 def test_orthotropic_compliance_is_that_of_the_constants() -> None:
-    """Stress along each axis strains by 1/E and -ν/E, and shear by τ/G."""
+    """Stress along each axis gives strains 1/E and -ν/E, and shear gives τ/G."""
     material = fem.Orthotropic(*WOOD)
     (E1, E2, E3), (n12, n13, n23), (G12, G13, G23) = WOOD
     strains = {
@@ -54,7 +54,7 @@ def test_isotropic_is_orthotropic(plane_stress: bool) -> None:
 
 @pytest.mark.parametrize("shape", ["triangle", "hexahedron"])
 def test_stiffness_of_isotropic_as_orthotropic(shape: str) -> None:
-    """The way of all tensors, with that of Lamé's constants beside it."""
+    """The stiffness from the tensor equals the stiffness from Lamé's constants."""
     dim = 2 if shape == "triangle" else 3
     mesh = fem.box([np.array([0, 0.3, 1.0])] * dim, shape)
     plain = fem.Material(3.0, 0.37, thickness=0.2)
@@ -80,7 +80,7 @@ def test_turning_material_and_mesh_turns_the_stiffness() -> None:
 
 @pytest.mark.parametrize("plane_stress", [False, True])
 def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
-    """Pulled along an inclined grain: Poisson's ratios of the plane, by hand."""
+    """Tension along an inclined grain: Poisson's ratios in the plane, by hand."""
     (E1, E2, E3), (n12, n13, n23), _ = WOOD
     n21, n31, n32 = n12 * E2 / E1, n13 * E3 / E1, n23 * E3 / E2
     c, s = np.cos(0.6), np.sin(0.6)
@@ -124,7 +124,7 @@ def test_invalid_materials(change: dict[str, object], said: str) -> None:
 
 
 def test_poisson_ratio_above_one_is_allowed() -> None:
-    """Along stiff fibres: |ν12| < √(E1/E2) is all that energy asks."""
+    """Along stiff fibres: a positive energy only needs |ν12| < √(E1/E2)."""
     C = fem.Orthotropic((100.0, 1.0, 1.0), (5.0, 0.0, 0.0), (1.0, 1.0, 1.0)).tensor(3)
     assert np.linalg.eigvalsh(C.reshape(9, 9)).min() > -1e-12
     with pytest.raises(ValueError, match="ν12 = 10"):
@@ -137,7 +137,7 @@ def test_grain_out_of_the_plane_is_refused() -> None:
         fem.Body("it", mesh, fem.Orthotropic(*WOOD, axes=ROTATION))
 
 
-# A bar of two volumes, pulled: strains differ as the moduli do.
+# A bar of two volumes in tension: strains differ as the moduli do.
 def layered(shape: str, degree: int) -> fem.Body:
     dim = 2 if shape in ("triangle", "quadrilateral") else 3
     mesh = fem.box([np.linspace(0, 2, 5)] + [np.linspace(0, 1, 3)] * (dim - 1), shape)
@@ -179,7 +179,7 @@ def test_two_materials_in_a_row(shape: str, degree: int) -> None:
 
 
 def test_volumes_of_equal_cells_do_not_share_a_matrix() -> None:
-    """All cells of a grid are one shape: the material is what tells them apart."""
+    """All cells of a grid have one shape, so only the material distinguishes them."""
     mesh = fem.box([[0.0, 1, 2], [0.0, 1]], "quadrilateral")
     mesh = mesh.with_subdomains({"a": np.array([0]), "b": np.array([1])})
     parts = {"a": fem.Material(1.0, 0.3), "b": fem.Material(7.0, 0.1)}
@@ -187,7 +187,7 @@ def test_volumes_of_equal_cells_do_not_share_a_matrix() -> None:
     sums = np.zeros_like(whole)
     for k, material in enumerate(parts.values()):
         alone = type(mesh)(mesh.p, mesh.t[:, [k]])
-        # Rows of nodes that the one cell does not have stay zero.
+        # Rows of nodes outside the single cell stay zero.
         K = fem.stiffness(fem.Body("it", alone, material)).toarray()
         sums[: len(K), : len(K)] += K
     np.testing.assert_allclose(whole, sums, atol=1e-15 * np.abs(whole).max())

@@ -1,4 +1,4 @@
-"""What ParaView is given: stresses and surfaces that are right, and read back as written."""
+"""Files for ParaView: stresses and surfaces are right, and are read back as written."""
 
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,11 @@ YOUNG, POISSON = 10.0, 0.3
 
 
 def body(cell: str, *, flat: bool = False, crooked: bool = True) -> fem.Body:
-    """A small body whose inner and outer nodes are moved a little."""
+    """A small body with all nodes moved a little."""
     dim = 2 if cell in CELLS[:2] else 3
     mesh = fem.box([np.linspace(0, 1.5, 4), *[np.linspace(0, 1, 3)] * (dim - 1)], cell)
     if crooked:
-        # A tenth of a cell: none is turned inside out.
+        # A tenth of a cell, so that no cell is inverted.
         moved = np.random.default_rng(5).uniform(-0.05, 0.05, mesh.p.shape)
         mesh = type(mesh)(mesh.p + moved, mesh.t)
     material = fem.Material(YOUNG, POISSON, plane_stress=flat, thickness=0.5)
@@ -51,7 +51,7 @@ def test_stress_of_an_affine_displacement(cell: str, flat: bool) -> None:
     found = stress(it, it.points @ gradient.T + 3.0, space=True)
     strain = (gradient + gradient.T) / 2
     exact = hooke(strain, flat=flat and it.dim == 2)
-    # Differences of places of size 2, over cells of 1/2: a few units of rounding.
+    # Differences of coordinates of size 2, over cells of 1/2: a few units of rounding.
     np.testing.assert_allclose(
         found, np.broadcast_to(exact, found.shape), atol=1e-13 * np.abs(exact).max()
     )
@@ -59,7 +59,7 @@ def test_stress_of_an_affine_displacement(cell: str, flat: bool) -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_stress_holds_the_forces_of_the_stiffness(cell: str) -> None:
-    """∫ σ dV = Σ f ⊗ x with f = K u, whatever u: stiffness knows nothing of stress."""
+    """∫ σ dV = Σ f ⊗ x with f = K u for any u: K is made without stresses."""
     it = body(cell)
     u = np.random.default_rng(2).normal(size=it.points.shape)
     forces = (fem.stiffness(it) @ u.ravel()).reshape(u.shape)
@@ -123,9 +123,9 @@ def test_contact_surface(cell: str) -> None:
         size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
     else:
         normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 1])
-        # Outwards, where the normals of contact point inwards.
+        # These normals point outwards, those of contacts inwards.
         assert (np.sum(normal * model.frame[corners[:, 0], 0], axis=1) < 0).all()
-        # Facets are parallelograms or halves of them: corners out of order have none.
+        # Facets are parallelograms or halves of them; a wrong order of corners breaks this.
         size = np.linalg.norm(normal, axis=1) / (2 if kind == "triangle" else 1)
     # Both surfaces are 1 wide, and no facet of one has a corner on the other.
     assert size.sum() == pytest.approx(2.0, rel=1e-14)
@@ -170,11 +170,11 @@ def test_files_read_back(cell: str, tmp_path: Path) -> None:
         told = {name: np.asarray(v) for name, v in part.point_data.items()}
         normal = told["normal"][:, :d]
         np.testing.assert_array_equal(told["status"], step.status)
-        # B of the model and the fields are two ways to the same numbers.
+        # B of the model and the fields lead to the same numbers independently.
         left = step.relative_displacement[:, 0]
         np.testing.assert_array_equal(told["gap"], left)
         v = (model.B @ step.displacement).reshape(-1, d)
-        # All may stick and stay closed: rounding is that of u.
+        # All may stick and stay closed, where the difference is the rounding of u.
         size = np.abs(step.displacement).max()
         np.testing.assert_allclose(left, v[:, 0] + model.gap, atol=1e-12 * size)
         if k:
@@ -194,7 +194,7 @@ def test_files_read_back(cell: str, tmp_path: Path) -> None:
 
 
 def test_stress_balances_the_pressure_of_contact() -> None:
-    """Bodies stacked on each other: -∫ σ_zz dV over a block is its height times the force."""
+    """Stacked bodies: -∫ σ_zz dV over a block is its height times the force."""
     model, result = pressed("hexahedron")
     step = result[0]
     fields = paraview.cell_fields(model, step.displacement)

@@ -1,4 +1,4 @@
-"""Assembly: patch tests, resultants, rates, and scikit-fem's own forms."""
+"""Assembly: patch tests, resultants, rates of convergence, and scikit-fem's own forms."""
 
 from itertools import pairwise
 
@@ -54,7 +54,7 @@ def test_stiffness_is_that_of_scikit_fem(cell: str) -> None:
     basis = skfem.Basis(one.mesh, skfem.ElementVector(ELEMENTS[cell]()), intorder=2)
     theirs = linear_elasticity(*lame_parameters(210e3, 0.3)).assemble(basis)
     ours = fem.stiffness(one)
-    # Both sum some hundred products an entry, in another order.
+    # Both sum some hundred products per entry, in another order.
     assert abs(ours - theirs).max() <= 1e-13 * abs(theirs).max()
 
 
@@ -72,14 +72,14 @@ def test_stiffness_is_bitwise_symmetric_with_rigid_motions_in_its_kernel(
             spin[:, i], spin[:, j] = x[:, j], -x[:, i]
             motions.append(spin.ravel())
     for motion in motions:
-        # Rounding of a row sum: its terms cancel.
+        # Rounding of a row sum whose terms cancel.
         scale = abs(K) @ abs(motion)
         assert np.all(abs(K @ motion) <= 1e-13 * scale.max())
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_patch(cell: str) -> None:
-    """A linear displacement on the boundary goes on inside, on bent cells too."""
+    """A linear displacement on the boundary continues inside, also on distorted cells."""
     one = body(cell)
     dim = one.dim
     gradient = np.arange(1.0, 1 + dim * dim).reshape(dim, dim) * 1e-3
@@ -93,7 +93,7 @@ def test_patch(cell: str) -> None:
 
 @pytest.mark.parametrize(
     ("plane_stress", "modulus"),
-    # Uniaxial stretch with the side strain free to vanish: E, and E/(1 - ν²).
+    # Uniaxial tension with free lateral strain: E, or E/(1 - ν²) in plane strain.
     [(True, 210e3), (False, 210e3 / (1 - 0.3**2))],
 )
 def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> None:
@@ -119,12 +119,12 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
     def total(f: Floats) -> Floats:
         return f.reshape(-1, dim).sum(axis=0)
 
-    # Sums over tens of nodes: rounding alone.
+    # Sums over tens of nodes: rounding only.
     weight = model.body_force("it", direction)
     np.testing.assert_allclose(total(weight), depth * direction, rtol=1e-13)
     pull = model.traction("it", "top", direction)
     np.testing.assert_allclose(total(pull), depth * direction, rtol=1e-13)
-    # Shape functions of other nodes vanish on the surface to rounding.
+    # Shape functions of other nodes are zero on the surface, to rounding.
     size = abs(pull.reshape(-1, dim)).max(axis=1)
     loaded = np.flatnonzero(size > 1e-14 * size.max())
     np.testing.assert_array_equal(loaded, one.nodes("top"))
@@ -153,7 +153,7 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
     ],
 )
 def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
-    """Linear elements: mean square error of order 2 for a smooth answer."""
+    """Linear elements: mean square error of order 2 for a smooth solution."""
     dim = CELLS[cell]
     lame_lambda, lame_mu = fem.Material(210e3, 0.3).lame(dim)
 
@@ -178,8 +178,8 @@ def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
         u = solve(model.K, f, fixed, exact[fixed])
         errors.append(np.sqrt(np.mean((u - exact) ** 2)))
     orders = [np.log2(a / b) for a, b in pairwise(errors)]
-    # The next term of the error is of relative size h², h = 1/8 the coarser of
-    # the last pair in 3D.
+    # The next term of the error has relative size h²; h = 1/8 is the coarser mesh of the
+    # last pair in 3D.
     assert orders[-1] == pytest.approx(2, abs=0.15), orders
 
 
@@ -190,7 +190,7 @@ def test_cells_for_files_have_positive_volume(cell: str) -> None:
     axes = {"triangle": [1, 2], "quadrilateral": [1, 3], "tetrahedron": [1, 2, 3]}
     edges = x[corners[:, axes.get(cell, [1, 3, 4])]] - x[corners[:, :1]]
     assert np.all(np.linalg.det(edges) > 0)
-    # A ring of corners: opposite ones differ in two coordinates, neighbours in one.
+    # Corners are in ring order: opposite ones differ in two coordinates, neighbours in one.
     if cell == "hexahedron":
         ring = body(cell, bend=0.0).points[corners]
         for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (0, 4), (1, 5), (2, 6)):
@@ -202,7 +202,7 @@ def test_frames_are_orthonormal_and_follow_the_axes() -> None:
     for dim in (2, 3):
         frame = fem.frames(random.normal(size=(200, dim)))
         product = frame @ frame.swapaxes(1, 2)
-        # Two passes of Gram–Schmidt leave rounding.
+        # Two passes of Gram–Schmidt leave only rounding.
         assert abs(product - np.eye(dim)).max() <= 1e-15 * 8
     np.testing.assert_array_equal(
         fem.frames([[0.0, 0.0, 2.0]])[0], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
@@ -214,7 +214,7 @@ def test_frames_are_orthonormal_and_follow_the_axes() -> None:
 
 @pytest.mark.parametrize("exponent", [-1060, -700, 500, 1020])
 def test_frames_of_normals_of_any_size(exponent: int) -> None:
-    """Powers of two change no bit, though squares leave the range of doubles."""
+    """Powers of two change no bit, although squares exceed the range of doubles."""
     normals = np.random.default_rng(2).integers(-9, 9, size=(50, 3)) + 0.5
     np.testing.assert_array_equal(
         fem.frames(np.ldexp(normals, exponent)), fem.frames(normals)
@@ -233,7 +233,7 @@ def two_blocks(lift: float = 0.0) -> list[fem.Body]:
 def test_pair_of_bodies() -> None:
     contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
     model = fem.assemble(two_blocks(lift=0.25), [contact])
-    # Normals from below to above: the obstacle is the lower block.
+    # Normals point upwards: the obstacle is the lower block.
     np.testing.assert_array_equal(model.frame[:, 0], [[0, 0, 1]] * 16)
     np.testing.assert_array_equal(model.gap, 0.25)
     assert model.area.sum() == pytest.approx(1, rel=1e-14)
@@ -251,7 +251,7 @@ def test_pair_of_bodies() -> None:
 def test_opposite_nodes_are_found_for_any_part_of_a_surface(
     ends: tuple[float, float],
 ) -> None:
-    """Places differ in their last digits, as two meshers write them; of one node, too."""
+    """Coordinates of one node differ in their last digits, as from two mesh generators."""
     upper, lower = two_blocks()
     p = lower.mesh.p * (1 + 1e-9)
     lower = fem.Body(
@@ -288,10 +288,10 @@ def test_friction_where_nothing_can_slide() -> None:
     held = fem.assemble([one], [contact], [fem.Support("it", "left", (0, 1))])
     on_left = held.points[:, 0] == 0
     np.testing.assert_array_equal(held.mu, np.where(on_left, 0.0, 0.3))
-    # One tangent left: there is a direction in which friction decides.
+    # With one free tangent, friction has a direction to act in.
     guided = fem.assemble([one], [contact], [fem.Support("it", "left", (0,))])
     np.testing.assert_array_equal(guided.mu, 0.3)
-    # Of a pair, one side held is not enough.
+    # If only one side of a pair is held, the pair can still slide.
     pair = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
     below = fem.Support("lower", "top", (0, 1, 2))
     assert np.all(fem.assemble(two_blocks(), [pair], [below]).mu == 0.3)

@@ -1,4 +1,4 @@
-"""What is said of an answer once it is there, against displacements known exactly."""
+"""Warnings about a solution, for displacements that are known exactly."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -32,7 +32,7 @@ def built(dim: int, size: float = 1.0, **contact: Any) -> fem.Assembly:
 
 
 def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True) -> Any:
-    """A load step with these displacements, relative ones, and contacts that press."""
+    """A load step with these displacements, relative displacements and pressed contacts."""
     shape = len(model.gap), model.dim
     moved = np.zeros((len(model.nodes), model.dim)) if u is None else u
     reaction = np.zeros(shape)
@@ -47,7 +47,7 @@ def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 def test_warning_of_a_rotation_gives_its_angle(dim: int, size: float) -> None:
-    """A field W x with W skew turns by the length of its axial vector, and strains by none."""
+    """A field W x with skew W rotates by the length of its axial vector, without strain."""
     model = built(dim, size)
     axial = np.array([0.3, -0.4, 1.2]) / 1.3 if dim == 3 else np.array([0, 0, 1.0])
     x = np.zeros((len(model.nodes), 3))
@@ -62,7 +62,7 @@ def test_warning_of_a_rotation_gives_its_angle(dim: int, size: float) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_warning_of_a_strain_gives_its_size(dim: int) -> None:
-    """Uniform strain of principal values 0.02 and -0.07, in axes that are turned."""
+    """Uniform strain with principal values 0.02 and -0.07 in rotated axes."""
     model = built(dim)
     c, s = np.cos(0.4), np.sin(0.4)
     turn = np.eye(dim)
@@ -82,15 +82,15 @@ def test_warning_names_the_worst_load_step() -> None:
     assert "in load step 2 of 3" in said
 
 
-def test_sliding_counts_in_distances_of_contacts() -> None:
-    """Of pairs and round obstacles; a rigid plane is the same everywhere."""
+def test_sliding_is_relative_to_the_distance_of_contacts() -> None:
+    """For pairs and round obstacles only: a rigid plane is the same everywhere."""
     v = np.zeros((5, 2))
-    v[3, 1] = -0.6  # of nodes 0.25 apart
+    v[3, 1] = -0.6  # # nodes are 0.25 apart
     pair = built(2, against=("b", "top"))
     (said,) = review(pair, [step(pair, v=v), step(pair)])
     assert said.startswith("contacts of a.bottom slide by up to 0.6 from where they")
     assert "in load step 1 of 2, 2.4 times their distance" in said
-    # One that is apart may be anywhere.
+    # An open contact may slide any distance.
     assert review(pair, [step(pair, v=v, pressed=[1, 1, 1, 0, 1]), step(pair)]) == []
     assert review(pair, [step(pair, v=0.4 * v)]) == []
     round_one = built(2, obstacle=ob.Sphere([0.5, -3.0], 3.0))
@@ -104,7 +104,7 @@ def test_warning_of_a_narrow_contact_zone() -> None:
     for pressed, nodes in (([0, 1, 1, 1, 0], "3 nodes"), ([0, 0, 1, 0, 0], "1 node")):
         (said,) = review(model, [step(model, pressed=pressed)])
         assert f"the contact zone of a.bottom is {nodes} across" in said
-    # Of the last load step; all of a surface, and none of it, are bounded by no mesh.
+    # In the last load step; if all or none of a surface touches, the mesh limits nothing.
     narrow = step(model, pressed=[0, 0, 1, 0, 0])
     assert review(model, [narrow, step(model)]) == []
     assert review(model, [narrow, step(model, pressed=0)]) == []
@@ -112,28 +112,28 @@ def test_warning_of_a_narrow_contact_zone() -> None:
 
 
 def test_across_takes_the_narrow_side() -> None:
-    """A strip of 3 by 20 nodes, turned in space."""
+    """A strip of 3 by 20 nodes, rotated in space."""
     i, j = np.meshgrid(np.arange(3.0), np.arange(20.0))
     flat = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1)
     turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
     for size in (1.0, 1e-3):
         strip = size * flat @ turn
-        # Of rounding alone: all distances are one.
+        # Differences of rounding only: all distances are one.
         assert across(strip, distances(strip)) == pytest.approx(3, rel=1e-12)
     assert across(flat[:, :2][:7], np.ones(7)) == 7
-    # Eleven nodes scattered over a disc, as an irregular mesh has them, are not four.
+    # Eleven nodes scattered over a disc, as in an irregular mesh, count as more than four.
     radius, angle = np.sqrt(np.arange(11) / 10), 2.4 * np.arange(11)
     disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
     assert across(disc, np.full(11, 0.5)) < 4
 
 
 def test_result_reports_sliding_distance() -> None:
-    """A block drawn over its support by 0.4, on nodes 0.1 apart, in its summary."""
+    """The summary reports a block dragged over its support by 0.4, with nodes 0.1 apart."""
     K, B = np.eye(4), np.eye(4)
     load = [[-1.0, 0.4 + 0.3, -1.0, 0.4 + 0.3]]
     points = np.array([[0.0, 0.0], [0.1, 0.0]])
     result = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=points)
-    # Friction takes 0.3 of the pull, and the springs of stiffness one the rest.
+    # Friction carries 0.3 of the pull, and the springs of stiffness one carry the rest.
     assert "contacts slid by up to 4 times their distance" in str(result)
     wide = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=10 * points)
     assert "slid" not in str(wide)
@@ -155,7 +155,7 @@ def test_model_reports_sliding_distance() -> None:
     assert all("in load step 2 of 2" in one for one in said)
 
 
-def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
+def test_a_continued_path_counts_load_steps_from_its_start() -> None:
     side = {"from": 0.0, "to": 1.0, "cells": 4}
 
     def model(*go: float) -> Any:
@@ -175,7 +175,7 @@ def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
 
 
 def test_warning_of_a_body_pushed_away() -> None:
-    """The lower one hangs on nothing; the upper one is held by a support."""
+    """The lower body has no support; the upper one has one."""
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
     bodies = [cube(2), cube(2, "b", -1.0)]
     top = fem.Support("a", "top", (0, 1))
@@ -184,7 +184,7 @@ def test_warning_of_a_body_pushed_away() -> None:
     apart[:, 0] = 0.01
     away = step(model, v=apart, pressed=0)
     assert review(model, [step(model)]) == []
-    # Unloaded, and where it was.
+    # Without load it does not move.
     assert review(model, [step(model), step(model, pressed=0)]) == []
     (said,) = review(model, [step(model), away])
     assert said == (

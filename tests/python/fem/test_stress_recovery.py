@@ -1,4 +1,4 @@
-"""Stress of displacements, and initial strains, beside closed forms."""
+"""Stresses from displacements, and initial strains, compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-# Turned about the axes by angles of no meaning.
+# Rotated about the axes by arbitrary angles.
 ROTATION = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))[0]
 YOUNG, POISSON, ALPHA, HEAT = 210e9, 0.3, 12e-6, 80.0
 
@@ -39,12 +39,12 @@ def test_linear_displacement_has_the_stress_of_hooke(
     strain[:d, :d] = 0.5 * (gradient + gradient.T)
     if d == 2 and plane_stress:
         strain[2, 2] = -POISSON / (1 - POISSON) * np.trace(strain)
-    # Hooke's law in the form of the moduli, not of Lame's constants.
+    # Hooke's law in terms of E and ν, not of Lamé's constants.
     bulk = YOUNG / (3 * (1 - 2 * POISSON))
     G = YOUNG / (2 * (1 + POISSON))
     mean = np.trace(strain) / 3 * np.eye(3)
     wanted = 3 * bulk * mean + 2 * G * (strain - mean)
-    # Slopes of cells of size 1/3 lose a digit of the displacement.
+    # Gradients on cells of size 1/3 lose a digit of the displacement.
     np.testing.assert_allclose(
         found, np.broadcast_to(wanted, found.shape), atol=1e-12 * YOUNG * 1e-3
     )
@@ -57,8 +57,8 @@ def test_linear_displacement_has_the_stress_of_hooke(
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> None:
-    """By the definition, with the stress at each point, of two materials and a strain
-    at rest, which the averaged gradients must not know."""
+    """Compared with the integral of the stress at each point, for two materials and an
+    initial strain, which the averaged gradients do not contain."""
     made = mesh(cell, degree)
     left = made.p[0, made.t].mean(axis=0) < 0.5
     made = made.with_subdomains(
@@ -81,14 +81,14 @@ def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> No
 
 
 def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Floats]:
-    """Displacement and stress of a body that nothing but its frame holds."""
+    """Displacement and stress of a body without supports, held at three nodes."""
     model = fem.assemble([body], [])
     d, x = body.dim, body.points
     f = model.initial_strain("it", strain)
-    # Resultant force and moment of what is in balance with itself: rounding.
+    # Resultant force and moment of loads in equilibrium: rounding.
     size = np.abs(f).max()
     np.testing.assert_allclose(f.reshape(-1, d).sum(axis=0), 0.0, atol=1e-12 * size)
-    # Held at three nodes as a table is by three legs: no force is needed.
+    # Held at three nodes, like a table on three legs: the supports carry no force.
     corner = [int(np.argmin(np.abs(x - at).sum(axis=1))) for at in np.eye(d + 1, d, -1)]
     held = [d * corner[0] + k for k in range(d)]
     held += [d * corner[1] + k for k in range(1, d)]
@@ -123,7 +123,7 @@ def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> 
     own = np.asarray(heat)[:d, :d].copy()
     out = np.zeros((3, 3))
     if d == 2 and material == "plane strain":
-        # What cannot grow out of the plane is squeezed into it, and pressed.
+        # Expansion that the plane prevents becomes in-plane expansion and stress.
         own *= 1 + POISSON
         out[2, 2] = -YOUNG * ALPHA * HEAT
     # Condition of the mesh, 1e3, times rounding of the strain times the modulus.
@@ -132,20 +132,20 @@ def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> 
         found, np.broadcast_to(out, found.shape), atol=1e-10 * scale
     )
     grown = u - u[0] - (body.points - body.points[0]) @ own.T
-    # But for a turn, whose gradient is skew.
+    # Up to a rotation, whose gradient is skew.
     gradient = np.linalg.lstsq(body.points - body.points[0], grown, rcond=None)[0]
     np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-10 * ALPHA * HEAT)
 
 
-def test_second_order_grows_free_of_stress_by_a_gradient_of_heat() -> None:
-    """A temperature linear in the place bends a body and does not stress it (Boley)."""
+def test_second_order_bends_without_stress_in_a_linear_temperature() -> None:
+    """A temperature that is linear in space bends a body without stress (Boley)."""
     body = fem.Body(
         "it", mesh("tetrahedron", 2, bent=0.0), fem.Material(YOUNG, POISSON)
     )
     heat = fem.thermal(ALPHA, lambda x: HEAT * (1 + x[0] - 2 * x[2]))
     _, found = free(body, heat)
     np.testing.assert_allclose(found, 0.0, atol=1e-10 * YOUNG * ALPHA * HEAT)
-    # Linear elements do not bend so: theirs is the error of the mesh, not rounding.
+    # Linear elements cannot bend in this way: their error is discretisation, not rounding.
     coarse = fem.Body(
         "it", mesh("tetrahedron", 1, bent=0.0), fem.Material(YOUNG, POISSON)
     )
@@ -154,7 +154,7 @@ def test_second_order_grows_free_of_stress_by_a_gradient_of_heat() -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_clamped_bar_heated(cell: str) -> None:
-    """Between walls and free aside: -E α ΔT along it, in plane strain / (1 - ν) more."""
+    """Between walls, free laterally: -E α ΔT along it, in plane strain / (1 - ν) more."""
     d = CELLS[cell]
     body = fem.Body("it", mesh(cell, 1, bent=0.0), fem.Material(YOUNG, POISSON))
     names = ["left", "right", "bottom", *(["front"] if d == 3 else [])]
@@ -176,13 +176,13 @@ def test_clamped_bar_heated(cell: str) -> None:
     np.testing.assert_allclose(
         found, np.broadcast_to(wanted, found.shape), atol=1e-10 * abs(along)
     )
-    # Walls feel it: the resultant of the reactions is the stress times the area.
+    # The resultant of the reactions at the walls is the stress times the area.
     pull = (K @ u - f).reshape(-1, d)[body.nodes("left"), 0].sum()
     assert pull == pytest.approx(-along, rel=1e-10)
 
 
 def test_heat_of_one_volume_only() -> None:
-    """The halves of a bar between walls share the heat of one: σ = -E α ΔT/2."""
+    """One half of a bar between walls is heated: both have σ = -E α ΔT/2."""
     made = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "quadrilateral")
     warm = np.flatnonzero(made.p[0, made.t].mean(axis=0) < 1)
     body = fem.Body(
@@ -227,7 +227,7 @@ def test_invalid_initial_strains() -> None:
 
 
 def test_von_mises() -> None:
-    """Uniaxial, shear, and nothing under pressure from all sides."""
+    """Uniaxial tension, shear, and zero under hydrostatic pressure."""
     tension, shear, all_around = np.zeros((3, 3, 3))
     tension[1, 1] = -7.0
     shear[0, 2] = shear[2, 0] = 2.0
@@ -237,7 +237,7 @@ def test_von_mises() -> None:
 
 
 def test_internal_forces_are_those_of_the_stiffness() -> None:
-    """K u, found the other way: ∫ σ : ∇φ of the stress of u."""
+    """K u computed in another way: ∫ σ : ∇φ with the stress of u."""
     for cell, d in CELLS.items():
         body = fem.Body("it", mesh(cell, 2), fem.Material(2.0, 0.3, thickness=0.4))
         u = np.random.default_rng(d).uniform(-1, 1, body.points.size)

@@ -1,4 +1,4 @@
-"""Files that begin with a byte-order mark are read as those without."""
+"""Files with a byte-order mark are read like files without one."""
 
 import ast
 import json
@@ -59,11 +59,11 @@ def test_meshes(suffix: str, tmp_path: Path) -> None:
     after = fem.read_mesh(path)
     assert np.array_equal(after.p, before.p)
     assert np.array_equal(after.t, before.t)
-    # In another encoding than its mark says, with a mark all the same.
+    # The mark contradicts the encoding of the file.
     if suffix == ".inp":
         path.write_bytes(path.read_bytes().replace("ö".encode(), b"\xf6"))
         assert np.array_equal(fem.read_mesh(path).p, before.p)
-    # What goes wrong has the name that was asked for.
+    # The message has the name that the caller gave.
     path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2])
     with pytest.raises(ValueError, match=str(path)):
         fem.read_mesh(path)
@@ -136,7 +136,7 @@ def test_temporary_copies_are_removed(tmp_path: Path) -> None:
 
 
 def test_every_text_is_read_without_the_mark(repository: Path) -> None:
-    # These read files of the package or of the system, which have no mark.
+    # These read files of the package or the system, which have no mark.
     own = {"new.py", "versions.py", "cost_forecast.py", "peak_memory.py"}
     found = []
     for file in (repository / "python" / "bipot_rs").rglob("*.py"):

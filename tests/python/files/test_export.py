@@ -1,4 +1,4 @@
-"""Result files: what is written is read back, and nothing is half written."""
+"""Result files are read back as written, and never half written."""
 
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -111,7 +111,7 @@ def test_series_for_paraview(tmp_path: Path) -> None:
 def test_shorter_series_replaces_a_longer_one_and_nothing_else(
     tmp_path: Path, name: str
 ) -> None:
-    """Signs that mean something in patterns are letters of a name like others."""
+    """Characters with a meaning in file patterns are ordinary letters of a name."""
     points = np.zeros((2, 3))
     export.write_series(tmp_path / f"{name}.pvd", points, None, [{}] * 3)
     others = {f"{name}_0002b.vtu", f"{name}_02.vtu", f"{name}b_0002.vtu", "a1_0002.vtu"}
@@ -124,9 +124,9 @@ def test_shorter_series_replaces_a_longer_one_and_nothing_else(
 
 
 def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
-    """Blocks that pack and blocks that do not, every kind of number, mixed cells."""
+    """Blocks that compress and blocks that do not, all number types, mixed cells."""
     random = np.random.default_rng(0)
-    n = 9001  # points: the last block of each array is a part of one
+    n = 9001  # # points: the last block of each array is a partial one
     points = random.normal(size=(n, 3))
     cells = [
         ("tetra", random.integers(n, size=(7, 4))),
@@ -169,9 +169,9 @@ def test_zeros_are_compressed(tmp_path: Path) -> None:
     for fields in ({}, {"a": np.zeros((50_000, 3))}, {"a": points}):
         export.write_series(tmp_path / "a.pvd", points, None, [fields])
         sizes.append((tmp_path / "a_0000.vtu").stat().st_size)
-    # 1.2 MB, of which deflate keeps about one byte in 200, and base64 makes four of three.
+    # 1.2 MB: deflate keeps about one byte in 200, and base64 makes four of three.
     assert sizes[1] - sizes[0] < 1.2e6 / 100
-    # Digits without a pattern: base64 alone, 4 for 3, with 12 bytes a block of 32 kB.
+    # Random digits: base64 only, 4 for 3, with 12 bytes for each block of 32 kB.
     assert sizes[2] - sizes[0] < 1.2e6 * 4 / 3 * 1.001
 
 
@@ -196,7 +196,7 @@ def test_names_of_files_are_quoted(tmp_path: Path) -> None:
 
 
 def test_fields_of_cells(tmp_path: Path) -> None:
-    """Of several kinds of cells, in their order; absent where a step has none."""
+    """Several kinds of cells, in their order; the field is absent in steps without it."""
     points = np.random.default_rng(0).normal(size=(6, 3))
     cells = [
         ("triangle", np.array([[0, 1, 2], [3, 4, 5]])),

@@ -1,4 +1,4 @@
-"""Numbers and names in a sentence, and where messages count."""
+"""Numbers and names in messages, with singular and plural."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def test_printable_names_have_one_line() -> None:
     assert printable("a\nb\tc\x1b[2J\udcff") == r"a\nb\tc\x1b[2J\udcff"
 
 
-def test_messages_count_as_people_do() -> None:
+def test_messages_have_singular_and_plural() -> None:
     with pytest.raises(ValueError, match="q has 1 dimension, expected 2"):
         bp.ReducedProblem(np.eye(2), [-1.0, 0.2], 0.3)
     solution = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).solve()
@@ -37,7 +37,7 @@ def test_dense_and_sparse_are_refused_in_the_same_words() -> None:
 
 
 def test_a_solution_is_a_line() -> None:
-    """However many contacts it has, as a result is."""
+    """It is one line for any number of contacts, as for a result."""
     problem = bp.ReducedProblem(np.eye(300), np.full((100, 3), -1.0), 0.3)
     solution = problem.solve()
     assert repr(solution) == (

@@ -1,4 +1,4 @@
-"""An environment that lacks a library: the rest works, and the extra is named."""
+"""Without an optional library the rest works, and the message names the extra."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 
 from bipot_rs._lib.optional import missing
 
-# Nothing but arrays, in a process that finds none of the optional libraries.
+# Uses arrays only, in a process that finds none of the optional libraries.
 OPTIONAL = (
     "gmsh",
     "h5py",
@@ -110,7 +110,7 @@ def test_import_error_inside_a_library_is_unchanged() -> None:
 
 
 def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
-    """Libraries that an extra installs, those of the extras it names included."""
+    """Libraries that an extra installs, including those of the extras it names."""
     found = set()
     for line in extras[extra]:
         if inner := re.fullmatch(r"bipot-rs\[(.*)\]", line):
@@ -120,13 +120,13 @@ def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
     return found
 
 
-def test_extras_that_are_named_bring_what_is_missing(repository: Path) -> None:
+def test_named_extras_install_the_missing_library(repository: Path) -> None:
     extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
     extras = extras["project"]["optional-dependencies"]
     known = {extra: brought(extra, extras) for extra in extras}
     named = set()
-    # As `missing`, `library` and messages of their own name an extra; a library is
-    # named with it, or in the sentence before it.
+    # `missing`, `library` and separate messages name an extra; the library is named in the
+    # same sentence or in the one before.
     call = re.compile(r"\"(\w+)\",\s*(?:extra=)?\"(\w+)\"")
     for file in (repository / "python").rglob("*.py"):
         text = file.read_text("utf-8")

@@ -1,4 +1,4 @@
-"""What a report of a fault says of the versions."""
+"""The versions that a bug report needs."""
 
 import importlib.metadata
 import os
@@ -22,7 +22,7 @@ def test_versions_are_those_that_run() -> None:
     assert told["python"].startswith(".".join(map(str, sys.version_info[:3])))
     assert told["core"].startswith(_core.version)
     assert _core.build_profile in told["core"]
-    # Of the crate that was compiled: an old core beside new files shows up here.
+    # The version of the compiled crate shows an old core with newer Python files.
     assert _core.version == importlib.metadata.version("bipot-rs")
     assert bp.__version__ == _core.version
 
@@ -34,7 +34,7 @@ def test_versions_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     assert told == bp.versions()
 
 
-def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_libraries_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(versions, "_OPTIONAL", ("no-such-distribution",))
     assert bp.versions()["no-such-distribution"] == "not installed"
 

@@ -1,4 +1,4 @@
-"""Elements of both orders: what holds for each of them on bent meshes."""
+"""Elements of both orders: properties that each must have on distorted meshes."""
 
 from itertools import combinations
 from pathlib import Path
@@ -19,7 +19,7 @@ from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-# Kind of cell in VTK's words: shape, whether it is the one of fewer nodes.
+# VTK cell type and its shape; whether it is the type with fewer nodes.
 SECOND = {
     "triangle6": ("triangle", False),
     "quad9": ("quadrilateral", False),
@@ -32,7 +32,7 @@ MATERIAL = fem.Material(2.0, 0.3)
 
 
 def grid(vtk: str, n: int, bent: float = 0.0) -> skfem.Mesh:
-    """A unit box; its inner nodes moved, those between corners too, if ``bent``."""
+    """A unit box; if ``bent``, its inner nodes are moved, those between corners included."""
     shape, few = SECOND[vtk]
     made = fem.box([np.linspace(0, 1, n + 1)] * DIM[shape], shape)
     made = elements.second_order(made, serendipity=few)
@@ -59,7 +59,7 @@ def test_stiffness_is_that_of_scikit_fem(vtk: str) -> None:
     kind = elements.KINDS[type(mesh)]
     basis = skfem.Basis(mesh, skfem.ElementVector(kind.scalar()), intorder=kind.order)
     theirs = linear_elasticity(*lame_parameters(2.0, 0.3)).assemble(basis)
-    # Theirs numbers degrees of freedom by entity, ours node by node.
+    # scikit-fem numbers degrees of freedom by entity, this package node by node.
     at = basis.doflocs
     order = np.empty(at.shape[1], dtype=int)
     node = np.argmin(np.abs(at[:, :, None] - mesh.p[:, None]).sum(axis=0), axis=1)
@@ -76,14 +76,14 @@ def test_stiffness_is_that_of_scikit_fem(vtk: str) -> None:
         order[mine] = at.shape[0] * node[mine] + component
     assert np.array_equal(np.sort(order), np.arange(at.shape[1]))
     ours = K[order][:, order]
-    # Sums of up to 27 points and 8 cells of products of about the same size.
+    # Sums over up to 27 points and 8 cells of products of similar size.
     assert abs(ours - theirs).max() <= 1e-13 * abs(theirs).max()
     assert (K != K.T).nnz == 0
     assert K.has_canonical_format
 
 
 @pytest.mark.parametrize("vtk", SECOND)
-def test_kernel_is_the_rigid_motions(vtk: str) -> None:
+def test_the_kernel_of_the_stiffness_has_only_rigid_motions(vtk: str) -> None:
     body = fem.Body("it", grid(vtk, 2, bent=0.1), MATERIAL)
     K, R = fem.stiffness(body), rigid_motions(body.points)
     # Rounding of the sums over the nodes of a row, some 200 entries.
@@ -94,7 +94,7 @@ def test_kernel_is_the_rigid_motions(vtk: str) -> None:
 
 @pytest.mark.parametrize("vtk", SECOND)
 def test_patch(vtk: str) -> None:
-    """A linear field, held on the border, is what is found within, and its stress."""
+    """A linear field prescribed on the boundary is found inside, with its stress."""
     body = fem.Body("it", grid(vtk, 2, bent=0.1), MATERIAL)
     x, d = body.points, body.dim
     gradient = np.random.default_rng(2).uniform(-1, 1, (d, d))
@@ -110,9 +110,9 @@ def test_patch(vtk: str) -> None:
 
 @pytest.mark.parametrize("vtk", SECOND)
 def test_areas_and_normals(vtk: str) -> None:
-    """Divergence: a pressure all around has no resultant, and measures the volume."""
+    """Divergence theorem: uniform pressure has no resultant, and gives the volume."""
     mesh = grid(vtk, 2)
-    # A smooth map of the whole, so that the border is curved too.
+    # A smooth map of the whole mesh, so that the boundary is curved too.
     x = mesh.p
     bent = x + 0.1 * np.sin(2 * x[::-1] + np.arange(len(x))[:, None])
     mesh = type(mesh)(bent, mesh.t)
@@ -124,7 +124,7 @@ def test_areas_and_normals(vtk: str) -> None:
     model = fem.assemble([body], [])
     force = model.pressure("it", "all", -1.0).reshape(-1, body.dim)
     area = points.weights.sum()
-    # The mapping is a polynomial that the points of Gauss integrate exactly.
+    # The mapping is a polynomial that Gauss quadrature integrates exactly.
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-14 * area)
     volume = body.volume().weights.sum()
     assert np.sum(force * body.points) / body.dim == pytest.approx(volume, rel=1e-13)
@@ -133,18 +133,18 @@ def test_areas_and_normals(vtk: str) -> None:
 
 
 def smooth(x: Floats) -> Floats:
-    """A displacement that no element holds; of the places ``(d, ...)``."""
+    """A displacement that no element can represent, as a function of points ``(d, ...)``."""
     return np.stack([np.sin(x[k] + 2 * x[k - 1]) for k in range(len(x))])
 
 
 def energy_error(vtk: str, n: int) -> float:
-    """‖u - u_h‖ in the energy norm, squared, of u_h by the border values of u."""
+    """‖u - u_h‖² in the energy norm, with u_h equal to u on the boundary."""
     body = fem.Body("it", grid(vtk, n, bent=0.0), MATERIAL)
     d = body.dim
     lame_lambda, lame_mu = MATERIAL.lame(d)
 
     def force(x: Floats) -> Floats:
-        # -div σ with u_k = sin(s_k), s_k = x_k + 2 x_{k-1}, k counted around.
+        # -div σ with u_k = sin(s_k), s_k = x_k + 2 x_{k-1}, k cyclic.
         s = np.stack([x[k] + 2 * x[k - 1] for k in range(d)])
         slope = np.eye(d) + 2 * np.roll(np.eye(d), -1, axis=1)  # ∂s_k/∂x_a
         second = -np.sin(s)
@@ -165,7 +165,7 @@ def energy_error(vtk: str, n: int) -> float:
     f = model.body_force("it", force)
     K = model.K.tocsc()
     u[~held] = spsolve(K[~held][:, ~held], (f - K @ u)[~held])
-    # At the points of Gauss, beside those of the smooth field.
+    # At the Gauss points, compared with the smooth field.
     points = body.volume()
     s = np.stack([points.places[k] + 2 * points.places[k - 1] for k in range(d)])
     slope = np.eye(d) + 2 * np.roll(np.eye(d), -1, axis=1)
@@ -180,13 +180,13 @@ def energy_error(vtk: str, n: int) -> float:
 def test_energy_converges_as_the_fourth_power(vtk: str) -> None:
     few, many = (3, 6) if DIM[SECOND[vtk][0]] == 3 else (6, 12)
     order = np.log2(energy_error(vtk, few) / energy_error(vtk, many))
-    # At the points of Gauss stresses of some elements are better than elsewhere.
+    # At the Gauss points some elements have more exact stresses than elsewhere.
     assert order > 3.6
 
 
 @pytest.mark.parametrize("vtk", SECOND)
 def test_vtk_has_the_volume_and_the_places(vtk: str, tmp_path: Path) -> None:
-    """What a reader that knows VTK's order finds, by a formula of its own."""
+    """The mesh as VTK's order of nodes defines it, by an independent formula."""
     body = fem.Body("it", grid(vtk, 2, bent=0.1), MATERIAL)
     kind, cells = vtk_cells(body)
     assert kind == vtk
@@ -201,8 +201,8 @@ def test_vtk_has_the_volume_and_the_places(vtk: str, tmp_path: Path) -> None:
 
 
 def monomial_volume(vtk: str, nodes: Floats) -> float:
-    """Volume of one cell by fitting monomials to its nodes, in VTK's order as its manual
-    lists them, and integrating the Jacobian by many points; negative if mirrored."""
+    """Volume of one cell by fitting monomials to its nodes, in the order of VTK's manual,
+    and integrating the Jacobian with many points; negative if mirrored."""
     corner = {
         "tri": [(0, 0), (1, 0), (0, 1)],
         "qua": [(0, 0), (1, 0), (1, 1), (0, 1)],
@@ -234,7 +234,7 @@ def monomial_volume(vtk: str, nodes: Floats) -> float:
     d = xi.shape[1]
     simplex = vtk[:3] in ("tri", "tet")
     powers = [p for p in np.ndindex(*[3] * d) if (sum(p) <= 2 if simplex else True)]
-    if vtk in ("quad8", "hexahedron20"):  # superlinear degree at most 2
+    if vtk in ("quad8", "hexahedron20"):  # # superlinear degree at most 2
         powers = [p for p in powers if sum(k for k in p if k > 1) <= 2]
     V = np.stack([np.prod(xi**p, axis=1) for p in np.array(powers)], axis=1)
     coefficient = np.linalg.solve(V, nodes)
@@ -242,7 +242,7 @@ def monomial_volume(vtk: str, nodes: Floats) -> float:
     g, w = 0.5 * (g + 1), 0.5 * w
     q = np.stack(np.meshgrid(*[g] * d, indexing="ij"), -1).reshape(-1, d)
     weight = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), -1), -1).ravel()
-    if simplex:  # Duffy's map of the cube onto the simplex
+    if simplex:  # # Duffy's map of the cube onto the simplex
         cube = q.copy()
         for k in range(1, d):
             q[:, k] = cube[:, k] * np.prod(1 - cube[:, :k], axis=1)
@@ -276,7 +276,7 @@ def test_contact_at_nodes_refuses_negative_areas(vtk: str) -> None:
     contact = fem.Contact("it", "bottom", 0.3, plane=((0, 0, 0), (0, 0, 1)))
     with pytest.raises(ValueError, match=r"'bottom'.*pairing=\"mortar\""):
         fem.assemble([body], [contact])
-    # The areas that it refuses.
+    # The negative areas.
     points = body.surface("bottom")
     area = points.moment(np.ones(points.weights.shape))[body.nodes("bottom")]
     assert area.min() < 1e-15
@@ -285,7 +285,7 @@ def test_contact_at_nodes_refuses_negative_areas(vtk: str) -> None:
 
 @pytest.mark.parametrize("vtk", ["triangle6", "quad9", "quad8", "hexahedron27"])
 def test_pressed_block_of_second_order(vtk: str) -> None:
-    """Uniform pressure on a plane, without friction: the tractions are that pressure."""
+    """Uniform pressure on a frictionless plane: the tractions equal that pressure."""
     body = fem.Body("it", grid(vtk, 2), MATERIAL)
     d = body.dim
     point, normal = np.zeros(d), np.eye(d)[-1]
@@ -303,7 +303,7 @@ def test_pressed_block_of_second_order(vtk: str) -> None:
 
 @pytest.mark.parametrize("vtk", ["triangle6", "quad9", "quad8", "hexahedron27"])
 def test_two_blocks_of_second_order(vtk: str) -> None:
-    """A block on another, node upon node: one uniaxial stress goes through both."""
+    """One block on another with matching nodes: uniaxial stress passes through both."""
     blocks = []
     for name, shift in (("lower", 0.0), ("upper", 1.0)):
         mesh = grid(vtk, 2)
@@ -320,7 +320,7 @@ def test_two_blocks_of_second_order(vtk: str) -> None:
     ]
     sides.append(fem.Symmetry("lower", "bottom"))
     model = fem.assemble(blocks, [contact], symmetries=sides)
-    # Simpson's weights a direction: 1, 4, 2, 4, 1 over 12 on two facets.
+    # Simpson's weights per direction: 1, 4, 2, 4, 1 over 12 on two facets.
     line = np.array([1, 4, 2, 4, 1]) / 12
     weights = line if d == 2 else np.outer(line, line).ravel()
     np.testing.assert_allclose(np.sort(model.area), np.sort(weights), rtol=1e-13)
@@ -337,13 +337,13 @@ def test_two_blocks_of_second_order(vtk: str) -> None:
 def test_large_meshes_are_made_without_a_warning(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """scikit-fem says so of arrays that it has to copy, of a thousand cells and more."""
+    """scikit-fem warns about arrays that it must copy, from a thousand cells on."""
     square = skfem.MeshQuad.init_tensor(*[np.linspace(0, 1, 41)] * 2)
     caplog.clear()
     corners, cells = (np.ascontiguousarray(a.T) for a in (square.p, square.t))
     made, _ = elements.make_mesh("quad", corners, cells)
     assert made.t.shape[1] == 1600
     assert not caplog.records
-    # What it would say, were the cells handed in as columns of rows.
+    # Cells in the wrong memory order give that warning.
     skfem.MeshQuad(made.p, np.asfortranarray(made.t))
     assert [record.levelname for record in caplog.records] == ["WARNING"]

@@ -1,6 +1,6 @@
-"""Meshes turned, in other units, far away, numbered at random; obstacles with bad facets.
+"""Meshes rotated, in other units, far away, numbered at random; obstacles with bad facets.
 
-A wrong answer that is called converged is what is looked for.
+The tests look for a wrong solution that is reported as converged.
 """
 
 from pathlib import Path
@@ -23,7 +23,7 @@ KINDS: dict[str, tuple[str, bool | None]] = {
     "Q8": ("hexahedron", True),
     "Q9": ("hexahedron", False),
 }
-# Names of surfaces by place, of a unit cube above `low`.
+# Named surfaces of a unit cube above `low`, by position.
 SIDES: dict[str, tuple[int, float]] = {
     "bottom": (2, 0.0),
     "top": (2, 1.0),
@@ -35,7 +35,7 @@ STEEL = fem.Material(210e9, 0.3)
 
 
 def shuffled(mesh: Any, seed: int) -> Any:
-    """The same cells, nodes and cells in another order."""
+    """The same mesh with nodes and cells in another order."""
     random = np.random.default_rng(seed)
     order = random.permutation(mesh.p.shape[1])
     p = np.empty_like(mesh.p)
@@ -46,9 +46,9 @@ def shuffled(mesh: Any, seed: int) -> Any:
 def cube(
     kind: str, name: str, low: float, grid: list[float], turn: Floats, unit: float
 ) -> fem.Body:
-    """A unit cube above ``low``, not equally divided, turned, in other units of length.
+    """A unit cube above ``low``, with unequal divisions, rotated, in other units of length.
 
-    A force keeps its unit, so that stresses go by ``1/unit²``.
+    Forces keep their unit, so stresses scale with ``1/unit²``.
     """
     cell, few = KINDS[kind]
     up = low + np.array([0, 0.4, 1.0])
@@ -69,7 +69,7 @@ def cube(
     [("T6", "Q8"), ("Q8", "T6"), ("T3", "Q9"), ("Q4", "Q8"), ("Q9", "T3")],
 )
 def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> None:
-    """Two bodies that do not match, on planes of symmetry that no axis is normal to."""
+    """Two non-matching bodies on symmetry planes whose normals are not along axes."""
     turn = Rotation.random(random_state=len(high + low) + int(unit > 1)).as_matrix()
     bodies = [
         cube(high, "high", 0.0, [0, 0.45, 1.0], turn, unit),
@@ -96,7 +96,7 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
 
 @pytest.mark.parametrize("kind", ["T6", "Q8"])
 def test_hertz_turned_and_in_other_units(kind: str) -> None:
-    """A rigid ball on a quarter of a block: the straight answer, and nearly Hertz's."""
+    """A rigid ball on a quarter of a block: equal to the unrotated result, close to Hertz's."""
     cell, few = KINDS[kind]
     radius, a = 1.0, 0.1
     near = np.linspace(0, 1.4 * a, 4)
@@ -136,12 +136,12 @@ def test_hertz_turned_and_in_other_units(kind: str) -> None:
     half, _, _ = analytic.hertz_sphere(
         -4 * force[2], radius, analytic.contact_modulus(E, NU)
     )
-    # Three facets over the radius, and a block ten radii deep.
+    # Three facets over the contact radius, and a block ten radii deep.
     assert half == pytest.approx(a, rel=0.06)
 
 
 def floor(kind: str, n: int) -> ob.Surface:
-    """``[-1, 2]²`` in z = 0 of n × n squares: a sheet, one of two sides, or a slab."""
+    """``[-1, 2]²`` in z = 0 of n × n squares: one-sided, two-sided, or a slab."""
     line = np.linspace(-1, 2, n + 1)
     x = np.array([(a, b, 0.0) for a in line for b in line])
     i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
@@ -165,10 +165,10 @@ def floor(kind: str, n: int) -> ob.Surface:
 @pytest.mark.parametrize("n", [3, 7])
 @pytest.mark.parametrize("kind", ["sheet", "two sides", "slab"])
 def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> None:
-    """Nodes of the body are on corners, edges and facets of the floor, and at a rim."""
+    """Nodes of the body touch corners, edges and facets of the floor, and its edge."""
     turn = Rotation.random(random_state=n).as_matrix()
     flat = floor(kind, n)
-    for lower in (0.0, -1.0):  # over the middle, and with two sides on the rim
+    for lower in (0.0, -1.0):  # # over the middle; and two-sided, at the edge
         grid = np.linspace(0, 1, 4)
         mesh = fem.box([grid + lower, grid + lower, grid], "hexahedron")
         body = fem.Body(
@@ -203,10 +203,10 @@ def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> Non
 
 @pytest.mark.parametrize("width", [1 / 3, 0.7])
 @pytest.mark.parametrize("angle", [0.0, 30.0])
-def test_a_punch_of_seven_digits_presses_straight_at_its_rim(
+def test_a_punch_of_seven_digits_has_straight_normals_at_its_edge(
     width: float, angle: float, tmp_path: Path
 ) -> None:
-    """A block on a cube of a file: what its digits leave aside is not a direction."""
+    """A block on a cube from a file: the rounded digits must not tilt the normals."""
     turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
     box = fem.box([np.linspace(0, width, 4)] * 3, "hexahedron")
     outside = fem.box([np.linspace(0, width, 4)] * 3, "tetrahedron")
@@ -232,7 +232,7 @@ def test_a_punch_of_seven_digits_presses_straight_at_its_rim(
         model = fem.assemble([block], [contact], [top])
         result = model.problem().solve(None, model.prescribed([[0, 0, -0.01 * width]]))
         forces.append(np.einsum("cij,ci->j", model.frame, result.reaction[0]))
-    # Seven digits of the places beside a hundredth pressed in.
+    # Seven digits of coordinates relative to a penetration of a hundredth.
     np.testing.assert_allclose(
         forces[0], forces[1], rtol=0, atol=1e-4 * abs(forces[1]).max()
     )

@@ -1,4 +1,4 @@
-"""Mistakes in meshes: each is found, and a mesh without is let pass."""
+"""Mistakes in meshes: each is found, and a correct mesh passes."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from bipot_rs.mesh import elements
 
 SHAPES = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 DATA = places.DATA / "meshes"
-SCALE = [1.0, 1e-9, 1e6]  # nothing may depend on the unit of length
+SCALE = [1.0, 1e-9, 1e6]  # # no check may depend on the unit of length
 
 
 def grid(shape: str, scale: float = 1.0, n: int = 3) -> skfem.Mesh:
@@ -63,7 +63,7 @@ def test_a_cell_that_is_flat(shape: str, scale: float) -> None:
 def test_middles_out_of_place_fold_a_cell() -> None:
     mesh = elements.second_order(grid("triangle"))
     p = mesh.p.copy()
-    # Beyond a quarter of the side the mapping turns around at the corner.
+    # Beyond a quarter of the side the mapping folds at the corner.
     edge = mesh.facets[:, 0]
     node = elements.facet_nodes(mesh, np.array([0]))[0, 2]
     p[:, node] = 0.02 * mesh.p[:, edge[0]] + 0.98 * mesh.p[:, edge[1]]
@@ -99,7 +99,7 @@ def test_pieces(shape: str) -> None:
 
 @pytest.mark.parametrize("scale", SCALE)
 def test_a_mesh_cut_open(scale: float) -> None:
-    """A square whose middle line is there twice but for its ends."""
+    """A square whose middle line has duplicate nodes, except at its ends."""
     mesh = grid("quadrilateral", scale, n=4)
     y = mesh.p[1] / scale
     x = mesh.p[0] / scale

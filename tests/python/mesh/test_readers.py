@@ -1,4 +1,4 @@
-"""Meshes from files: what gmsh wrote, what a person wrote, and what is no mesh."""
+"""Meshes from files: written by gmsh, written by hand, and files without a valid mesh."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ from bipot_rs.files.vtu import Grid
 from bipot_rs.mesh import elements
 
 DATA = places.DATA / "meshes"
-# By file the element, of a box 2 x 1 (x 1) in two volumes.
+# The element of each file, for a box 2 x 1 (x 1) in two volumes.
 BOXES = {
     "triangle.msh": skfem.MeshTri1,
     "quad.msh": skfem.MeshQuad1,
@@ -40,7 +40,7 @@ def test_box(name: str) -> None:
     assert type(mesh) is BOXES[name]
     body = fem.Body("it", mesh, STEEL)
     volume = body.volume()
-    # Digits of the file, 16, over some hundred cells.
+    # The 16 digits of the file, over some hundred cells.
     assert volume.weights.sum() == pytest.approx(2.0, rel=1e-13)
     for x, word in ((0.5, "left"), (1.5, "right")):
         weights = volume.weights[body.volume_cells(word)]
@@ -62,8 +62,8 @@ def test_box(name: str) -> None:
 @pytest.mark.parametrize(
     "name", [n for n, kind in BOXES.items() if elements.KINDS[kind].degree == 2]
 )
-def test_nodes_of_second_order_stand_where_they_should(name: str) -> None:
-    """On a straight box they are the means of corners, whatever order a file has."""
+def test_second_order_nodes_have_the_right_positions(name: str) -> None:
+    """On a straight box they are means of corners, for any order of nodes in the file."""
     mesh = fem.read_mesh(DATA / name)
     kind = elements.KINDS[type(mesh)]
     first = next(
@@ -72,7 +72,7 @@ def test_nodes_of_second_order_stand_where_they_should(name: str) -> None:
         if k.shape == kind.shape and k.degree == 1
     )
     corners = mesh.p[:, : mesh.t.max() + 1]
-    # Triangles and tetrahedra of first order sort their corners.
+    # First-order triangles and tetrahedra sort their corners.
     straight = elements.second_order(
         first(corners, mesh.t), serendipity=not kind.facet.lumps or kind.vtk == "quad8"
     )
@@ -83,7 +83,7 @@ def test_nodes_of_second_order_stand_where_they_should(name: str) -> None:
         )
     else:
         np.testing.assert_allclose(mesh.p, straight.p, atol=1e-14)
-    # The mapping of each cell is linear then.
+    # The mapping of each cell is then linear.
     body = fem.Body("it", mesh, STEEL)
     _, slopes, _ = elements.reference(kind.scalar, kind.order)
     jacobian = elements.jacobian(body.points[body.cells], slopes)
@@ -98,7 +98,7 @@ def test_curved_border_of_a_disk() -> None:
     mesh = fem.with_surfaces(mesh, {"all": mesh.boundary_facets(), "up": facets})
     body = fem.Body("it", mesh, STEEL)
     sides = len(mesh.boundary_facets())
-    # Parabolas through arcs of 2π/sides: off by h⁴, with a constant below 1/10.
+    # Parabolas through arcs of 2π/sides: errors of h⁴ with a constant below 1/10.
     assert abs(body.volume().weights.sum() - np.pi) < 0.1 * (2 * np.pi / sides) ** 4
     border = body.surface("all")
     assert border.weights.sum() == pytest.approx(2 * np.pi, rel=1e-3)
@@ -132,7 +132,7 @@ def test_bodies_of_one_file() -> None:
 @pytest.mark.parametrize("bare", ["", "_bare"])
 @pytest.mark.parametrize("form", ["22", "41", "41_binary"])
 def test_groups_of_gmsh(form: str, bare: str) -> None:
-    """Entities in several groups, turned around in some, one name for lines and a face."""
+    """Entities in several groups, reversed in some; one name for lines and for a face."""
     mesh = fem.read_mesh(DATA / f"groups{form}{bare}.msh")
     words = ["base", "side", "round", "left", "all", "base"]
     if bare:
@@ -140,7 +140,7 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
     body = fem.Body("it", mesh, STEEL)
     assert set(mesh.boundaries) == set(words[:3])
     assert set(mesh.subdomains) == set(words[3:])
-    # By group the length or the area, and the mean place.
+    # The length or area of each group, and its centre.
     exact = [(2, (1, 0)), (1, (2, 0.5)), (3, (4 / 3, 5 / 6))]
     exact += [(1, (0.5, 0.5)), (2, (1, 0.5)), (1, (1.5, 0.5))]
     for k, (name, (size, middle)) in enumerate(zip(words, exact, strict=True)):
@@ -161,7 +161,7 @@ def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
 
 
 def test_a_block_from_a_file_pressed_on_a_plane() -> None:
-    """Uniaxial stress: p/E of shortening, and the pressure on the plane."""
+    """Uniaxial stress: the block shortens by p/E, and the plane gets the pressure."""
     body = fem.Body("block", fem.read_mesh(DATA / "hexahedron27.msh"), STEEL)
     contact = fem.Contact("block", "base", 0.2, plane=((0, 0, 0), (0, 0, 1)))
     mesh = body.mesh
@@ -190,7 +190,7 @@ def vtu(path: Path, points: object, cells: object, **fields: object) -> Path:
 
 @pytest.mark.parametrize("name", BOXES)
 def test_vtu(name: str, tmp_path: Path) -> None:
-    """What we write of a mesh is read as the mesh, its data of cells as names."""
+    """A mesh written by the package is read as the same mesh, with cell data as names."""
     body = fem.Body("it", fem.read_mesh(DATA / name), STEEL)
     kind, cells = vtk_cells(body)
     tag = np.full(len(cells), 3)
@@ -249,7 +249,7 @@ def test_inp_by_hand(tmp_path: Path) -> None:
     path.write_text(INP)
     mesh = fem.read_mesh(path)
     assert type(mesh) is skfem.MeshQuad1
-    assert mesh.p.shape == (2, 6)  # node 99 is of no cell
+    assert mesh.p.shape == (2, 6)  # # node 99 belongs to no cell
     cells = {
         name: mesh.p[1, mesh.t[:, c]].mean() for name, c in mesh.subdomains.items()
     }
@@ -278,7 +278,7 @@ FACES = {
         [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
     ),
 }
-# Middles of the faces S1, S2, … in the manuals of Abaqus and CalculiX.
+# Centres of the faces S1, S2, … in the manuals of Abaqus and CalculiX.
 MIDDLES = {
     "C3D4": np.array([(1, 1, 0), (1, 0, 1), (1, 1, 1), (0, 1, 1)]) / 3,
     "C3D8": np.array([(1, 1, 0), (1, 1, 2), (1, 0, 1), (2, 1, 1), (1, 2, 1), (0, 1, 1)])
@@ -436,7 +436,7 @@ def test_incomplete_files(name: str, tmp_path: Path) -> None:
             ValueError, match=rf"{name} is incomplete: it has no \$EndEl"
         ):
             fem.read_mesh(path)
-    # Its end is there, but not all that comes before.
+    # The end of the file is there, but a part before it is missing.
     end = whole.index(b"$EndElements")
     path.write_bytes(whole[: end - 200] + whole[end:])
     with pytest.raises(ValueError, match=name):
@@ -459,7 +459,7 @@ def test_vtu_refuses(tmp_path: Path) -> None:
     vtu(path, np.array(square)[:, [2, 0, 1]], [("quad", np.array([[0, 1, 2, 3]]))])
     with pytest.raises(ValueError, match=r"the plane x = const.* or 3D cells$"):
         fem.read_mesh(path)
-    # Of gmsh it may be that volumes were not written.
+    # For gmsh files, a likely cause is that volumes were not saved.
     flat = np.array(square)[:, [2, 0, 1]]
     meshio.Mesh(flat, [("quad", np.array([[0, 1, 2, 3]]))]).write(
         tmp_path / "it.msh", file_format="gmsh22"
@@ -527,7 +527,7 @@ def test_surface_by_geometry() -> None:
     "name", ["tetra.inp", "triangle6.inp", "quad8.msh", "triangle.msh"]
 )
 def test_damaged_text_gives_a_message(name: str, tmp_path: Path) -> None:
-    """Cut, doubled or changed at random: a mesh, or a ValueError, and nothing else."""
+    """Text cut, doubled or changed at random gives a mesh or a ValueError, nothing else."""
     random = np.random.default_rng(len(name))
     whole = (DATA / name).read_bytes()
     path = tmp_path / name
@@ -552,7 +552,7 @@ def test_damaged_text_gives_a_message(name: str, tmp_path: Path) -> None:
 
 
 def test_cells_of_no_group_among_others() -> None:
-    """What gmsh saves with Mesh.SaveAll in version 4.1, and meshio does not take."""
+    """Files of gmsh with Mesh.SaveAll in version 4.1, which meshio cannot read."""
     with pytest.raises(ValueError, match="some cells have no physical group, save"):
         fem.read_mesh(DATA / "save_all.msh")
 
@@ -572,7 +572,7 @@ def test_tags_of_lines_are_surfaces(tmp_path: Path) -> None:
         name: sorted(mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T.tolist())
         for name, facets in mesh.boundaries.items()
     }
-    # The line between the two cells is no surface of the body.
+    # The line between the two cells is not a surface of the body.
     assert middle == {"tag 5": [[0.5, 0.0], [1.5, 0.0]], "tag 6": [[1.5, 1.0]]}
     assert set(mesh.subdomains) == {"tag 1"}
 
@@ -585,7 +585,7 @@ def test_without_meshio(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_cells_with_a_missing_node(tmp_path: Path) -> None:
-    """Its number within the range of the others: meshio takes the last node instead."""
+    """If its number is within the range of the others, meshio takes the last node instead."""
     lines = (DATA / "quad8.msh").read_text().splitlines()
     at = lines.index("$Nodes") + 3
     assert lines[at : at + 2] == ["1", "0 0 0"]
@@ -596,7 +596,7 @@ def test_cells_with_a_missing_node(tmp_path: Path) -> None:
         ValueError, match=r"lost\.msh has a .* with a node that is not in"
     ):
         fem.read_mesh(path)
-    # Beyond their range.
+    # A number beyond that range.
     path.write_text(
         (DATA / "triangle.msh").read_text().replace("\n$EndEl", "9\n$EndEl")
     )

@@ -1,4 +1,4 @@
-"""Trees of boxes: no pair lost, none twice, and few compared."""
+"""Trees of boxes: each pair is found exactly once, with few comparisons."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ Ints = NDArray[np.int64]
 
 @pytest.fixture
 def compared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of the portions of pairs of boxes that are compared."""
+    """Sizes of the batches of box pairs that are compared."""
     sizes: list[int] = []
     plain = box_tree._overlap
 
@@ -25,7 +25,7 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def random_boxes(rng: np.random.Generator) -> tuple[Array, Array, Ints]:
-    """Of one size or of many, needles and points among them, some of them alike."""
+    """Boxes of one or many sizes, with needles, points and duplicates."""
     count, d = int(rng.integers(1, 400)), int(rng.integers(1, 4))
     middle = rng.normal(size=(count, d)) * 10 ** rng.uniform(-3, 3)
     wide = 10 ** rng.uniform(-4, 0.5, (count, rng.choice([1, d])))
@@ -69,7 +69,7 @@ def test_pairs_are_those_of_comparing_all(
 
 
 @pytest.mark.verify
-def test_pairs_are_those_of_comparing_all_at_length() -> None:
+def test_pairs_are_those_of_comparing_all_for_many_boxes() -> None:
     rng = np.random.default_rng(6)
     for _ in range(3000):
         boxes = random_boxes(rng)
@@ -78,7 +78,7 @@ def test_pairs_are_those_of_comparing_all_at_length() -> None:
 
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_boxes_compared_grow_as_their_number(d: int, compared: list[int]) -> None:
-    """Boxes that fill space: eight times as many, at a bounded number of each."""
+    """Boxes that fill space: eight times as many, with a bounded number of comparisons each."""
     rng = np.random.default_rng(d)
     per_box = []
     for count in (4_096, 32_768):
@@ -87,10 +87,10 @@ def test_boxes_compared_grow_as_their_number(d: int, compared: list[int]) -> Non
         boxes = low, low + wide, np.zeros(count, np.int64)
         compared.clear()
         found = sum(len(one) for one, _ in box_tree.BoxTree(*boxes).overlapping(*boxes))
-        # Itself, and what chance has over it.
+        # A box meets itself, and others by chance.
         assert found < 4.0**d * count
         assert max(compared) <= box_tree.AT_ONCE
         per_box.append(sum(compared) / count)
-    # One more level of eight children each, of the few nodes that meet a box.
+    # One more level of eight children each, for the few nodes that meet a box.
     assert per_box[1] < 1.6 * per_box[0]
     assert per_box[1] < 100 * 2**d

@@ -167,12 +167,12 @@ def test_layers_of_a_master() -> None:
         bp.pairs(*ONE, *both)
     near = bp.pairs(*ONE, *both, distance=0.05)
     assert abs(near.B[:, : 3 * 18] - bp.pairs(*ONE, *OTHER).B).max() < 1e-14
-    # The nearest layer is the one that nodes meet.
+    # Nodes meet the nearest layer.
     assert abs(bp.pairs(*ONE, *both, method="nodes").gap).max() < 1e-15
 
 
 def storeys(turns: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """A ramp of triangles about a pole, whose storeys share its node alone."""
+    """A ramp of triangles around a pole, whose storeys share only the node at the pole."""
     angle = np.linspace(0, 2 * np.pi * turns, parts + 1)
     rim = np.c_[np.cos(angle), np.sin(angle), -0.05 * angle]
     facets = [[0, k, k + 1] for k in range(1, parts + 1)]
@@ -181,18 +181,18 @@ def storeys(turns: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("turns", [1.1, 1.9])
 def test_layers_that_share_a_node(turns: float) -> None:
-    """Covered twice in part, though by less than the whole facet."""
+    """Partly covered twice, but in total by less than the whole facet."""
     corners = [[2.0, 2, 0.1], [-2, 2, 0.1], [-2, -2, 0.1], [2, -2, 0.1]]
     pad = (np.array(corners), np.array([[3, 2, 1, 0]]))
     with pytest.raises(ValueError, match="lies in several layers opposite to facet 0"):
         bp.pairs(*pad, *storeys(turns, 12))
     once = bp.pairs(*pad, *storeys(1.0, 12))
-    # Seen from above, a polygon of 12 corners.
+    # Seen from above, a polygon with 12 corners.
     assert once.area.sum() == pytest.approx(6 * np.sin(np.pi / 6), rel=1e-12)
 
 
 def test_two_sides_of_a_slit() -> None:
-    """One body meets itself along a slit that ends at node 2: numbers in common are right."""
+    """One body meets itself along a slit that ends at node 2: shared node numbers are valid."""
     points = np.array([[0.0, 0], [1, 0], [2, 0], [1, 0], [0, 0], [1, 1], [1, -1]])
     upper, lower = [[1, 2], [0, 1]], [[2, 3], [3, 4]]
     dofs = np.arange(14).reshape(7, 2)
@@ -205,7 +205,7 @@ def test_two_sides_of_a_slit() -> None:
 
 
 def test_opposite_facets_at_a_node() -> None:
-    """A thin fin: of the mean normal at its rim nothing is left."""
+    """A thin fin: the mean normal at its edge is zero."""
     x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]])
     facets = np.array([[0, 1, 3, 2], [2, 3, 1, 0]])
     with pytest.raises(

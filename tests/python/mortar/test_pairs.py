@@ -1,4 +1,4 @@
-"""Surfaces that do not match: balance, reproduction, invariance, and what the rim does."""
+"""Non-matching surfaces: balance, reproduction, invariance, and partly covered edges."""
 
 import pickle
 from typing import Any
@@ -16,7 +16,7 @@ KINDS = (3, 4, 6, 8, 9)
 
 
 def tilted(seed: int, *sheets: Any) -> tuple[Any, ...]:
-    """The arguments of `pairs`, of sheets turned in space, and the turn."""
+    """The arguments of `pairs` for sheets rotated in space, and the rotation."""
     Q = rotation(seed)
     return *(a for x, f in sheets for a in (x @ Q.T, f)), Q
 
@@ -27,10 +27,10 @@ def rigid(x: Array, spin: Array) -> Array:
 
 @pytest.mark.parametrize("master", KINDS)
 @pytest.mark.parametrize("slave", KINDS)
-def test_roles_may_be_swapped(slave: int, master: int) -> None:
-    """∫ φ_j over the overlap, the forces of a constant pressure, does not ask for roles.
+def test_swapping_the_roles_keeps_the_forces(slave: int, master: int) -> None:
+    """∫ φ_j over the overlap, the force of a constant pressure, is the same for both roles.
 
-    The squares overlap in part, each with facets cut by the rim of the other.
+    The squares overlap in part; the edge of each cuts facets of the other.
     """
     seed = 10 * slave + master
     one = sheet(slave, 5, up=False, seed=seed, low=-0.23, high=0.9)
@@ -47,23 +47,23 @@ def test_roles_may_be_swapped(slave: int, master: int) -> None:
         )
         np.testing.assert_allclose(p.slave.sum(axis=1), 1, rtol=1e-14)
         np.testing.assert_allclose(p.master.sum(axis=1), 1, rtol=1e-14)
-        # No weight that would make noise of displacements.
+        # No weight is so large that it amplifies rounding in displacements.
         assert max(abs(p.slave).max(), abs(p.master).max()) < 4
     # Normals from the master towards the slave, which is above.
     np.testing.assert_allclose(
         found.frame[:, 0], np.tile(Q[:, 2], (len(found.gap), 1)), atol=1e-14
     )
-    # Both bodies as one rigid body: forces and moments balance whatever they are.
+    # For both bodies moving as one rigid body, forces and moments balance for any reaction.
     x = np.concatenate([given[0], given[2]])
     for spin in np.eye(3):
         assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-13
         assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
-    # Both lie in one plane: places are of size 1.
+    # Both lie in one plane; coordinates are of size 1.
     assert abs(found.gap).max() < 1e-14
 
 
 @pytest.mark.parametrize("middles", [False, True])
-def test_roles_may_be_swapped_in_the_plane(middles: bool) -> None:
+def test_swapping_the_roles_keeps_the_forces_in_the_plane(middles: bool) -> None:
     random = np.random.default_rng(5)
     one = line(np.sort(random.uniform(-0.3, 0.8, 9)), up=False, middles=middles)
     other = line(np.sort(np.append(random.uniform(0, 1, 6), [0, 1])), up=True)
@@ -85,14 +85,14 @@ def exact_dual(x: Array, cells: NDArray[np.int64], f: Any) -> tuple[Array, Array
     mesh = skfem.MeshTri(np.ascontiguousarray(x[:, :2].T), cells.T.copy())
     basis = skfem.Basis(mesh, skfem.ElementTriP1(), intorder=4)
 
-    # The form sees one N at a time.
+    # The form receives one shape function N at a time.
     value = skfem.LinearForm(lambda v, w: (4 * v - 1) * f(w.x)).assemble(basis)
     area = skfem.LinearForm(lambda v, _: v).assemble(basis)
     return value / area, area
 
 
 def test_weights_are_the_integrals_of_dual_functions() -> None:
-    """Of a quadratic function, which triangles of six nodes hold exactly."""
+    """For a quadratic function, which triangles of six nodes represent exactly."""
     x, cells = sheet(3, 5, up=False, seed=1)
     y, facets = sheet(6, 4, up=True, seed=2)
     found = bp.pairs(x, cells, y, facets)
@@ -106,12 +106,12 @@ def test_weights_are_the_integrals_of_dual_functions() -> None:
     np.testing.assert_allclose(
         found.master @ f(y.T), mean, rtol=0, atol=1e-13 * abs(mean).max()
     )
-    # Dual: one slave node each.
+    # Dual: one slave node for each row.
     np.testing.assert_allclose(found.slave.toarray(), np.eye(len(x)), atol=1e-14)
 
 
 def test_weights_by_brute_force_on_quadrilaterals() -> None:
-    """Points strewn regularly over both sheets, shape functions by scikit-fem."""
+    """Regularly distributed points on both sheets, with shape functions of scikit-fem."""
     x, cells = sheet(4, 2, up=False, seed=3)
     y, facets = sheet(4, 3, up=True, seed=4)
     found = bp.pairs(x, cells, y, facets)
@@ -142,15 +142,15 @@ def test_weights_by_brute_force_on_quadrilaterals() -> None:
                 np.add.at(expected[nodes[i]], master[j, here], psi[i] * phi[j, here])
         np.add.at(area, nodes, D.diagonal())
     expected /= area[:, None]
-    # A sum over points of distance 1/m errs by about 1/m along the edges of the cells.
+    # A sum over points at distance 1/m has an error of about 1/m at the edges of the cells.
     assert abs(found.master.toarray() - expected).max() < 2 / m
     assert abs(found.area - area / m**2).max() < 0.2 / m
 
 
 @pytest.mark.parametrize(
     ("nodes", "within"),
-    # Sums in another order; and other triangles in skewed quadrilaterals, where rules are
-    # not exact.
+    # Sums in another order, and other triangles in skewed quadrilaterals, where the
+    # quadrature is not exact.
     [(3, 1e-13), (4, 1e-7)],
 )
 def test_numbering_has_no_effect(nodes: int, within: float) -> None:
@@ -187,7 +187,7 @@ def test_units_and_origin_have_no_effect(unit: float, method: str) -> None:
     given = [unit * (x + shift) for x in (one[0], other[0])]
     again = bp.pairs(given[0], one[1], given[1], other[1], method=method)
     np.testing.assert_array_equal(again.node, found.node)
-    # Places have lost four digits, and slivers at the rim are ill-conditioned.
+    # Coordinates have lost four digits, and slivers at the edge are ill-conditioned.
     np.testing.assert_allclose(again.area, unit**2 * found.area, rtol=1e-9)
     np.testing.assert_allclose(again.gap, unit * found.gap, rtol=1e-9)
     assert abs(again.B - found.B).max() < 1e-9
@@ -213,18 +213,18 @@ def test_numbering_of_degrees_of_freedom_by_the_caller() -> None:
 
 @pytest.mark.parametrize("shift", [0.3, 1e-1, 1e-2, 1e-4, 1e-7, 1e-10])
 @pytest.mark.parametrize("nodes", [3, 4])
-def test_a_rim_that_is_hardly_covered(nodes: int, shift: float) -> None:
-    """The master reaches into the next row of facets by `shift` cells.
+def test_a_facet_that_is_hardly_covered(nodes: int, shift: float) -> None:
+    """The master extends into the next row of facets by `shift` cells.
 
-    All of the pressure arrives, and no displacement is blown up: without a rule for the
-    rim, weights grow as 1/shift.
+    The whole pressure is transferred, and no displacement is amplified. Without special
+    treatment of the edge, weights grow as 1/shift.
     """
     one = sheet(nodes, 4, up=False, seed=2, bend=0.0)
     other = sheet(3, 5, up=True, seed=3, high=0.75 + shift / 4)
     found = bp.pairs(*one, *other)
-    whole = bp.pairs(*other, *one)  # all of it is covered
+    whole = bp.pairs(*other, *one)  # # fully covered
     assert max(abs(found.slave).max(), abs(found.master).max()) < 6
-    # 1e-14 of a facet taken for nothing, and rounding.
+    # 1e-14 of a facet counts as nothing; the rest is rounding.
     np.testing.assert_allclose(
         found.master.T @ found.area, whole.area, rtol=0, atol=1e-12 * whole.area.max()
     )
@@ -253,12 +253,12 @@ def test_gap_is_that_of_the_positions() -> None:
         for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
             found = bp.pairs(*one, *other, method=method, clearance=0.5)
             np.testing.assert_allclose(found.gap, 0.75, rtol=1e-14)
-            # A linear clearance is met at the nodes by dual functions, too.
+            # Dual functions also reproduce a linear clearance at the nodes.
             found = bp.pairs(
                 *one, *other, method=method, clearance=lambda x: 3 * x[:, 0] - 1
             )
             slope = 3 * found.points[:, 0] - 0.75
-            # What rules leave on skewed quadrilaterals, see the module.
+            # The quadrature error on skewed quadrilaterals, see the module.
             np.testing.assert_allclose(
                 found.gap, slope, atol=1e-6 if nodes != 3 else 1e-13
             )
@@ -266,13 +266,13 @@ def test_gap_is_that_of_the_positions() -> None:
 
 @pytest.mark.parametrize("nodes", KINDS)
 def test_clearance_of_nodes(nodes: int) -> None:
-    """Numbers at nodes are what the shape functions between them are, in the mean."""
+    """Values at nodes equal the mean of their interpolation between the nodes."""
     one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
     values = np.random.default_rng(0).normal(size=len(one[0]))
     for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
         plain = bp.pairs(*one, *other, method=method)
         found = bp.pairs(*one, *other, method=method, clearance=values)
-        # As a displacement of the slave along the normals would open the gap.
+        # The same as a displacement of the slave along the normals that opens the gap.
         opened = np.concatenate([values[:, None] * [0, 0, 1], 0 * other[0]]).ravel()
         moved = plain.gap + (plain.B @ opened)[::3]
         np.testing.assert_allclose(found.gap, moved, rtol=0, atol=1e-13)
@@ -281,7 +281,7 @@ def test_clearance_of_nodes(nodes: int) -> None:
 
 
 def test_clearance_in_the_mean() -> None:
-    """∫ ψ x² / a = x² - h²/6 for 2 N_1 - N_2 on either side, on segments of length h."""
+    """∫ ψ x² / a = x² - h²/6 for 2 N_1 - N_2 on each side, on segments of length h."""
     x = np.linspace(0, 1, 6)
     one, other = line(x, up=False), line(np.linspace(0, 1, 4), up=True)
     found = bp.pairs(*one, *other, clearance=lambda p: p[:, 0] ** 2)
@@ -289,7 +289,7 @@ def test_clearance_in_the_mean() -> None:
 
 
 def test_nodes_fail_the_patch_test() -> None:
-    """Three segments on two, by hand: a constant pressure is off by 1/9 at each node."""
+    """Three segments on two, by hand: a constant pressure is wrong by 1/9 at each node."""
     one, other = (
         line(np.linspace(0, 1, 4), up=False),
         line(np.linspace(0, 1, 3), up=True),
@@ -326,7 +326,7 @@ def test_nodes_are_in_balance(slave: int, master: int) -> None:
 def test_constant_pressure_on_second_order_facets(
     nodes: int, corner: float, middle: float, centre: float | None
 ) -> None:
-    """Nodal forces of the textbooks, from areas that are positive at all corners."""
+    """Nodal forces as in textbooks, from areas that are positive at all corners."""
     x, cells = sheet(nodes, 1, up=False)
     c = 3 if nodes == 6 else 4
     x, cells = second_order(x[cells[0, :c]], np.arange(c)[None], nodes)
@@ -354,7 +354,7 @@ def test_constant_pressure_on_lines_of_three_nodes() -> None:
 
 
 def test_rigid_obstacles() -> None:
-    """An inclined plane, whose gap is linear: that of the nodes."""
+    """An inclined plane: its linear gap equals the gap of the nodes."""
     normal = np.array([1.0, 2.0, 2.0]) / 3
     x, cells = sheet(6, 3, up=False, seed=4)
     found = bp.rigid_pairs(x, cells, lambda p: p @ normal + 0.5, normal=normal)
@@ -369,7 +369,7 @@ def test_rigid_obstacles() -> None:
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
 def test_gaps_between_circles(method: str) -> None:
-    """Polygons of a ring and of a disc: distances err by the square of the cells."""
+    """Polygons of a ring and a disc: errors of distances scale with the cell size squared."""
     errors = []
     for n in (8, 16, 32):
         outer, inner = (
@@ -385,9 +385,9 @@ def test_gaps_between_circles(method: str) -> None:
         ]
         found = bp.pairs(outer, up[0][:, ::-1], inner, up[1], method=method)
         errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
-        # The ring is pushed away from the disc.
+        # The normals push the ring away from the disc.
         np.testing.assert_allclose(found.frame[:, 0], found.points / 1.1, atol=1.1 / n)
-    # Where nodes lie in facets opposite changes from mesh to mesh.
+    # The position of nodes in opposite facets changes from mesh to mesh.
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
     assert errors[-1] < 1e-3
 
@@ -395,7 +395,7 @@ def test_gaps_between_circles(method: str) -> None:
 def cap(
     nodes: int, n: int, radius: float, half: float, up: bool
 ) -> tuple[Array, NDArray[np.int64]]:
-    """A sheet on a sphere, its quadrilaterals not plane, its edges curved."""
+    """A sheet on a sphere with non-planar quadrilaterals and curved edges."""
     x, cells = sheet(nodes, n, up=up, seed=n, low=-half, high=half, bend=0.15)
     x[:, 2] = 1
     return radius * x / np.linalg.norm(x, axis=1)[:, None], cells
@@ -420,7 +420,7 @@ def test_gaps_between_spheres(slave: int, master: int) -> None:
 
 
 def test_large_surfaces_take_no_product_of_their_sizes() -> None:
-    """Candidates a facet do not grow with the meshes."""
+    """The number of candidates per facet does not grow with refinement."""
     from bipot_rs.mortar.facet_mesh import candidates, surface
 
     most = []
@@ -437,7 +437,7 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
 def test_a_coarse_facet_on_a_fine_mesh(
     nodes: int, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Facets of the master are held against those beside them, not against all."""
+    """Facets of the master are compared with their neighbours, not with all."""
     from bipot_rs.mortar import box_tree, integrals
 
     boxes: list[int] = []
@@ -468,14 +468,14 @@ def test_a_coarse_facet_on_a_fine_mesh(
         found = bp.pairs(*slave, *master)
         np.testing.assert_allclose(found.slave.sum(axis=1), 1, rtol=1e-13)
         facets = len(master[1])
-        # One against the slave, and eight beside it, of which four share an edge; of
-        # triangles twelve, of which three do.
+        # One comparison with the slave, and eight with neighbours, four of which share an edge;
+        # for triangles twelve, three of which share one.
         assert sum(clipped) <= 14 * facets
         assert sum(boxes) <= 600 * facets
 
 
 def test_layers_are_found_among_many_facets() -> None:
-    """One facet below a fine mesh, within, at its rim, and a part of a facet's size."""
+    """One facet below a fine mesh: inside, at its edge, and covering only part of a facet."""
     slave = sheet(4, 1, up=False, low=-0.5, high=1.5)
     x, facets = sheet(4, 40, up=True)
     rng = np.random.default_rng(4)

@@ -1,4 +1,4 @@
-"""Surfaces that are far apart beside their facets: nothing between them is lost."""
+"""Surfaces whose distance is large compared with their facets: no overlap is lost."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import bipot_rs as bp
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
 @pytest.mark.parametrize("cells", [10, 200])
 def test_a_pad_over_a_round_surface(method: str, cells: int) -> None:
-    """Facets aside are nearer than those opposite, the more the finer the mesh."""
+    """Facets to the side are nearer than opposite ones, more so in a finer mesh."""
     x = np.linspace(-0.5, 0.5, cells + 1)
     round_ = 1.1 * x
     pad = np.c_[x, 0 * x]
@@ -17,7 +17,7 @@ def test_a_pad_over_a_round_surface(method: str, cells: int) -> None:
     lines = np.c_[np.arange(cells), np.arange(1, cells + 1)]
     found = bp.pairs(pad, lines, ground, lines[:, ::-1], method=method)
     assert len(found.gap) == cells + 1
-    # The sagitta of a facet is h²/8 over the radius, here over the vertical.
+    # The sagitta of a facet is h²/8 over the radius, measured along the vertical.
     exact = 2 - np.sqrt(1 - x**2)
     assert np.abs(found.gap - exact)[1:-1].max() < (1.1 / cells) ** 2
 
@@ -34,7 +34,7 @@ def test_layers_under_a_part_of_a_facet() -> None:
 
 @pytest.mark.parametrize("parts", [1, 4])
 def test_distance_is_along_the_normal(parts: int) -> None:
-    """And not of the middles of facets, which are the master's own affair."""
+    """It is not the distance of facet centres, which depend on the mesh of the master."""
     x = np.linspace(0, 10, parts + 1)
     lines = [[i + 1, i] for i in range(parts)]
     pad = [[1, 0.61], [1.2, 0.61]]

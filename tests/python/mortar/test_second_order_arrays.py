@@ -1,4 +1,4 @@
-"""Second-order bodies of scikit-fem, put together from plain arrays by `bp.pairs`."""
+"""Second-order bodies of scikit-fem, coupled with plain arrays by `bp.pairs`."""
 
 from typing import Any, NamedTuple
 
@@ -21,10 +21,10 @@ class Part(NamedTuple):
     """Arrays as any program has them."""
 
     K: Any
-    load: Array  # of the pressure P on top
+    load: Array  # # of the pressure P on top
     points: Array
     dofs: Ints
-    facets: Ints  # of the surface of contact, normals out of the body
+    facets: Ints  # # facets of the contact surface, with outward normals
 
 
 ELEMENTS = {
@@ -40,7 +40,7 @@ SECOND = {"line3", "triangle6", "quadrilateral9"}
 
 
 def part(kind: str, n: int, up: float, seed: int) -> Part:
-    """A unit block above or below z = 0, a layer of n cells a side.
+    """A unit block above or below z = 0, with n cells per side.
 
     Inner nodes on z = 0 are moved at random.
     """
@@ -51,7 +51,7 @@ def part(kind: str, n: int, up: float, seed: int) -> Part:
     x = mesh.p.copy()
     inner = ((x[:-1] > 0) & (x[:-1] < 1)).all(axis=0) & (x[-1] == 0)
     random = np.random.default_rng(seed)
-    # Edges stay straight, with their middles in the middle.
+    # Edges stay straight, with midside nodes in the middle.
     x[:-1, inner] += 0.2 / n * random.uniform(-1, 1, (dim - 1, inner.sum()))
     mesh = kinds(x, mesh.t)
     basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=4)
@@ -60,7 +60,7 @@ def part(kind: str, n: int, up: float, seed: int) -> Part:
     side = skfem.FacetBasis(mesh, basis.elem, facets=top, intorder=4)
     load = skfem.LinearForm(lambda v, w: -P * dot(w.n, v)).assemble(side)
     meets = mesh.facets_satisfying(lambda p: p[-1] == 0)
-    # One node for each place; all dofs of a place belong together.
+    # One node per point; all degrees of freedom of a point belong to its node.
     rounded, first, which = np.unique(
         np.round(basis.doflocs.T, 9), axis=0, return_index=True, return_inverse=True
     )
@@ -140,6 +140,6 @@ def test_patch(above: str, below: str) -> None:
     )
     load = np.concatenate([up.load, np.zeros(low.K.shape[0])])
     result: Any = problem.solve(load, u[fixed], tol=1e-15)
-    # Some thousand unknowns of second order: their condition, 1e4, times rounding.
+    # Some thousand second-order unknowns: their condition, 1e4, times rounding.
     assert abs(result.displacement[0] - u).max() < 1e-11 * abs(u).max()
     np.testing.assert_allclose(result.traction[0][:, 0], P, rtol=1e-10)

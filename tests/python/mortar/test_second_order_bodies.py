@@ -1,4 +1,4 @@
-"""Bodies of second order that meet by mortar: patch tests, parts of surfaces, spheres."""
+"""Second-order bodies coupled by mortar: patch tests, parts of surfaces, spheres."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from bipot_rs import analytic, fem
 from bipot_rs import obstacle as ob
 
 E, NU, P = 1000.0, 0.3, 2.0
-# Some thousand unknowns of second order: their condition, 1e4, times rounding.
+# Some thousand second-order unknowns: their condition, 1e4, times rounding.
 PATCH = 1e-11
 
 KINDS = {
@@ -28,7 +28,7 @@ def cube(
     grid: list[float],
     up: tuple[float, ...] = (0.0, 0.4, 1.0),
 ) -> fem.Body:
-    """A unit cube above ``low``, not equally divided."""
+    """A unit cube above ``low`` with unequal divisions."""
     cell, serendipity = KINDS[kind]
     mesh = fem.box([grid, grid, low + np.array(up)], cell)
     if serendipity is not None:
@@ -37,7 +37,7 @@ def cube(
 
 
 def solved(bodies: list[fem.Body], contacts: list[fem.Contact]) -> tuple[Any, Any]:
-    """Pressed from above on what is held, sides x = 0 and y = 0 planes of symmetry."""
+    """Pressed from above on a held body; the sides x = 0 and y = 0 are symmetry planes."""
     sides = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
     below = [b for b in bodies if b.name == "low"]
     ground = [fem.Support("low", "bottom", (2,)) for _ in below]
@@ -80,7 +80,7 @@ def test_patch_on_a_plane(kind: str) -> None:
     contact = fem.Contact("high", "bottom", 0.0, plane=floor, pairing="mortar")
     model, result = solved([body], [contact])
     is_uniform(model, result, 0.0)
-    # At nodes these faces have no areas to press on; those of 9 nodes have.
+    # At nodes, these faces have areas that are not positive; faces of 9 nodes do not.
     at_nodes = fem.Contact("high", "bottom", 0.0, plane=floor)
     if kind == "Q9":
         is_uniform(*solved([body], [at_nodes]), 0.0)
@@ -91,7 +91,7 @@ def test_patch_on_a_plane(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["T6", "Q8"])
 def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
-    """Facets on either side of x = 0.45, which meet in nodes that belong to both."""
+    """Facets on both sides of x = 0.45, which share the nodes on the line."""
     body = cube(kind, "high", 0.0, [0.0, 0.45, 1.0])
     floor = ([0, 0, 0], [0, 0, 1.0])
     halves = [
@@ -109,7 +109,7 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
     areas = [model.area[model.group == k].sum() for k in (0, 1)]
     np.testing.assert_allclose(areas, [0.45, 0.55], rtol=1e-13)
     np.testing.assert_allclose(result.reaction[0][:, 0].sum(), P, rtol=10 * PATCH)
-    # Forces of both act on the nodes between: pressures there add to the one of all.
+    # The shared nodes get forces from both parts; their pressures add up to that of the whole.
     fields = model.fields(result.displacement[0], result.reaction[0], result.status[0])
     at = body.nodes("bottom")
     whole = fem.Contact("high", "bottom", 0.0, plane=floor, pairing="mortar")
@@ -124,10 +124,10 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
 def test_a_sphere_by_mortar(kind: str) -> None:
-    """The gap is the distance in the mean: forces on cells of all kinds are alike.
+    """The gap is a mean distance, so forces are similar on cells of all kinds.
 
-    Contact has a radius of 0.2, four cells. A strip of half a cell around it is a fourth
-    of its area, and pressures there are small: a tenth of the force.
+    The contact radius is 0.2, four cells. A strip of half a cell around it has a fourth of
+    the area, but small pressures: a tenth of the force.
     """
     ball = ob.Sphere([0.0, 0.0, 2.98], 2.0)
     grid = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.45, 1.0]
@@ -141,13 +141,13 @@ def test_a_sphere_by_mortar(kind: str) -> None:
         model = fem.assemble([body], [contact], [ground], symmetries=sides)
         result = model.problem().solve()
         force = np.einsum("ck,ckd->d", result.reaction[0], model.frame)
-        # It pushes down, and aside from the axis it is on alike along x and y.
+        # It pushes down; the horizontal forces along x and y are equal.
         assert force[2] < 0
         assert force[0] == pytest.approx(force[1], rel=0.05)
         found.append(-force[2])
     assert found[0] == pytest.approx(found[1], rel=0.1)
-    # A quarter of Hertz's on a half-space; stiffer, by the ground that is five radii
-    # below.
+    # A quarter of Hertz's force on a half-space; the rigid ground five radii below makes it
+    # stiffer.
     modulus = analytic.contact_modulus(E, NU)
     hertz = 4 / 3 * modulus * np.sqrt(2.0) * 0.02**1.5 / 4
     assert hertz < found[0] < 1.4 * hertz
@@ -155,7 +155,7 @@ def test_a_sphere_by_mortar(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
 def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
-    """A tilted plane that goes by s, and supports that go by -s."""
+    """A tilted plane that moves by s is equivalent to supports that move by -s."""
     body = cube(kind, "low", 0.0, [0.0, 0.45, 1.0])
     way = np.array([[0.0, 0.0, -0.02], [0.01, 0.004, -0.03], [-0.01, 0.0, -0.01]])
     tilted = ob.Plane([0.5, 0.5, 1.0], [0.02, 0.01, -1.0])
@@ -170,7 +170,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
         values = np.array([model.prescribed([one]) for one in moved])
         found.append(model.problem().solve(None, values, tol=1e-13))
     assert (found[0].status != 0).any()
-    # Two answers held to 1e-13, of problems whose data differ by rounding.
+    # Two solutions with η of 1e-13, for problems whose data differ by rounding.
     size = np.abs(found[0].reaction).max()
     np.testing.assert_allclose(
         found[0].reaction, found[1].reaction, rtol=0, atol=1e-9 * size
@@ -179,7 +179,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
 def test_clearances_at_nodes(kind: str) -> None:
-    """Of a body, a plane and a plane that moves: a linear clearance is what it is."""
+    """For a body, a plane and a moving plane: a linear clearance is reproduced."""
     bodies = [
         cube(kind, "high", 0.0, [0.0, 0.45, 1.0]),
         cube("T3", "low", -1.0, [0.0, 0.3, 0.7, 1.0]),
@@ -210,7 +210,7 @@ def test_clearances_at_nodes(kind: str) -> None:
                 moved = model.gaps(2) if "motion" in other else None
                 gaps.append((model.gap, moved))
             (one, first), (two, second) = gaps
-            # Rules on skewed quadrilaterals, of which there are none: rounding.
+            # No skewed quadrilaterals, so the quadrature is exact to rounding.
             np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
             if first is not None and second is not None:
                 np.testing.assert_allclose(first, second, rtol=0, atol=1e-13)

@@ -1,4 +1,4 @@
-"""Two bodies whose meshes do not match: patch tests, Hertz, Cattaneo–Mindlin, rings."""
+"""Two bodies with non-matching meshes: patch tests, Hertz, Cattaneo–Mindlin, rings."""
 
 from typing import Any
 
@@ -30,9 +30,9 @@ def block(
     slope: float = 0.0,
     seed: int = 0,
 ) -> fem.Body:
-    """A unit block above ("up") or below z = slope x, its inner nodes moved at random.
+    """A unit block above ("up") or below z = slope x, with randomly moved inner nodes.
 
-    Nodes of the surface of contact stay on it, those of the sides on the sides.
+    Nodes of the contact surface stay on it, nodes of the sides stay on the sides.
     """
     up = 1.0 if name == "up" else -1.0
     dim = 2 if cell in PLANE else 3
@@ -51,7 +51,7 @@ def block(
 
 
 def uniform(x: Array) -> Array:
-    """Displacement under the stress -P along the last axis; z = -1 and x = 0 stay."""
+    """Displacement for the stress -P along the last axis; z = -1 and x = 0 stay."""
     dim = x.shape[1]
     along, aside = (1 - NU**2, NU * (1 + NU)) if dim == 2 else (1.0, NU)
     return P * np.column_stack([aside * x[:, :-1], -along * (x[:, -1] + 1)])
@@ -78,7 +78,7 @@ def pressed(
     contact = fem.Contact(*names[0], mu, against=names[1], pairing=pairing)
     dim = bodies[0].dim
     if slope:
-        # Sides that are held would take a part of the shear.
+        # Held sides would carry part of the shear.
         supports = [
             fem.Support("low", "bottom", range(dim)),
             fem.Support("up", "top", range(dim - 1)),
@@ -90,7 +90,7 @@ def pressed(
     model = fem.assemble(bodies, [contact], supports)
     load = model.pressure("up", "top", P)
     if overhang != (0.0, 1.0):
-        # What the upper block does not press, the air does.
+        # The part of the lower block that the upper one does not cover gets the pressure as a load.
         covered = bp.pairs(
             bodies[1].points,
             meeting._facets_outward(bodies[1], "top"),
@@ -111,7 +111,7 @@ def test_patch(cells: tuple[str, str], slave: str) -> None:
     model, result = pressed(cells, slave)
     exact = uniform(model.nodes)
     u = result.displacement[-1].reshape(exact.shape)
-    # The condition of some hundred unknowns times rounding.
+    # The condition of some hundred unknowns, times rounding.
     assert abs(u - exact).max() < 1e-12 * abs(exact).max()
     np.testing.assert_allclose(result.traction[-1][:, 0], P, rtol=1e-12)
     fields = model.fields(
@@ -128,7 +128,7 @@ def test_patch(cells: tuple[str, str], slave: str) -> None:
 def test_patch_on_an_incline_that_friction_holds(
     cells: tuple[str, str], slave: str
 ) -> None:
-    """Normal and shear traction constant: slope 0.3 below μ = 0.5, all nodes stick."""
+    """Uniform normal and shear traction: slope 0.3 below μ = 0.5, all nodes stick."""
     model, result = pressed(cells, slave, slope=0.3, mu=0.5)
     exact = uniform(model.nodes)
     u = result.displacement[-1].reshape(exact.shape)
@@ -146,7 +146,7 @@ def test_patch_on_an_incline_that_friction_holds(
     shear = fields["contact_shear"]
     meets = np.linalg.norm(shear, axis=1) > 0
     above = np.arange(len(meets)) < model.offset[1] // model.dim
-    # The lower body is pushed down the slope, the upper one held.
+    # The lower body is pushed down the slope, the upper one is held.
     n, e = np.zeros(model.dim), np.eye(model.dim)[-1]
     n[0], n[-1] = -0.3 * cosine, cosine
     push = P * cosine * (e - cosine * n)
@@ -160,7 +160,7 @@ def test_patch_on_an_incline_that_friction_holds(
 @pytest.mark.parametrize("slave", ["up", "low"])
 @pytest.mark.parametrize("cells", MIXED)
 def test_patch_with_an_overhang(cells: tuple[str, str], slave: str) -> None:
-    """Facets of the lower block are covered in part, whichever is the slave."""
+    """Facets of the lower block are partly covered, with either block as the slave."""
     model, result = pressed(cells, slave, mu=0.0, overhang=(-0.31, 1.27))
     exact = uniform(model.nodes)
     u = result.displacement[-1].reshape(exact.shape)
@@ -169,7 +169,7 @@ def test_patch_with_an_overhang(cells: tuple[str, str], slave: str) -> None:
 
 
 def test_nodes_fail_the_patch_test_by_some_percent() -> None:
-    """In balance all the same: the resultant is that of the load."""
+    """But the forces balance: the resultant equals the load."""
     for cells in (("quadrilateral",) * 2, ("tetrahedron", "hexahedron")):
         _, result = pressed(cells, "up", pairing="nodes")  # type: ignore[arg-type]
         off = abs(result.traction[-1][:, 0] / P - 1).max()
@@ -188,7 +188,7 @@ def two(
     supports: list[fem.Support],
     **contact: Any,
 ) -> fem.Assembly:
-    """Equal bodies of 300 half-widths, of cells of h and `ratio` h at the contact."""
+    """Equal bodies of 300 half-widths, with cells of h and `ratio` h at the contact."""
     bodies = [
         body(
             name,
@@ -209,10 +209,10 @@ def two(
     ("ratio", "slave"), [(1.37, "upper"), (1.37, "lower"), (0.77, "upper")]
 )
 def test_hertz(ratio: float, slave: str) -> None:
-    """Cylinders, a = 1: order 1 in the mean square, and 2 of the width, as matching ones.
+    """Cylinders, a = 1: order 1 in the mean square, 2 for the width, as for matching meshes.
 
-    Bounds for each mesh: how large the constants are depends on where the edge falls
-    in a cell.
+    Each mesh has its own bounds, because the constants depend on the position of the edge
+    within a cell.
     """
     e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
     force = 1e-3
@@ -246,7 +246,7 @@ def test_hertz(ratio: float, slave: str) -> None:
 
 
 def sheared(h: float, slave: str) -> Profile:
-    """Equal half-planes pressed, then sheared by 3/4 of μP, as case A9."""
+    """Equal half-planes pressed, then sheared by 3/4 of μP, as in case A9."""
     mu = 0.3
     e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
     force = 1e-3
@@ -265,7 +265,7 @@ def sheared(h: float, slave: str) -> Profile:
     problem = model.problem()
     down, aside = 3.5 * force, 0.7 * force
     sign = 1.0 if slave == "upper" else -1.0
-    for _ in range(8):  # each gains a digit
+    for _ in range(8):  # # each iteration gains a digit
         path = [model.prescribed([[0, 0], [x, -down]]) for x in (0, aside)]
         result: Any = problem.solve(None, np.array(path))
         pressing, shear = result.reaction[-1].sum(axis=0)
@@ -284,7 +284,7 @@ def sheared(h: float, slave: str) -> Profile:
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 def test_cattaneo_mindlin(slave: str) -> None:
-    """Order 1, as above; the least radius that is stuck has a second edge."""
+    """Order 1, as above; the radius of the stick zone adds a second edge."""
     for h in (0.2, 0.1, 0.05):
         profile = sheared(h, slave)
         assert profile.error(0) < 0.6 * h
@@ -293,11 +293,11 @@ def test_cattaneo_mindlin(slave: str) -> None:
 
 @pytest.mark.parametrize("slave", ["inner", "outer"])
 def test_rings(slave: str) -> None:
-    """Lamé's cylinder in two rings of other meshes: the pressure between them, order 2.
+    """Lamé's cylinder as two rings with different meshes: pressure between them, order 2.
 
-    A quarter, pressed from inside; no friction, and none is asked for. Displacements are
-    of order 2. A finer slave feels the kinks of the master, gaps of h² over lengths of h,
-    as pressures of order 1.
+    A quarter, pressed from inside, without friction. Displacements converge with order 2. A
+    finer slave sees the kinks of the master, gaps of h² over lengths of h, as pressures of
+    order 1.
     """
     a, b, c, p = 1.0, 1.5, 2.0, 0.5
     exact = p * a**2 / (c**2 - a**2) * (c**2 / b**2 - 1)
@@ -343,7 +343,7 @@ def test_rings(slave: str) -> None:
 
 
 def test_spheres() -> None:
-    """Two equal ones, a quarter of each: force and pressure for an approach, by Hertz."""
+    """Two equal spheres, a quarter of each: force and pressure for an approach, by Hertz."""
     radius, delta, far = 250.0, 8e-3, 6.0
     e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
     force = 4 / 3 * e_star * np.sqrt(radius) * delta**1.5
@@ -398,7 +398,7 @@ def test_spheres() -> None:
 
 
 def test_thickness() -> None:
-    """Areas and forces in the plane are those of the thickness, tractions are not."""
+    """In the plane, areas and forces scale with the thickness, tractions do not."""
     models = []
     for t in (1.0, 0.02):
         bodies = [
@@ -414,7 +414,7 @@ def test_thickness() -> None:
 
 
 def test_contacts_of_all_kinds_in_one_model() -> None:
-    """Rows of B follow their contacts; areas and gaps too."""
+    """Rows of B, areas and gaps are in the order of the contacts."""
     bodies = [block("up", "hexahedron", 3), block("low", "tetrahedron", 2)]
     pair = fem.Contact("up", "bottom", 0.3, against=("low", "top"), pairing="mortar")
     ground = fem.Contact("low", "bottom", 0.2, plane=([0, 0, -1.5], [0, 0, 1]))

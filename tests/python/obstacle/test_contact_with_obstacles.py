@@ -1,4 +1,4 @@
-"""Elastic bodies against rigid obstacles that have a shape and move."""
+"""Elastic bodies against rigid obstacles of any shape, at rest and in motion."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from bipot_rs.discretisation import discretisation_error
 from spheres import icosphere
 
 TOL = 1e-12
-# Two answers held to η = 1e-12, over the smallest force that counts.
+# Two solutions with η = 1e-12, relative to the smallest force that counts.
 SAME = 1e-9
 E, NU = 1000.0, 0.3
 
@@ -21,13 +21,13 @@ E, NU = 1000.0, 0.3
 def slab(
     n: int = 8, dim: int = 2, turn: Any = None, unit: float = 1.0, cell: str = ""
 ) -> fem.Body:
-    """A unit square or cube, top at zero, turned and in units of length of our choice."""
+    """A unit square or cube with its top at zero, rotated, in any unit of length."""
     axes = [np.linspace(-0.5, 0.5, n + 1)] * (dim - 1) + [np.linspace(-1, 0, n + 1)]
     mesh = fem.box(axes, cell or ("quadrilateral" if dim == 2 else "hexahedron"))
     if turn is not None:
         mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
     mesh = type(mesh)(unit * mesh.p, mesh.t).with_boundaries(mesh.boundaries)
-    # A newton and, in the plane, a thickness of a metre in all units.
+    # In all units, forces in newtons and, in the plane, a thickness of one metre.
     steel = fem.Material(E / unit**2, NU, thickness=unit)
     return fem.Body("slab", mesh, steel)
 
@@ -62,7 +62,7 @@ def test_a_plane_by_either_name() -> None:
 
 
 def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
-    """The distance is r²/2R along the axis, to the fourth order in r/R."""
+    """Along the axis the distance is r²/2R, up to fourth order in r/R."""
     ball = ob.Sphere([0, 0, 2.0], 2.0)
     errors = []
     for size in (1.0, 0.5, 0.25):
@@ -70,7 +70,7 @@ def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
         model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ball)])
         x = model.points[:, :2]
         errors.append(np.abs(model.gap - (x**2).sum(axis=1) / 4).max())
-        # From the obstacle towards the body: down, and out to the sides.
+        # From the obstacle towards the body: downwards, and outwards at the sides.
         towards = model.points - [0, 0, 2.0]
         towards /= np.linalg.norm(towards, axis=1)[:, None]
         np.testing.assert_allclose(model.frame[:, 0], towards, atol=1e-15)
@@ -78,15 +78,15 @@ def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
 
 
 def test_hertz_under_a_rigid_cylinder() -> None:
-    """Pressures converge to Hertz's, for the force that each indentation takes.
+    """Pressures converge to Hertz's, with the force computed for each indentation.
 
-    The block is 80 half-widths wide and deep: what its finite size changes in the shape
-    of the pressure is of the order (a/L)², and what Hertz's parabola leaves out smaller.
+    The block is 80 half-widths wide and deep. Its finite size changes the shape of the
+    pressure by the order of (a/L)²; the error of Hertz's parabola is smaller.
     """
     radius, a, wide = 10.0, 0.05, 40
     e_star = analytic.contact_modulus(E, NU)
-    # Where the end of contact falls among the nodes is part of the error: over several
-    # indentations, it is seen in its mean.
+    # The position of the edge of contact among the nodes is part of the error, so the mean
+    # over several indentations is used.
     depths = np.linspace(3.8, 5.1, 8) * a**2 / (2 * radius)
     way = np.column_stack([0 * depths, -depths])
     errors, within = [], []
@@ -116,9 +116,9 @@ def test_hertz_under_a_rigid_cylinder() -> None:
         mean = np.sqrt(np.mean(missed, axis=0))
         errors.append(mean[0])
         within.append(mean[1])
-    # The pressure ends with the slope of a root: order 1 in the mean square, a factor of
-    # 4; two thirds of the half-width inside it is smooth, order 2, a factor of 16 down to
-    # (a/L)².
+    # The pressure ends like a square root: order 1 in the mean square, a factor of 4.
+    # Inside two thirds of the half-width it is smooth: order 2, a factor of 16 until the
+    # error reaches (a/L)².
     assert errors[0] / errors[2] > 3
     assert within[0] / within[2] > 8
     assert within[2] < 1 / wide**2
@@ -151,14 +151,14 @@ def test_hertz_under_a_rigid_sphere() -> None:
     half, _, peak = analytic.hertz_sphere(force, radius, e_star)
     assert result.traction is not None
     at = np.argmin((model.points**2).sum(axis=1))
-    # Five cells over the radius, and a block ten radii deep on a rigid ground, which
-    # makes it stiffer: by about a/L for force over indentation.
+    # Five cells over the contact radius. The rigid ground is ten radii deep and makes the
+    # block stiffer: by about a/L for force over indentation.
     assert half == pytest.approx(a, rel=0.06)
     assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
 
 
 def test_gaps_under_a_torus_are_its_parabola_near_its_lowest_circle() -> None:
-    """The distance is s²/2r with s from the circle, to the fourth order in s/r."""
+    """With s from the circle, the distance is s²/2r up to fourth order in s/r."""
     ring = ob.Torus([0, 0, 0.5], [0, 0, 1], 2.0, 0.5)
     errors = []
     for width in (0.2, 0.1, 0.05):
@@ -175,7 +175,7 @@ def test_gaps_under_a_torus_are_its_parabola_near_its_lowest_circle() -> None:
 
 
 def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
-    """Pressed onto a block, half in and half out: one force on each half."""
+    """Pressed onto a block over half of the ring: one force on each half."""
     m = bp.Model("ring")
     m.path(press=[0.5, 1.0])
     m.material("soft", young=E, poisson=NU)
@@ -196,10 +196,10 @@ def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
     assert force[:, 2].sum() < 0
     pressed = result.reaction[-1][:, 0] > 0
     rho = np.hypot(model.points[pressed, 0], model.points[pressed, 1])
-    # Where the ring reaches into the block: 2 · 0.02 · 0.25 = (ρ - 0.6)², to first order.
+    # Where the ring is inside the block: 2 · 0.02 · 0.25 = (ρ - 0.6)², to first order.
     assert (np.abs(rho - 0.6) < 0.11).all()
-    # The scene does not change by a quarter of a turn, so forces balance and friction
-    # has a moment about the axis, in the sense of the turn.
+    # A quarter turn does not change the scene, so forces balance and friction has a
+    # moment about the axis, in the sense of the rotation.
     np.testing.assert_allclose(
         force[:, :2].sum(axis=0), 0, atol=1e-8 * abs(force).max()
     )
@@ -208,7 +208,7 @@ def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
-    """Any shape: translated by s, it does what supports do that move by -s."""
+    """Any shape translated by s is equivalent to supports that move by -s."""
     ways = np.zeros((4, dim))
     ways[:, -1] = [-0.02, -0.02, -0.025, -0.015]
     ways[:, 0] = [0.0, 0.01, -0.01, 0.0]
@@ -216,8 +216,8 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
     ball = ob.Sphere([*top, 1.5], 1.5)
 
     def run(motion: ob.Motion | None, moved: np.ndarray | None) -> Any:
-        # A plane keeps its normals and distances linear: equal to rounding. A ball's
-        # distance is not: its motion is taken exactly, that of the body linearly.
+        # A plane keeps normals and distances linear, so both are equal to rounding. For a ball,
+        # its own motion is taken exactly, and that of the body is linearised.
         floor = ob.Plane([*top, 0.0], [*top, -1.0])
         contact = fem.Contact("slab", "top", 0.3, obstacle=floor, motion=motion)
         model, problem = held(slab(5, dim), [contact])
@@ -234,7 +234,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
         np.testing.assert_allclose(
             getattr(moving, name), expected, rtol=0, atol=SAME * np.abs(expected).max()
         )
-    # Of the ball, its distance at the nodes is that of the ball where it then is.
+    # The distance at the nodes is that of the ball in its new position.
     contact = fem.Contact("slab", "top", 0.3, obstacle=ball, motion=ob.Motion(ways))
     model, _ = held(slab(5, dim), [contact])
     gaps = model.gaps(4)
@@ -249,8 +249,8 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
         )
 
 
-def test_a_roller_drags_what_sticks_to_it() -> None:
-    """Pressed on, then turned in place: what sticks has gone ω r along."""
+def test_a_roller_drags_the_sticking_nodes() -> None:
+    """Pressed, then rotated in place: sticking nodes move by ω r."""
     radius, turned = 2.0, 1e-3
     lowered = np.array([[0, -0.01], [0, -0.01], [0, -0.01]])
     motion = ob.Motion(lowered, [0.0, turned, -turned], about=[0, radius])
@@ -261,19 +261,19 @@ def test_a_roller_drags_what_sticks_to_it() -> None:
     stuck = (result.status == bp.Status.STICK).all(axis=0)
     assert 4 <= stuck.sum() < len(stuck)
     u = (model.B @ result.displacement.T).T.reshape(3, -1, 2)
-    # Counter-clockwise, the lowest point goes to the right; all feet go ω r, but that the
-    # foot lies at the lowered circle.
+    # Counter-clockwise, the lowest point moves to the right; all closest points move by ω r,
+    # except that they lie on the lowered circle.
     way = turned * radius * (model.frame[stuck][:, 1] @ [1, 0])
     gone = u[1, stuck, 1] - u[0, stuck, 1]
     np.testing.assert_allclose(np.abs(gone), turned * radius, rtol=1e-3)
     assert np.array_equal(np.sign(gone), np.sign(way))
     gaps = model.gaps(3)
     assert gaps is not None
-    # What sticks has moved with what is under it, to the answer's own accuracy.
+    # Sticking nodes move with the surface below them, to the accuracy of the solution.
     np.testing.assert_allclose(
         gone, -(gaps[1] - gaps[0])[stuck, 1], rtol=0, atol=1e-9 * turned * radius
     )
-    # And back past the start: the shear turns with it.
+    # And back past the start: the shear reverses.
     pushed = forces(model, result)[:, :, 0].sum(axis=1)
     assert pushed[1] > 0 > pushed[2]
     assert pushed[0] == pytest.approx(0, abs=1e-9 * pushed[1])
@@ -307,10 +307,10 @@ def test_turned_and_in_other_units_it_is_the_same(unit: float) -> None:
 
 
 def test_a_node_in_a_corner_has_two_contacts() -> None:
-    """A block pushed into a corner without friction: uniform stress, node by node.
+    """A block pushed into a corner without friction: uniform stress at every node.
 
-    The bottom may meet the wall, too, and the left side the floor: at the corner node
-    the same two obstacles count twice, and only their sums are determined.
+    The bottom may also touch the wall, and the left side the floor. At the corner node the
+    same two obstacles then count twice, and only the sums of reactions are determined.
     """
     body = slab(4)
     floor, wall = ob.Plane([0, -1], [0, 1]), ob.Plane([-0.5, 0], [1, 0])
@@ -329,7 +329,7 @@ def test_a_node_in_a_corner_has_two_contacts() -> None:
     left = np.flatnonzero(model.nodes[:, 0] == -0.5)
     np.testing.assert_allclose(force[bottom, 1], p * area, rtol=SAME)
     np.testing.assert_allclose(force[left, 0], q * area, rtol=SAME)
-    # What is looked at adds the tractions of both contacts of a node.
+    # The traction of a node is the sum over its two contacts.
     fields = model.fields(result.displacement[0], result.reaction[0], result.status[0])
     both = model.nodes @ [1, 1] == -1.5
     inner = [bottom[1:], left[1:], np.flatnonzero(both)]
@@ -364,8 +364,8 @@ def test_a_corner_with_friction_carries_the_load() -> None:
     assert result.relative_displacement[0, :, 0].min() >= -SAME / E
 
 
-def test_of_two_rollers_each_presses_where_it_is_nearest() -> None:
-    """One union, and each of them in a contact of its own, do the same."""
+def test_each_of_two_rollers_presses_where_it_is_nearest() -> None:
+    """One union and two separate contacts give the same result."""
     rollers = [ob.Cylinder([-0.25, 0.2], 0.2), ob.Cylinder([0.25, 0.3], 0.3)]
     down = ob.Motion([[0, -0.01]])
     one = [fem.Contact("slab", "top", 0.3, obstacle=ob.Union(rollers), motion=down)]
@@ -384,7 +384,7 @@ def test_of_two_rollers_each_presses_where_it_is_nearest() -> None:
 
 
 def test_under_a_sphere_of_triangles_forces_converge() -> None:
-    """A ball as a surface of triangles, as from an STL file, against the ball itself."""
+    """A ball as a surface of triangles, as from an STL file, compared with the exact ball."""
 
     def total(shape: ob.Obstacle) -> float:
         down = ob.Motion([[0, 0, -0.04]])
@@ -397,19 +397,19 @@ def test_under_a_sphere_of_triangles_forces_converge() -> None:
     errors = []
     for halvings in (2, 3, 4):
         x, faces = icosphere(halvings)
-        # Turned, so that no corner is on the axis.
+        # Rotated, so that no corner is on the axis.
         c, s = np.cos(0.4), np.sin(0.4)
         x = x @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + [0, 0, 1.0]
         errors.append(abs(total(ob.Surface(x, faces)) / exact - 1))
-    # Distances are of second order; how a facet lies to the nodes is by chance.
+    # Distances are of second order; the position of facets relative to nodes is random.
     assert errors[2] < errors[0] / 6
-    # Force goes with the 3/2 power of the indentation, 0.04; facets lie up to 1.1e-3
-    # within the ball.
+    # Force scales with the indentation, 0.04, to the power 3/2; facets lie up to 1.1e-3
+    # inside the ball.
     assert errors[2] < 1.5 * 1.1e-3 / 0.04
 
 
 def test_discretisation_error_is_bounded_for_planes_only() -> None:
-    """Between the nodes another obstacle may stand out."""
+    """Another obstacle may project between the nodes."""
     body = slab(2, cell="triangle")
     floor = ob.Plane([0, 0], [0, -1])
     by_formula = ob.Distance(lambda x: -x[:, 1])
@@ -508,7 +508,7 @@ def test_objects_that_are_not_obstacles() -> None:
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -> None:
-    """Nodes at its very edges and corners, which have the normals of three faces."""
+    """Nodes on its edges and corners, where the normals of up to three faces meet."""
     turn = Rotation.random(random_state=1).as_matrix()
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (0, 1.0)])
     facets = np.array(
@@ -524,7 +524,7 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     body = fem.Body(
         "it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), fem.Material(E, NU)
     )
-    if moving:  # it comes from above, and turns into place
+    if moving:  # # it comes from above and rotates into place
         lift = 3 * turn[:, 2]
         way = Rotation.from_rotvec([0.3, -0.4, 0.2])
         motion = ob.Motion(
@@ -542,7 +542,7 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     flat = model.points @ turn
     under = np.abs(flat[:, :2]).max(axis=1) <= 1 + 1e-9
     assert under.sum() == 25
-    # In the mean over facets, those beyond the rim count too.
+    # The mean over facets also contains those beyond the edge.
     inner = under if pairing == "match" else np.abs(flat[:, :2]).max(axis=1) < 0.9
     np.testing.assert_allclose(gap[inner], 0, rtol=0, atol=1e-14)
     np.testing.assert_allclose(
@@ -556,7 +556,7 @@ def test_steps_of_obstacles_and_of_loads() -> None:
     model, problem = held(slab(), [contact])
     with pytest.raises(ValueError, match="has 2 steps, but the load path has 3"):
         model.gaps(3)
-    # The problem knows that its obstacles move.
+    # The problem stores the gaps of its moving obstacles.
     by_itself, told = problem.solve(), problem.solve(gap=model.gaps(2))
     assert len(by_itself) == 2
     assert by_itself.reaction[1, :, 0].min() > 0

@@ -1,4 +1,4 @@
-"""The nearest facet: never another than by comparing all, with few of them compared."""
+"""The nearest facet equals that of comparing all, with few comparisons."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 
 class Work(NamedTuple):
-    """Sizes of the portions of nodes, and of facets, that points are held against."""
+    """Sizes of the batches of nodes and of facets that points are compared with."""
 
     nodes: list[int]
     facets: list[int]
@@ -41,7 +41,7 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Work:
 
 
 def random_surface(rng: np.random.Generator) -> tuple[Array, Ints]:
-    """A loose heap of facets, a crumpled or a flattened sphere, a strip of needles."""
+    """Separate random facets, a crumpled or a flattened sphere, or a strip of needles."""
     kind = rng.integers(4)
     if kind == 0:
         d = int(rng.integers(2, 4))
@@ -92,12 +92,12 @@ def compare(seed: int, count: int) -> None:
         x, facets = random_surface(rng)
         try:
             surface = ob.Surface(x, facets)
-        except ValueError:  # a facet without area, by chance
+        except ValueError:  # # a facet without area, by chance
             continue
         points = points_about(rng, x)
         found = np.abs(surface.closest(points).distance)
         expected = nearest_of_all(points, x, facets)
-        # The same arithmetic on the same facet, or on one as near but for rounding.
+        # The same arithmetic for the same facet, or for one equally near to rounding.
         size = np.abs(x).max() + np.abs(points).max(axis=1)
         assert (np.abs(found - expected) <= 1e-15 * size).all()
 
@@ -109,7 +109,7 @@ def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.verify
-def test_the_nearest_of_all_at_length() -> None:
+def test_the_nearest_of_all_for_many_surfaces() -> None:
     compare(2, 2000)
 
 
@@ -117,7 +117,7 @@ def test_the_nearest_of_all_at_length() -> None:
     ("off", "nodes"), [(0.3, 1500), (1e-2, 20_000), (1e-3, 70_000)]
 )
 def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None:
-    """All facets are equally far but for `off`: a share of them is looked at."""
+    """All facets are equally far except for `off`, so only a part of them is compared."""
     x, facets = icosphere(6)
     sphere = ob.Surface(x, facets)
     rng = np.random.default_rng(0)
@@ -130,15 +130,15 @@ def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None
     edge = np.linalg.norm(x[facets] - np.roll(x[facets], 1, axis=1), axis=2).max()
     sagitta = 1.01 * edge**2 / 6
     assert (np.abs(found.distance + 1 - off) <= sagitta).all()
-    # A patch of width w is known to w²/8: as many of them as tell distances apart
-    # to `off`, and then those in the direction of the point.
+    # The distance of a patch of width w is known to w²/8. This gives enough patches to
+    # separate distances that differ by `off`, then those in the direction of the point.
     assert sum(work.nodes) <= 20 * nodes
     assert sum(work.facets) <= 20 * 6
     assert max(work.nodes) <= box_tree.AT_ONCE
 
 
 def test_at_the_centre_memory_stays_bounded(work: Work) -> None:
-    """At the centre every facet is looked at: by portions, and few to the end."""
+    """At the centre every facet is compared, in batches, and few remain at the end."""
     x, facets = icosphere(6)
     sphere = ob.Surface(x, facets)
     work.nodes.clear()

@@ -24,13 +24,13 @@ def around(dim: int, count: int = 300, seed: int = 0) -> np.ndarray:
 
 
 def square(side: float = 1.0) -> ob.Surface:
-    """The square ``[0, side]²`` in the plane, as its border from outside."""
+    """The boundary of the square ``[0, side]²`` in the plane, with outward normals."""
     corners = side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     return ob.Surface(corners, [[0, 1], [1, 2], [2, 3], [3, 0]])
 
 
 def cube() -> ob.Surface:
-    """The cube ``[0, 1]³``, two triangles a face, normals outwards."""
+    """The cube ``[0, 1]³`` with two triangles per face and outward normals."""
     x = np.array(list(product((0.0, 1.0), repeat=3)))
     faces = []
     for axis, end in product(range(3), (0.0, 1.0)):
@@ -79,12 +79,12 @@ def test_properties_of_every_obstacle(name: str) -> None:
     np.testing.assert_allclose(
         foot, x - distance[:, None] * normal, rtol=0, atol=2 * EXACT
     )
-    # The foot lies on it, and nothing of it is nearer: |d(x) - d(y)| ≤ |x - y|.
+    # The closest point is on the obstacle, and no point is nearer: |d(x) - d(y)| ≤ |x - y|.
     assert np.abs(shape.closest(foot).distance).max() <= 1e-9
     y = around(dim, seed=1)
     apart = np.linalg.norm(x - y, axis=1)
     assert (np.abs(distance - shape.closest(y).distance) <= apart + EXACT).all()
-    # Out along the normal the distance grows as fast as one goes.
+    # Along the outward normal the distance grows as fast as the path.
     ahead = x + 1e-6 * normal
     grown = shape.closest(ahead).distance - distance
     np.testing.assert_allclose(grown, 1e-6, rtol=1e-6)
@@ -102,24 +102,24 @@ def test_sphere_and_cylinder_by_hand() -> None:
 
 
 def test_torus_by_hand() -> None:
-    """Above, inside and beside the tube, and at the centre of the ring."""
+    """Above, inside and next to the tube, and at the centre of the ring."""
     x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])
     found = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
     np.testing.assert_allclose(found.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
     np.testing.assert_allclose(
         found.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
     )
-    # On the axis any direction across it will do: towards the axis, and up at an angle.
+    # On the axis all directions across it are equivalent: inwards, and upwards at an angle.
     np.testing.assert_allclose(found.normal[3:, 2], [0, 0.6], atol=EXACT)
     np.testing.assert_allclose(found.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
 
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_torus_by_its_equation(inside: bool) -> None:
-    """Feet satisfy ``(|y|² + R² - r²)² = 4 R² (y_1² + y_2²)`` in the axes of the torus.
+    """Closest points satisfy ``(|y|² + R² - r²)² = 4 R² (y_1² + y_2²)`` in the torus axes.
 
-    The arm from the circle of centres to x is across that circle, as the closest point
-    of a smooth curve requires.
+    The vector from the circle of centres to x is normal to that circle, as for the closest
+    point of any smooth curve.
     """
     R, r, centre = 0.8, 0.3, np.array([3.0, -1.0, 2.0])
     turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
@@ -129,9 +129,9 @@ def test_torus_by_its_equation(inside: bool) -> None:
     y, n = (foot - centre) @ turn, normal @ turn
     left = ((y**2).sum(axis=1) + R**2 - r**2) ** 2
     right = 4 * R**2 * (y[:, :2] ** 2).sum(axis=1)
-    # Places are of size 4, and the equation of degree 4.
+    # Coordinates are of size 4, and the equation has degree 4.
     np.testing.assert_allclose(left, right, rtol=0, atol=100 * EXACT)
-    # By polar coordinates in the half-plane of x, where the tube is a disc.
+    # In polar coordinates of the half-plane of x, where the tube is a disc.
     rho, height = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
     outside = np.hypot(rho - R, height) - r
     sign = -1 if inside else 1
@@ -148,14 +148,14 @@ def test_corners_and_edges_to_rounding(shape: ob.Surface, dim: int) -> None:
     found = shape.closest(x)
     np.testing.assert_allclose(found.distance, box_distance(x), rtol=0, atol=EXACT)
     assert (found.distance < 0).sum() > 20
-    # On the corner itself the normal leads out along the diagonal.
+    # On the corner itself the normal points along the diagonal.
     at = shape.closest(np.ones((1, dim)))
     np.testing.assert_allclose(at.normal, 1 / np.sqrt(dim), rtol=EXACT)
     assert abs(at.distance[0]) <= EXACT
 
 
 def test_facets_far_smaller_than_others_are_found() -> None:
-    """A big triangle under a fine mesh: of every size the nearest counts."""
+    """A big triangle below a fine mesh: the nearest facet may have any size."""
     x, faces = icosphere(3)
     x = 0.01 * x + [0.3, 0.3, 0.05]
     ground = np.array([[-5.0, -5, 0], [5, -5, 0], [0, 5, 0]])
@@ -171,7 +171,7 @@ def test_facets_far_smaller_than_others_are_found() -> None:
 
 
 def test_closest_points_by_comparing_all() -> None:
-    """A crumpled sheet, its facets of all shapes, against dense samples of each."""
+    """A crumpled sheet with facets of all shapes, compared with dense samples of each."""
     random = np.random.default_rng(3)
     x, faces = icosphere(1)
     x = x * random.uniform(0.7, 1.3, (len(x), 1))
@@ -181,12 +181,12 @@ def test_closest_points_by_comparing_all() -> None:
     grid = np.array([(i, j, k - i - j) for i in range(k + 1) for j in range(k + 1 - i)])
     samples = np.einsum("gc,fcd->fgd", grid / k, x[faces]).reshape(-1, 3)
     away = np.linalg.norm(points[:, None] - samples, axis=2).min(axis=1)
-    # Samples are at most a side over k away from any point, which is farther off by
+    # Any point of a facet has a sample within a side over k, whose distance is larger by
     # the square of that over the distance.
     assert (np.abs(found.distance) <= away + EXACT).all()
     side = 1.3 / k
     assert (away**2 <= found.distance**2 + side**2).all()
-    # The sign, by the solid angle under which the surface is seen: 4π inside, else 0.
+    # The sign, by the solid angle of the surface seen from the point: 4π inside, else 0.
     a, b, c = (x[faces][:, i] - points[:, None] for i in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
     triple = np.einsum("pfd,pfd->pf", a, np.cross(b, c))
@@ -205,10 +205,10 @@ def test_a_sphere_of_triangles_converges() -> None:
         found = ob.Surface(*icosphere(halvings)).closest(x)
         errors.append(np.abs(found.distance - exact.distance).max())
         angles.append(np.abs(found.normal - exact.normal).max())
-        # Inscribed: no facet sticks out.
+        # Inscribed: every facet lies inside the sphere.
         assert (found.distance >= exact.distance - EXACT).all()
     order = np.log2(np.divide(errors[:-1], errors[1:]))
-    # The first meshes are coarse, and the maximum is over some points only.
+    # The first meshes are coarse, and the maximum is taken over some points only.
     assert (order > 1.85).all()
     assert order[-1] == pytest.approx(2, abs=0.1)
     assert np.log2(angles[0] / angles[-1]) / 3 == pytest.approx(1, abs=0.25)
@@ -224,7 +224,7 @@ def test_beyond_a_border_is_outside() -> None:
         [[0.4, 0.5, -0.1], [1.0, 0.5, -0.1], [1.5, 0.5, -0.1], [0.4, 0.5, 0.2]]
     )
     found = sheet.closest(x)
-    # Under it, straight under its border, beyond it a little lower, above it.
+    # Below it, exactly below its edge, outside the edge and a little lower, above it.
     np.testing.assert_allclose(
         found.distance, [-0.1, -0.1, np.hypot(0.5, 0.1), 0.2], rtol=EXACT
     )
@@ -236,7 +236,7 @@ def test_beyond_a_border_is_outside() -> None:
     )
 
 
-def test_flipped_it_is_a_die() -> None:
+def test_a_flipped_box_is_a_cavity() -> None:
     x = np.array([[0.5, 0.5, 0.9]])
     faces = cube()._corners
     die = ob.Surface(cube()._x, faces, flipped=True).closest(x)
@@ -251,7 +251,7 @@ def test_stl(tmp_path: Path, binary: bool) -> None:
     file = tmp_path / "ball.stl"
     meshio.Mesh(x, [("triangle", faces)]).write(file, binary=binary)
     read = ob.Surface.from_file(file)
-    # Each triangle has corners of its own in the file: here they are one again.
+    # In the file each triangle has its own corners; the reader merges them.
     assert read.closed
     assert repr(read) == "Surface(320 triangles)"
     points = around(3)
@@ -278,11 +278,11 @@ def test_files_without_a_surface(tmp_path: Path) -> None:
 
 
 def test_a_distance_by_its_formula() -> None:
-    """Against the sphere: by differences, and by a gradient that is given."""
+    """Compared with the sphere: by finite differences, and with a given gradient."""
     x = around(3)
     exact = ob.Sphere([0, 0, 0], 1.0).closest(x)
     plain = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1).closest(x)
-    # Fourth order: (3e-3)⁴ over 1/0.6 of curvature, and its rounding.
+    # Fourth order: (3e-3)⁴ with a curvature of 1/0.6, and rounding.
     np.testing.assert_allclose(plain.normal, exact.normal, rtol=0, atol=1e-9)
     given = ob.Distance(
         lambda x: np.linalg.norm(x, axis=1) - 1,
@@ -294,13 +294,13 @@ def test_a_distance_by_its_formula() -> None:
 @pytest.mark.parametrize("far", [0.0, 1e6, -3e7])
 @pytest.mark.parametrize("count", [1, 50])
 def test_a_distance_far_from_the_origin(count: int, far: float) -> None:
-    """Also at one place of the surface, where nothing but the obstacle has a size."""
+    """Also at a single point of the surface, where only the obstacle has a size."""
     centre = np.full(3, far)
     x = np.random.default_rng(1).normal(size=(count, 3))
     x = centre + x / np.linalg.norm(x, axis=1)[:, None]
     found = ob.Distance(lambda x: np.linalg.norm(x - centre, axis=1) - 1).closest(x)
     exact = ob.Sphere(centre, 1.0).closest(x)
-    # Places have so many digits; over a step of about a thousandth, and curved by 1.
+    # The digits of coordinates, over a step of about a thousandth, with curvature 1.
     places = np.finfo(float).eps * abs(far)
     np.testing.assert_allclose(
         found.normal, exact.normal, rtol=0, atol=1e-9 + 4 * places
@@ -311,13 +311,13 @@ def test_a_distance_far_from_the_origin(count: int, far: float) -> None:
 
 
 def test_steps_of_a_distance_find_a_small_obstacle() -> None:
-    """A pin of a ten-thousandth of the extent of the points, which the step would jump."""
+    """A pin of 1e-4 of the extent of the points, smaller than the first step."""
     x = np.array([[0.0, 1.0], [1e-4, 0.0], [-8e-5, 6e-5], [1.0, 1.0]])
     pin = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1e-4)
     exact = ob.Cylinder([0, 0], 1e-4).closest(x)
     found = pin.closest(x)
-    # Accepted where the length of the gradient is 1 to 1e-6: of a circle, its direction
-    # is off by less than the root of that.
+    # Accepted if the length of the gradient is 1 to 1e-6: on a circle, the error of its
+    # direction is below the root of that.
     np.testing.assert_allclose(found.normal, exact.normal, rtol=0, atol=1e-3)
     assert np.abs(found.distance - exact.distance).max() <= EXACT
 
@@ -426,7 +426,7 @@ def test_invalid_obstacles(make: Any, message: str) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_motion_and_its_inverse(dim: int) -> None:
-    """`back` undoes the motion, which is rigid and carries the pole by its translation."""
+    """`back` inverts the motion, which is rigid and moves the pole by its translation."""
     random = np.random.default_rng(5)
     axis = None if dim == 2 else [1.0, 2.0, -1.0]
     about = random.normal(size=dim)
@@ -441,7 +441,7 @@ def test_motion_and_its_inverse(dim: int) -> None:
         )
         lengths = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in (x, seen)]
         np.testing.assert_allclose(*lengths, rtol=10 * EXACT)
-    # A right angle, by the right hand.
+    # A right angle, by the right-hand rule.
     turn = ob.Motion(rotation=[np.pi / 2], axis=None if dim == 2 else [0, 0, 1])
     np.testing.assert_allclose(
         turn.forwards(np.eye(dim)[:1], 1), np.eye(dim)[1:2], atol=EXACT
@@ -455,7 +455,7 @@ def test_a_roller_in_place_drags_by_its_circumference() -> None:
     x = np.array([[0.0, -0.1], [0.0, 0.0]])
     met = ob.approach(roller, turn, x)
     np.testing.assert_allclose(met.distance, [[0.1, 0.0]] * 4, atol=EXACT)
-    # Counter-clockwise its lowest point goes to the right, by ω r whatever the steps.
+    # Counter-clockwise, the lowest point moves right by ω r, for any number of steps.
     expected = np.array([0.0, 0.5, 2.0, 9.0])
     np.testing.assert_allclose(met.drag[:, 1, 0], expected, rtol=EXACT)
     np.testing.assert_allclose(met.drag[:, 1, 1], 0, atol=9 * EXACT)
@@ -472,7 +472,7 @@ def test_a_roller_that_rolls_drags_nothing(steps: int) -> None:
     )
     roller = ob.Cylinder([0, 0, 2], 2.0, axis=[0, 1, 0])
     met = ob.approach(roller, rolling, np.array([[3.0, 0.4, 0.0]]))
-    # It ends above the node, which its normal and its distance then belong to.
+    # It ends above the node, and normal and distance are those of that position.
     assert met.distance[-1, 0] == pytest.approx(0, abs=EXACT)
     np.testing.assert_allclose(met.normal, [[0, 0, -1]], atol=EXACT)
     under = ob.approach(
@@ -485,7 +485,7 @@ def test_a_roller_that_rolls_drags_nothing(steps: int) -> None:
 
 
 def test_the_normal_is_that_of_the_nearest_approach() -> None:
-    """A ball that comes from one side, passes over a node, and is gone."""
+    """A ball approaches from one side, passes over a node, and leaves."""
     ball = ob.Sphere([-5, 0, 1], 1.0)
     passing = ob.Motion([[3, 0, 0], [5, 0, 0], [9, 0, 0]])
     met = ob.approach(ball, passing, np.array([[0.0, 0, -0.1]]))
@@ -497,7 +497,7 @@ def test_the_normal_is_that_of_the_nearest_approach() -> None:
 
 
 class Told:
-    """An obstacle of someone else's: the unit disc or ball, and what it says wrong."""
+    """A user-defined obstacle: the unit disc or ball, with one wrong answer."""
 
     dim = None
 
@@ -589,7 +589,7 @@ def test_obstacle_with_wrong_answers(wrong: Any, message: str) -> None:
 
 
 def knife(dim: int) -> ob.Surface:
-    """A sheet of two sides and no thickness, ``z ≤ 0`` of the plane ``x = 0``."""
+    """A two-sided sheet without thickness, ``z ≤ 0`` of the plane ``x = 0``."""
     if dim == 2:
         return ob.Surface([[0, 0], [0, -2]], [[0, 1], [1, 0]])
     x = np.array([(0, y, z) for y in range(3) for z in (0, -1, -2)], float)
@@ -601,7 +601,7 @@ def knife(dim: int) -> ob.Surface:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
-    """Its normal at the rim leads away from it, on it to the side of a facet."""
+    """At the edge the normal points away from it; on the sheet, to the side of a facet."""
     random = np.random.default_rng(4)
     low, high = [-1, 0.2, -1.8][-dim:], [1, 1.8, -0.2][-dim:]
     low[0], high[0] = -1, 1
@@ -610,7 +610,7 @@ def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
     found = sheet.closest(x)
     np.testing.assert_allclose(found.distance, np.abs(x[:, 0]), rtol=0, atol=EXACT)
     np.testing.assert_allclose(found.normal[:, 0], np.sign(x[:, 0]), rtol=EXACT)
-    # Over nodes, edges and facets alike.
+    # The nearest point is a node, an edge or a facet.
     middle, end = np.array([0, 1.0, -1])[-dim:], np.array([0, 1.0, 0])[-dim:]
     middle[0] = end[0] = 0
     for place in (middle, end):
@@ -638,7 +638,7 @@ def test_duplicate_triangles_in_a_file(tmp_path: Path) -> None:
     again = np.roll(faces[random.integers(0, len(faces), 20)], 1, axis=1)
     points = np.concatenate([x[faces], x[again]]).reshape(-1, 3)
     triangles = np.arange(len(points)).reshape(-1, 3)
-    needle = [[0, 3, 0], [5, 5, 8]]  # corners that fall together
+    needle = [[0, 3, 0], [5, 5, 8]]  # # coincident corners
     file = tmp_path / "ball.stl"
     mesh = meshio.Mesh(points, [("triangle", np.concatenate([triangles, needle]))])
     with np.errstate(invalid="ignore"):  # the normals of triangles without area
@@ -663,19 +663,19 @@ def test_a_file_too_far_from_the_origin_for_its_digits(tmp_path: Path) -> None:
 
 
 def test_corners_of_stl_that_differ_in_their_last_digit(tmp_path: Path) -> None:
-    """A cavity cut from a block: a slit would put what is in the wall beside it outside."""
+    """A cavity in a block: a slit would make points inside the wall count as outside."""
     meshio = pytest.importorskip("meshio")
     x, faces = icosphere(2)
     random = np.random.default_rng(0)
     corners = x[faces].reshape(-1, 3).astype(np.float32)
-    # One unit of the last place, up or down.
+    # One unit in the last place, up or down.
     corners = np.nextafter(corners, random.choice([-9, 9], corners.shape).astype("f4"))
     file = tmp_path / "cavity.stl"
     triangles = np.arange(len(corners)).reshape(-1, 3)
     meshio.Mesh(corners, [("triangle", triangles)]).write(file, binary=True)
     read = ob.Surface.from_file(file, flipped=True)
     assert read.closed
-    # In the wall, over the edges of the cavity's facets.
+    # Points in the wall, near the edges of the cavity's facets.
     middle = (x[faces] + x[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2
     wall = 1.01 * middle / np.linalg.norm(middle, axis=1)[:, None]
     assert (read.closest(wall).distance < 0).all()

@@ -1,4 +1,4 @@
-"""Places along lines of contacts are those of a ruler laid along them."""
+"""Positions along lines of contacts equal distances along the line."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ RANDOM = np.random.default_rng(5)
 def arc(
     start: float, end: float, count: int, radius: float = 3.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a circle in no order, and their angles."""
+    """Points of a circle in random order, and their angles."""
     angle = RANDOM.permutation(np.linspace(start, end, count))
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), angle
 
 
 def chords(angle: np.ndarray, radius: float = 3.0) -> np.ndarray:
-    """Lengths from the first of them on."""
+    """Lengths along the chords from the first point."""
     step = 2 * radius * np.sin(np.abs(np.diff(angle)) / 2)
     return np.concatenate([[0.0], np.cumsum(step)])
 
@@ -55,7 +55,7 @@ def test_arc_length_of_a_ring_is_counter_clockwise(mirrored: bool) -> None:
     )
     chord = 6 * np.sin(np.pi / count)
     np.testing.assert_allclose(found.s, chord * np.arange(count + 1), rtol=1e-12)
-    # Tangents of the circle, the first and the last ones the same.
+    # Tangents of the circle; the first and the last are equal.
     tangent = np.stack([-x[found.order, 1], x[found.order, 0]], axis=1) / 3
     np.testing.assert_allclose(found.towards, tangent, atol=1e-12)
     assert found.name == "arc length from largest x, counter-clockwise"
@@ -70,14 +70,14 @@ def test_a_ring_without_one_contact_is_open() -> None:
 
 
 def test_a_graded_ring_is_closed() -> None:
-    """Spacings that grow by 1.3 and fall again, as of a mesh refined at one place."""
+    """Spacings that grow by 1.3 and shrink again, as in a mesh refined at one place."""
     step = 1.3 ** np.concatenate([np.arange(8), np.arange(8)[::-1]])
     angle = RANDOM.permutation(2 * np.pi * np.cumsum(step) / step.sum())
     x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     found = places(x, None)
     assert "counter-clockwise" in found.name
     around = angle[found.order]
-    assert np.sum(np.diff(around) < 0) == 1  # where the angle begins anew
+    assert np.sum(np.diff(around) < 0) == 1  # # where the angle starts again
 
 
 def test_two_sides_of_a_corner_are_one_chain() -> None:
@@ -113,7 +113,7 @@ def test_straight_lines_have_their_coordinate(
         np.testing.assert_array_equal(found.s, np.sort(x[:, "xy".index(name)]))
 
 
-def test_turned_and_made_larger_it_is_the_same_line() -> None:
+def test_rotation_and_scaling_keep_the_line() -> None:
     x, _ = arc(0.3, 2.0, 20)
     one = places(x, "arc")
     turn = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
@@ -127,7 +127,7 @@ def test_turned_and_made_larger_it_is_the_same_line() -> None:
 
 def test_arc_length_of_a_ring_in_3d() -> None:
     x, angle = arc(0.0, 2 * np.pi * 0.95, 20)
-    # In the plane of y and z; counter-clockwise seen from +x goes from y to z.
+    # In the plane of y and z; counter-clockwise, seen from +x, goes from y to z.
     found = places(np.column_stack([np.full(20, 7.0), x]), "arc")
     np.testing.assert_allclose(np.diff(angle[found.order[:-1]]), np.pi / 10, rtol=1e-9)
     assert found.name == ("arc length from largest y, counter-clockwise seen from +x")
@@ -152,14 +152,14 @@ def test_one_contact_has_a_place() -> None:
 
 
 def test_a_roller_does_not_scale_the_plane_under_it() -> None:
-    """Normals lean: places are still those of the plane."""
+    """Its inclined normals do not change positions along the plane."""
     from bipot_rs.plots.data import Contacts
     from bipot_rs.plots.surface import _plane
 
     u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))
     x = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)
     away = x - [0.0, 0.0, 10.0]
-    away[:, 1] = 0  # of a cylinder along y above the plane
+    away[:, 1] = 0  # # a cylinder along y above the plane
     n = len(x)
     seen = Contacts(
         x=x,

@@ -1,4 +1,4 @@
-"""The pictures that the program makes of the shipped scenes, as its pages show them."""
+"""Pictures that the program draws of the shipped scenes, as on its pages."""
 
 import re
 import runpy
@@ -17,14 +17,14 @@ def gallery() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "examples" / "gallery.py"))
 
 
-# One a scene that is solved within a second, and one with the mesh.
+# One scene that is solved within a second, and one with the mesh.
 @pytest.mark.parametrize(
     "name", ["tractions", "status", "slip", "deformed", "deformed_near"]
 )
 def test_pictures_are_drawn(gallery: dict[str, Any], name: str, tmp_path: Path) -> None:
     (written,) = gallery["draw"](tmp_path, [name], dpi=50)
     picture = plt.imread(written)[..., :3]
-    # Something on white, and not all of it.
+    # The picture is neither empty nor full.
     ink = np.mean((picture < 0.98).any(axis=2))
     assert 0.02 < ink < 0.9
 
@@ -35,5 +35,5 @@ def test_the_page_shows_what_the_script_draws(gallery: dict[str, Any]) -> None:
     assert shown == list(gallery["SITE"])
     assert set(shown) <= set(gallery["pictures"]())
     for name in shown:
-        # Kept in the repository, so small.
+        # Stored in the repository, so it must be small.
         assert 2_000 < (ROOT / f"docs/gallery/{name}.png").stat().st_size < 60_000

@@ -1,4 +1,4 @@
-"""Pictures show the numbers of the result, in units, and can be read."""
+"""Pictures show the numbers of the result with units, and are readable."""
 
 import doctest
 import subprocess
@@ -81,7 +81,7 @@ def test_tractions_are_those_of_the_result(line: Any) -> None:
     np.testing.assert_array_equal(strip.get_array(), result.status[-1][order])
     texts = [t.get_text() for t in ax.get_legend().get_texts()]
     assert f"slip ({int(np.sum(result.status[-1] == 1))})" in texts
-    # Above what is drawn, as the strip is below.
+    # Above the curves, as the strip is below.
     low = min(traction.min(), -0.3 * traction[:, 0].max())
     bottom, top = ax.get_ylim()
     assert (low - bottom) / (top - bottom) > 0.04
@@ -112,7 +112,7 @@ def test_a_curve_is_drawn_by_its_length() -> None:
     result = bp.solve(K, B, load, gap=np.zeros(n), mu=0.3, points=x, frame=frame)
     ax = plots.tractions(result, units=UNITS)
     assert ax.get_xlabel() == "arc length from the end of least x [mm]"
-    # Without areas these are forces.
+    # Without areas the curves show forces.
     assert ax.get_ylabel() == "contact force [N]"
     place, force = drawn_lines(ax)["normal"].T
     # Chords of 29 equal parts of an arc, from its left end: the largest angle.
@@ -151,11 +151,11 @@ def test_slip_along_a_line(line: Any) -> None:
     order = np.argsort(model.points[:, 0])
     v = ax.get_lines()[0].get_ydata()
     status = result.status[-1][order]
-    # Open contacts do not slip, and of what sticks the slip is rounding.
+    # Open contacts do not slip, and the slip of sticking ones is rounding.
     assert set(status) == {0, 1, 2}
     exact = np.choose(status, [np.nan, result.slip[-1][order, 0], 0.0])
     np.testing.assert_array_equal(v, exact)
-    # A power of 1000 stands with the unit, and ticks are numbers of that.
+    # A power of 1000 is written with the unit, and ticks are multiples of it.
     assert ax.get_ylabel() == "slip in the step [10⁻⁶ mm]"
     assert ax.yaxis.get_major_formatter()(-2e-4) == "−200"
 
@@ -193,14 +193,14 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
     np.testing.assert_array_equal(image.get_array(), exact[quantity][0])
     assert ax.get_xlabel() == "x [mm]"
     if quantity == "gap":
-        # All is closed, and that is said: there is nothing for a bar to tell.
+        # All contacts are closed: a text says so, and no colour bar is needed.
         assert not ax.child_axes
         assert [t.get_text() for t in ax.texts] == ["all contacts are closed"]
     else:
         (bar,) = ax.child_axes
         assert bar.get_ylabel().startswith(exact[quantity][1])
     assert ax.get_title("left") == "load step 2 of 2"
-    # Every place of the square surface is in one triangle.
+    # Every point of the square surface is in exactly one triangle.
     triangles = image._triangulation.get_masked_triangles()
     x, y = model.points[triangles][..., :2].transpose(2, 0, 1)
     cross = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0])
@@ -208,7 +208,7 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
     assert np.abs(cross).sum() / 2 == pytest.approx(100.0**2, rel=1e-12)
 
 
-def test_arrows_of_shear_point_as_it_acts(cube: Any) -> None:
+def test_arrows_of_shear_have_its_direction(cube: Any) -> None:
     model, result = cube
     arrows = arrows_of(plots.surface_map(result, "shear"))
     shear = np.einsum("ck,ckd->cd", result[-1].traction[:, 1:], model.frame[:, 1:])
@@ -224,7 +224,7 @@ def test_length_of_slip_arrows(cube: Any) -> None:
     arrows = arrows_of(ax)
     slip = np.einsum("ck,ckd->cd", result[-1].slip, model.frame[:, 1:])
     size = np.linalg.norm(slip, axis=1)
-    # The largest of all is drawn, and has the end of the colours.
+    # The largest slip of all is drawn, with the last colour.
     assert arrows.get_array().max() == size.max() == arrows.get_clim()[1]
     for place, u, v, c in zip(
         arrows.XY, arrows.U, arrows.V, arrows.get_array(), strict=True
@@ -249,7 +249,7 @@ def test_zones_of_a_surface_are_those_of_the_nearest_node(cube: Any) -> None:
 
 
 def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
-    """Closed contacts on 12 × 12 cells drawn out along x, 6 × 6 of them left out."""
+    """Closed contacts on 12 × 12 cells stretched along x, with 6 × 6 of them left out."""
     at = np.array([(x, y) for x in range(13) for y in range(13)])
     cells = [(x, y) for x in range(12) for y in range(12)]
     if hole:
@@ -278,7 +278,7 @@ def test_only_holes_are_blank(stretch: float, hole: bool) -> None:
     first, second, third = (contacts["x"][corners[:, k], :2] for k in range(3))
     (x1, y1), (x2, y2) = (second - first).T, (third - first).T
     drawn = 0.5 * np.abs(x1 * y2 - x2 * y1).sum() / (144 * stretch)
-    # Of the hole, a quarter of the whole, the corners may be cut off.
+    # At the hole, a quarter of the surface, the corners may be cut off.
     least, most = (0.19, 0.25) if hole else (0.0, 0.0)
     assert least <= 1 - drawn <= most + 1e-12
     rows, columns = np.shape(image.get_array())
@@ -302,7 +302,7 @@ def test_deformed_bodies(line: Any, near: float | None) -> None:
     longest = np.linalg.norm(result[-1].reaction, axis=1).max()
     said = f"displacements × 3, forces up to {longest:.3g} N, load step 2 of 2"
     assert ax.get_title("left") == said
-    # Arrows end at nodes of contact and add up to a part of what contact carries.
+    # Arrows end at contact nodes and add up to a part of the contact force.
     arrows = arrows_of(ax)
     tips = places[model.contact_dofs[:, 0] // 2]
     for place in arrows.XY:
@@ -333,7 +333,7 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
     def edge(step: int, scale: float) -> Any:
         ax = plots.deformed(result, step=step, scale=scale)
         _, bands = (c for c in ax.collections if type(c) is PolyCollection)
-        # A piece for each facet, whose first two corners are at its contacts.
+        # A piece for each facet; its first two corners are at its contacts.
         (line,) = (facets for kind, facets in contact_surface(model) if kind == "line")
         assert len(line) == 20
         found = np.empty_like(model.points)
@@ -342,7 +342,7 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
         return found
 
     if not moves:
-        # Closest points of the nodes: on the circle.
+        # Closest points of the nodes lie on the circle.
         at = edge(0, 1.0) - [-0.2, -4.0]
         np.testing.assert_allclose(np.linalg.norm(at, axis=1), 4.0, rtol=1e-14)
     for step, scale in ((0, 3.0), (1, 7.0)):
@@ -350,8 +350,8 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
         nodes = model.contact_dofs[:, 0] // 2
         drawn = model.nodes[nodes] + scale * found.displacement.reshape(-1, 2)[nodes]
         apart = np.einsum("cd,cd->c", model.frame[:, 0], drawn - edge(step, scale))
-        # As far from the body as contacts are open, which roundings of places of size 4
-        # blur.
+        # Its distance from the body is the gap of the open contacts, up to rounding of
+        # coordinates of size 4.
         np.testing.assert_allclose(
             apart, scale * found.relative_displacement[:, 0], atol=1e-14
         )
@@ -383,7 +383,7 @@ def test_skin_and_edges_of_a_box() -> None:
             for facet, cell_of in zip(facets, cells, strict=True):
                 both = np.concatenate([c for _, c in model.cells])
                 assert set(facet) <= set(both[cell_of])
-            # Around each facet, seen from outside, against the clock: ∫ x·n dA = 3 V.
+            # Counter-clockwise around each facet, seen from outside: ∫ x·n dA = 3 V.
             x = model.nodes[facets]
             flux = 0.0
             for k in range(1, facets.shape[1] - 1):
@@ -392,7 +392,7 @@ def test_skin_and_edges_of_a_box() -> None:
             assert flux == pytest.approx(3 * 6.0)
         edges = model.nodes[sharp_edges(model)]
         length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
-        # Twelve edges of each of the two boxes, not the diagonals of their facets.
+        # Twelve edges of each of the two boxes, without the diagonals of facets.
         assert length == pytest.approx(2 * 4 * (3 + 2 + 1))
 
 
@@ -415,7 +415,7 @@ def loop_area(points: Any) -> float:
 
 
 def test_area_of_the_loop_is_the_dissipation() -> None:
-    """A block on a rod, to and fro: a parallelogram, whose area friction takes."""
+    """A block pulled to and fro by a rod: a parallelogram with the area of the dissipation."""
     k, N, mu, far = 100.0, 7.0, 0.3, 1.0
     K = np.array([[1.0, 0, 0], [0, k, -k], [0, -k, k]])
     stretch = mu * N / k
@@ -428,10 +428,10 @@ def test_area_of_the_loop_is_the_dissipation() -> None:
     ax = plots.force_displacement(result, delta, units=UNITS)
     drawn = drawn_lines(ax)["force"]
     exact = 4 * mu * N * (far - stretch)
-    # Without frames a force along the tangent is one of its component.
+    # Without frames, a tangential force is a force along one component.
     assert abs(loop_area(drawn[1:])) == pytest.approx(exact, rel=1e-10)
     assert result.dissipation[1:].sum() == pytest.approx(exact, rel=1e-10)
-    # It drives the block: upwards where the block is drawn up.
+    # The force drives the block: it is positive where the block is pulled up.
     assert drawn[0, 1] == pytest.approx(mu * N)
     np.testing.assert_allclose(drawn_lines(ax)["±Σ μ × normal"][:, 1], mu * N)
     assert ax.get_xlabel() == "displacement [mm]"
@@ -444,7 +444,7 @@ def test_area_of_the_loop_is_the_dissipation() -> None:
 
 @pytest.mark.parametrize(("tow", "seen"), [(1.3, True), (1.2, False)])
 def test_friction_limit_far_above_the_force_is_a_text(tow: float, seen: bool) -> None:
-    """Pressed by 10 N with μ = 0.5: 5 N could be held, up to four times the force drawn."""
+    """Pressed by 10 N with μ = 0.5: the limit is 5 N, up to four times the force drawn."""
     loads = [[-10.0, 0.5], [-10.0, tow]]
     result = bp.solve(1e3 * np.eye(2), np.eye(2), loads, gap=[0.0], mu=0.5)
     ax = plots.force_displacement(result, [0.0, 1.0], units=UNITS)
@@ -507,14 +507,14 @@ def test_surface_in_space(cube: Any, quantity: str) -> None:
 
 
 class Camera:
-    """What is looked through."""
+    """Camera of the recording plotter."""
 
     def zoom(self, by: float) -> None:
         self.near = by
 
 
 class Recorder:
-    """A plotter that keeps what it is told."""
+    """A plotter that records its calls."""
 
     def __init__(self, **look: Any) -> None:
         self.look, self.meshes, self.arrows = look, [], []
@@ -530,11 +530,11 @@ class Recorder:
         self.legend = what, look
 
     def show_axes(self) -> None:
-        """Nothing to keep."""
+        """Nothing to record."""
 
 
 class Data:
-    """A mesh of PyVista, as far as it is filled."""
+    """A mesh of PyVista with the data that is set."""
 
     def __init__(self, points: Any, faces: Any = None, lines: Any = None) -> None:
         self.points, self.faces, self.lines = points, faces, lines
@@ -545,7 +545,7 @@ class Data:
 def test_pyvista_is_given_the_surface(
     cube: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a module in its place: the real one is half a gigabyte."""
+    """With a recording module instead of PyVista, which is half a gigabyte."""
     model, result = cube
     module: Any = ModuleType("pyvista")
     module.Plotter, module.PolyData = Recorder, Data
@@ -578,7 +578,7 @@ def test_pyvista_itself(cube: Any, tmp_path: Path) -> None:
     plotter.close()
 
 
-def test_what_is_not_installed_is_said(
+def test_a_missing_library_is_named(
     cube: Any, line: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
@@ -628,7 +628,7 @@ def test_every_picture_is_looked_at() -> None:
 
 
 def test_large_and_small_numbers_can_be_read(line: Any) -> None:
-    """In pascals and metres, as in meganewtons and kilometres."""
+    """In pascals and metres, and in meganewtons and kilometres."""
     _, result = line
     for factor in (1e-9, 1e6):
         steps = [

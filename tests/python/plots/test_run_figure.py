@@ -1,4 +1,4 @@
-"""Pictures: every kind of contact surface is drawn, without touching matplotlib's state."""
+"""Pictures of every kind of contact surface, without changing matplotlib's global state."""
 
 import subprocess
 import sys
@@ -36,7 +36,7 @@ def step(count: int, dim: int, k: int = 0) -> dict[str, Any]:
 
 
 def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> Any:
-    """The picture that is written to ``path``, as a figure."""
+    """The picture written to ``path``, as a figure."""
     kept: list[Any] = []
     save = matplotlib.figure.Figure.savefig
 
@@ -51,7 +51,7 @@ def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> A
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[str]:
-    """Titles, labels and legends of the picture that is written to ``path``."""
+    """Titles, labels and legends of the picture written to ``path``."""
     from matplotlib.text import Text
 
     figure = figure_of(monkeypatch, path, *arguments)
@@ -65,7 +65,7 @@ def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     counts = np.bincount(step(9, 2)["status"], minlength=3)
     for text in ("It", "traction [MPa]", "x [mm]", f"slip ({counts[1]})"):
         assert text in texts
-    assert "load step" not in texts  # one step is no path
+    assert "load step" not in texts  # # one step is not a path
 
 
 def test_plane_and_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -106,10 +106,10 @@ def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert overlaps(figure) == []
 
 
-def test_plane_surfaces_have_maps_of_their_own(
+def test_each_plane_surface_has_its_own_maps(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """A floor and a wall: each with its coordinates, and the path of each."""
+    """A floor and a wall: each with its own coordinates and its own path."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
     floor = contacts(np.column_stack([u, v, 0 * u]), np.array([0.0, 0.0, 1.0]))
     wall = contacts(np.column_stack([0 * u, u, v]), np.array([1.0, 0.0, 0.0]))

@@ -1,4 +1,4 @@
-"""Pictures of several surfaces, of curved ones, and of the bodies by what has them."""
+"""Pictures of several surfaces, of curved surfaces, and of bodies."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
 
 def clamp() -> bp.Model:
-    """A pad between a floor and a die that comes down, pulled out."""
+    """A pad between a floor and a die that moves down; then the pad is pulled out."""
     made = bp.Model(title="Clamp", units=UNITS)
     made.material("steel", young=210e3, poisson=0.3)
     size = {"x": {"from": 0.0, "to": 20.0, "cells": 8}}
@@ -41,14 +41,14 @@ def clamped() -> Any:
 
 @pytest.fixture(scope="module")
 def ring() -> bp.Result:
-    """A disc pushed to one side and turned in a tight ring, on springs of its own."""
+    """A disc pushed to one side and rotated in a tight ring, on its own springs."""
     count = 24
     angle = np.random.default_rng(3).permutation(np.arange(count)) * 2 * np.pi / count
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     frame = fem.frames(-out)
     turned = np.stack([-out[:, 1], out[:, 0]], axis=1)
     load = np.zeros((2, count, 2))
-    # Pressed, and turned against the clock so that all slips: r = -load of unit springs.
+    # Pressed, and rotated counter-clockwise so that all slip: r = -load of unit springs.
     load[:, :, 0] = -(1 + 0.5 * out[:, 0])
     load[:, :, 1] = np.einsum("ij,ij->i", turned, frame[:, 1]) * [[0.1], [0.9]]
     return bp.solve(
@@ -67,7 +67,7 @@ def labels(ax: Any) -> list[str]:
 
 
 def of_colour(ax: Any, k: int, style: str) -> Any:
-    """The lines of a surface of one style."""
+    """The lines of one style for one surface."""
     return [
         line.get_data()
         for line in ax.get_lines()
@@ -86,7 +86,7 @@ def test_each_surface_has_its_lines(clamped: Any) -> None:
         (solid, *_), (dashed, *_) = (of_colour(ax, k, ls) for ls in ("-", "--"))
         np.testing.assert_array_equal(solid[0], np.sort(x))
         np.testing.assert_array_equal(solid[1], clamped.traction[-1][order, 0])
-        # On both the pull acts along x, friction against it.
+        # On both surfaces the pull acts along x, and friction against it.
         t1 = clamped.contacts["frame"][order, 1, 0]
         np.testing.assert_array_equal(dashed[1], clamped.traction[-1][order, 1] * t1)
     assert overlaps(ax.figure) == []
@@ -126,7 +126,7 @@ def test_zones_of_two_surfaces_are_apart(clamped: Any) -> None:
 
 
 def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
-    """A clamp presses from both sides: together nothing, of each its own."""
+    """A clamp presses from both sides: the sum is zero, each force is not."""
     ax = plots.resultants(clamped)
     for k, name in enumerate(("pad.bottom", "pad.top")):
         own = clamped.contacts_of(name)
@@ -134,9 +134,9 @@ def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
         total = clamped.reaction[:, own, 0].sum(axis=1)
         np.testing.assert_allclose(press, total, rtol=1e-12)
         assert (press > 1000).all()
-    # The loop of both is the pull: 60 MPa on a height of 10 mm, of unit thickness.
+    # The sum of both is the pull: 60 MPa on a height of 10 mm, of unit thickness.
     loop = plots.force_displacement(clamped).get_lines()[0]
-    # Equilibrium to the residual of 1e-12 of forces of 1e4 N.
+    # Equilibrium, to the residual of 1e-12 for forces of 1e4 N.
     np.testing.assert_allclose(loop.get_ydata(), [120, 360, 600], rtol=1e-8)
 
 
@@ -160,7 +160,7 @@ def test_surfaces_are_kept_in_a_file(clamped: Any, tmp_path: Path) -> None:
 
 
 def test_resultants_of_a_curved_surface(ring: Any) -> None:
-    """All slip around: friction is used up, and no force along x or y is friction's."""
+    """All contacts slip around the ring: friction is used up, without a force along x or y."""
     assert (ring.status[-1] == bp.Status.SLIP).all()
     ax = plots.resultants(ring)
     drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
@@ -176,7 +176,7 @@ def test_resultants_of_a_curved_surface(ring: Any) -> None:
     np.testing.assert_allclose(
         drawn["force y"], ring.resultant[:, 1], atol=1e-13 * size
     )
-    # Normals cancel: all of the force drives the loop, and no sum limits it.
+    # Normals cancel: the whole force drives the loop, and no sum limits it.
     loop = plots.force_displacement(ring)
     assert loop.get_lines()[0].get_label() == "force"
     assert loop.get_legend() is None
@@ -187,7 +187,7 @@ def test_resultants_of_a_curved_surface(ring: Any) -> None:
 
 
 def test_shear_around_a_ring_has_one_sign(ring: Any) -> None:
-    """Tangents of the frames turn over twice on the way around; the picture does not."""
+    """Tangents of the frames reverse twice around the ring; the picture must not."""
     t1 = ring.contacts["frame"][:, 1]
     x = ring.contacts["x"]
     around = np.sign(x[:, 0] * t1[:, 1] - x[:, 1] * t1[:, 0])
@@ -195,7 +195,7 @@ def test_shear_around_a_ring_has_one_sign(ring: Any) -> None:
     ax = plots.tractions(ring, units=UNITS)
     assert ax.get_xlabel() == "arc length from largest x, counter-clockwise [mm]"
     drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
-    # The disc turns against the clock, friction on it with the clock.
+    # The disc rotates counter-clockwise, friction on it acts clockwise.
     np.testing.assert_allclose(drawn["tangential"], -0.3 * drawn["normal"], rtol=1e-9)
     assert drawn["normal"][0] == drawn["normal"][-1] == drawn["normal"].max()
 
@@ -207,13 +207,13 @@ def test_title_names_the_step(clamped: Any) -> None:
             assert legend.get_title().get_text() == said
         title = plots.deformed(clamped, step=step).get_title("left")
         assert title.endswith(said)
-    # Of one step alone there is nothing to tell apart.
+    # With a single step the title needs no step number.
     alone = plots.tractions(clamped[0], contacts=clamped.contacts)
     assert alone.get_legend().get_title().get_text() == ""
 
 
 def warm() -> bp.Model:
-    """A bar held at one end that grows by heat against a wall."""
+    """A bar held at one end that expands by heat against a wall."""
     made = bp.Model(title="Bar", units=UNITS)
     made.material("steel", young=210e3, poisson=0.3)
     size = {"x": {"from": 0.0, "to": 10.0, "cells": 4}}
@@ -229,7 +229,7 @@ def warm() -> bp.Model:
 
 
 def test_bodies_from_model_case_or_result() -> None:
-    """Held from both ends at 100 K, E α T = 210 MPa; the displacements alone say else."""
+    """Held at both ends at 100 K: E α T = 210 MPa, which displacements alone do not show."""
     made = warm()
     result = made.solve()
     case = made.assemble()
@@ -240,7 +240,7 @@ def test_bodies_from_model_case_or_result() -> None:
             from matplotlib.collections import PolyCollection
 
             cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)
-            # The residual 1e-12 of the scene, condensed.
+            # The residual 1e-12 of the scene, after condensation.
             np.testing.assert_allclose(cells.get_array(), stress, rtol=1e-9)
     loaded = plots.deformed(result)
     assert loaded.get_title("left").endswith("load step 2 of 2")
@@ -267,7 +267,7 @@ def test_margins_are_as_wide_as_arrows(clamped: Any) -> None:
     margin = 0.03 * np.ptp(drawn, axis=0).max()
     np.testing.assert_allclose(low, drawn.min(axis=0) - margin, rtol=1e-12)
     np.testing.assert_allclose(high, drawn.max(axis=0) + margin, rtol=1e-12)
-    # The figure has the form of what it shows, but for labels.
+    # The figure has the aspect ratio of its content, except for labels.
     wide, tall = ax.figure.get_size_inches()
     assert tall < wide
 
@@ -350,7 +350,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
             ("--kind", "deformed", "--contact", "pad.top"),
             "--contact cannot be used with",
         ),
-        # By itself it knows what was set; with another scene that is to be told.
+        # Without --scene the command knows the run's settings; with it they must be given.
         (
             ("--kind", "deformed", "--scene", "clamp.toml"),
             "was not solved from 'clamp.toml' as it is now, or with other settings",
@@ -408,7 +408,7 @@ def test_a_sweep_names_what_is_used_of_friction(
 
 
 def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
-    """And what says so says it in the words of the command line."""
+    """The message uses the words of the command line."""
     m = bp.Model("A block in a corner")
     m.material("soft", young=1.0, poisson=0.3)
     side = {"from": 0.0, "to": 1.0, "cells": 3}

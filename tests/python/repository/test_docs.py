@@ -1,4 +1,4 @@
-"""What the documents show works when pasted, and what they point to exists."""
+"""Examples in the documents work when pasted, and their links lead to existing targets."""
 
 import contextlib
 import doctest
@@ -35,7 +35,7 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]* src=\"([^\"]+)\"")
 
 
 class Block(NamedTuple):
-    """Python of a page, from its line on, and what the page says that it prints."""
+    """A Python block of a page, its first line, and the output that the page shows."""
 
     line: int
     text: str
@@ -43,7 +43,7 @@ class Block(NamedTuple):
 
 
 def blocks(text: str) -> list[Block]:
-    """Every Python block, with the block of text right after it."""
+    """Every Python block, with the text block that follows it."""
     return [
         Block(text.count("\n", 0, m.start(1)) + 1, m[1], m[2])
         for m in BLOCK.finditer(text)
@@ -53,8 +53,8 @@ def blocks(text: str) -> list[Block]:
 def same(printed: str, shown: str) -> bool:
     """Whether words agree, and numbers to the digits that are shown.
 
-    Two units in the last place: half a one from rounding what is shown, the rest for
-    a machine that adds in another order. ``...`` stands for anything.
+    Two units in the last place are allowed: half a unit for the rounding of the shown digits,
+    the rest for machines that add in another order. ``...`` stands for any text.
     """
     gaps = [
         rf"({NUMBER.pattern})" if n % 2 else _words(part)
@@ -77,33 +77,33 @@ def _parts(shown: str) -> list[str]:
 
 
 def _words(part: str) -> str:
-    # Just three dots: more of them in a row are what the page shows.
+    # Exactly three dots; a longer row of dots is part of the output.
     split = re.split(r"(?<!\.)(\.{3})(?!\.)", part)
     return "".join(".*" if word == "..." else re.escape(word) for word in split)
 
 
 def _unit(number: str) -> float:
-    """One in the last place that a number shows."""
+    """One unit in the last place of a number as shown."""
     digits, _, power = number.lower().partition("e")
     places = len(digits.partition(".")[2])
     return float(10 ** (int(power or 0) - places)) if places or power else 0.0
 
 
 def anchors(text: str) -> set[str]:
-    """Names that a heading can be linked by."""
+    """Names by which headings can be linked."""
     heads = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in heads}
 
 
 def broken_links(page: Path) -> list[str]:
-    """Links of a page to files, or to headings of this page, that are not there."""
+    """Links of a page to missing files, or to missing headings of the page itself."""
     text = page.read_text(encoding="utf-8")
     prose = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
     found = []
     for match in LINK.finditer(prose):
         target = match[1] or match[2]
         if re.match(r"[a-z]+:", target):
-            continue  # the web is not asked: it answers differently every day
+            continue  # # web links are not checked, because servers are not always reachable
         file, _, anchor = target.partition("#")
         there = (page.parent / file) if file else page
         if not there.exists() or (
@@ -116,10 +116,10 @@ def broken_links(page: Path) -> list[str]:
 
 
 def run(page: Path) -> dict[str, Any]:
-    """Execute the Python blocks of a page one after the other; what they define."""
+    """Execute the Python blocks of a page in order; return the names they define."""
     space: dict[str, Any] = {"__name__": "__main__"}
     for line, text, shown in blocks(page.read_text(encoding="utf-8")):
-        # Padded, so that a traceback points at the line of the page.
+        # Padded, so that a traceback shows the line of the page.
         code = compile("\n" * (line - 1) + text, str(page), "exec")
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             exec(code, space)
@@ -129,7 +129,7 @@ def run(page: Path) -> dict[str, Any]:
 
 
 def with_meshes(page: Path, folder: Path) -> None:
-    """Meshes that pages read, where a reader in the folder of the page has them."""
+    """Meshes that pages read, placed where a reader in the folder of the page has them."""
     for mesh in MESHES:
         there = Path(os.path.normpath(folder / os.path.relpath(mesh, page.parent)))
         if there.is_relative_to(folder):
@@ -152,7 +152,7 @@ def test_python_blocks_run(
 
 
 def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> None:
-    """What the page tells gmsh gives the names, and the bodies, of the file beside it."""
+    """The page's instructions for gmsh give the names and bodies of the stored file."""
     gmsh = pytest.importorskip("gmsh", exc_type=ImportError)
     page = ROOT / "docs" / "tutorials" / "from-gmsh.md"
     (geometry,) = re.findall(
@@ -160,7 +160,7 @@ def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> Non
     )
     source, made = tmp_path / "it.geo", tmp_path / "it.msh"
     source.write_text(geometry)
-    # Its own thread of signals is not wanted beside that of pytest.
+    # Without gmsh's own signal handling, which would interfere with pytest.
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -177,7 +177,7 @@ def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> Non
     for name, mesh in ours.items():
         other = theirs[name]
         assert set(other.boundaries) == set(mesh.boundaries)
-        # Written with 16 digits; versions of gmsh may place nodes within differently.
+        # Written with 16 digits; versions of gmsh may place inner nodes differently.
         assert np.ptp(other.p, axis=1) == pytest.approx(
             np.ptp(mesh.p, axis=1), rel=1e-9
         )
@@ -217,7 +217,7 @@ def test_scenes_of_pages_are_solved(page: Path, scene: str, tmp_path: Path) -> N
 def test_readme_example_is_right(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its stiffness is scikit-fem's, and its answer obeys statics and the law."""
+    """Its stiffness is scikit-fem's, and its solution satisfies statics and the law."""
     with_meshes(ROOT / "README.md", tmp_path)
     monkeypatch.chdir(tmp_path)
     space = run(ROOT / "README.md")
@@ -225,7 +225,7 @@ def test_readme_example_is_right(
     mesh = skfem.MeshQuad.init_tensor(*2 * [np.linspace(0, 1, n + 1)])
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()), intorder=2)
     reference = linear_elasticity(space["lam"], space["G"]).assemble(basis)
-    # Its numbers: all u_x row by row from the base up, then all u_y.
+    # Its numbering: all u_x row by row from the base up, then all u_y.
     column, row = np.rint(mesh.p * n).astype(int)
     node = row * (n + 1) + column
     ours = np.empty(reference.shape[0], dtype=int)
@@ -244,7 +244,7 @@ def test_readme_example_is_right(
     assert np.abs(space["B"] @ u - v).max() <= 1e-12 * np.abs(u).max()
 
     force = result.reaction.sum(axis=1)
-    # The first step is symmetric; the second is pulled to +x, held back to -x.
+    # The first step is symmetric; in the second it is pulled to +x and held back to -x.
     assert force[0, 0] > 0
     assert abs(force[0, 1]) <= 1e-9 * force[0, 0]  # tol = 1e-10 a node, 41 nodes
     assert -0.3 * force[1, 0] < force[1, 1] < 0
@@ -298,7 +298,7 @@ TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def in_toctrees(docs: Path) -> list[str]:
-    """Every page that a page lists, as a path below the folder without its ending."""
+    """Every page in the lists of a page, as a path below the folder without suffix."""
     found = []
     for page in sorted(docs.rglob("*.md")):
         for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
@@ -320,7 +320,7 @@ def test_every_page_is_in_one_toctree() -> None:
 
 
 def test_every_public_name_is_in_the_reference() -> None:
-    """Documented on one page, and listed on the first one of the reference."""
+    """Each is documented on one page, and listed on the first page of the reference."""
     pages = {p.stem: p.read_text("utf-8") for p in (ROOT / "docs/api").glob("*.md")}
     index = pages.pop("index")
     rest = "\n".join(pages.values())
@@ -329,8 +329,8 @@ def test_every_public_name_is_in_the_reference() -> None:
         assert documented.count(name) == 1, name
         assert re.search(rf"^   {name}$", index, re.MULTILINE), name
     assert "automodule:: bipot_rs.fclib" in rest
-    # Of modules that are not loaded with the package each name has its place, too,
-    # unless the page takes them all as they come.
+    # Names of modules that are not loaded with the package need a place too, unless the page
+    # documents the whole module.
     assert re.search(r"automodule:: bipot_rs.obstacle\n```", rest)
     for module in (fem, bp.plots):
         names = set(module.__all__) - {"FACES"}
@@ -351,7 +351,7 @@ def _sites_links() -> Any:
 
 
 def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sphinx is not needed for what its extension makes of links."""
+    """Sphinx is not needed to check the links that its extension makes."""
     for name in ("sphinx", "sphinx.application"):
         monkeypatch.setitem(sys.modules, name, io)
     monkeypatch.setattr(io, "Sphinx", None, raising=False)
@@ -427,7 +427,7 @@ def test_a_missing_command_is_seen() -> None:
 
 
 def rows(heading: str) -> list[list[str]]:
-    """Cells of the table rows below a heading of the README, without its head."""
+    """Cells of the table rows below a heading of the README, without the header."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     lines = [line for line in section.splitlines() if line.startswith("|")]

@@ -1,4 +1,4 @@
-"""What a process does not load: each library costs every start its import."""
+"""Libraries that a process must not load, because each import delays its start."""
 
 import json
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-# A third of a second and more, together.
+# Together they take a third of a second or more.
 HEAVY = ("h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem", "typer")
 ARRAYS = """
 import numpy as np
@@ -21,7 +21,7 @@ RUN = ["run", "two_blocks", "--set", "mesh.n=2", "--json"]
 
 
 def loaded(code: str, folder: Path) -> set[str]:
-    """Modules that a fresh interpreter holds after the code."""
+    """Modules loaded in a fresh interpreter after running the code."""
     told = "\nimport json, sys; print('\\n' + json.dumps(sorted(sys.modules)))"
     run = subprocess.run(
         [sys.executable, "-c", code + told],
@@ -39,7 +39,7 @@ def loaded(code: str, folder: Path) -> set[str]:
         ("import bipot_rs", ()),
         ("import numpy as np, bipot_rs; bipot_rs.project(np.ones((2, 3)), 0.3)", ()),
         (ARRAYS, ("scipy",)),
-        # Help is laid out by rich. Typer checks arguments by pydantic, even a name.
+        # rich formats the help text. Typer checks arguments by pydantic, even a name.
         (COMMAND.format(["--help"]), ("rich", "typer")),
         (COMMAND.format(["scenes"]), ("pydantic", "typer")),
         (COMMAND.format(["scenes", "two_blocks"]), ("pydantic", "typer")),
@@ -87,5 +87,5 @@ def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
 
 
 def test_check_of_imports_sees_matplotlib(tmp_path: Path) -> None:
-    """The counterpart: the names above are those that would be seen."""
+    """The check above would notice these names."""
     assert "matplotlib" in loaded(COMMAND.format([*RUN, "--plot"]), tmp_path)

@@ -1,4 +1,4 @@
-"""Who may use whom, in Rust and in Python, and who alone may name what."""
+"""The order of the layers in Rust and Python, and names that few files may use."""
 
 import ast
 import json
@@ -14,7 +14,7 @@ import pytest
 from draw_architecture import PICTURE, arrows, imports, layers, picture
 from rust_source import module, naming_violations, tree_violations, uses
 
-# From the module that knows nobody to the one that may know all.
+# From the lowest module, which uses no other, to the highest.
 RUST = (
     "error",
     "panics",
@@ -29,7 +29,7 @@ RUST = (
     "path",
     "python",
 )
-# Within a folder likewise; those named together do not know each other.
+# The same within a folder; modules named together must not use each other.
 RUST_SIBLINGS = {
     "linalg": (
         "compensated packed pages power_of_two random_signs small union",
@@ -107,8 +107,8 @@ RUST_SIBLINGS = {
         "bound estimate",
     ),
 }
-# Word of the code: the only files that may hold it. An upgrade of a library, or
-# a review of what the compiler cannot check, then has few places to go.
+# A word in the code, and the only files that may contain it. An upgrade of a library, or
+# a review of code that the compiler cannot check, then concerns few files.
 RUST_NAMES = {
     "faer": ("linalg/dense/",),
     "metis_sys": ("linalg/sparse/ordering.rs",),
@@ -121,18 +121,18 @@ RUST_NAMES = {
         "linalg/sparse/arena.rs",
     ),
 }
-# Library, and the only modules that may name it.
+# A library, and the only modules that may name it.
 PYTHON_NAMES = {
     "meshio": ("mesh.readers",),
     "skfem": ("mesh.elements",),
     "h5py": ("files.export", "fclib"),
 }
-# What may stand at the top of the package beside folders.
+# Files allowed at the top of the package, besides folders.
 TOP = {"__init__.py", "__main__.py", "_core.pyi", "analytic.py", "fclib.py", "py.typed"}
 
 
 def python_name_violations(tree: Mapping[str, str]) -> list[str]:
-    """Modules that name a library which only others may name."""
+    """Modules that name a library reserved for others."""
     return [
         f"{name}: may not name {library}"
         for name, text in sorted(tree.items())
@@ -142,7 +142,7 @@ def python_name_violations(tree: Mapping[str, str]) -> list[str]:
 
 
 def borrowed(tree: Mapping[str, str]) -> list[str]:
-    """Imports of a name from a module of the package that has it from another one."""
+    """Imports of a name from a module of the package that does not define it."""
     own = {name: _defined(text) for name, text in tree.items()}
     found = []
     for name, text in sorted(tree.items()):
@@ -263,7 +263,7 @@ def test_names_come_from_where_they_are_defined(python_tree: dict[str, str]) -> 
 
 
 def test_picture_of_the_layers_is_up_to_date() -> None:
-    # A reader cannot keep more arrows than this in mind.
+    # More arrows than this make the picture hard to read.
     assert 30 < len(arrows(layers())) <= 60
     found = PICTURE.read_text(encoding="utf-8")
     assert found == picture(), "run docs/draw_architecture.py"
@@ -373,7 +373,7 @@ def test_rust_names_see_a_violation(word: str) -> None:
 
 
 def third_parties(statement: str) -> set[str]:
-    """Packages outside the standard library that a fresh interpreter then holds."""
+    """Packages outside the standard library that a fresh interpreter has loaded."""
     script = f"""
 import sys
 before = set(sys.modules)

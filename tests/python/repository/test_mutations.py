@@ -1,4 +1,4 @@
-"""The list of planted faults fits the sources: each can be planted."""
+"""Each planted fault of the list fits the current sources."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The package as installed: its names, its version, its core."""
+"""The installed package: its names, its version, its core."""
 
 import importlib.metadata
 import inspect
@@ -105,7 +105,7 @@ def test_unknown_attribute_is_an_attribute_error() -> None:
 
 
 def test_import_starts_no_thread() -> None:
-    """A pool made at import would hang in every forked child."""
+    """A thread pool made at import would hang in every forked child."""
     script = """
 import os
 import numpy

@@ -1,8 +1,8 @@
-"""Tables and pictures of the chapters are those of this build, not of an older one.
+"""Tables and pictures of the chapters are those of the current build.
 
 Work is counted, not timed, and repeats bit for bit on one machine. Another machine rounds
-otherwise, which moves the last iterations: a count may differ by a tenth and by two,
-an error that an iteration leaves by a factor of two.
+differently, which changes the last iterations: a count may differ by a tenth plus two,
+an error left by an iteration by a factor of two.
 """
 
 import re
@@ -49,7 +49,7 @@ def row(table: Sequence[Sequence[str]], *head: str) -> list[str]:
 
 
 def same(shown: str, fresh: str, share: float, least: float = 0.0) -> bool:
-    """Words to the letter, numbers to a share of them, or ``least``."""
+    """Whether words are equal, and numbers agree to a relative tolerance or to ``least``."""
     if NUMBER.sub("#", shown) != NUMBER.sub("#", fresh):
         return False
     pairs = zip(NUMBER.findall(shown), NUMBER.findall(fresh), strict=True)
@@ -84,7 +84,7 @@ def test_the_table_of_the_stop_rule(name: str, n: int) -> None:
         assert same(*tol, share=0.5), (shown, fresh)
         for pair in work:
             assert same(*pair, share=0.1, least=2.0), (shown, fresh)
-        # Below what is asked for, it is the last step that decides.
+        # Below the requested tolerance, the last step determines the error.
         assert same(*left, share=0.5, least=1e-8), (shown, fresh)
 
 
@@ -100,7 +100,7 @@ def effectivity_is_printed(
     fresh = script("discretisation_error").compare(name, settings, n, f).cells()
     shown = row(rows("10-discretisation-error.md", "effectivity"), *fresh[:3])
     for a, b in zip(shown, fresh, strict=True):
-        # One in the last of the digits, which are four.
+        # One unit in the last of the four digits.
         assert same(a, b, share=0.01, least=1.01e-4), (shown, fresh)
 
 
@@ -164,11 +164,11 @@ def agree(
     shown: Sequence[tuple[str, str, float, float]],
     fresh: Sequence[tuple[str, str, float, float]],
 ) -> None:
-    """Curves with the same points, as far as another machine repeats them."""
+    """Whether curves have the same points, as far as another machine repeats them."""
     for a, b in zip(shown, fresh, strict=True):
         assert a[:2] == b[:2]
         assert abs(a[2] - b[2]) <= max(0.1 * a[2], 2.0), (a, b)
-        # Where a method has found the statuses rounding is what is left.
+        # Once a method has found the statuses, only rounding is left.
         assert max(a[3], b[3]) < 1e-8 or abs(np.log2(a[3] / b[3])) <= 1.0, (a, b)
 
 

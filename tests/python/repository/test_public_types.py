@@ -1,4 +1,4 @@
-"""The types that an editor completes: mypy reads a small program that calls the package."""
+"""Types that an editor completes: mypy checks a small program that calls the package."""
 
 import inspect
 import subprocess

@@ -1,4 +1,4 @@
-"""The recipes of `examples/` for stiffness from elsewhere, against the scenes' own way."""
+"""The recipes of `examples/` for stiffness from other programs agree with the scenes."""
 
 import os
 import runpy
@@ -25,7 +25,7 @@ def recipe(name: str) -> dict[str, Any]:
 
 
 def by_place(points: Any, reaction: Any) -> Any:
-    """Reactions in the order of the places."""
+    """Reactions sorted by position."""
     order = np.lexsort(np.round(points, 9).T)
     return reaction[:, order]
 
@@ -43,12 +43,12 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
         assert np.abs(out[free]).max() <= 1e-12 * abs(K).max() * np.abs(u).max()
         law = np.linalg.norm(step.reaction[:, 1:], axis=1) - 0.2 * step.reaction[:, 0]
         assert law.max() <= 1e-8 * step.reaction.max()
-    # Symmetric at first, then held back, and both closed and open contacts.
+    # Symmetric at first, then held back, with closed and open contacts.
     force = np.einsum("sck,ckd->sd", result.reaction, arrays["frame"])
     assert abs(force[0, 0]) <= 1e-9 * force[0, 1]
     assert force[1, 0] < 0 < force[1, 1]
     assert {0, 1, 2} <= set(result.status.ravel().tolist())
-    # Near the crown the bar is a parabola of its radius: the scene's own clearance.
+    # Near the crown the bar is a parabola with its radius: the clearance of the scene.
     flat = bp.Model("as a scene")
     flat.material("steel", young=space["YOUNG"], poisson=space["POISSON"])
     flat.body(
@@ -63,7 +63,7 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     flat.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
     flat.path(drag=[0.0, 1.0])
     own = flat.solve().contact_force("block.bottom")
-    # Normals turn by x/R, 0.04 at the ends of the bar that are open; 0.02 where closed.
+    # Normals rotate by x/R, 0.04 at the open ends of the bar, 0.02 where it is closed.
     np.testing.assert_allclose(force[:, 1], own[:, 1], rtol=0.02)
     space["main"]()
     assert "residual" in capsys.readouterr().out
@@ -77,14 +77,14 @@ def test_any_operator(capsys: pytest.CaptureFixture[str]) -> None:
     for step in result:
         out = (model.K @ step.displacement).reshape(-1, 2)
         at = lower.reshape(-1, 2)[:, 0]
-        # What supports take from one body they give to the other: B carries all of it.
+        # The pull of the supports on one body is carried to the other: B transmits all of it.
         size = np.abs(out).max()
         np.testing.assert_allclose(
             out[at].sum(axis=0), -out[~at].sum(axis=0), atol=1e-9 * size
         )
         np.testing.assert_allclose(out.sum(axis=0), 0, atol=1e-9 * size)
     force = result.reaction.sum(axis=1)
-    # The stiffness of the pair: between that of free and of held sides, over 4 mm × 4 mm.
+    # The stiffness of the pair is between that of free and of held sides, over 4 mm × 4 mm.
     modulus = 210e3 * np.array([1 / (1 - 0.3**2), (1 - 0.3) / ((1 + 0.3) * 0.4)])
     assert modulus[0] * 0.01 < force[0, 0] < modulus[1] * 0.01
     assert force[1, 1] < 0 < force[1, 0]
@@ -96,7 +96,7 @@ def test_matrix_market(tmp_path: Path) -> None:
     space = recipe("with_matrix_market")
     space["write"](tmp_path)
     result = space["solve"](tmp_path)
-    # The floor carries the pressure on the top, and the left side the friction.
+    # The floor carries the pressure on the top, the left side carries the friction.
     assert result.reaction[0, :, 0].sum() == pytest.approx(40.0 * 50.0, rel=1e-9)
     options = [f"--{k}={k}.csv" for k in ("contacts", "load", "fixed")]
     run = bipot(
@@ -107,7 +107,7 @@ def test_matrix_market(tmp_path: Path) -> None:
     assert read.reaction.tobytes() == result.reaction.tobytes()
 
 
-# What a recipe imports, and where Debian has it.
+# The imports of a recipe, and the folder where Debian has them.
 ELSEWHERE = {
     "with_getfem": ("getfem", "python3-getfem++"),
     "with_fenicsx": ("dolfinx.fem, ufl, mpi4py", "python3-dolfinx"),
@@ -115,7 +115,7 @@ ELSEWHERE = {
 
 
 def python_with(modules: str, package: str) -> str:
-    """A Python that has them, NumPy and SciPy; of which there may be none."""
+    """A Python with these packages, NumPy and SciPy, if there is one."""
     code = f"import {modules}, numpy, scipy.sparse"
     for python in (sys.executable, str(SYSTEM)):
         try:
@@ -131,9 +131,9 @@ def python_with(modules: str, package: str) -> str:
 
 @pytest.mark.parametrize("name", ELSEWHERE)
 def test_another_program(name: str, tmp_path: Path) -> None:
-    """A cube on hexahedra, which the scene has too."""
+    """A cube of hexahedra, which is also a scene."""
     python = python_with(*ELSEWHERE[name])
-    # The compiled core may lie elsewhere than the Python files.
+    # The compiled core may be in another folder than the Python files.
     places = [Path(file or "").parents[1] for file in (_core.__file__, bp.__file__)]
     done = subprocess.run(
         [python, str(EXAMPLES / f"{name}.py"), str(tmp_path / "found.npz")],
@@ -151,6 +151,6 @@ def test_another_program(name: str, tmp_path: Path) -> None:
     own = case.solve(tol=1e-12)
     reference = by_place(case.model.points, own.reaction)
     theirs = by_place(found["x"], found["reaction"])
-    # Two assemblies, of one element and exact quadrature; η of 1e-10, and the condition
-    # of W, some hundreds.
+    # Two assemblies of one element with exact quadrature; η of 1e-10, and the condition of
+    # W, some hundreds.
     assert np.abs(theirs - reference).max() <= 1e-7 * np.abs(reference).max()

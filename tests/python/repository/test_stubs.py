@@ -1,4 +1,4 @@
-"""The typed face of the package: stubs, marker, docstrings."""
+"""The typed interface of the package: stubs, marker, docstrings."""
 
 import ast
 import inspect
@@ -14,7 +14,7 @@ def public(module: object) -> list[str]:
     return [name for name in dir(module) if not name.startswith("_")]
 
 
-def test_stub_names_what_the_core_holds(repository: Path) -> None:
+def test_the_stub_has_the_names_of_the_core(repository: Path) -> None:
     stub = ast.parse((repository / "python/bipot_rs/_core.pyi").read_text())
     declared = set()
     for node in stub.body:
@@ -42,7 +42,7 @@ def test_public_docstrings(name: str) -> None:
 )
 def test_methods_have_docstrings(name: str) -> None:
     kind = getattr(bp, name)
-    if issubclass(kind, int):  # what an IntEnum brings is documented by Python
+    if issubclass(kind, int):  # # Python documents what an IntEnum inherits
         return
     for attribute, value in vars(kind).items():
         if not attribute.startswith("_") and callable(value):

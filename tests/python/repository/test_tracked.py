@@ -1,4 +1,4 @@
-"""What no file of the repository may hold."""
+"""Words that no file of the repository may contain."""
 
 import re
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-# Broken in two wherever the word would find itself in this file.
+# Split in two where the word would otherwise be found in this file.
 FORBIDDEN = {
     "a path of one machine": r"(?<![\w.])/(?:work|root|farm|home/\w+|tm" + r"p/\w)",
     "unfinished work": r"\b(?:TO" + r"DO|FIX" + r"ME|XX" + r"X)\b",
@@ -17,12 +17,12 @@ FORBIDDEN = {
     "a tracker's number": r"(?i)\b(?:issue|ticket|session) #?\d+\b",
     "a folder outside": r"\.\./shar" + "ed",
 }
-# cargo writes the name of its index; a licence is quoted as its authors wrote it.
+# cargo writes the name of its index; a licence is quoted verbatim.
 EXEMPT = {"Cargo.lock": {"a package registry"}, "LICENSE-APACHE": set(FORBIDDEN)}
 
 
 def violations(files: Mapping[str, str]) -> list[str]:
-    """`file:line: what` for every forbidden thing."""
+    """`file:line: text` for each forbidden word."""
     found = []
     for name, text in sorted(files.items()):
         for what, pattern in FORBIDDEN.items():
@@ -36,7 +36,7 @@ def violations(files: Mapping[str, str]) -> list[str]:
 
 
 def test_tracked_files(repository: Path) -> None:
-    # Untracked ones too, unless ignored: they are the next commit.
+    # Untracked files too, unless ignored: they may be in the next commit.
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=repository,
@@ -57,7 +57,7 @@ def test_tracked_files(repository: Path) -> None:
 
 
 def test_lock_file_names_one_registry(repository: Path) -> None:
-    # A mirror of one machine in the lock file breaks the build of all others.
+    # A mirror of one machine in the lock file breaks the build on all others.
     sources = set(
         re.findall(r'^source = "(.*)"$', (repository / "Cargo.lock").read_text(), re.M)
     )

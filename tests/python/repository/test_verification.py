@@ -1,7 +1,7 @@
-"""Every case of the page of verification holds, and the page is what they make.
+"""Every case of the verification page holds, and the page is made from the cases.
 
-Cases that other files test at length have short rows here; the ids tested here alone
-have a test of their name.
+Cases that other files test in detail have short rows here. Ids that are tested only here
+have a test with their name.
 """
 
 import re
@@ -25,7 +25,7 @@ for module in (cases_exact, cases_published, cases_hard, cases_plane, cases_spac
 
 NUMBERS = cases_exact.CASES | cases_published.CASES | cases_hard.CASES
 REFINED = cases_plane.CASES | cases_space.CASES
-# Of these no other file has a test.
+# No other file tests these.
 OWN = {"p1", "p2", "p3", "p4", "h9", "h11", "h18", "h23"}
 
 
@@ -106,7 +106,7 @@ def test_finer_meshes(name: str) -> None:
 
 
 def test_the_page_has_every_line() -> None:
-    """All but the lines of the finest meshes and of random problems, in their order."""
+    """All but the lines of the finest meshes and of random problems, in order."""
     written = iter(PAGE.read_text(encoding="utf-8").splitlines())
     missing = [line for line in page().splitlines() if line not in written]
     assert missing == []

@@ -1,7 +1,7 @@
-"""What is handed to others: built, installed beside NumPy and SciPy alone, and used.
+"""The distributed packages: built, installed with NumPy and SciPy only, and used.
 
-Nothing is fetched: what the wheel needs is taken from this environment by name, and the
-interpreter that runs it sees nothing else.
+Nothing is downloaded. The dependencies of the wheel are taken from this environment by
+name, and the interpreter that runs it sees no other packages.
 """
 
 import re
@@ -57,7 +57,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-def test_the_wheel_solves_beside_numpy_and_scipy_alone(
+def test_the_wheel_solves_with_numpy_and_scipy_alone(
     built: Build, tmp_path: Path
 ) -> None:
     wheel, site = built("build"), tmp_path / "site"
@@ -70,7 +70,7 @@ def test_the_wheel_solves_beside_numpy_and_scipy_alone(
             if part.exists():
                 (site / part.name).symlink_to(part)
     done = subprocess.run(
-        # Neither the environment's packages nor the user's, nor variables.
+        # Neither the packages of the environment or the user, nor their variables.
         [sys.executable, "-I", "-S", "-c", SOLVE.format(site=str(site))],
         capture_output=True,
         text=True,
@@ -120,7 +120,7 @@ def test_the_source_distribution_holds_what_builds_it(
             if p.suffix in (".rs", ".py", ".pyi", ".toml", ".inp")
         }
         assert here <= there
-    # Cargo reads it as it stands: every target that the manifest names is there.
+    # Cargo reads it unchanged: every target that the manifest names must be there.
     read = ["cargo", "metadata", "--offline", "--locked", "--no-deps"]
     read += ["--format-version", "1"]
     subprocess.run(read, cwd=root, check=True, capture_output=True)

@@ -1,4 +1,4 @@
-"""Readers under altered scenes and damaged files: a sentence, or what was meant."""
+"""Readers of altered scenes and damaged files: an error with a message, or right content."""
 
 import json
 import re
@@ -37,13 +37,13 @@ def in_one_line(error: Exception, fate: str) -> str:
 
 
 def check_scene(path: Path, table: dict[str, Any]) -> str:
-    """What becomes of a scene: ``refused``, ``no answer`` or ``solved``."""
+    """Outcome of a scene: ``refused``, ``no answer`` or ``solved``."""
     path.write_text(document(table), encoding="utf-8")
     try:
         scene = read(str(path))
     except SceneError as error:
         for problem in error.problems:
-            # The path of a key comes first.
+            # The message begins with the path of a key.
             assert re.match(r"[\w.\U0001f980]+: .|is not TOML: ", problem), problem
             assert "\n" not in problem
         return "refused"
@@ -103,8 +103,8 @@ def test_sizes_beyond_memory_are_refused(
     (last,) = map(json.loads, run.stdout.splitlines())
     assert words in last["message"]
     assert last["seconds"]["mesh"] == 0
-    # The child is a fork of this process and starts with its memory. A run that was
-    # refused adds some tens of megabytes, not the gigabytes that it was asked for.
+    # The child is a fork of this process and starts with its memory. A refused run adds
+    # some tens of megabytes, not the gigabytes of the problem.
     assert last["peak_mb"] < before + 300
 
 
@@ -152,7 +152,7 @@ def test_damaged_problems(name: str, tmp_path: Path) -> None:
     path.write_bytes(collection.path(name).read_bytes())
 
     def same(found: bp.ReducedProblem | bp.fclib.GlobalProblem) -> bool:
-        """Other numbers make another problem, which must be solvable or refused."""
+        """Other numbers give another problem, which must be solved or refused."""
         try:
             solution = found.solve(max_iterations=20)
         except (ValueError, bp.BipotError) as error:
@@ -224,7 +224,7 @@ def test_damaged_steps_are_refused(name: str, value: object, tmp_path: Path) -> 
         bp.load(path)
 
 
-def test_what_is_no_file(tmp_path: Path) -> None:
+def test_paths_that_are_not_files(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         bp.load(tmp_path / "nothing.h5")
     with pytest.raises(OSError, match="is not a file"):

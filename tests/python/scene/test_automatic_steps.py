@@ -1,4 +1,4 @@
-"""Scenes whose load steps are divided as they need it."""
+"""Scenes with automatic load steps."""
 
 import json
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
     ends = amplitude.values(3)
     at = amplitude.at(np.arange(1.0, 4.0), 3)
     assert at.tobytes() == ends.tobytes()
-    # From the unloaded bodies in a straight line.
+    # A straight line from the unloaded state.
     first = amplitude.at(np.array([0.0, 0.25, 0.5]), 3)
     np.testing.assert_allclose(first, ends[0] * np.array([0.0, 0.25, 0.5]), rtol=1e-15)
     t = np.linspace(1.0, 3.0, 9)
@@ -73,7 +73,7 @@ def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
 
 
 def test_failed_path_reports_the_last_solved_load(tmp_path: Path) -> None:
-    """A block pressed by 1 and towed by 1.2 (t - 1), against friction of 0.5."""
+    """A block pressed by 1 and pulled by 1.2 (t - 1), against friction of 0.5."""
     limit = 0.5 / 1.2
     (tmp_path / "towed.toml").write_text("""
 [material.soft]
@@ -102,7 +102,7 @@ automatic = { smallest = 1e-4 }
     run = bipot("run", "towed.toml", "--json", cwd=tmp_path)
     assert run.returncode == 1
     *steps, last = map(json.loads, run.stdout.splitlines())
-    # To within the floor, and what tol lets pass.
+    # To the smallest step, and the error that tol allows.
     assert limit - 1e-4 <= steps[-1]["load"] <= limit + 1e-9
     assert "the path ends at s = 1.416" in last["message"]
     kept = bp.load(tmp_path / "out" / "towed" / "result.h5")
@@ -149,7 +149,7 @@ def test_mistakes(setting: str, words: str) -> None:
 
 
 def test_the_error_of_the_mesh(tmp_path: Path) -> None:
-    """Of steps in between, that of the same load points; by the command too."""
+    """For steps in between it equals that of the same load points; also by the command."""
     p1 = (*SLIDING, "mesh.element=P1", "mesh.n=2")
     case = made("two_blocks", *p1)
     result = case.solve()

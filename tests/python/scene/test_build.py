@@ -1,4 +1,4 @@
-"""What scenes name besides boxes and planes: files, obstacles that move, springs, strains."""
+"""Parts of scenes: meshes from files, moving obstacles, springs, strains."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ SOLVED = 1e-9
 
 
 def of_file() -> bp.Model:
-    """Halves of steel and brass out of a file of gmsh, on a floor."""
+    """Two halves, of steel and brass, from a file of gmsh, on a floor."""
     m = bp.Model("Halves")
     m.material("steel", young=210e3, poisson=0.3)
     m.material("brass", young=100e3, poisson=0.35)
@@ -46,7 +46,7 @@ def of_file() -> bp.Model:
 
 
 def mortar() -> bp.Model:
-    """Two blocks of meshes that do not match, one of second order."""
+    """Two blocks with non-matching meshes, one of second order."""
     m = block(4, order=2)
     m.body(
         "punch",
@@ -71,7 +71,7 @@ def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     by_toml = datasets(tmp_path / "here" / "result.h5")
     result = m.solve()
     assert result.reaction.any()
-    assert result.displacement.any()  # which saves them
+    assert result.displacement.any()  # # stores the displacement
     result.save(tmp_path / "python.h5")
     by_python = datasets(tmp_path / "python.h5")
     case = m.assemble()
@@ -83,7 +83,7 @@ def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     by_arrays = datasets(tmp_path / "arrays.h5")
     for name, content_of in by_toml.items():
         assert by_python[name] == content_of, name
-        # Arrays know no parameter of the path, and no names of surfaces.
+        # Problems from arrays have no path parameter and no names of surfaces.
         if not name.endswith("/load") and not name.startswith("contacts/surface"):
             assert by_arrays[name] == content_of, name
 
@@ -111,7 +111,7 @@ def test_automatic_steps_without_need_are_those_given() -> None:
 
 
 def test_automatic_steps_of_an_obstacle() -> None:
-    """Divided by slip; the same as those load points given, and as functions of s alone."""
+    """Slip divides the steps; equal to the same load points, given or as functions of s."""
     m = roller(automatic={"slip": 0.004, "first": 0.5})
     result = m.solve()
     assert len(result) > 4
@@ -121,10 +121,10 @@ def test_automatic_steps_of_an_obstacle() -> None:
         result,
         at.problem().solve(at.load, at.prescribed, gap=at.gaps, tol=1e-12),
     )
-    # At the ends of load steps, to the bit what load steps have.
+    # At the ends of load steps equal to those of load steps, bit by bit.
     whole = np.isin(result.s, [1.0, 2.0, 3.0])
     assert at.gaps[whole].tobytes() == case.gaps.tobytes()
-    # A translation alone is linear between: so are the gaps of a flat.
+    # A pure translation is linear in between, and so are the gaps of a plane.
     m = block()
     m.obstacle("flat", plane={"point": [0, 0.1], "normal": [0, -1]})
     m = m.with_(**{"obstacle.flat.move": {"x": 0.02, "y": -0.12}})
@@ -137,7 +137,7 @@ def test_automatic_steps_of_an_obstacle() -> None:
 
 
 def test_automatic_steps_of_an_obstacle_by_mortar() -> None:
-    """Divided, the same as those load points given; undivided, as load steps."""
+    """Divided, equal to the same load points; undivided, equal to the load steps."""
     changes = {"contact.0.pairing": "mortar", "body.block.order": 2}
     whole = roller(automatic=True).with_(**changes)
     assert bits(whole.solve(), roller().with_(**changes).solve())
@@ -168,7 +168,7 @@ def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
         assert run.returncode == 0, run.stderr
         assert json.loads(run.stdout.splitlines()[0])["step"] == 2
         assert content(where / "here" / "result.h5") == whole
-        # And in Python.
+        # The same in Python.
         read = bp.load(where / "here" / "result.h5")
         part = bp.ModelResult(read, m.assemble())
         part.steps = part.steps[:2]
@@ -190,7 +190,7 @@ def test_another_mesh_in_the_file_is_not_resumed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spheres_and_files_are_one_shape(dim: int, tmp_path: Path) -> None:
-    """A ball by its numbers and by facets of size h, to h²; turned by nothing."""
+    """A ball by its radius and by facets of size h agree to h²; it does not rotate."""
     meshio = pytest.importorskip("meshio")
     centre = [0.05] * (dim - 1) + [0.98]
     m = block(4, dim)
@@ -210,7 +210,7 @@ def test_spheres_and_files_are_one_shape(dim: int, tmp_path: Path) -> None:
 
 
 def test_inside_of_a_bore() -> None:
-    """A block in a tight bore is pressed by it from all sides alike."""
+    """A tight bore presses a block equally from all sides."""
     m = bp.Model()
     m.material("soft", young=1000.0, poisson=0.3)
     side = [-0.5, 0.0, 0.5]
@@ -225,7 +225,7 @@ def test_inside_of_a_bore() -> None:
 
 
 def test_surfaces_by_geometry() -> None:
-    """As the box names them; and parts of them."""
+    """Equal to the named surfaces of the box, and parts of them."""
     m = block(
         4,
         surface={
@@ -271,7 +271,7 @@ def test_orders(settings: dict[str, Any], kinds: tuple[str, int]) -> None:
     ],
 )
 def test_orders_of_files(file: str, order: int | None, degree: int) -> None:
-    """Of straight cells the area is the same; so are the names and what they name."""
+    """With straight cells, both orders have the same area and the same named parts."""
     m = of_file()
     mesh = {"file": str(MESHES / file)} | ({"order": order} if order else {})
     m._table["body"]["part"] = {"mesh": mesh, "material": "steel"}
@@ -310,7 +310,7 @@ def test_orthotropic_by_equal_numbers_is_isotropic() -> None:
 
 
 def test_springs() -> None:
-    """A block between a wall that comes and springs k: the force is that of both in row."""
+    """A block between an approaching wall and springs k: the force of two springs in series."""
     m = bp.Model()
     m.material("soft", young=1000.0, poisson=0.0)
     side = np.linspace(0, 1, 4)
@@ -319,14 +319,14 @@ def test_springs() -> None:
     m.symmetry("block.bottom")
     m.obstacle("wall", plane={"point": [1, 0], "normal": [-1, 0]}, move={"x": -0.03})
     m.contact("block.right", against="wall", mu=0.0)
-    # Springs hold it: nothing is to be said.
+    # Springs hold the body, so there is no warning.
     assert m.check() == []
     force = m.solve().contact_force("block.right")
     np.testing.assert_allclose(force, [[-0.03 / (1 / 1000 + 1 / 500), 0]], atol=1e-8)
 
 
 def test_heat_by_volume_and_tensor() -> None:
-    """Heat is a tensor of equal numbers; that of all volumes that of the body."""
+    """Isotropic heat equals a tensor of equal numbers; all volumes equal the body."""
     found = []
     for tables in (
         [{"on": "part", "expansion": 1e-5, "temperature": 50.0}],
@@ -402,7 +402,7 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
         m.assemble()
 
 
-def test_files_beside_the_scene(
+def test_files_next_to_the_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "deep").mkdir()
@@ -418,7 +418,7 @@ def test_files_beside_the_scene(
 
 
 def test_unsupported_models_of_the_discretisation_error() -> None:
-    """Each in a sentence; what moves flat is known, and proved."""
+    """Each gives a message; a plane obstacle in translation is supported and proved."""
     p1 = {"mesh.element": "P1"}
     heated = block().with_(**p1)
     heated.strain("block", expansion=1e-5, temperature=10.0)
@@ -450,7 +450,7 @@ def test_unsupported_models_of_the_discretisation_error() -> None:
     result = flat.solve()
     error = Estimator(result.case).error(result, 0)
     assert error.kind == "guaranteed bound"
-    # The same block pressed by moving its ground up.
+    # The same block, pressed by moving its ground up.
     other = block(6).with_(**p1)
     other._table["support"] = [{"on": "block.bottom", "x": 0.0, "y": 0.01}]
     other.contact("block.top", plane={"point": [0, 0], "normal": [0, -1]}, mu=0.0)
@@ -459,7 +459,7 @@ def test_unsupported_models_of_the_discretisation_error() -> None:
 
 
 def test_remarks_through_a_scene(tmp_path: Path) -> None:
-    """Each exact, by `bipot check`, in Python, and before a run."""
+    """Each remark is exact in `bipot check`, in Python, and before a run."""
     m = bp.Model("Two blocks", units=("mm", "N", "MPa"))
     m.material("steel", young=210e9, poisson=0.3)
     side = [0.0, 10.0, 20.0]
@@ -521,7 +521,7 @@ def test_remarks_through_a_scene(tmp_path: Path) -> None:
 
 
 def test_a_roller_turns_about_its_own_middle() -> None:
-    """Where nothing else is said: about the origin it would sweep through the body."""
+    """This is the default: about the origin it would sweep through the body."""
     m = bp.Model("roller")
     m.path(way=[0.5, 1.0])
     m.obstacle(

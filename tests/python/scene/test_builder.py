@@ -1,4 +1,4 @@
-"""One model, three ways in: Python, TOML and arrays give the same bits."""
+"""One model by Python, by TOML and by arrays gives the same bits."""
 
 import doctest
 import pickle
@@ -21,7 +21,7 @@ from models_and_arrays import datasets, of_arrays
 
 
 def blocks(n: int = 3, **path: Any) -> bp.Model:
-    """A stiff block on a soft one, in every kind of value that Python has for it."""
+    """A stiff block on a soft one, with every type of value that Python allows."""
     m = bp.Model("Round on flat", units=("mm", "N", "MPa"), n=n)
     m.material("steel", young=210e3, poisson=np.float64(0.3))
     m.material("polymer", young=2100, poisson=0.4)
@@ -62,7 +62,7 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
     assert bp.load(tmp_path / "here" / "result.h5").units == units
 
     result = m.solve()
-    assert result.displacement.any()  # which saves them
+    assert result.displacement.any()  # # stores the displacement
     result.save(tmp_path / "python.h5")
     by_python = datasets(tmp_path / "python.h5")
 
@@ -73,11 +73,11 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
     assert raw.displacement.any()
     raw.save(tmp_path / "arrays.h5")
     by_arrays = datasets(tmp_path / "arrays.h5")
-    # Arrays know no parameter of the path, they count load steps.
+    # Problems from arrays have no path parameter; they count load steps.
     assert by_toml["steps/0001/load"] != by_arrays["steps/0001/load"]
     for name, content in by_toml.items():
         assert by_python[name] == content, name
-        # Nor names of surfaces.
+        # They have no names of surfaces either.
         if not name.endswith("/load") and not name.startswith("contacts/surface"):
             assert by_arrays[name] == content, name
 
@@ -99,7 +99,7 @@ def test_automatic_steps_from_toml_and_python_are_equal(tmp_path: Path) -> None:
 
 
 def test_forces_balance() -> None:
-    """Supports, loads and contacts on each body, by names."""
+    """Supports, loads and contacts of each body, by their names."""
     m = blocks()
     result = m.solve(tol=1e-13)
     np.testing.assert_array_equal(result.parameter, [0.0, 1.0])
@@ -164,7 +164,7 @@ def test_shipped_scenes_there_and_back(name: str) -> None:
     assert again.to_dict() == tomllib.loads(scene.text(name))
 
 
-def test_changes_are_those_of_the_command_line() -> None:
+def test_changes_equal_those_of_the_command_line() -> None:
     m = bp.Model.from_toml("cattaneo_mindlin")
     changed = m.with_(**{"mesh.n": 24, "contact.0.mu": 0.5, "solver.tol": 1e-9})
     asked = ["mesh.n=24", "contact.0.mu=0.5", "solver.tol=1e-9"]
@@ -191,7 +191,7 @@ ANY = st.recursive(
 
 
 def same(one: Any, other: Any) -> bool:
-    """Equal, and of the same types: 1, 1.0 and true are three things."""
+    """Equal, with equal types: 1, 1.0 and true are different."""
     if type(one) is not type(other):
         return False
     if isinstance(one, dict):
@@ -205,7 +205,7 @@ def same(one: Any, other: Any) -> bool:
 @settings(max_examples=120, deadline=None)
 def test_any_table_there_and_back(table: dict[str, Any]) -> None:
     back = tomllib.loads(toml_text.text(table))
-    # Plain values come first, their order and that of the others is kept.
+    # Plain values come first; otherwise the order is kept.
     assert back.keys() == table.keys()
     assert all(same(back[key], table[key]) for key in table)
 
@@ -269,7 +269,7 @@ def test_wrong_indices_of_list_entries(key: str, said: str) -> None:
 
 
 def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
-    """Half of a surrogate pair, as file names of other systems leave in strings."""
+    """Half of a surrogate pair, as in strings from file names of other systems."""
     half = "caf\udce9"
     m = blocks()
     m._table["title"] = half
@@ -283,7 +283,7 @@ def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
         scene.read("pressed_block", [f"title={half}"])
 
 
-def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:
+def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
     m = blocks()
     m.material("wood", young=-1.0, poisson=0.7)
     m.support("upper.top", w=3)
@@ -296,7 +296,7 @@ def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:
         scene.read(str(tmp_path / "wrong.toml"))
     assert of_model.value.problems == of_file.value.problems
     assert any(p.startswith("support.2.w: unknown") for p in of_model.value.problems)
-    # What no table shows by itself, likewise.
+    # Mistakes that involve several tables give the same messages.
     m = blocks()
     m.contact("upper.under", plane={"point": [0, 0, 0], "normal": [0, 0]}, mu=0.1)
     m.body("a.b", material="tin", cell="triangle", x=[0, 1], y=[1, 0])
@@ -325,7 +325,7 @@ def test_mistakes_reported_by_the_call_itself() -> None:
 
 
 def test_interrupted_result_continues(tmp_path: Path) -> None:
-    """Left off by too few iterations, through a file, and by pieces."""
+    """After too few iterations, through a file, in several parts."""
     m = blocks(shear=[0.0, 0.5, 1.0])
     whole = m.solve()
     with pytest.raises(bp.NotConvergedError) as stopped:
@@ -351,7 +351,7 @@ def test_interrupted_result_continues(tmp_path: Path) -> None:
     assert rest.reaction.tobytes() == whole.reaction[1:].tobytes()
     assert rest.parameter.tolist() == [0.5, 1.0]
     assert len(m.solve(start=rest)) == 0
-    # Left off a second time, the file says how many steps came before its own.
+    # If it is interrupted again, the file counts the steps before its own.
     part = bp.ModelResult(rest, rest.case, 1)
     rest[0].displacement  # noqa: B018
     part.steps = part.steps[:1]

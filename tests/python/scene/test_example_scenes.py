@@ -1,4 +1,4 @@
-"""The scenes of examples/scenes: each shows a part of what scenes can say, and is right."""
+"""The scenes of examples/scenes: each shows some features, and is right."""
 
 import subprocess
 import sys
@@ -33,12 +33,12 @@ def test_example_scenes_are_solved_without_warnings(path: Path) -> None:
     m = bp.Model.from_toml(path)
     assert m.check() == []
     assert solved(path.stem).success
-    # Each says how it is run.
+    # Each scene names the command that runs it.
     assert f"bipot run {path.name}" in path.read_text()
 
 
 def test_heated_bar() -> None:
-    """Uniform: a stress of E (gap/L - α ΔT) along the bar, where that is below zero."""
+    """Uniform stress of E (gap/L - α ΔT) along the bar, if that is negative."""
     result = solved("heated_bar")
     heat = 100 * np.array([0.25, 0.5, 0.75, 1.0, 0.5])
     pressure = 210e3 * np.maximum(1.2e-5 * heat - 0.05 / 100, 0)
@@ -49,12 +49,12 @@ def test_heated_bar() -> None:
     case = result.case
     u = result[3].displacement.reshape(-1, 2)
     x = case.model.nodes
-    # Across, heat and the pressure both widen it.
+    # Heat and pressure both widen it laterally.
     wider = 1.2e-5 * 100 + 0.3 * pressure[3] / 210e3
     np.testing.assert_allclose(u[:, 0], 5e-4 * x[:, 0], rtol=0, atol=SOLVED * 0.05)
     np.testing.assert_allclose(u[:, 1], wider * x[:, 1], rtol=0, atol=SOLVED * 0.05)
     for k in (0, 3, 4):
-        # Of the displacement alone the stress would be that of no heat.
+        # The stress from the displacement alone would ignore the heat.
         from bipot_rs.fem.paraview import cell_fields
 
         fields = cell_fields(case.model, result[k].displacement, case.stress_at_rest(k))
@@ -73,7 +73,7 @@ def test_heated_bar() -> None:
 
 
 def test_blocks_not_matching() -> None:
-    """A uniform pressure passes; half a symmetric pair, the tops widen alike."""
+    """A uniform pressure passes; both tops of the symmetric half-model widen equally."""
     result = solved("blocks_not_matching")
     np.testing.assert_allclose(result.traction[0, :, 0], 100, rtol=SOLVED)
     np.testing.assert_allclose(result.traction[0, :, 1], 0, atol=100 * SOLVED)
@@ -83,7 +83,7 @@ def test_blocks_not_matching() -> None:
     exact = 100 / 210e3 * np.column_stack([0.39 * x[:, 0], -0.91 * (x[:, 1] + 10)])
     np.testing.assert_allclose(u, exact, rtol=0, atol=SOLVED * np.abs(exact).max())
     through = result.contact_force("upper.bottom")
-    # Pulled by 1200 N at the end, of which the plane of symmetry holds the rest.
+    # Pulled by 1200 N at the end; the symmetry plane carries the rest.
     held = result.support_force("lower.bottom")
     np.testing.assert_allclose(held[:, 1], 2000, rtol=SOLVED)
     assert through[2, 0] < 0.9 * through[1, 0] < 0
@@ -91,22 +91,22 @@ def test_blocks_not_matching() -> None:
 
 
 def test_rolling_and_sliding() -> None:
-    """Rolling takes a part of the friction that sliding as far takes whole."""
+    """Rolling needs only a part of the friction force of sliding over the same distance."""
     rolled = solved("rolling_cylinder").contact_force("block.track")
     slid = model("rolling_cylinder", **{"obstacle.roller.turn.angle": 0.0}).solve()
     force = slid.contact_force("block.track")
     assert (np.abs(rolled[:, 0]) < 0.3 * 0.3 * -rolled[:, 1]).all()
-    # Slid by 2 mm, a hundred times what sticks by elasticity. Normals lean by up to 3 mm
-    # over 10 mm: the part of the pressure along x is left by what is symmetric to it.
+    # Slides by 2 mm, a hundred times the elastic limit of stick. Normals lean by up to 3 mm
+    # over 10 mm; by symmetry their part of the pressure along x is zero.
     closed = slid.status[-1] != bp.Status.OPEN
     assert (slid.status[-1][closed] == bp.Status.SLIP).all()
     shear = np.abs(slid.reaction[-1][:, 1]).sum()
     assert shear == pytest.approx(0.3 * slid.reaction[-1][:, 0].sum(), rel=SOLVED)
-    assert force[-1, 0] > 0  # it drags the block along
+    assert force[-1, 0] > 0  # # it drags the block
 
 
 def test_gmsh_two_bodies() -> None:
-    """Two bodies of one file, balanced; the disc is dragged to slide, there and back."""
+    """Two bodies from one file, in balance; the disc is dragged to slide, there and back."""
     result = solved("gmsh_two_bodies")
     through = result.contact_force("disc.arc")
     for name, sign in (("disc.top", 1), ("block.base", -1)):
@@ -117,18 +117,18 @@ def test_gmsh_two_bodies() -> None:
     ratio = through[:, 0] / through[:, 1]
     assert ratio[3] == pytest.approx(-0.2, rel=0.01)
     assert ratio[4] == pytest.approx(0.2, rel=0.01)
-    # Of a cylinder on a plane, as analytic.hertz_line: the width of contact by the force.
+    # A cylinder on a plane, analytic.hertz_line: the contact width from the force.
     e_star = analytic.contact_modulus(210e3, 0.3, 110e3, 0.34)
     half, peak = analytic.hertz_line(through[1, 1], 10.0, e_star)
     x = result.case.model.points[:, 0]
     closed = x[result.status[1] != bp.Status.OPEN]
-    # To a cell on either side.
+    # To one cell on either side.
     assert np.abs(closed).max() == pytest.approx(half, abs=0.2)
     assert result.traction[1, :, 0].max() == pytest.approx(peak, rel=0.1)
 
 
 def test_the_mesh_is_made_by_its_script(tmp_path: Path) -> None:
-    """The file is what its script makes, cell by cell but for rounding."""
+    """The file equals the output of its script, cell by cell, to rounding."""
     pytest.importorskip("gmsh")
     script = tmp_path / "disc_on_block.py"
     script.write_text((SCENES / script.name).read_text())
@@ -139,7 +139,7 @@ def test_the_mesh_is_made_by_its_script(tmp_path: Path) -> None:
         mine = fem.read_mesh(tmp_path / "disc_on_block.msh", group)
         kept = fem.read_mesh(SCENES / "disc_on_block.msh", group)
         assert set(mine.boundaries) == set(kept.boundaries)
-        # Another version of gmsh may mesh otherwise; the area is the same to h².
+        # Another version of gmsh may make another mesh; its area is equal to h².
         areas = [
             fem.Body("it", m, fem.Material(1.0, 0.0)).volume().weights.sum()
             for m in (mine, kept)

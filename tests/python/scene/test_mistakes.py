@@ -1,4 +1,4 @@
-"""What a newcomer does wrong, and what is said of it: each sentence says what to do."""
+"""Mistakes of newcomers and their messages: each message says what to do."""
 
 import sys
 from pathlib import Path
@@ -16,7 +16,7 @@ from bipot_rs.scene import read
 def said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Any:
-    """Standard error of a command that ends as bad input, and prints nothing else."""
+    """Standard error of a command that ends with a bad input and prints nothing else."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> str:
@@ -104,7 +104,7 @@ def test_command_line(
 ) -> None:
     Path("mine.toml").write_text("")
     if "--json" in arguments:
-        # The sentence is then the message of the last line, and nothing is complained.
+        # With --json the message is in the last line of standard output.
         assert app(list(arguments)) == 2
         assert sentence in request.getfixturevalue("capsys").readouterr().out
         return
@@ -116,7 +116,7 @@ def test_command_line(
 def test_wrong_settings_are_refused_before_meshing(
     said: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A wrong method after a mesh of minutes is minutes lost."""
+    """Otherwise a wrong method would be reported only after minutes of meshing."""
 
     def never(*_: object) -> None:
         raise AssertionError("the mesh is made")
@@ -131,10 +131,10 @@ def test_too_large_mesh_is_refused_before_meshing(
 ) -> None:
     monkeypatch.setattr(cost_forecast, "available", lambda: 8_000_000_000)
     told = said(*RUN, "--set", "mesh.n=150")
-    # 150³ hexahedra of (8·3)² entries, a number and an index of four bytes each.
+    # 150³ hexahedra with (8·3)² entries, each a number and an index of four bytes.
     assert "takes 23.3 GB, but only 8 GB" in told
     assert "mesh.n up to 104 would fit" in told
-    # What is said to fit is taken, and one more is not.
+    # The largest mesh that is said to fit is accepted, and one more cell is not.
     cost_forecast.fits(read("sheared_cube", ["mesh.n=104"]))
     with pytest.raises(MemoryError):
         cost_forecast.fits(read("sheared_cube", ["mesh.n=105"]))
@@ -155,7 +155,7 @@ def test_without_the_library_for_files(
 
 
 def test_mistakes_are_reported_together(said: Any) -> None:
-    """Of tables first, and where those can be read, of what they say of each other."""
+    """Mistakes within tables come first, then contradictions between readable tables."""
     told = said(*RUN, "--set", "mesh.m=3", "--set", "contact.0.mu=-1")
     assert told.count("\n") == 2
     assert "mesh.m: unknown key" in told

@@ -1,4 +1,4 @@
-"""The shipped scenes against their references, and mistakes in scene files."""
+"""The shipped scenes compared with their references, and mistakes in scene files."""
 
 import json
 import os
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 def solve(name: str, *settings: str, **options: Any) -> tuple[scene.Case, Any]:
-    """Case and result of a scene, at its own tolerance unless told."""
+    """Case and result of a scene, by default with its own tolerance."""
     read = scene.read(name, settings)
     case = scene.assemble(read, scene.bodies(read))
     options.setdefault("tol", read.solver.tol)
@@ -31,7 +31,7 @@ def solve(name: str, *settings: str, **options: Any) -> tuple[scene.Case, Any]:
 
 
 def traction_error(r: Floats, reference: Floats, area: Floats) -> Floats:
-    """Relative error of the tractions of each load step, in the norm of area."""
+    """Relative error of the tractions of each load step, in the norm of the area."""
     weight = 1 / area[:, None]
     error = (weight * (r - reference) ** 2).sum(axis=(1, 2))
     return np.sqrt(error / (weight * reference**2).sum(axis=(1, 2)))
@@ -56,12 +56,12 @@ def test_reference(name: str, n: int) -> None:
     case, result = solve(name, f"mesh.n={n}")
     model = case.model
     distance, order = cKDTree(model.points).query(reference["x"])
-    # Same grid points, computed by other expressions.
+    # The same grid points, computed by other expressions.
     assert distance.max() <= 1e-12 * np.ptp(reference["x"])
     np.testing.assert_allclose(model.area[order], reference["area"], rtol=1e-12)
     np.testing.assert_array_equal(model.mu[order], reference["mu"])
     np.testing.assert_array_equal(model.gap[order], reference["gap0"])
-    # What the references claim for themselves.
+    # The accuracy that the references state.
     error = traction_error(result.reaction[:, order], reference["R"], reference["area"])
     assert np.all(error <= 1e-9), error
     np.testing.assert_array_equal(result.status[:, order], reference["status"])
@@ -72,7 +72,7 @@ def test_reference(name: str, n: int) -> None:
     [("cattaneo_mindlin", 5), ("cattaneo_mindlin", 10), ("cyclic_cube", 5)],
 )
 def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> None:
-    """Another program, from the mesh on: SciPy's factorisation, a Newton method."""
+    """Independent code from the mesh on: SciPy's factorisation, a Newton method."""
     case, result = solve(name, f"mesh.n={n}")
     assert np.all(result.residual <= 1e-12)
     answer = tmp_path / "peer.npz"
@@ -98,21 +98,21 @@ def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> No
 
 
 def test_second_method() -> None:
-    """The paper's iteration, tighter, on the scene with the longest memory."""
+    """The paper's iteration with a smaller tolerance, on the scene with the longest history."""
     _, result = solve("cyclic_cube", "mesh.n=4")
     _, other = solve("cyclic_cube", "mesh.n=4", method="uzawa", tol=1e-13)
     area = np.ones(result.reaction.shape[1])
     error = traction_error(result.reaction, other.reaction, area)
     assert np.all(error <= 1e-8), error
-    # A node just at the friction limit is SLIP in one and STICK in the other: it
-    # must not move then, to the same digits.
+    # A node exactly at the friction limit may be SLIP in one and STICK in the other. Then its
+    # slip must be zero, to the same accuracy.
     length = np.linalg.norm(result.slip, axis=2)
     differs = result.status != other.status
     assert np.all(length[differs] <= 1e-8 * length.max())
 
 
 def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
-    """Pressure and shear of two equal round bodies; the discrete load is put in."""
+    """Pressure and shear of two equal round bodies, for the discrete load."""
     n, radius, mu = 20, 100.0, 0.3
     case, result = solve("cattaneo_mindlin", f"mesh.n={n}")
     e_star = 210000.0 / (2 * (1 - 0.3**2))
@@ -128,9 +128,9 @@ def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
 
     exact_p = p0 * ellipse(a)
     exact_q = np.sign(Q) * mu * p0 * (ellipse(a) - c / a * ellipse(c))
-    # 0.3 % and 0.9 % at n = 40 are the finite blocks. At n = 20 the ends of the
-    # zones, where the tractions have square-root ends, are resolved to h/2 = 0.0125
-    # in a = 1: √(0.025) of the peak over two cells, 1 % in the mean square.
+    # At n = 40 the errors 0.3 % and 0.9 % come from the finite blocks. At n = 20 the ends of
+    # the zones, where the tractions are square roots, are resolved to h/2 = 0.0125 for
+    # a = 1: √(0.025) of the peak over two cells, 1 % in the mean square.
     error_p = np.linalg.norm(p - exact_p) / np.linalg.norm(exact_p)
     error_q = np.linalg.norm(q - exact_q) / np.linalg.norm(exact_q)
     assert error_p <= 0.01
@@ -209,16 +209,16 @@ def test_a_ramp_takes_any_number_of_steps() -> None:
 
 def test_graded_grid() -> None:
     axis = Axis.model_validate({"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0})
-    # 0 1 3 7 15 → clipped to 10, the last cell of 3 not under half of 4.
+    # 0 1 3 7 15 → clipped to 10; the last cell of 3 is not below half of 4.
     np.testing.assert_array_equal(axis.grid(None), [0, 1, 3, 7, 10])
     axis = Axis.model_validate({"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0})
-    # The last cell would be 1, under half of 4: its inner point goes.
+    # The last cell would be 1, below half of 4: its inner point is removed.
     np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
     axis = Axis.model_validate(
         {"from": -8.0, "to": 4.0, "cell": "2/n", "uniform": [-1.0, 1.0], "growth": 2.0}
     )
-    # From -1: cells of 2, 4, then 1 left over, which is under half of 4. From 1:
-    # a cell of 2, then 1 left over, which is half of 2 and stays.
+    # From -1: cells of 2, 4, then a rest of 1, which is below half of 4. From 1: a cell of
+    # 2, then a rest of 1, which is half of 2 and stays.
     np.testing.assert_array_equal(axis.grid(2), [-8, -3, -1, 0, 1, 3, 4])
 
 
@@ -239,7 +239,7 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
 
 
 def test_suggestions_for_keys_that_exist_elsewhere() -> None:
-    """A key is looked for where the scene has it, and in one walk for all mistakes."""
+    """A key is looked for elsewhere in the scene, with one search for all mistakes."""
     table = scene.parsed("sheared_cube", scene.text("sheared_cube"))
     contact = table["contact"][0]
     table["contact"] = [
@@ -324,26 +324,26 @@ def test_linear_cells_on_the_same_grid(name: str, settings: list[str]) -> None:
     assert linear.model.area.sum() == pytest.approx(case.model.area.sum(), rel=1e-13)
     assert {kind for kind, _ in linear.model.cells} <= {"triangle", "tetra"}
     if case.load is not None:
-        # Loads on edges are the same; in space halves of a square differ from it.
+        # Loads on edges are equal; in space the two triangles of a square differ from it.
         np.testing.assert_allclose(linear.load, case.load, atol=1e-12 * case.load.max())
-    # Stiffer than the richer space: more energy under the same displacements.
+    # Stiffer than with more functions: more energy for the same displacements.
     energy = [
         0.5 * r.displacement[0] @ (c.model.K @ r.displacement[0])
         for c, r in ((case, result), (linear, other))
     ]
     force = [abs(r.reaction[0, :, 0].sum()) for r in (result, other)]
-    # Coarse meshes, 3 to 10 % apart by their discretisation errors of 10 to 30 %.
+    # Coarse meshes: they differ by 3 to 10 %, with discretisation errors of 10 to 30 %.
     assert energy[1] == pytest.approx(energy[0], rel=0.1)
     assert force[1] == pytest.approx(force[0], rel=0.1)
     counts = [
         [int((r.status[0] == k).sum()) for k in range(3)] for r in (result, other)
     ]
-    # Zones agree but for nodes at their borders.
+    # Zones agree except for nodes at their borders.
     assert np.abs(np.subtract(*counts)).max() <= 0.25 * len(case.model.gap)
 
 
-def test_linear_cells_approach_the_same_answer() -> None:
-    """Energies of both elements, refined: the gap closes with h, to the power 1.5 here."""
+def test_linear_cells_converge_to_the_same_solution() -> None:
+    """Energies of both elements converge to each other, here with h to the power 1.5."""
     gaps = []
     for n in (4, 8, 16):
         energies = []
@@ -354,12 +354,12 @@ def test_linear_cells_approach_the_same_answer() -> None:
             u = result.displacement[0]
             energies.append(0.5 * u @ (case.model.K @ u))
         gaps.append(abs(energies[1] / energies[0] - 1))
-    # Each error in energy falls with h² or, at the ends of contact, a little slower.
+    # The energy error of each decreases with h² or, at the ends of contact, more slowly.
     assert gaps[0] / gaps[1] > 2**1.5
     assert gaps[1] / gaps[2] > 2**1.5
 
 
-def test_triangles_of_a_scene_stay_as_the_body_says() -> None:
+def test_triangles_of_a_scene_keep_the_given_element() -> None:
     own = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
     by_mesh = scene.read("pressed_block", ["mesh.element=P1", "mesh.n=2"])
     back = scene.read(
@@ -386,7 +386,7 @@ def test_halved_grids_divide_every_simplex() -> None:
         centre = fine.p[:, fine.t].mean(axis=1)
         inside = coarse.element_finder()(*centre)
         assert np.all(np.bincount(inside) == 2**dim)
-        # And none of them reaches out: all its corners are in the same closed simplex.
+        # No child is larger: all its corners are in the same closed simplex.
         x = coarse.p[:, coarse.t[:, inside]].transpose(2, 1, 0)
         matrix = np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=2)
         corners = fine.p[:, fine.t].transpose(2, 1, 0)

@@ -1,4 +1,4 @@
-"""Names of units belong together: stress = force / length², or nothing is drawn or run."""
+"""Names of units must be consistent: stress = force / length²; otherwise nothing runs."""
 
 import itertools
 import json
@@ -73,7 +73,7 @@ def test_inconsistent_units(names: tuple[str, str, str], said: str) -> None:
 
 
 def test_suggested_units_are_consistent() -> None:
-    """Of all names known, what is said to fit fits, and what fits is let pass."""
+    """For all known names, the suggested unit is consistent, and consistent units pass."""
     common = units._COMMON
     wrong = 0
     for length, force, stress in itertools.product(*(common[k] for k in units._SI)):

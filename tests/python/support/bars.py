@@ -1,4 +1,4 @@
-"""The elastic bar on a frictional foundation (A11), and what a path loses by friction."""
+"""The elastic bar on a frictional foundation (A11), and the work of its friction."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ BAR = {"stiffness": 1000.0, "limit": 50.0}
 
 
 def bar_problem(nodes: int = 20, mu: float = 0.4) -> tuple[Any, Array]:
-    """Chain clamped at x = 0, (u_n, u_t) a node; the load of the foundation alone."""
+    """Chain clamped at x = 0 with (u_n, u_t) at each node, and the load of the foundation."""
     h = 1.0 / nodes
     chain = np.diag(np.full(nodes, 2.0)) - np.eye(nodes, k=1) - np.eye(nodes, k=-1)
     chain[-1, -1] = 1.0
@@ -28,12 +28,12 @@ def bar_problem(nodes: int = 20, mu: float = 0.4) -> tuple[Any, Array]:
 
 
 def pulled(load: Array, ends: NDArray[Any]) -> Array:
-    """The path of loads at whose steps the end of the bar is pulled by `ends`."""
+    """The load path that pulls the end of the bar by `ends`, one value per step."""
     path = np.tile(load, (len(ends), 1))
     path[:, -1] += ends
     return path
 
 
 def lost(result: Any) -> Array:
-    """Work of friction, -r_t·slip of all nodes, in each step."""
+    """Work dissipated by friction, -r_t·slip summed over the nodes, in each step."""
     return np.asarray(-np.einsum("kij,kij->k", result.reaction[:, :, 1:], result.slip))

@@ -1,7 +1,7 @@
-"""Small bodies on a rigid plane, assembled by scikit-fem without the package's help.
+"""Small bodies on a rigid plane, assembled by scikit-fem without the package.
 
-The plane is where the last coordinate is 0; the normal is the last axis, the tangents
-are the other axes in their order. A load is a vector of consistent nodal forces.
+The plane is where the last coordinate is 0. The normal is the last axis, the tangents
+are the other axes in order. A load is a vector of consistent nodal forces.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class Body:
 
     def nodes_where(self, axis: int, value: float) -> NDArray[np.int64]:
         at = self.basis.mesh.p[axis]
-        # Coordinates come from linspace: equal to rounding of the size of the body.
+        # Coordinates come from linspace: exact to rounding relative to the size of the body.
         return np.flatnonzero(np.abs(at - value) <= 1e-12 * np.ptp(at))
 
     def dofs(self, axis: int, value: float, component: int) -> NDArray[np.int64]:

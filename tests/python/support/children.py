@@ -1,4 +1,4 @@
-"""Child processes that run `bipot`, or any code, with a fault at a chosen place."""
+"""Child processes that run `bipot` or other code, with a fault at a chosen place."""
 
 import importlib
 import os
@@ -17,10 +17,10 @@ import bipot_rs.cli.resume
 import bipot_rs.scene.reading
 from bipot_rs.files import export
 
-# Children start with what is loaded here, most of what a run takes.
+# Children start with the modules loaded here, because imports take most of a run.
 export.require()
 
-# The command in a new interpreter, hit where it is about to import a module.
+# Runs the command in a new interpreter and sends a signal at the import of a module.
 _AT_IMPORT = """
 import os, sys
 class Finder:
@@ -38,13 +38,13 @@ sys.exit(main())
 def forked(
     work: Callable[[], int | None], *, cwd: Path | None = None, seconds: float = 20
 ) -> subprocess.CompletedProcess[str]:
-    """What ``work`` does in a forked child; its exit status, and no traceback.
+    """Run ``work`` in a forked child; return its exit status, and allow no traceback.
 
     A child that takes longer than ``seconds`` is a failure.
     """
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         with warnings.catch_warnings():
-            # That other threads are running is the point of some tests.
+            # Some tests fork on purpose while other threads run.
             warnings.simplefilter("ignore", DeprecationWarning)
             child = os.fork()
         if child == 0:
@@ -65,7 +65,7 @@ def forked(
 
 
 def _become(work: Callable[[], int | None], out: Any, err: Any, cwd: Any) -> None:
-    """Run ``work`` and end this process, past everything that pytest would do."""
+    """Run ``work`` and end this process without the exit code of pytest."""
     status = 1
     try:
         os.dup2(out.fileno(), 1)
@@ -116,7 +116,7 @@ def bipot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def bipot_hit_at_import(
     number: signal.Signals, module: str, *arguments: str, cwd: Path
 ) -> subprocess.CompletedProcess[str]:
-    """`bipot` that gets a signal where it first imports ``module``."""
+    """`bipot` that receives a signal at its first import of ``module``."""
     code = _AT_IMPORT.format(module=module, number=int(number))
     return child(code, *arguments, cwd=cwd)
 

@@ -1,4 +1,4 @@
-"""The FCLIB files that lie with the tests, and what they hold."""
+"""The FCLIB files of the tests, and their known properties."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +22,7 @@ class Known(NamedTuple):
     rank: int
 
 
-# As published with the collection, and counted by another program.
+# As published with the collection; the ranks come from another program.
 FILES = {
     "box_stacks_i0122_82": Known("global", 3, 82, 450, 175),
     "d2_fcp00031": Known("local", 2, 11, None, 22),
@@ -42,7 +42,7 @@ def path(name: str) -> Path:
 
 
 def dense(file: h5py.File, name: str) -> NDArray[np.float64]:
-    """A matrix of a file, entry by entry, with no sparse library."""
+    """A matrix of a file, read entry by entry, without a sparse library."""
     m, n, nz = (int(file[name][k][0]) for k in ("m", "n", "nz"))
     p, i, x = (file[name][k][:] for k in ("p", "i", "x"))
     whole = np.zeros((m, n))

@@ -1,4 +1,4 @@
-"""Whether two results, or two files, hold the same."""
+"""Whether two results, or two files, have the same content."""
 
 from pathlib import Path
 from typing import Any
@@ -6,8 +6,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-# Every field of a step that does not tell of time. `work` counts the inverse of W where
-# it is made, and a failed step may have made it.
+# Every field of a step except times. `work` counts the inverse of W in the step that makes
+# it, and a failed step may have made it.
 FIELDS = (
     "reaction",
     "relative_displacement",
@@ -30,7 +30,7 @@ def bits(one: Any, other: Any, fields: tuple[str, ...] = FIELDS) -> bool:
 
 
 def content(path: Path) -> dict[str, Any]:
-    """Everything a result file holds, but for times."""
+    """Everything in a result file except times."""
     found: dict[str, Any] = {}
 
     def take(name: str, node: Any) -> None:

@@ -10,12 +10,12 @@ import bipot_rs as bp
 
 Array = NDArray[np.float64]
 
-# The solver is held to η <= 1e-12. With two unknowns of condition below 10, and unit
-# sizes, errors of r and u stay below 1e-10.
+# The solver reaches η <= 1e-12. With two unknowns, a condition below 10 and unit sizes,
+# errors of r and u stay below 1e-10.
 TOL = 1e-12
 SMALL = 1e-10
 
-# One plane contact whose normal and tangential responses couple; μ_c = k_t/k_c = 2.
+# One plane contact with coupled normal and tangential stiffness; μ_c = k_t/k_c = 2.
 K1 = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 

@@ -1,4 +1,4 @@
-"""Bodies whose supports and contacts are just enough, turned at random."""
+"""Bodies whose supports and contacts are just enough, in random orientations."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
 
 @dataclass
 class Case:
-    """One contact and as many held degrees of freedom as leave no motion free."""
+    """One contact, and the fewest held degrees of freedom that leave no motion free."""
 
     K: Any
     B: Any
@@ -41,7 +41,7 @@ class Case:
         )
 
     def sticking(self) -> tuple[Array, Array]:
-        """Displacement and reaction where the contact sticks, in twice the precision."""
+        """Displacement and reaction if the contact sticks, in doubled precision."""
         n, d = self.K.shape[0], self.nodes.shape[1]
         held = np.zeros(n, bool)
         held[self.fixed] = True
@@ -70,9 +70,9 @@ def rotation(rng: np.random.Generator, dim: int) -> Array:
 
 
 def drawn(rng: np.random.Generator, dim: int) -> Case:
-    """A block of steel, turned, on one contact node and held in a few directions.
+    """A rotated block of steel on one contact node, held in a few directions.
 
-    Its load presses on the contact and pulls along it less than friction can hold.
+    Its load presses the contact and pulls along it by less than friction can hold.
     """
     cells = tuple(int(c) for c in rng.integers(1, 5 if dim == 2 else 3, dim))
     sizes = rng.uniform(0.5, 3.0, dim)
@@ -90,7 +90,7 @@ def drawn(rng: np.random.Generator, dim: int) -> Case:
         if fixed is None:
             continue
         load = _load(rng, nodes)
-        # Statics alone gives the reaction: well inside the cone it is to be.
+        # Statics alone gives the reaction, which must be well inside the cone.
         Z, pinned = _motions(nodes), np.r_[rows, fixed]
         reaction = np.linalg.solve(Z[pinned].T, -Z.T @ load)
         if reaction[0] > np.linalg.norm(reaction[1:dim]):
@@ -98,7 +98,7 @@ def drawn(rng: np.random.Generator, dim: int) -> Case:
 
 
 def _motions(nodes: Array) -> Array:
-    """Rigid motions of all degrees of freedom, columns."""
+    """Rigid motions of all degrees of freedom, as columns."""
     count, dim = nodes.shape
     x = (nodes - nodes.mean(axis=0)) / np.ptp(nodes)
     columns = [np.tile(e, (count, 1)) for e in np.eye(dim)]
@@ -113,7 +113,7 @@ def _motions(nodes: Array) -> Array:
 def _held(
     rng: np.random.Generator, nodes: Array, lowest: int
 ) -> NDArray[np.int64] | None:
-    """Degrees of freedom that pin, with the contact, all motions well enough."""
+    """Degrees of freedom that, with the contact, hold all motions well enough."""
     count, dim = nodes.shape
     others = np.setdiff1d(np.arange(dim * count), np.arange(dim) + dim * lowest)
     missing = dim * (dim + 1) // 2 - dim
@@ -132,17 +132,17 @@ def _load(rng: np.random.Generator, nodes: Array) -> Array:
 
 
 def sticking(seeds: Iterable[int]) -> Counter[str]:
-    """Displacements and reactions are those of an elimination in twice the precision."""
+    """Displacements and reactions equal those of an elimination in doubled precision."""
     met: Counter[str] = Counter()
     for seed in seeds:
         case = drawn(np.random.default_rng(seed), 2 + seed % 2)
         result = case.problem(coordinates=seed % 4 < 2).solve(case.load)
         u, r = case.sticking()
-        # K is as exact as its entries: a small block has a condition of 1e4 at the most.
+        # K is as exact as its entries; a small block has a condition of at most 1e4.
         assert off(result.displacement[-1], u) <= 1e-11, seed
         assert off(result.reaction[-1], r) <= 1e-11, seed
         assert result.status[-1, 0] == bp.Status.STICK, seed
-        # W is of the size of compliances of K, and not of rounding over rounding.
+        # W has the size of the compliances of K: it is not a quotient of rounding errors.
         far = np.abs(result.relative_displacement).max()
         assert far <= 1e-11 * np.abs(u).max(), seed
         met["solved"] += 1
@@ -150,7 +150,7 @@ def sticking(seeds: Iterable[int]) -> Counter[str]:
 
 
 def _block(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """A block in space that touches at two nodes: it turns about their line."""
+    """A block in space with contact at two nodes: it can turn about their line."""
     cells = tuple(int(c) for c in rng.integers(1, 3, 3))
     axes = [
         np.linspace(0, s, c + 1)
@@ -164,7 +164,7 @@ def _block(rng: np.random.Generator) -> tuple[Any, Any, Array]:
 
 
 def _truss(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """An octahedron of bars at random, held by contact at two of its nodes."""
+    """A random octahedron of bars, held by contact at two of its nodes."""
     corners = np.vstack([np.eye(3), -np.eye(3)])
     points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
     pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
@@ -173,7 +173,7 @@ def _truss(rng: np.random.Generator) -> tuple[Any, Any, Array]:
 
 
 def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
-    """Stiffness of pin-jointed bars, of `stiffness` EA / length each."""
+    """Stiffness of pin-jointed bars with EA / length = `stiffness` each."""
     n, dim = points.size, points.shape[1]
     K = np.zeros((n, n))
     for (i, j), k in zip(pairs, np.broadcast_to(stiffness, len(pairs)), strict=True):
@@ -200,10 +200,10 @@ def on_two_nodes(seeds: Iterable[int]) -> Counter[str]:
 
 
 def counted(seeds: Iterable[int]) -> Counter[str]:
-    """Rigid motions of flat and long blocks are as many as their supports leave.
+    """Flat and long blocks have as many rigid motions as their supports leave free.
 
-    Places of the degrees of freedom are given. Sides differ by up to 3000, and supports
-    hold by levers of down to a few 1e-5 of the block.
+    Coordinates of the degrees of freedom are given. Sides differ by up to 3000, and the lever
+    arms of the supports are as small as a few 1e-5 of the block.
     """
     met: Counter[str] = Counter()
     for seed in seeds:
@@ -224,7 +224,7 @@ def counted(seeds: Iterable[int]) -> Counter[str]:
         fixed = rng.choice(others, rng.integers(0, min(len(others), 8) + 1), False)
         Z = _motions(nodes)
         sizes = np.linalg.svd(Z[np.r_[rows, fixed]], compute_uv=False)
-        # One contact node, or two in space, hold less than all motions.
+        # One contact node, or two in space, cannot hold all motions.
         pinned = len(rows) + len(fixed) >= Z.shape[1] and sizes.min() > 1e-6
         places = np.repeat(nodes, dim, axis=0)
         B = sparse.csr_array(

@@ -1,4 +1,4 @@
-"""A wall of rigid disks, each on the one below and beside its neighbours."""
+"""A wall of rigid disks, each above one disk and next to others."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,10 @@ Array = NDArray[np.float64]
 
 
 def wall(n: int, seed: int = 0) -> tuple[sparse.csr_array, sparse.csr_array, Array]:
-    """M, B and load of n by n disks of radius 1, three unknowns (x, y, θ) each.
+    """M, B and load of n by n disks of radius 1 with three unknowns (x, y, θ) each.
 
-    Contacts are those to the disk below, or the floor, and to the one on the left:
-    fewer unknowns than rows of B, so that reactions are not determined.
+    Each disk touches the disk or floor below and the disk on its left. There are fewer
+    unknowns than rows of B, so the reactions are not determined.
     """
     rng = np.random.default_rng(seed)
     rows: list[Array] = []
@@ -22,7 +22,7 @@ def wall(n: int, seed: int = 0) -> tuple[sparse.csr_array, sparse.csr_array, Arr
             row = np.zeros(3 * n * n)
             for body, sign in ((first, -1.0), (second, 1.0)):
                 if body is not None:
-                    # The arm from the centre to the contact, and its moment.
+                    # The lever arm from the centre to the contact, and its moment.
                     arm = (-sign * x, -sign * y)
                     turn = arm[0] * direction[1] - arm[1] * direction[0]
                     row[3 * body : 3 * body + 3] = sign * np.array([*direction, turn])

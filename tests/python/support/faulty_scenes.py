@@ -1,4 +1,4 @@
-"""Scenes with something wrong in them: what the tests of mistakes share, in one place."""
+"""Faulty scenes, in one place for all tests of mistakes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import bipot_rs as bp
 
 _TORUS = {"centre": [0, 0], "axis": [0, 0, 0], "major_radius": 1, "minor_radius": 1}
-# Settings of `two_blocks`, and what begins each of the mistakes that are told.
+# Settings of `two_blocks`, and the start of the message for each mistake.
 MISTAKES: list[tuple[list[str], list[str]]] = [
     (["mesh.m=9"], ["mesh.m: unknown key"]),
     (["solve.tol=1"], ["solve: unknown key"]),
@@ -98,7 +98,7 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
         ["path.amplitude.shear.period: remove it, a ramp"],
     ),
 ]
-# Settings of `cyclic_cube` beyond any machine, and what is told of them.
+# Settings of `cyclic_cube` that no machine can solve, and their messages.
 ABSURD: list[tuple[list[str], str]] = [
     (["mesh.n=1000000000"], "mesh.n: should be less than or equal to 1000000"),
     (["mesh.n=100000"], "body.cube: has 1000030000300001 nodes, whose stiffness"),
@@ -115,7 +115,7 @@ ABSURD: list[tuple[list[str], str]] = [
     (["material.steel.young=" + "[" * 100_000], "material.steel.young: should be"),
     (["path" + ".a" * 10_000 + "=1"], "path.a: unknown key"),
 ]
-# Bytes that are no scene.
+# Bytes that are not a scene.
 NO_TOML = [
     b"",
     b"\xff\xfe",
@@ -123,7 +123,7 @@ NO_TOML = [
     b"a = " + b"[" * 100_000,
     b"[mesh]\nn = 3\n" * 2,
 ]
-# Changes of a roller on a block (`test_scene_parts.roller`), and what is told of them.
+# Changes of a roller on a block (`rollers.roller`), and their messages.
 PARTS: list[tuple[dict[str, Any], str]] = [
     (
         {"body.block.mesh": "a.msh"},
@@ -236,14 +236,14 @@ PARTS: list[tuple[dict[str, Any], str]] = [
 
 
 class Faulty(NamedTuple):
-    """A scene as the command line takes it, and how a run of it ends.
+    """A scene as the command line takes it, and how its run ends.
 
     Attributes
     ----------
     name
         A shipped name or a file.
     settings
-        Of ``--set``.
+        Values of ``--set``.
     status
         Exit status of `bipot run`.
     """
@@ -263,7 +263,7 @@ def block(n: int = 2) -> bp.Model:
 
 
 def pair(pairing: str, *, cells: int = 3) -> bp.Model:
-    """Two blocks, one on the other, of which nothing holds either."""
+    """Two blocks, one on the other, both without supports."""
     m = block()
     side = {"from": 0.0, "to": 1.0, "cells": cells}
     below = {"from": -1.0, "to": 0.0, "cells": 2}
@@ -277,7 +277,7 @@ FLOOR = {"point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 
 def late() -> Iterator[tuple[str, bp.Model, int]]:
-    """What shows only on meshes, in the condensation or in the solution."""
+    """Faults that appear only in meshes, in the condensation or in the solution."""
     for pairing, cells in (("match", 2), ("mortar", 3), ("mortar", 2), ("nodes", 3)):
         yield f"floating_{pairing}_{cells}", pair(pairing, cells=cells), 1
     yield "no_match", pair("match", cells=3), 2
@@ -319,7 +319,7 @@ def late() -> Iterator[tuple[str, bp.Model, int]]:
 
 
 def faulty(folder: Path, roller: bp.Model) -> Iterator[Faulty]:
-    """All of them, those that are files written into ``folder``."""
+    """All faulty scenes; those that are files are written into ``folder``."""
     for settings, _ in MISTAKES:
         yield Faulty("two_blocks", settings, 2)
     for settings, _ in ABSURD:

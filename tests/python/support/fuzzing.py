@@ -1,4 +1,4 @@
-"""Altered inputs for readers: whatever is read, an error in words or what was meant."""
+"""Altered inputs for readers: each gives an error with a message, or the right content."""
 
 import random
 import warnings
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from children import forked
 
-# What a slip of the pen, or an enemy, puts in the place of a value.
+# Values that a typing error or an attacker may put into a file.
 _INTEGERS = (0, -1, 10**9, -(10**9), 10**400, True)
 _REALS = (1e308, -1e308, 1e-308, 5e-324, float("nan"), float("inf"), -0.0)
 _WORDS = ("", "n", "n/0", "0*n", "0/n", "9e9*n", "nonsense", "\U0001f980")
@@ -20,7 +20,7 @@ NASTY = (*_INTEGERS, *_REALS, *_WORDS, *_LISTS, *_TABLES)
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths to everything within a table."""
+    """Paths to all entries of a table."""
     keys = value if isinstance(value, dict) else range(len(value))
     for key in keys:
         yield (*path, key)
@@ -29,7 +29,7 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def altered(draw: Callable[..., Any], table: dict[str, Any]) -> None:
-    """Drop, rename, add, replace or nest something of a table, in place."""
+    """Drop, rename, add, replace or nest an entry of a table, in place."""
     path = draw(st.sampled_from(list(places(table))))
     at: Any = table
     for key in path[:-1]:
@@ -52,7 +52,7 @@ def altered(draw: Callable[..., Any], table: dict[str, Any]) -> None:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML, tables inline."""
+    """A value as TOML, with inline tables."""
     if isinstance(value, dict):
         inner = ", ".join(f"{_text(k)} = {toml(v)}" for k, v in value.items())
         return f"{{ {inner} }}"
@@ -80,7 +80,7 @@ def damaged(content: bytes, count: int, seed: int) -> Iterator[bytes]:
     random_ = random.Random(seed)
     for k in range(count):
         data = bytearray(content)
-        # Metadata is dense at the start of an HDF5 file, and small beside the rest.
+        # The start of an HDF5 file has dense metadata; the rest is large in comparison.
         reach = len(data) if k % 2 else min(len(data), 4096)
         at = random_.randrange(reach)
         kind = k % 6
@@ -108,20 +108,19 @@ def survives_damage(
 ) -> None:
     """Check a reader on damaged copies of a file.
 
-    Each copy is read in a child process, which may neither crash nor hang: ``read``
-    raises ``OSError`` or ``ValueError`` in one sentence, or gives what ``same`` calls
-    the content of the file.
+    Each copy is read in a child process, which must neither crash nor hang: ``read`` raises
+    ``OSError`` or ``ValueError`` with one sentence, or returns the content of the file.
 
     Parameters
     ----------
     read
-        The reader, of a path.
+        The reader, called with a path.
     same
-        Whether what was read is right.
+        Whether the content that was read is right.
     path
-        A file in order.
+        An undamaged file.
     count, seed
-        Copies to try, and which.
+        Number of copies, and the seed of their damage.
     """
     content = path.read_bytes()
     assert same(read(path)), "the file must be in order to begin with"
@@ -129,7 +128,7 @@ def survives_damage(
     copies = list(damaged(content, count, seed))
     refused = 0
     for first in range(0, count, 25):
-        # Several copies a child: starting one costs more than to read one.
+        # Several copies per child: starting a child takes longer than reading a file.
         def work(first: int = first) -> int:
             return _refusals(read, same, copy, copies[first : first + 25])
 

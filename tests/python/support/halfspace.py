@@ -1,4 +1,4 @@
-"""Boxes that pass for half-spaces: graded meshes, displacements of point forces."""
+"""Boxes that represent half-spaces: graded meshes, displacements of point forces."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +9,16 @@ Array = NDArray[np.float64]
 
 
 def grid(h: float, near: float, far: float) -> Array:
-    """Points from 0 to `far`: cells of size h up to `near`, growing by 1 + 2 h each.
+    """Points from 0 to `far`: cells of size h up to `near`, then each 1 + 2 h times the last.
 
-    With the size of the contact as unit, h then refines the whole mesh.
+    With the size of the contact as the unit, h refines the whole mesh.
     """
     points = [*np.linspace(0, near, round(near / h) + 1)]
     cell = h
     while points[-1] < far:
         cell *= 1 + 2 * h
         points.append(points[-1] + cell)
-    # The last cell is cut, unless little would be left of it.
+    # The last cell is cut, unless too little of it would remain.
     if far - points[-2] < 0.5 * (points[-2] - points[-3]):
         del points[-2]
     points[-1] = far

@@ -1,8 +1,8 @@
-"""Pairs on Coulomb's law and pairs off it, made by hand, with any state at the start.
+"""Pairs on Coulomb's law and pairs off it, with any state at the start.
 
-Made from the textbook's cases, without a cone, a projection or a bipotential. Forces and
-displacements are of the order of `FORCE` and `LENGTH`, so that what holds here holds in
-no special units.
+They are made from the textbook's cases, without a cone, a projection or a bipotential.
+Forces and displacements are of the order of `FORCE` and `LENGTH`, so that the tests do
+not depend on special units.
 """
 
 from typing import NamedTuple
@@ -52,11 +52,11 @@ def unit(rng: np.random.Generator, n: int, d: int) -> Array:
 
 
 def on_the_law(rng: np.random.Generator, n: int, d: int) -> Pairs:
-    """Every status, one in eight contacts without friction."""
+    """Every status; one contact in eight has no friction."""
     status = rng.integers(6, size=n)
     mu = np.where(rng.random(n) < 0.125, 0.0, rng.uniform(0.05, 2.0, n))
     side = unit(rng, n, d - 1)
-    # Away from nothing, so that what is spoiled below is spoiled by a known part.
+    # Away from zero, so that the errors added below have a known relative size.
     press, way = rng.uniform(0.3, 3.0, n), rng.uniform(0.3, 3.0, n)
     closed = np.isin(status, (SLIP, STICK, EDGE))
     share = np.where(status == STICK, rng.uniform(0, 0.8, n), 1.0)
@@ -71,7 +71,7 @@ def on_the_law(rng: np.random.Generator, n: int, d: int) -> Pairs:
 def off_the_law(
     rng: np.random.Generator, n: int, d: int, how: str, size: float
 ) -> Pairs:
-    """Pairs that lack one thing, by ``size`` beside forces and displacements of one."""
+    """Pairs that violate one condition by ``size``, relative to unit forces and displacements."""
     p = on_the_law(rng, n, d)
     mu = rng.uniform(0.2, 2.0, n)
     side, press = unit(rng, n, d - 1), rng.uniform(0.3, 3.0, n)
@@ -108,7 +108,7 @@ def off_the_law(
             t[:, 1:] = (mu * press)[:, None] * side
             v[:, 1:] = size * side
         case "slips forwards and sinks":
-            # Such that -ṽ is the normal of the cone, turned inwards.
+            # Chosen so that -ṽ is the inward normal of the cone.
             t[:, 0] = press
             t[:, 1:] = (mu * press)[:, None] * side
             v[:, 0], v[:, 1:] = -2 * mu * size, size * side
@@ -118,7 +118,7 @@ def off_the_law(
 
 
 def start_state(rng: np.random.Generator, n: int, d: int) -> Start:
-    """Complementary, both positive, penetrated, and pulled beyond any cone, in turn."""
+    """In turn: complementary, both positive, penetrating, and far outside the cone."""
     kind = rng.integers(5, size=n)
     t0 = rng.normal(size=(n, d))
     t0[:, 0] = np.abs(t0[:, 0])
@@ -132,14 +132,14 @@ def start_state(rng: np.random.Generator, n: int, d: int) -> Start:
 
 
 def as_step(pairs: Pairs, start: Start) -> tuple[Coulomb, Array, Array]:
-    """Law, Δu, Δt that lead from the start state to the pairs."""
+    """Law, Δu and Δt that lead from the start state to the pairs."""
     du = LENGTH * pairs.v
     du[:, 0] -= start.opening
     return Coulomb(pairs.mu, start), du, FORCE * pairs.t - start.reaction
 
 
 def energy_size(law: Coulomb, du: Array, dt: Array) -> Array:
-    """Sizes of the terms of b and of x·y, of which rounding is a few units."""
+    """Sizes of the terms of b and of x·y; their rounding is a few units of this."""
     forces = np.abs(law.start.reaction).sum(axis=1) + np.abs(dt).sum(axis=1)
     opening = np.abs(law.start.displacement[:, 0]) + np.abs(law.start.gap)
     return np.asarray(forces * (opening + (1 + law.mu) * np.abs(du).sum(axis=1)))

@@ -1,4 +1,4 @@
-"""Whether a picture can be read: no text over another, nor a legend over what is drawn."""
+"""Whether a picture is readable: no text over other text, no legend over a curve."""
 
 from itertools import combinations
 from typing import Any
@@ -9,17 +9,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 
-# Boxes of letters hold some air: they may touch by this many pixels of a hundred an inch.
+# Boxes of letters have some margin: they may overlap by this many pixels at 100 dpi.
 _TOUCH = 1.5
 
 
 def overlaps(figure: Any) -> list[str]:
-    """What of a figure lies over something else, or beyond its rim."""
+    """Names of the parts of a figure that overlap, or lie outside its edge."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     renderer = canvas.get_renderer()
     drawn = _drawn(figure)
-    # Asking axes in space for their ticks moves them.
+    # Asking 3D axes for their ticks moves the ticks.
     canvas.draw()
     texts = [(t.get_text(), _corners(t, renderer)) for t in drawn]
     found = [
@@ -47,7 +47,7 @@ def overlaps(figure: Any) -> list[str]:
 
 
 def _corners(text: Any, renderer: Any) -> Any:
-    """Corners of the letters, ``(4, 2)``, turned as they are."""
+    """Corners of the text, ``(4, 2)``, with its rotation."""
     angle = text.get_rotation()
     middle = text.get_window_extent(renderer)
     text.set_rotation(0.0)
@@ -61,7 +61,7 @@ def _corners(text: Any, renderer: Any) -> Any:
 
 
 def _cover(a: Any, b: Any) -> bool:
-    """Whether no line parallel to a side has one on either side of it."""
+    """Whether no line parallel to a side separates the two."""
     for box in (a, b):
         for side in (box[1] - box[0], box[3] - box[0]):
             across = side / (np.linalg.norm(side) or 1.0)
@@ -72,7 +72,7 @@ def _cover(a: Any, b: Any) -> bool:
 
 
 def _drawn(figure: Any) -> list[Any]:
-    """Texts that are drawn: of the ticks that an axis keeps, those within its limits."""
+    """Texts that are drawn: an axis also keeps ticks outside its limits."""
     kept, shown = set(), set()
     for ax in figure.findobj(Axes):
         for axis in [ax.xaxis, ax.yaxis, *([ax.zaxis] if ax.name == "3d" else [])]:

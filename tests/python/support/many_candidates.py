@@ -1,4 +1,4 @@
-"""H18 in a process of its own, whose peak memory is that of this problem."""
+"""H18 in its own process, whose peak memory is then that of this problem."""
 
 import json
 import sys
@@ -11,7 +11,7 @@ from bipot_rs.cli.peak_memory import peak_mb
 
 
 def main(nodes: int) -> None:
-    """Write what the answer misses by, and the bytes it took."""
+    """Print the error of the solution, and the memory in bytes."""
     touching = np.arange(nodes) % (nodes // 10) == 0
     before = peak_mb()
     K = sparse.diags_array(np.tile([2.0, 1.0], nodes), format="csr")

@@ -16,7 +16,7 @@ MODELS = {
 }
 
 
-# Labels as programs give them: in no order, with holes.
+# Labels as other programs give them: not sorted, with numbers missing.
 AXES = "xyz"
 
 
@@ -27,7 +27,7 @@ def labels(count: int) -> Any:
 def written(
     folder: Path, name: str, *, form: str = "market", by_dof: bool = False
 ) -> tuple[list[str], Any]:
-    """The files of a model, and the arguments for them; its case."""
+    """The files of a model, the arguments for them, and its case."""
     case = MODELS[name].assemble()
     model, dim = case.model, case.model.dim
     label = labels(len(model.nodes))

@@ -1,4 +1,4 @@
-"""The names of the methods, as API and documentation give them."""
+"""The names of the methods, as in the API and its documentation."""
 
 METHODS = (
     "auto",
@@ -14,7 +14,7 @@ METHODS = (
     "pivoting",
 )
 
-# Those that need supports: they refuse bodies that contact alone holds.
+# These methods need supports: they refuse bodies that contact alone holds.
 NEED_SUPPORTS = ("alternating_principles", "minimising_sequence", "pivoting")
 
 WITHOUT_SUPPORTS = tuple(name for name in METHODS if name not in NEED_SUPPORTS)

@@ -11,7 +11,7 @@ from bipot_rs import fem
 
 
 def of_arrays(model: fem.Assembly) -> bp.ContactProblem:
-    """The problem of a model's arrays, handed in as another program would."""
+    """The problem of a model's arrays, made as another program would make it."""
     return bp.ContactProblem(
         model.K,
         model.B,

@@ -1,9 +1,9 @@
 """Dense reference solver of `v = W r + R a + q`, `Rᵀ r + e = 0` under Coulomb's law.
 
 It shares no algorithm with the package: no projection, no sweep over nodes, no fixed
-point. `answers` tries every assignment of statuses to a few contacts, each by Newton's
-method on the equations of known statuses, and keeps what passes `violation`, the law
-(6), (8) as in textbooks. For more contacts: `smoothing.follow`.
+point. `answers` tries every combination of statuses of a few contacts. It solves the
+equations of each by Newton's method and keeps the solutions that pass `violation`, the
+law (6), (8) as in textbooks. For more contacts: `smoothing.follow`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +46,7 @@ class Problem:
         self.R, self.e = R, e / self.force
 
     def displacement(self, r: Array, a: Array) -> Array:
-        # Extended precision: the residuals of Newton's last steps are rounding.
+        # Extended precision, because the residuals of Newton's last steps are rounding errors.
         exact = np.hstack([self.W, self.R]).astype(np.longdouble) @ [*r.ravel(), *a]
         return np.asarray(exact.reshape(r.shape) + self.q, float)
 
@@ -56,10 +56,10 @@ class Problem:
 
 
 def fails(p: Problem, r: Array, a: Array) -> float:
-    """Largest violation of the law and of balance by a dimensionless answer."""
+    """Largest violation of the law and of balance by a dimensionless solution."""
     balance = float(np.abs(p.R.T @ r.ravel() + p.e).max(initial=0.0))
     v = p.displacement(r, a)
-    # Against deformation, not against v: a body that slides away has any v.
+    # Relative to the deformation, not to v: v of a body that slides away may be anything.
     return max(violation(r, v, p.mu, np.ones(1), p.W @ r.ravel(), p.q), balance)
 
 
@@ -79,7 +79,7 @@ def newton(p: Problem, law: Law, r: Array, a: Array, steps: int) -> tuple[Array,
         for i in range(p.n):
             rows[p.d * i : p.d * (i + 1), p.d * i : p.d * (i + 1)] += by_r[i]
         matrix = np.vstack([rows, np.hstack([p.R.T, np.zeros((k, k))])])
-        # Least squares: redundant supports leave r free, but not v.
+        # Least squares, because redundant supports determine v but not r.
         step = np.linalg.lstsq(matrix, -now, rcond=1e-13)[0]
         for part in 0.5 ** np.arange(12):
             r_new, a_new = r + part * step[:m].reshape(r.shape), a + part * step[m:]
@@ -93,7 +93,7 @@ def newton(p: Problem, law: Law, r: Array, a: Array, steps: int) -> tuple[Array,
 
 
 def known(p: Problem, status: Sequence[int], side: Array | None = None) -> Law:
-    """Equations of given statuses; slip along `side` (n, d-1), or along v_t itself."""
+    """Equations for given statuses; slip is along `side` (n, d-1), or along v_t itself."""
     kind, eye = np.array(status)[:, None], np.eye(p.d)
 
     def law(r: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -116,7 +116,7 @@ def known(p: Problem, status: Sequence[int], side: Array | None = None) -> Law:
 
 
 def answers(p: Problem, tolerance: float = 1e-10, starts: int = 8) -> Iterator[Answer]:
-    """Every answer of a few contacts: statuses exhausted, slip from `starts` directions."""
+    """All solutions of a few contacts: every status, slip from `starts` directions."""
     turn = np.arange(starts) * 2 * np.pi / starts
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     sides = circle if p.d == 3 else np.array([[1.0], [-1.0]])

@@ -1,4 +1,4 @@
-"""Bodies with their degrees of freedom in one order or another."""
+"""Bodies with their degrees of freedom in different orders."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ def body(
 
 
 def by_component(n: int, d: int) -> NDArray[np.int64]:
-    """Of each degree of freedom, all u_x first, the one that it is node after node."""
+    """For each degree of freedom with all u_x first, its number in node-by-node order."""
     return (d * dof_order.node_of("component", n, d)) + dof_order.components(
         "component", n, d
     )

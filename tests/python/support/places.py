@@ -1,4 +1,4 @@
-"""Where the repository and the data of the tests are."""
+"""Paths of the repository and of the data of the tests."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Reduced problems of small bodies; in the answer of each every status occurs."""
+"""Reduced problems of small bodies; every status occurs in each solution."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ MU = 0.3
 
 @cache
 def cube(turn: float = 0.0) -> bp.ReducedProblem:
-    """Held at its top, pressed and sheared on a plane that falls away at a corner."""
+    """A cube held at its top, pressed and sheared on a plane that slopes away at a corner."""
     body = block((1.0, 1.0, 1.0), (3, 3, 3), 200.0, 0.3)
     fixed = np.concatenate([body.dofs(2, 1.0, component) for component in range(3)])
     x, y = body.points.T[:2]
@@ -24,7 +24,7 @@ def cube(turn: float = 0.0) -> bp.ReducedProblem:
 
 @cache
 def square() -> bp.ReducedProblem:
-    """The same in the plane."""
+    """The same problem in the plane."""
     body = block((2.0, 1.0), (6, 3), 100.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, component) for component in (0, 1)])
     gap = 1e-2 * np.maximum(body.points[:, 0] - 1.2, 0.0)
@@ -34,7 +34,7 @@ def square() -> bp.ReducedProblem:
 
 @cache
 def free() -> bp.ReducedProblem:
-    """A block on a plane that falls away, held by contact alone."""
+    """A block on a plane that slopes away, held by contact alone."""
     body = block((2.0, 1.0), (6, 2), 100.0, 0.3)
     gap = 2e-2 * np.maximum(body.points[:, 0] - 1.2, 0.0)
     problem = bp.ContactProblem(body.K, body.B, gap=gap, mu=MU)

@@ -1,4 +1,4 @@
-"""Tractions over a contact beside a closed form, and their tables of refinement."""
+"""Tractions over a contact compared with a closed form, and tables of refinement."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class Profile(NamedTuple):
-    """Tractions (n_c, d) at distances x from the axis, and what they should be."""
+    """Tractions (n_c, d) at distances x from the axis, computed and expected."""
 
     x: Array
     area: Array
@@ -19,13 +19,13 @@ class Profile(NamedTuple):
     expected: Array
 
     def error(self, component: int) -> float:
-        """In the mean square over the area, relative to what is expected."""
+        """Root mean square over the area, relative to the expected values."""
         off = self.traction[:, component] - self.expected[:, component]
         size = np.sum(self.area * self.expected[:, component] ** 2)
         return float(np.sqrt(np.sum(self.area * off**2) / size))
 
     def on_axis(self, component: int) -> tuple[float, float]:
-        """Expected and computed."""
+        """Expected and computed value on the axis."""
         i = np.argmin(np.abs(self.x))
         return float(self.expected[i, component]), float(self.traction[i, component])
 
@@ -39,7 +39,7 @@ def refine(
     order: float,
     within: float,
 ) -> Refinement:
-    """Pairs of expected and computed numbers over the mesh sizes h/a."""
+    """Pairs of expected and computed numbers for the mesh sizes h/a."""
     expected, computed = [e for e, _ in numbers], [c for _, c in numbers]
     error = [abs(c / e - 1) for e, c in numbers]
     return Refinement(what, source, sizes, expected, computed, error, order, within)

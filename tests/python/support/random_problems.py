@@ -1,4 +1,4 @@
-"""Random reduced problems of every kind, from a seed alone."""
+"""Random reduced problems of every kind, each defined by its seed."""
 
 from typing import NamedTuple
 
@@ -32,21 +32,21 @@ def random_problem(kind: str, d: int, seed: int) -> Given:
     q = rng.normal(size=(n, d))
     q[:, 0] -= 0.5
     if kind == "redundant":
-        # Within the range of W: otherwise contacts may contradict each other.
+        # q is in the range of W: otherwise contacts may contradict each other.
         q = -(W @ np.abs(rng.normal(size=m))).reshape(n, d)
     mu = rng.uniform(0, 0.7, n)
     rigid = None
     if kind == "graded":
-        # Contacts of stiffnesses 1e-4 to 1e4, in units of their own.
+        # Contacts with stiffnesses from 1e-4 to 1e4, each in its own units.
         grade = np.repeat(10 ** rng.uniform(-2, 2, n), d)
         W, q = W * np.outer(grade, grade), q * grade.reshape(n, d)
     elif kind == "floating":
-        # All translations are free, and pressed well inside of friction.
+        # All translations are free; the loads balance reactions well inside the cone.
         R = np.tile(np.eye(d), (n, 1))
         e = np.append(-1.0, 0.5 * mu.min() * rng.uniform(-1, 1, d - 1) / d)
         rigid = (R, n * e)
     elif kind == "flat":
-        # Contacts that nothing loads sideways, some that just touch.
+        # Contacts without tangential load, and some that just touch.
         q[:, 1:] = 0.0
         q[rng.random(n) < 0.3] = 0.0
     elif kind == "frictionless":

@@ -1,4 +1,4 @@
-"""The command `bipot` in a process of its own, and what it prints."""
+"""The command `bipot` in its own process, and its output."""
 
 import json
 import subprocess
@@ -29,12 +29,12 @@ FILES = {"result.h5", "result.pvd", "contact.pvd", "steps.csv"}
 def bipot(
     *arguments: str, cwd: Path, status: int = 0
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in a fork of this process, in which its modules are loaded."""
+    """Run the command in a fork of this process, which has loaded its modules."""
     run = children.bipot(*arguments, cwd=cwd)
     assert run.returncode == status, run.stderr
     return run
 
 
 def lines(output: str) -> list[dict[str, Any]]:
-    """Every line of standard output is one JSON object."""
+    """Standard output as JSON objects, one per line."""
     return [json.loads(line) for line in output.splitlines()]

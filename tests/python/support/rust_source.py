@@ -1,4 +1,4 @@
-"""Rust source as the layer tests need it: code without comments, paths resolved."""
+"""Rust source for the layer tests: code without comments, paths resolved."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ _INLINE = re.compile(r"\bmod\s+(\w+)\s*\{")
 
 
 class Use(NamedTuple):
-    """One path that a file names: where, and the absolute path in the crate."""
+    """One path used by a file: its place, and the absolute path in the crate."""
 
     line: int
     path: tuple[str, ...]
@@ -57,7 +57,7 @@ def _closing(text: str, position: int) -> int:
 
 
 def _tree(text: str, position: int) -> tuple[list[tuple[str, ...]], int]:
-    """Paths of the use tree that starts here, and where it ends."""
+    """Paths of the use tree that starts here, and the position of its end."""
     path: tuple[str, ...] = ()
     while (token := _TOKEN.match(text, position)) is not None:
         if token[1] == "{":
@@ -104,13 +104,13 @@ def tree_violations(
     layers: tuple[str, ...],
     siblings: Mapping[str, tuple[str, ...]],
 ) -> list[str]:
-    """Uses against the order of the layers, and of the files within one.
+    """Uses that break the order of the layers, or of the files within one.
 
-    `tree` maps file names below `src` to their text, `layers` are from the one
-    that knows nobody to the one that may know all, and so are the `siblings` of
-    each layer that is a folder; those named in one string do not know each
-    other. A folder's `mod.rs` may use its files, they may not use it. Of a folder
-    within a folder, `linalg/sparse`, the order may be left open.
+    `tree` maps file names below `src` to their text. `layers` are listed from the lowest,
+    which uses no other, to the highest. `siblings` lists the files of each layer that is a
+    folder in the same way; names in one string must not use each other. A folder's `mod.rs`
+    may use its files, but they must not use it. The order within a nested folder, such as
+    `linalg/sparse`, need not be given.
     """
     modules = {module(file) for file in tree}
     found = []
@@ -138,14 +138,14 @@ def tree_violations(
             elif layers.index(path[0]) > layers.index(here[0]):
                 found.append(f"{where}: {here[0]} may not use {path[0]}")
             elif around := [f for f in orders if path[: len(f)] == f]:
-                # The innermost folder that both are in.
+                # The innermost folder that contains both.
                 depth = len(around[-1])
                 if len(path) == depth or path[: depth + 1] not in modules:
                     found.append(f"{where}: name the module it lives in")
                     continue
                 own, other = here[depth], path[depth]
                 ranks = orders[around[-1]]
-                # An undeclared file is reported in its own turn.
+                # An undeclared file is reported when its own turn comes.
                 if other != own and ranks.get(other, -1) >= ranks[own]:
                     found.append(f"{where}: {own} may not use {other}")
     return found
@@ -158,7 +158,7 @@ def _ranks(order: tuple[str, ...]) -> dict[str, int]:
 def naming_violations(
     tree: Mapping[str, str], word: str, allowed: tuple[str, ...]
 ) -> list[str]:
-    """Files outside `allowed` (names, or folders ending in `/`) whose code has `word`."""
+    """Files outside `allowed` (names, or folders ending in `/`) whose code contains `word`."""
     pattern = re.compile(rf"(?<!\w){re.escape(word)}(?!\w)")
     return [
         f"{file}: {word}"

@@ -1,4 +1,4 @@
-"""Flat and curved surfaces of facets whose nodes are moved at random."""
+"""Flat and curved surfaces of facets with randomly moved nodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ def sheet(
 ) -> tuple[Array, Ints]:
     """A square in z = 0 of n × n cells: facets with 3, 4, 6, 8 or 9 nodes, straight edges.
 
-    `up` has the normals along +z. Inner nodes are moved by up to `bend` cells.
+    `up` gives normals along +z. Inner nodes move by up to `bend` cells.
     """
     random = np.random.default_rng(seed)
     line = np.linspace(low, high, n + 1)
@@ -42,7 +42,7 @@ def sheet(
 
 
 def second_order(points: Array, cells: Ints, nodes: int) -> tuple[Array, Ints]:
-    """The same with nodes in the middles of the edges, and of the facets if there are 9."""
+    """The same with midside nodes, and midface nodes if facets have 9 nodes."""
     corners = cells.shape[1]
     edges = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     pairs, which = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
@@ -68,6 +68,6 @@ def line(x: Array, *, up: bool, middles: bool = False) -> tuple[Array, Ints]:
 
 
 def rotation(seed: int, d: int = 3) -> Array:
-    """A proper one."""
+    """A random rotation without reflection."""
     Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(d, d)))
     return np.asarray(Q * np.append(np.ones(d - 1), np.linalg.det(Q)))

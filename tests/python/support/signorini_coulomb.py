@@ -1,8 +1,8 @@
-"""A second judge: Signorini's and Coulomb's laws as inequalities, contact by contact.
+"""Independent check: Signorini's and Coulomb's laws as inequalities, contact by contact.
 
 It shares nothing with the package's certificate: no cone, no projection, no corrected
-displacement. It takes W, q, R, e as NumPy has them, sums v in extended precision, and
-says by how much each inequality is missed, in units that no problem can choose.
+displacement. It takes W, q, R, e as NumPy arrays, sums v in extended precision, and
+returns the violation of each inequality in units that do not depend on the problem.
 """
 
 from typing import NamedTuple
@@ -15,12 +15,12 @@ Rigid = tuple[Array, Array]
 
 
 class Missed(NamedTuple):
-    """By how much each part of (6), (8) and of balance is missed at the most.
+    """Largest violation of each part of (6), (8) and of the balance.
 
-    Displacements and forces of a contact are divided by the roots of its compliance,
-    `√(tr W_ii/d)` and its inverse, which gives both one unit, and then by the largest
-    of reactions, penetration and displacement to be undone: 1 is an answer that is
-    wrong altogether.
+    Displacements and forces of a contact are divided by the root of its compliance
+    `√(tr W_ii/d)` and by the inverse root, which gives both one unit. They are then divided
+    by the largest of reactions, penetration and displacement without reactions. A value of 1
+    means a completely wrong solution.
     """
 
     penetration: float
@@ -53,14 +53,14 @@ def judge(
     rigid: Rigid | None = None,
     a: Array | None = None,
 ) -> Missed:
-    """What `r`, and `a` of bodies held by contact alone, lack of an answer."""
+    """Violations by `r`, and by `a` of bodies held by contact alone."""
     v = displacement(W, q, r, rigid, a)
     free = q if rigid is None or a is None else q + (rigid[0] @ a).reshape(q.shape)
     blocks = np.asarray(W.diagonal()).reshape(q.shape).mean(axis=1)
     missed = inequalities(r, v, mu, blocks, free)
     if rigid is None:
         return missed
-    # A motion is as long as what it moves; the loads on it are then forces.
+    # A motion is measured by the displacement that it causes; its loads are then forces.
     R, e = rigid
     length = np.linalg.norm(R, axis=0)
     loads = np.abs(e / length).max(initial=0.0)
@@ -71,9 +71,9 @@ def judge(
 def inequalities(
     r: Array, v: Array, mu: Array | float, compliance: Array, free: Array
 ) -> Missed:
-    """The law alone, for r, v, and the displacement without reactions, (n_c, d)."""
+    """Violation of the law alone, for r, v and the displacement without reactions, (n_c, d)."""
     mu = np.broadcast_to(np.asarray(mu, float), len(r))
-    # A contact that nothing moves is left in the units of the softest.
+    # A contact without compliance uses the units of the softest contact.
     soft = np.where(compliance > 0, compliance, compliance.max(initial=0.0) or 1.0)
     root = np.sqrt(soft)[:, None]
     r, v, free = r * root, v / root, free / root
@@ -84,8 +84,8 @@ def inequalities(
     push, gap = r[:, 0], v[:, 0]
     friction, slip = np.linalg.norm(r[:, 1:], axis=1), np.linalg.norm(v[:, 1:], axis=1)
     way = v[:, 1:] / np.where(slip > 0, slip, 1.0)[:, None]
-    # Slip and what friction lacks of opposing it at its limit: one of them is 0. Where
-    # the slip is small beside the force, all that shows of a wrong way is that slip.
+    # Slip, and friction's distance from its limit against the slip: one of them is 0. If the
+    # slip is small compared with the force, a wrong direction shows only by the slip itself.
     lacks = np.linalg.norm(r[:, 1:] + (mu * push)[:, None] * way, axis=1)
     whole = slip + lacks + friction
     part = np.divide(lacks, whole, out=np.zeros_like(lacks), where=whole > 0)

@@ -1,8 +1,8 @@
-"""Slender bodies, and their displacements for given statuses in twice the precision.
+"""Slender bodies, and their displacements for given statuses in doubled precision.
 
-The stiffness of a strip a thousand times as long as thick spans sixteen digits: a direct
-solve in doubles leaves none. Here a band is eliminated with sums and products of pairs of
-doubles (`twice`), so that 32 digits carry what 16 do not; nothing of the package is used.
+The stiffness of a strip with aspect ratio 1000 spans sixteen digits, so a direct solve in
+doubles has no correct digit. Here a band matrix is eliminated with pairs of doubles
+(`twice`), which carry 32 digits. The package is not used.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ def times(a: Pair, b: Pair) -> Pair:
 
 
 def over(a: Pair, b: Pair) -> Pair:
-    """Quotient of two pairs, by one step of Newton on that of doubles."""
+    """Quotient of two pairs, by one Newton step from the quotient of doubles."""
     first = a[0] / b[0]
     back = times(exactly(first), b)
     rest = add(a, (-back[0], -back[1]))
@@ -40,7 +40,7 @@ def over(a: Pair, b: Pair) -> Pair:
 
 
 class Band:
-    """`L D Lᵀ` of a symmetric positive definite matrix, all in pairs."""
+    """`L D Lᵀ` of a symmetric positive definite matrix, with all numbers as pairs."""
 
     def __init__(self, K: Any) -> None:
         K = sparse.csr_array(K)
@@ -50,7 +50,7 @@ class Band:
         below = P.row >= P.col
         row, col, value = P.row[below], P.col[below], P.data[below]
         w = int((row - col).max(initial=0))
-        # Entry (j + k, j) is at [j, k]; w empty columns behind the last.
+        # Entry (j + k, j) is at [j, k]; w empty columns follow the last one.
         high = np.zeros((n + w, w + 1))
         high[col, row - col] = value
         low = np.zeros_like(high)
@@ -72,7 +72,7 @@ class Band:
         self.high, self.low, self.n, self.w = high, low, n, w
 
     def solve(self, b: Pair) -> Pair:
-        """`K⁻¹ b` of one column."""
+        """`K⁻¹ b` for one column."""
         n, w = self.n, self.w
         x = [np.concatenate([part[self.order], np.zeros(w)]) for part in b]
         for j in range(n):
@@ -115,8 +115,8 @@ class Band:
 class Reference:
     """Displacements of all degrees of freedom and reactions `(n_c, d)`.
 
-    `loads_alone` is the largest displacement without contact: what the rounding of
-    reactions that undo it is multiplied by.
+    `loads_alone` is the largest displacement without contact. It multiplies the rounding of
+    the reactions that cancel it.
     """
 
     u: Array
@@ -125,10 +125,10 @@ class Reference:
 
 
 def known(model: fem.Assembly, load: Array, result: bp.Result) -> Reference:
-    """The answer with the statuses of the last step, on contacts along axes.
+    """The solution for the statuses of the last step, with contacts along the axes.
 
-    Every row of `B` has one entry, 1 or −1: a contact that presses, or sticks, prescribes
-    a degree of freedom. One that slips is without friction.
+    Every row of `B` has one entry, 1 or −1: a contact that presses or sticks prescribes a
+    degree of freedom. A slipping contact must be frictionless.
     """
     B = sparse.csr_array(model.B)
     assert (np.diff(B.indptr) == 1).all()
@@ -177,7 +177,7 @@ def strip(
     second: bool = True,
     rise: float = 0.0,
 ) -> fem.Body:
-    """A box along x, bent into a parabola that is `rise` high where asked."""
+    """A box along x, bent into a parabola of height `rise` if given."""
     axes = [np.linspace(0, s, c + 1) for s, c in zip(lengths, cells, strict=True)]
     mesh: Any = fem.box(axes, cell)
     if second:
@@ -199,7 +199,7 @@ HOLDS = {
 
 
 def supports(how: str, dim: int) -> list[fem.Support]:
-    """Faces held, all components or some."""
+    """Faces held in all components or in some."""
     every = tuple(range(dim))
     made = []
     for surface, components in HOLDS[how]:
@@ -209,28 +209,28 @@ def supports(how: str, dim: int) -> list[fem.Support]:
 
 
 def floor(body: fem.Body, mu: float) -> fem.Contact:
-    """A rigid plane under the bottom."""
+    """A rigid plane under the bottom face."""
     dim = body.dim
     origin, up = np.zeros(dim), np.eye(dim)[-1]
     return fem.Contact("strip", "bottom", mu=mu, plane=(origin, up))
 
 
 def weight(model: fem.Assembly) -> Array:
-    """Own weight of steel, downwards."""
+    """Weight of steel, downwards."""
     down = np.zeros(model.dim)
     down[-1] = -STEEL[2]
     return model.body_force("strip", down)
 
 
 def lifted(model: fem.Assembly, traction: float) -> Array:
-    """A traction upwards on the right end."""
+    """An upward traction on the right end."""
     up = np.zeros(model.dim)
     up[-1] = traction
     return model.traction("strip", "right", up)
 
 
 def problem(model: fem.Assembly, coordinates: bool) -> bp.ContactProblem:
-    """With what a mesh tells of the places of nodes, or without."""
+    """The problem, with or without the coordinates that a mesh gives."""
     if coordinates:
         return model.problem()
     return bp.ContactProblem(
@@ -239,17 +239,17 @@ def problem(model: fem.Assembly, coordinates: bool) -> bp.ContactProblem:
 
 
 def off(a: Array, b: Array) -> float:
-    """How far `a` is from `b`, relative to the largest of `b`."""
+    """Largest difference of `a` and `b`, relative to the largest entry of `b`."""
     return float(np.abs(a - b).max() / np.abs(b).max())
 
 
-# Displacements and reactions are known to ε times what the contacts amplify: 1e4 to 1e6
-# of slender strips that lie down. A motion taken for a free one is wrong by 1e-4 to 1.
+# Displacements and reactions are exact to ε times an amplification by the contacts of 1e4
+# to 1e6 for slender strips on a floor. A motion wrongly taken as free costs 1e-4 to 1.
 EXACT = 1e-9
 
 
 def deflection(slenderness: float, length: float = 1000.0) -> float:
-    """Traction on the end of a strip [N/mm²] that lifts it by 5 mm, by beam theory."""
+    """Traction [N/mm²] on the end of a strip that lifts it by 5 mm, by beam theory."""
     height = length / slenderness
     return 5.0 * STEEL[0] * height**2 / (4 * length**3)
 
@@ -258,7 +258,7 @@ def is_right(model: fem.Assembly, load: Array, result: bp.Result) -> None:
     there = known(model, load, result)
     assert result.converged.all()
     largest = EXACT * np.abs(there.u).max()
-    # Reactions have sixteen digits, whatever displacement they undo.
+    # Reactions have sixteen digits, whatever displacement they cancel.
     largest += 64 * np.finfo(float).eps * there.loads_alone
     assert np.abs(result.displacement[-1] - there.u).max() <= largest
     largest = np.abs(there.r).max()
@@ -273,7 +273,7 @@ def is_right(model: fem.Assembly, load: Array, result: bp.Result) -> None:
 
 
 def drawn(rng: np.random.Generator) -> tuple[fem.Assembly, Array, bool]:
-    """A slender body at random, and its load."""
+    """A random slender body and its load."""
     slenderness = 10 ** rng.uniform(1.0, np.log10(5000.0))
     dim = int(rng.choice([2, 2, 3]))
     cell = str(rng.choice(CELLS[dim]))
@@ -293,7 +293,7 @@ def drawn(rng: np.random.Generator) -> tuple[fem.Assembly, Array, bool]:
 
 
 def held(seeds: Iterable[int]) -> Counter[str]:
-    """What is solved is right; no body that supports hold is called free."""
+    """Checks the solution, and that no body with supports is called free."""
     met: Counter[str] = Counter()
     for seed in seeds:
         model, load, coordinates = drawn(np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""The oracle for any number of contacts: a smooth law, its smoothing sent to zero."""
+"""The oracle for any number of contacts: a smoothed law whose smoothing goes to zero."""
 
 import numpy as np
 
@@ -24,13 +24,13 @@ def smooth(p: Problem, eps: float) -> Law:
 
 
 def follow(p: Problem, tolerance: float = 1e-12) -> Answer:
-    """One answer of any number of contacts, by smoothing continuation."""
+    """One solution for any number of contacts, by smoothing continuation."""
     r, a, eps = np.eye(1, p.d) * np.ones((p.n, 1)), np.zeros(p.e.size), 1.0
     while eps > 1e-9:
         r, a = newton(p, smooth(p, eps), r, a, 50)
         eps *= 0.5
     v = p.displacement(r, a)
-    # Sticking leaves v_t of the order of ε, in proportion to the load; slip does not.
+    # A sticking v_t is of the order of ε and in proportion to the load; slip is not.
     sliding = np.where(np.linalg.norm(v[:, 1:], axis=1) > 1e3 * eps, SLIP, STICK)
     status = np.where(r[:, 0] < v[:, 0], OPEN, sliding).tolist()
     r, a = newton(p, known(p, status), r, a, 30)

@@ -1,4 +1,4 @@
-"""A sphere of triangles, halved from an icosahedron."""
+"""A sphere of triangles, refined from an icosahedron."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +8,11 @@ Ints = NDArray[np.int64]
 
 
 def icosphere(halvings: int) -> tuple[Floats, Ints]:
-    """Corners ``(m, 3)`` on the unit sphere and triangles ``(k, 3)``, normals outwards."""
+    """Corners ``(m, 3)`` on the unit sphere and triangles ``(k, 3)``, with outward normals."""
     g = (1 + 5**0.5) / 2
     x = np.array([[0, s, t * g] for s in (-1, 1) for t in (-1, 1)])
     x = np.concatenate([np.roll(x, k, axis=1) for k in range(3)])
-    # The faces are the triples of corners at the least distance, 2, from each other.
+    # The faces are the triples of corners at the smallest distance, 2.
     near = np.abs(np.linalg.norm(x[:, None] - x, axis=2) - 2) < 1e-9
     triangles = [
         (i, j, k)

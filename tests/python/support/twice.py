@@ -1,8 +1,8 @@
-"""Linear systems in twice the precision: refinement with sums that lose nothing.
+"""Linear systems in doubled precision: iterative refinement with exact sums.
 
-A number is the unevaluated sum of two arrays. The factors of SuperLU are as rough as
-the condition makes them; residuals in twice the precision take their errors out, and
-how small the last correction is says how exact the answer has become.
+A number is the unevaluated sum of two arrays. The condition limits the accuracy of
+SuperLU's factors. Residuals in doubled precision remove that error, and the size of the
+last correction shows the accuracy reached.
 """
 
 from typing import Any
@@ -17,14 +17,14 @@ Pair = tuple[Array, Array]
 
 
 def two_sum(a: Array, b: Array) -> Pair:
-    """``a + b`` and what its rounding lost (Knuth)."""
+    """``a + b`` and its rounding error (Knuth)."""
     high = a + b
     part = high - a
     return high, (a - (high - part)) + (b - part)
 
 
 def two_product(a: Array, b: Array) -> Pair:
-    """``a b`` and what its rounding lost (Dekker)."""
+    """``a b`` and its rounding error (Dekker)."""
     high = a * b
     (a1, a2), (b1, b2) = _split(a), _split(b)
     return high, ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2
@@ -37,19 +37,19 @@ def _split(a: Array) -> Pair:
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """Sum of two pairs, to a few roundings of the lower one."""
+    """Sum of two pairs, to a few roundings of the lower part."""
     high, low = two_sum(a[0], b[0])
     return two_sum(high, low + a[1] + b[1])
 
 
 def product(A: Any, x: Pair) -> Pair:
-    """``A x`` of a sparse matrix and columns ``(n, m)``, entry by entry of each row."""
+    """``A x`` of a sparse matrix and columns ``(n, m)``, one entry of each row at a time."""
     A = sparse.csr_array(A)
     rows = np.diff(A.indptr)
     shape = (A.shape[0], x[0].shape[1])
     total = np.zeros(shape), np.zeros(shape)
     for k in range(rows.max(initial=0)):
-        # Shorter rows repeat an entry, times zero.
+        # Shorter rows repeat an entry, multiplied by zero.
         at = np.minimum(A.indptr[:-1] + k, A.nnz - 1)
         value = np.where(k < rows, A.data[at], 0.0)[:, None]
         column = A.indices[at]
@@ -74,5 +74,5 @@ def solve(A: Any, b: Pair) -> Pair:
 
 
 def exactly(a: Array) -> Pair:
-    """A pair without a lower part."""
+    """A pair with a zero lower part."""
     return a, np.zeros(a.shape)

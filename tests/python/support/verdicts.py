@@ -1,8 +1,7 @@
-"""Small problems at random, and what the verdicts of the package on one of them must share.
+"""Small random problems, on which the verdicts of the package must not contradict.
 
-Every function that says something of a problem, that an answer exists or does not, that
-it is the only one, how far it is, may say that it does not know. None may say what another
-one has proved to be false.
+Some functions say whether a solution exists, whether it is unique, and how far away it
+is. Each may return "unknown". None may state what another one has disproved.
 """
 
 from collections import Counter
@@ -18,15 +17,15 @@ from random_problems import Given
 
 Array = NDArray[np.float64]
 
-# Beyond these an oracle in doubles does not tell balance from rounding.
+# Beyond these an oracle in doubles cannot separate balance from rounding.
 CLEAR = 1e-6
 
 
 def small_problem(seed: int) -> Given:
     """One to three plane contacts, mu from 0.1 to 1e6, most with rigid motions.
 
-    Integers make dependent rows, contacts that just touch and loads on the border of a
-    cone; two thirds of the matrices are singular.
+    Integers give dependent rows, contacts that just touch, and loads on the boundary of a
+    cone. Two thirds of the matrices are singular.
     """
     rng = np.random.default_rng([20, seed])
     n = int(rng.integers(1, 4))
@@ -56,7 +55,7 @@ def small_problem(seed: int) -> Given:
         return Given(W, q, mu, None)
     e = rng.integers(-3, 4, k) * 1.0
     if rng.random() < 0.4:
-        # Loads that some reactions inside the cones balance.
+        # Loads that balance some reactions inside the cones.
         r = np.zeros((n, 2))
         r[:, 0] = rng.integers(0, 3, n)
         r[:, 1] = 0.5 * rng.integers(-2, 3, n) * np.minimum(mu, 1.0) * (r[:, 0] > 0)
@@ -65,14 +64,14 @@ def small_problem(seed: int) -> Given:
 
 
 def friction_alone(seed: int) -> Given:
-    """A slider that friction alone holds against the loads on it, mu from 10 to 1e12.
+    """A slider held against its loads by friction alone, mu from 10 to 1e12.
 
-    Its contacts press with the loads over mu if at all, and a spring opens them by that.
+    Friction needs a pressure of the loads over mu, which would open the contact's spring.
     """
     rng = np.random.default_rng([21, seed])
     n = int(rng.integers(1, 4))
     W = np.diag(np.ravel([[rng.integers(1, 9), 0.0] for _ in range(n)]))
-    # Open, just touching, or pressed on as well.
+    # Open, just touching, or also pressed.
     opening = rng.integers(-1, 2, n) * rng.random(n)
     q = np.column_stack([opening, rng.normal(size=n)])
     R = np.zeros((2 * n, 1))
@@ -83,7 +82,7 @@ def friction_alone(seed: int) -> Given:
 def three_contacts(seed: int) -> Given:
     """Three plane contacts of bodies with one to three rigid motions, mu up to 1.
 
-    Loads as they come, or balanced by reactions that nothing presses that way.
+    Loads are random, or balance reactions that the gaps do not cause.
     """
     rng = np.random.default_rng([22, seed])
     k = int(rng.integers(1, 4))
@@ -100,17 +99,17 @@ def three_contacts(seed: int) -> Given:
 
 
 def out_of_balance(given: Given) -> float:
-    """By how much no reactions of the cones balance the loads, relative to them.
+    """Smallest imbalance of the loads with any reactions in the cones, relative to the loads.
 
-    By a linear programme: the motion of the dual cones, of amounts up to 1, on which the
-    loads work most.
+    A linear programme finds the motion in the dual cones, with amounts up to 1, on which the
+    loads do most work.
     """
     assert given.rigid is not None
     R, e = given.rigid
     size = np.abs(e).max(initial=0.0)
     if size == 0:
         return 0.0
-    # r_n ≥ 0 and |r_t| ≤ mu r_n, the tangents in units of mu: rows of order one.
+    # r_n ≥ 0 and |r_t| ≤ mu r_n, with tangents in units of mu: rows of order one.
     rows = R.reshape(*given.q.shape, -1)
     large = np.maximum(given.mu, 1.0)[:, None]
     edges = [
@@ -126,19 +125,19 @@ def out_of_balance(given: Given) -> float:
 
 
 def proves_none(direction: Array, given: Given) -> bool:
-    """Whether a motion of the contacts lies in the dual cones, is rigid, and loaded."""
+    """Whether a motion of the contacts is in the dual cones, rigid, and does work."""
     assert given.rigid is not None
     R, e = given.rigid
     a, *_ = np.linalg.lstsq(R, direction.ravel(), rcond=None)
     rigid = np.abs(R @ a - direction.ravel()).max() <= 1e-9
     slack = direction[:, 0] - given.mu * np.abs(direction[:, 1])
-    # In units of a reaction of length one: a large mu makes rows large.
+    # In units of a reaction of length one, because a large mu makes rows large.
     slack /= np.hypot(1.0, given.mu)
     return bool(rigid and slack.min() >= -1e-9 and e @ a > 0)
 
 
 class Seen(NamedTuple):
-    """What was met, by name."""
+    """Names of what occurred, with counts."""
 
     counts: Counter[str]
 
@@ -148,7 +147,7 @@ class Seen(NamedTuple):
 
 
 def check(given: Given, seen: Seen, methods: tuple[str, ...] = ("auto",)) -> None:
-    """Ask everything of a problem; an assertion fails where two verdicts contradict."""
+    """Compute all verdicts of a problem; assert that no two contradict each other."""
     try:
         problem = given.problem()
     except bp.BipotError:
@@ -160,7 +159,7 @@ def check(given: Given, seen: Seen, methods: tuple[str, ...] = ("auto",)) -> Non
     assert not {"guaranteed", "none"} <= verdicts
     assert not (none and "guaranteed" in verdicts)
     assert not (len(answers) and "none" in verdicts)
-    # What is proved, whoever proves it.
+    # Statements proved by any of the functions.
     exists = bool(len(answers)) or "guaranteed" in verdicts
     absent = none or "none" in verdicts
     seen.add("exists" if exists else "absent" if absent else "open")
@@ -184,7 +183,7 @@ def check(given: Given, seen: Seen, methods: tuple[str, ...] = ("auto",)) -> Non
 
 
 def check_proof(given: Given, solution: bp.Solution) -> None:
-    """A motion that is told with the proof proves, and no load is to be lowered."""
+    """The motion given as a proof is one, and no smaller load is advised."""
     assert "lower the loads" not in solution.message
     if str(solution.outcome) != "no_equilibrium" or given.rigid is None:
         return
@@ -198,7 +197,7 @@ def check_proof(given: Given, solution: bp.Solution) -> None:
 
 
 def check_bound(given: Given, r: Array, answers: bp.Answers, seen: Seen) -> None:
-    """Answers lie where the bound says, and none where it says that there is no other."""
+    """Solutions lie inside the bound, and there is no second one where it excludes one."""
     bound = given.problem().error_bound(r)
     seen.add(f"bound {bound.kind}")
     if bound.kind == "not available" or not answers.complete:
@@ -214,7 +213,7 @@ def check_bound(given: Given, r: Array, answers: bp.Answers, seen: Seen) -> None
         ]
     )
     size = np.sqrt(np.abs(given.W).max()) * np.abs(r).max(initial=0.0)
-    # Answers are known to 1e-12 of the reactions, or to their rounding.
+    # Solutions are exact to 1e-12 of the reactions, or to their rounding.
     blur = 1e-11 * size + 1e-300
     assert (away <= bound.energy + blur).any()
     assert (away < bound.alone_within - blur).sum() <= 1
@@ -223,7 +222,7 @@ def check_bound(given: Given, r: Array, answers: bp.Answers, seen: Seen) -> None
 
 
 def agree(seeds: range) -> Counter[str]:
-    """Every verdict on small problems beside every other."""
+    """Compare all verdicts on small problems."""
     seen = Seen(Counter())
     for seed in seeds:
         check(small_problem(seed), seen)
@@ -231,7 +230,7 @@ def agree(seeds: range) -> Counter[str]:
 
 
 def sliders(seeds: range) -> Counter[str]:
-    """The same of bodies that friction alone holds, by every method that takes them."""
+    """The same for bodies that friction alone holds, by every method that accepts them."""
     seen = Seen(Counter())
     for seed in seeds:
         check(friction_alone(seed), seen, WITHOUT_SUPPORTS)
@@ -239,7 +238,7 @@ def sliders(seeds: range) -> Counter[str]:
 
 
 def proofs(seeds: range) -> Counter[str]:
-    """Of three contacts, what is told where there is no answer."""
+    """Messages for three contacts without a solution."""
     counts: Counter[str] = Counter()
     for seed in seeds:
         given = three_contacts(seed)
@@ -248,7 +247,7 @@ def proofs(seeds: range) -> Counter[str]:
         check_proof(given, solution)
         none = str(solution.outcome) == "no_equilibrium"
         if lack > CLEAR:
-            # A proof exists: it is found.
+            # A proof exists, so it must be found.
             assert none
             assert solution.free_motion is not None
             counts["motion"] += 1
@@ -260,7 +259,7 @@ def proofs(seeds: range) -> Counter[str]:
 
 
 def locals_of(seeds: range) -> Counter[str]:
-    """Local verdicts near answers of one to three contacts, against all answers."""
+    """Local verdicts near solutions of one to three contacts, compared with all solutions."""
     seen = Seen(Counter())
     for seed in seeds:
         rng = np.random.default_rng([25, seed])
@@ -268,7 +267,7 @@ def locals_of(seeds: range) -> Counter[str]:
         root = rng.normal(size=(2 * n, 2 * n))
         W = root @ root.T + 0.2 * np.eye(2 * n)
         q, mu = rng.normal(size=(n, 2)), rng.uniform(0.5, 4.0, n)
-        # Two contacts that do not touch each other: balls on islands.
+        # Two uncoupled contacts: balls on islands.
         if n == 3:
             W[:2, 2:] = W[2:, :2] = 0.0
         given = Given((W + W.T) / 2, q, mu, None)

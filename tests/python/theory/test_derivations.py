@@ -1,7 +1,7 @@
-"""What docs/theory.md derives, tried on numbers: no part of the package is used.
+"""Derivations of docs/theory.md checked with numbers, without using the package.
 
-Names follow [dSF91]: t0, u0, h0 the start of the step, dt and du its increments,
-components normal first; b(-du, dt) is the bipotential (54).
+Names follow [dSF91]: t0, u0, h0 are the start of the step, dt and du its increments,
+with components normal first; b(-du, dt) is the bipotential (54).
 """
 
 import math
@@ -17,7 +17,7 @@ MU = 0.7
 def bipotential(du: Array, dt: Array, t0: Array, gap0: float, mu: float = MU) -> float:
     """(54) as printed; `gap0` is u_n0 + h0."""
     t = t0 + dt
-    # Limits are met to rounding of sums of a few numbers of order one.
+    # Limits hold to the rounding of sums of a few numbers of order one.
     if np.linalg.norm(t[1:]) > mu * t[0] + 1e-14 or du[0] + gap0 < -1e-14:
         return math.inf
     at_start = t0[0] * du[0] + t0[1:] @ du[1:] + dt[0] * gap0
@@ -43,7 +43,7 @@ def on_the_law(rng: np.random.Generator, dim: int) -> tuple[Array, Array]:
 
 
 def start(rng: np.random.Generator, dim: int, kind: str) -> tuple[Array, float]:
-    """Start tractions and gap: complementary, or both positive, or penetrated."""
+    """Start tractions and gap: complementary, both positive, or penetrating."""
     t0 = np.zeros(dim)
     t0[0] = rng.exponential()
     t0[1:] = MU * t0[0] * rng.uniform(-1, 1, dim - 1) / math.sqrt(dim - 1)
@@ -114,7 +114,7 @@ def test_left_dual_holds_the_disc_of_the_unbarred_normal_traction() -> None:
         assert bounded == (disc and t0[0] + z_n >= 0)
         if bounded:
             assert best[0] == pytest.approx((t0[0] + z_n - dt[0]) * gap0, rel=1e-12)
-        # The printed cone of the barred pair agrees with the supremum in one case only.
+        # The printed cone of the barred pair agrees with the supremum in only one case.
         cone = abs(t0[1] + z_t) <= MU * (t0[0] + z_n)
         assert (cone == bounded) == ((z_n, z_t) == (0.4, 0.1))
 
@@ -130,21 +130,21 @@ def test_variational_inequality_with_the_displacement_hat(dim: int) -> None:
         # (74) with û_t: for every t* of the cone.
         first = (x[0] + MU * np.linalg.norm(x[1:])) * (trial[0] - t[0])
         assert first + x[1:] @ (trial[1:] - t[1:]) >= -1e-13
-        # With t̂_t, as printed, it fails (the units differ too).
+        # With t̂_t, as printed, it fails (and the units differ).
         wrong += first + (t - t0)[1:] @ (trial[1:] - t[1:]) < -1e-3
         assert gap0 >= 0
     assert wrong > 10
 
 
 def test_bipotential_alone_has_no_lower_bound() -> None:
-    # t = 0 at the end of the step is admissible; then b falls along -t_t0.
+    # t = 0 at the end of the step is admissible, and b then decreases along -t_t0.
     t0 = np.array([1.0, 0.5])
     values = [bipotential(np.array([0.0, -s]), -t0, t0, 0.0) for s in (1, 10, 100)]
     assert values == pytest.approx([-0.5, -5.0, -50.0], rel=1e-15)
 
 
 def test_bifunctional_is_the_sum_of_distances_and_gaps() -> None:
-    # Φ + Π + Σ b = ½|u - w|²_K + Σ r·ṽ, with w the elastic answer to f + Bᵀ r.
+    # Φ + Π + Σ b = ½|u - w|²_K + Σ r·ṽ, with w the elastic solution for f + Bᵀ r.
     rng = np.random.default_rng(4)
     for _ in range(50):
         root = rng.normal(size=(6, 6))

@@ -18,7 +18,7 @@ SEEDS = range(12)
 
 
 class Given(NamedTuple):
-    """Two bodies that touch each other and the ground, one prescribed end, two steps."""
+    """Two bodies in contact with each other and the ground, one prescribed end, two steps."""
 
     K: Array
     B: Array
@@ -42,14 +42,14 @@ def given(d: int, seed: int) -> Given:
         root = rng.normal(size=(size, size))
         part = slice(k * size, (k + 1) * size)
         K[part, part] = root @ root.T + np.eye(size)
-    # Contacts 0 and 1 between the bodies, 2 and 3 of the first with the ground.
+    # Contacts 0 and 1 are between the bodies, 2 and 3 between the first and the ground.
     B = np.zeros((contacts * d, 2 * size))
     for i in range(contacts):
         frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
         B[i * d : (i + 1) * d, i * d : (i + 1) * d] = frame
         if i < 2:
             B[i * d : (i + 1) * d, size + i * d : size + (i + 1) * d] = -frame
-    # The last node of each body, which no contact touches, is held in part.
+    # The last node of each body has no contact and is partly held.
     fixed = np.array([size - 1, 2 * size - 2, 2 * size - 1])
     gap = rng.normal(size=(contacts, d)) * 0.1
     load = rng.normal(size=(2, 2 * size))
@@ -82,7 +82,7 @@ def static(rng: np.random.Generator, mu: Array, d: int) -> Array:
 
 
 def started(g: Given, seed: int, kind: str) -> tuple[Functionals, Array, Array]:
-    """Functionals from a start state, and ``t0`` and ``u0`` of it."""
+    """Functionals with a start state, and its ``t0`` and ``u0``."""
     rng = np.random.default_rng([7, seed])
     problem, d = g.problem(), g.gap.shape[1]
     t0, u0 = np.zeros_like(g.gap), np.zeros(len(g.K))
@@ -92,7 +92,7 @@ def started(g: Given, seed: int, kind: str) -> tuple[Functionals, Array, Array]:
         result = problem.solve(g.load, g.prescribed, tol=1e-14)
         t0, u0 = result[0].reaction, result[0].displacement
         made = Functionals.of_step(problem, g.K, result, 1)
-    else:  # any: neither complementary nor in equilibrium
+    else:  # # any: neither complementary nor in equilibrium
         t0, u0 = static(rng, g.mu, d), rng.normal(size=len(g.K))
         start = State(reaction=t0, displacement=u0)
         made = Functionals(problem, g.K, g.load[1], g.prescribed[1], start=start)
@@ -109,7 +109,7 @@ def test_the_bifunctional_is_the_energy_out_of_balance_and_the_gaps(
         g = given(d, seed)
         f, t0, _ = started(g, seed, kind)
         u, r = kinematic(rng, g, f), static(rng, g.mu, d)
-        # w by dense algebra, with other motions of the supports than prescribed.
+        # w by dense algebra, with prescribed values that differ from the given ones.
         ends = f.prescribed + rng.normal(size=3)
         free = np.setdiff1d(np.arange(len(u)), g.fixed)
         w = np.zeros(len(u))
@@ -131,7 +131,7 @@ def test_the_bifunctional_is_the_energy_out_of_balance_and_the_gaps(
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_friction_stands_in_both_principles(d: int) -> None:
+def test_friction_appears_in_both_principles(d: int) -> None:
     share = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -142,7 +142,7 @@ def test_friction_stands_in_both_principles(d: int) -> None:
         twice = f.displacement_functional(u, r - t0) + f.stress_functional(r - t0, u)
         once = f.bifunctional(u, r - t0)
         friction = float(np.sum(g.mu * r[:, 0] * slip))
-        # Rounding of energies of the size of these.
+        # Rounding of energies of this size.
         size = abs(f.potential(u)) + f.strain_energy(u)
         size += f.complementary_energy(r - t0)
         assert twice - once == pytest.approx(friction, abs=1e-13 * size)
@@ -192,8 +192,8 @@ def test_at_the_steps_of_a_scene_it_vanishes(
     for k in steps(result):
         f = Functionals.of_step(problem, K, result, k, increments=increments)
         u, r = solution(result, k, increments)
-        # Increments are differences of totals, and B of energies, each a sum of some
-        # hundred products: that many roundings, of which most cancel.
+        # Increments are differences of totals, and B is a difference of energies. Each is a sum
+        # of some hundred products with as many roundings, most of which cancel.
         total = result[k].displacement
         size = total @ (K @ total)
         assert abs(f.excess(u, r)) <= 2e-13 * size
@@ -202,7 +202,7 @@ def test_at_the_steps_of_a_scene_it_vanishes(
 
 
 @pytest.mark.parametrize(("name", "n"), SCENES)
-def test_the_solution_is_the_least_of_admissible_fields(name: str, n: int) -> None:
+def test_the_solution_minimises_over_admissible_fields(name: str, n: int) -> None:
     K, problem, result = solved(name, n)
     rng = np.random.default_rng(3)
     modes = problem._core.modes().T
@@ -217,8 +217,8 @@ def test_the_solution_is_the_least_of_admissible_fields(name: str, n: int) -> No
         v = f.relative_displacement(u)
         B = f._contact
         for size in 10.0 ** np.arange(-6, 1):
-            # (28a): moves that keep what is prescribed, then opened where they penetrate
-            # by as much as the contact's own degrees of freedom can.
+            # (28a): variations that keep prescribed values, then opened where they penetrate, as
+            # far as the contact's own degrees of freedom allow.
             step = size * np.abs(total).max() * rng.normal(size=len(u))
             step[f._fixed] = 0
             trial = u + step
@@ -232,7 +232,7 @@ def test_the_solution_is_the_least_of_admissible_fields(name: str, n: int) -> No
             if np.isfinite(value):
                 moved += 1
                 assert value >= least - rounding
-            # (28b): reactions of the cone, in balance where a body is free.
+            # (28b): reactions in the cone, in balance where a body is free.
             new = t0 + r + size * np.abs(t0 + r).max() * rng.normal(size=r.shape)
             new, _ = bp.project(new, problem._mu)
             if modes.size:
@@ -242,13 +242,13 @@ def test_the_solution_is_the_least_of_admissible_fields(name: str, n: int) -> No
             if np.isfinite(value):
                 pressed += 1
                 assert value >= least - rounding
-    # The bodies' own contact nodes move one by one: most trials are admissible.
+    # Contact nodes of the bodies move one by one, so most trials are admissible.
     assert moved >= 4
     assert pressed >= 4
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_solution_is_the_least_on_random_bodies(d: int) -> None:
+def test_the_solution_minimises_on_random_bodies(d: int) -> None:
     for seed in SEEDS:
         rng = np.random.default_rng([1, seed])
         g = given(d, seed)
@@ -259,12 +259,12 @@ def test_the_solution_is_the_least_on_random_bodies(d: int) -> None:
         t0 = result[0].reaction
         total = result[1].displacement
         size = total @ g.K @ total + f.strain_energy(du)
-        # A difference of two solutions, whose reactions are right to 1e-14.
+        # A difference of two solutions, whose reactions are exact to 1e-14.
         assert abs(f.bifunctional(du, dr)) <= 1e-12 * size
         for _ in range(20):
             u, r = kinematic(rng, g, f), static(rng, g.mu, d)
             part = rng.random() ** 4
-            # Between an admissible field and the solution all are admissible.
+            # All fields between an admissible field and the solution are admissible.
             near, held = du + part * (u - du), dr + part * (r - t0 - dr)
             ends = f.prescribed + part * rng.normal(size=3)
             for value in (
@@ -275,12 +275,12 @@ def test_the_solution_is_the_least_on_random_bodies(d: int) -> None:
             ):
                 assert np.isfinite(value)
                 assert value >= -1e-12 * size
-            # A strictly convex part: what is moved by much is paid for.
+            # B has a strictly convex part: a large variation increases it.
             assert f.bifunctional(near, held) >= f.excess(near, held) / 2
 
 
 def test_without_contact_it_is_the_sum_of_the_two_energies() -> None:
-    # (25), and that Φ and Π are each other's bounds: Φ(u) + Π(σ) >= 0, = 0 for u = w.
+    # (25), and Φ and Π bound each other: Φ(u) + Π(σ) >= 0, = 0 for u = w.
     g = given(2, 0)
     problem = g.problem()
     f = Functionals(problem, g.K, g.load[0], g.prescribed[0])
@@ -291,7 +291,7 @@ def test_without_contact_it_is_the_sum_of_the_two_energies() -> None:
     assert f.potential(w) + f.complementary(none) == pytest.approx(0, abs=1e-13 * size)
     other = w.copy()
     other[0] += 1.0
-    # Moved by e the potential rises by ½ eᵀ K e.
+    # A variation by e increases the potential by ½ eᵀ K e.
     assert f.potential(other) - f.potential(w) == pytest.approx(
         g.K[0, 0] / 2, rel=1e-10
     )
@@ -335,13 +335,13 @@ def test_what_leaves_the_domain_is_infinite() -> None:
     deep = u - 100 * g.B[0] / (g.B[0] @ g.B[0])
     assert np.isinf(f.bipotential(deep, r)[0])
     assert np.isinf(f.displacement_functional(deep, r))
-    # (68) knows the normal part of dr alone.
+    # (68) depends only on the normal part of dr.
     assert np.isfinite(f.displacement_functional(u, dragged))
     assert f.displacement_functional(u, dragged) == f.displacement_functional(u, r)
 
 
 def test_a_free_body_needs_balance() -> None:
-    # A slider on a spring: K = diag(1, 0). Nothing but friction balances F.
+    # A slider on a spring: K = diag(1, 0). Only friction balances F.
     K, B = np.diag([1.0, 0.0]), np.eye(2)
     problem = bp.ContactProblem(K, B, gap=[0.0], mu=0.5)
     f = Functionals(problem, K, [-1.0, 0.25])
@@ -377,8 +377,8 @@ def test_wrong_arguments_are_named() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_print_of_23_lacks_a_sign(seed: int) -> None:
-    # With b(u, t) in place of b(-u, t) the tractions push the wrong way: the solution is
-    # no minimum, and moving along them goes downhill.
+    # With b(u, t) in place of b(-u, t) the tractions act in the wrong direction: the
+    # solution is not a minimum, and B decreases along them.
     g = given(2, seed)
     problem = g.problem()
     result = problem.solve(g.load, g.prescribed, tol=1e-14)
@@ -400,15 +400,15 @@ def test_the_print_of_23_lacks_a_sign(seed: int) -> None:
     size = np.sqrt(at_end @ g.K @ at_end)
     to = du + 1e-3 * size * way
     assert total(du, 1) == pytest.approx(f.bifunctional(du, dr), abs=1e-11 * size**2)
-    # Upwards as it should be: contacts that pressed open, or slide against friction.
+    # B increases, as it must: pressed contacts open, or slide against friction.
     assert total(to, 1) > total(du, 1)
     assert total(to, -1) < total(du, -1) - 1e-6 * size**2
 
 
 @pytest.mark.parametrize("F", [0.75, 1.0, 2.0])
 def test_both_principles_may_hold_where_there_is_no_solution(F: float) -> None:
-    # A slider on a spring, pulled by F > μ. (65), (66) are fulfilled, B is bounded below and
-    # takes its least value, each of (28a) and (28b) holds there, and B is not zero.
+    # A slider on a spring, pulled by F > μ. (65) and (66) hold, B is bounded below and takes
+    # its minimum, (28a) and (28b) hold there, but B is not zero.
     mu = 0.5
     K = np.diag([1.0, 0.0])
     problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=mu)
@@ -418,14 +418,14 @@ def test_both_principles_may_hold_where_there_is_no_solution(F: float) -> None:
     assert f.bifunctional(u, r) == pytest.approx(least, rel=1e-14)
     for opening in (0.0, 0.1, 0.7, 4.0):
         for slip in (-5.0, -1e-3, 0.0, 1e-3, 3.0, 50.0):
-            # (28a), and flat in all slips forward: not coercive, against (35).
+            # (28a), constant for all forward slips: not coercive, contrary to (35).
             value = f.bifunctional([opening, slip], r)
             assert value >= least * (1 - 1e-14)
             if opening == 0 and slip >= 0:
                 assert value == pytest.approx(least, rel=1e-14)
         for press in (0.0, F, F / mu, 1.01 * F / mu, 10.0):
             other = np.array([[press, -F]])
-            # (28b), and of all pairs: none has B = 0.
+            # (28b), and for all pairs: none has B = 0.
             assert f.bifunctional(u, other) >= least * (1 - 1e-14)
             assert f.bifunctional([opening, 3.0], other) >= least * (1 - 1e-14)
             inside = f.bifunctional([opening, 0.0], other)
@@ -437,8 +437,8 @@ def test_both_principles_may_hold_where_there_is_no_solution(F: float) -> None:
 
 
 def test_rotations_do_not_strain_a_body() -> None:
-    # (19a) as printed takes the gradient for the strain: a rotation by ω would store
-    # ½ ∫ 2 G ‖grad u‖² = 2 G ω² a unit of area.
+    # (19a) as printed uses the gradient as the strain: a rotation by ω would store
+    # ½ ∫ 2 G ‖grad u‖² = 2 G ω² per unit area.
     young, nu, turn = 3.0, 0.25, 0.1
     body = block([1.0, 1.0], [3, 3], young, nu)
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3)
@@ -457,7 +457,7 @@ def test_rotations_do_not_strain_a_body() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_friction_that_depends_on_direction(seed: int) -> None:
-    """Zero at the answer, the energy out of balance and ``r·v + r_n ‖D v_t‖`` elsewhere."""
+    """Zero at the solution; elsewhere the energy out of balance and ``r·v + r_n ‖D v_t‖``."""
     g = given(3, seed)
     rng = np.random.default_rng(seed)
     mu = rng.uniform(0.05, 0.8, (4, 2))
@@ -467,7 +467,7 @@ def test_friction_that_depends_on_direction(seed: int) -> None:
     t0, u0 = result[0].reaction, result[0].displacement
     u, r = result[1].displacement - u0, result[1].reaction - t0
     size = f.strain_energy(u) + f.complementary_energy(r) + abs(f.load) @ abs(u)
-    # The solver's tolerance in joules, a hundredfold for the condition of K.
+    # The solver's tolerance in joules, times a hundred for the condition of K.
     assert abs(f.bifunctional(u, r) + f.start_work) <= 1e-11 * size
     trial = kinematic(rng, g, f)
     pushed = static(rng, np.ones(4), 3)

@@ -1,4 +1,4 @@
-"""The displacement method with plastic bars, beside all regimes tried one by one."""
+"""The displacement method with plastic bars, compared with trying all regimes."""
 
 import itertools
 from functools import cache
@@ -57,7 +57,7 @@ def given(seed: int) -> Given:
 
 
 def enumerated(g: Given) -> list[tuple[Array, Array]]:
-    """All answers: every regime of every bar with every status of every contact."""
+    """All solutions: every regime of every bar with every status of every contact."""
     k, h, y, p0 = g.bars.stiffness, g.bars.hardening, g.bars.limit, g.bars.plastic
     n, found = 8, []
     for regime in itertools.product((0, 1, -1), repeat=5):
@@ -116,14 +116,14 @@ def test_plastic_truss_with_friction(seed: int) -> None:
     g, found = given(seed), solved(seed)
     assert found.converged
     (answer,) = enumerated(g)
-    # Held to 1e-12 of the largest reaction; condition of the truss some hundred.
+    # Solved to 1e-12 of the largest reaction; the condition of the truss is some hundred.
     assert found.displacement == pytest.approx(answer[0], abs=1e-10)
     assert found.reaction == pytest.approx(answer[1], abs=1e-10)
-    # (37): every step in u lowers B, to rounding of energies of order one.
+    # (37): every step in u decreases B, to the rounding of energies of order one.
     B = found.bifunctional
     assert (B >= -1e-14).all()
     assert (B[1:, 0] <= B[:-1, 1] + 1e-14).all()
-    # (38) need not, but what two passes leave is less.
+    # (38) may increase it, but two passes together decrease it.
     assert (B[2:, 1] <= B[:-2, 1] + 1e-14).all()
     # Of first order in the reactions.
     assert B[-1, 1] <= 1e-11
@@ -131,7 +131,7 @@ def test_plastic_truss_with_friction(seed: int) -> None:
 
 
 def test_updating_the_stresses_may_raise_the_bifunctional() -> None:
-    # What (38) leaves out of (31)-(34): it is no step of a minimising sequence.
+    # The part of (31)-(34) that (38) leaves out: it does not always decrease B.
     rises = [
         (np.diff(solved(seed).bifunctional, axis=1) > 1e-6).any() for seed in SEEDS
     ]
@@ -161,20 +161,20 @@ def test_potentials_of_the_bars_are_dual() -> None:
     N = bars.force(e)
     # Fenchel's equality on the law, to rounding of energies of order ten.
     assert bars.potential(e) + bars.dual(N) == pytest.approx(N * e, abs=1e-13)
-    # Off it, by no less than half the square of the distance in the stiffest way.
+    # Off the law it is at least half the squared distance in the stiffest direction.
     other = N + rng.normal(size=200)
     excess = bars.potential(e) + bars.dual(other) - other * e
     assert (excess >= 0.5 * (other - N) ** 2 / k - 1e-12).all()
-    # V is the least over p that its definition says: brute force.
+    # By its definition V is the minimum over p: brute force.
     p = np.linspace(-8, 8, 20001)[:, None]
     values = (
         0.5 * k * (e - p) ** 2 + 0.5 * h * p**2 + y * np.abs(p - bars.plastic)
     ).min(axis=0)
-    # The grid is off by half its width, in a function of curvature k + h, slope y.
+    # The error of half a grid width, for a function of curvature k + h and slope y.
     width = 16 / 20000
     assert (values >= bars.potential(e) - 1e-12).all()
     assert (values <= bars.potential(e) + (k + h) * width**2 + y * width).all()
-    # N is the slope of V, and the tangent that of N, away from the limit.
+    # Away from the limit N is the derivative of V, and the tangent that of N.
     step = 1e-6
     slope = (bars.potential(e + step) - bars.potential(e - step)) / (2 * step)
     assert slope == pytest.approx(N, abs=1e-8)
@@ -183,7 +183,7 @@ def test_potentials_of_the_bars_are_dual() -> None:
 
 
 def test_38a_as_printed_gives_a_strain() -> None:
-    # ∂_σ β at (ε, σ) is what (22) calls ε; the stress is ∂_ε β.
+    # ∂_σ β at (ε, σ) is the ε of (22); the stress is ∂_ε β.
     bars = HardeningBars(np.array([4.0]), np.array([1.0]), np.array([2.0]), np.zeros(1))
     e = np.array([1.5])
     N, step = bars.force(e), 1e-6
@@ -193,7 +193,7 @@ def test_38a_as_printed_gives_a_strain() -> None:
     assert abs(printed[0] - N[0]) > 1
 
 
-def test_in_elastic_bodies_it_is_the_answer_of_the_solver() -> None:
+def test_in_elastic_bodies_it_equals_the_solution_of_the_solver() -> None:
     g = given(1)
     elastic = HardeningBars(
         g.bars.stiffness, g.bars.hardening, np.full(9, np.inf), np.zeros(9)

@@ -72,7 +72,7 @@ def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
             -found.residual, abs=1e-13
         )
         gaps.append((values.min(axis=0) + found.residual).max())
-        # (76)-(78): any t_n*, any t_t* of the disc of t.
+        # (76)-(78): any t_n*, and any t_t* of the disc of t.
         found = alternated(t, v, mu, size)
         disc = trials[..., 1:] / np.maximum(trials[..., :1], 1e-300) * t[:, :1]
         values = v[:, 0] * (trials[..., 0] - t[:, 0])
@@ -97,7 +97,7 @@ def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
             )
         )
         assert (values >= -found.residual - 1e-13).all()
-    # 4000 directions miss the worst one by their spacing, squared in space.
+    # 4000 directions miss the worst one by their spacing, in space by its square.
     assert max(gaps) < (1e-13 if d == 2 else 1e-2)
 
 
@@ -111,7 +111,7 @@ def test_the_three_agree_on_pairs(d: int) -> None:
         for form in FORMS:
             # Products of numbers of order one.
             assert form(t, v, mu, size).total <= 1e-14 * size
-        # Off the law, one thing at a time; t stays in the cone, v does not penetrate.
+        # Off the law, with one violation at a time: t stays in the cone, v does not penetrate.
         pressed = t[:, 0] > 0
         wrong_t = t + np.eye(1, d)
         away = v + 0.5 * np.eye(1, d)
@@ -126,18 +126,18 @@ def test_the_three_agree_on_pairs(d: int) -> None:
             one = coupled(tractions, moved, mu, size)
             two = displacements(tractions, moved, mu, size)
             other = alternated(tractions, moved, mu, size)
-            # Inside the cone and without penetration all three are the bipotential gap.
+            # In the cone and without penetration, all three equal the bipotential gap.
             gap = np.sum(tractions * moved, axis=1)
             gap += mu * tractions[:, 0] * np.linalg.norm(moved[:, 1:], axis=1)
             for found in (one, two, other):
                 assert found.residual == pytest.approx(gap, abs=1e-13)
                 assert (found.residual[off] > 1e-6).all()
-        # (74) and (78) are one residual, penetration or not.
+        # (74) and (78) are one residual, with or without penetration.
         deep = v - 0.7 * np.eye(1, d)
         one, other = coupled(t, deep, mu, size), alternated(t, deep, mu, size)
         assert one.residual == pytest.approx(other.residual, abs=1e-13)
         assert (one.residual[deep[:, 0] < 0] > 0).all()
-        # Outside of the cone only (75) has something to say.
+        # Outside the cone only (75) is violated.
         out = t.copy()
         out[:, 1] += 2 * mu * t[:, 0] + 0.1
         excess = np.linalg.norm(out[:, 1:], axis=1) - mu * t[:, 0]
@@ -153,26 +153,26 @@ KINDS = ["held", "graded", "frictionless", "flat", "open"]
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_at_solutions_they_hold_and_elsewhere_not(kind: str, d: int) -> None:
+def test_they_hold_at_solutions_only(kind: str, d: int) -> None:
     for seed in range(15):
         rng = np.random.default_rng(seed)
         given = random_problem(kind, d, seed)
         solution = given.problem().solve(tol=1e-14)
         t, v = solution.reaction, solution.relative_displacement
-        # A start state of any kind: increments are what is left to the totals.
+        # Any start state: increments are differences to the totals.
         t0, offset = rng.normal(size=t.shape), rng.normal(size=t.shape)
         offset[:, 1:] = 0.0
         response = Response(given.problem(), reaction=t0, offset=offset)
         force, length = response.sizes()
         if not length:
-            continue  # nothing is loaded, and nothing happens
+            continue  # # no load, so nothing moves
         force, length = 2 * max(force, t.max()), 2 * max(length, np.abs(v).max())
         one = inequality_74(response, t - t0, force)
         held = v.copy()
-        held[:, 0] = np.maximum(v[:, 0], 0.0)  # rounding of closed contacts
+        held[:, 0] = np.maximum(v[:, 0], 0.0)  # # removes rounding of closed contacts
         two = inequality_75(response, held - offset, length)
         three = inequality_78(response, t - t0, force)
-        # In the units of work of the bounds; E and E⁻¹ lose the condition of W.
+        # In the work units of the bounds; E and E⁻¹ lose digits by the condition of W.
         digits = 1e-12 * (1e4 if kind == "graded" else 1.0)
         extent = force * length * len(t)
         assert one.total <= digits * extent
@@ -185,7 +185,7 @@ def test_at_solutions_they_hold_and_elsewhere_not(kind: str, d: int) -> None:
             assert first.total > 1e-9 * extent
             last = inequality_78(response, other - t0, 2 * force)
             assert last.residual == pytest.approx(first.residual, abs=1e-12 * extent)
-            # The worst field found is a field of the set.
+            # The worst field found belongs to the set.
             bp.project(first.worst, given.mu, base=t0)
             total = first.worst + t0
             kept, _ = bp.project(total, given.mu)
@@ -226,7 +226,7 @@ def test_operators_are_inverse_and_monotone() -> None:
                 assert response.inverse_monotonicity == pytest.approx(
                     1 / values[-1], rel=1e-10
                 )
-                # Sharp: along the softest direction nothing less would do.
+                # Sharp: along the softest direction the bound is reached.
                 way = vectors[:, 0].reshape(r.shape)
                 gain = np.sum(
                     (response.displacement(way) - response.displacement(0 * way)) * way
@@ -264,16 +264,16 @@ def test_every_step_of_a_scene_satisfies_them(name: str, n: int) -> None:
         force = 2 * max(force, step.reaction.max())
         extent = force * length
         for form in (inequality_74, inequality_78):
-            # Each contact to the digits of W, whose condition is some thousands.
+            # Each contact to the accuracy of W, whose condition is some thousands.
             found = form(response, step.reaction - t0, force)
             assert found.residual.max() <= 1e-11 * extent
-        # (75) of the same pair, of which rounding is not to penetrate.
+        # (75) for the same pair, with the penetration by rounding removed.
         v = response.displacement(step.reaction - t0) + offset
         v[:, 0] = np.maximum(v[:, 0], 0.0)
         reach = 2 * max(length, np.abs(v).max())
         found = displacements(step.reaction, v, reduced.mu, reach)
         assert found.residual.max() <= 1e-11 * force * reach
-        # Somewhere else in the cone they fail.
+        # At other points in the cone they fail.
         half = 0.5 * step.reaction
         assert inequality_74(response, half - t0, force).total > 1e-6 * extent
 
@@ -285,7 +285,7 @@ def test_prints_of_74_and_78_fail_at_solutions() -> None:
         given = random_problem("held", 3, seed)
         solution = given.problem().solve(tol=1e-14)
         t, v = solution.reaction, solution.relative_displacement
-        # A start on the law: h0 apart from u_n0, t0 inside of the cone.
+        # A start on the law: h0 differs from u_n0, and t0 is inside the cone.
         t0 = 0.5 * t
         offset = np.zeros_like(t)
         du, dt = v - offset, t - t0
@@ -297,7 +297,7 @@ def test_prints_of_74_and_78_fail_at_solutions() -> None:
         printed = first + np.sum(dt[:, 1:] * (trial - dt)[..., 1:], axis=2)
         assert right.sum(axis=1).min() >= -1e-12
         wrong_74 += printed.sum(axis=1).min() < -1e-3
-        # (78): û_n + u_n0 + h0 (Δt_n* - Δt_n), h0 = 0.3 and u_n0 what that leaves.
+        # (78): û_n + u_n0 + h0 (Δt_n* - Δt_n), with h0 = 0.3 and the corresponding u_n0.
         h0 = 0.3
         u_n0 = offset[:, 0] - h0
         bracket = (v[:, 0] - offset[:, 0]) + u_n0 + h0 * (trial - dt)[..., 0]
@@ -322,10 +322,10 @@ def test_bounds_and_members_are_checked() -> None:
 
 
 def dragged(steps: int, turn: float = np.pi) -> tuple[bp.ContactProblem, Array]:
-    """One contact on springs, pressed, dragged until it slides, then round in a circle."""
+    """One contact on springs: pressed, dragged until it slides, then moved in a circle."""
     problem = bp.ContactProblem(np.diag([2.0, 1.0, 1.0]), np.eye(3), gap=[0.0], mu=0.4)
     angle = np.linspace(0, turn, steps + 1)[1:]
-    # Slides from t = -0.4: in the first step by hand, to the border of the cone and on.
+    # Slides from t = -0.4: in the first step by hand, to the edge of the cone and beyond.
     pull = np.column_stack([np.cos(angle), np.sin(angle)]) * 2.0
     way = np.vstack([[[0.4, 0.0]], [[2.0, 0.0]], pull])
     return problem, np.column_stack([np.full(len(way), -1.0), way])
@@ -340,17 +340,17 @@ def test_explicit_scheme_drifts_and_implicit_does_not() -> None:
             np.array([[1.0, -0.4, 0.0], [1.0, -0.4, 0.0]]), abs=1e-14
         )
         drift.append(path.excess[-1, 0])
-        # Outwards only, and more with each step.
+        # It drifts only outwards, further with each step.
         assert (np.diff(path.excess[2:, 0]) > 0).all()
         result = problem.solve(load, tol=1e-14)
         kept, _ = bp.project(result.reaction[:, 0], 0.4)
-        # The cone, to rounding.
+        # In the cone, to rounding.
         assert np.abs(kept - result.reaction[:, 0]).max() <= 1e-15
     orders = np.log2(np.array(drift[:-1]) / drift[1:])
-    # First order; what is left of the next term halves with the step.
+    # First order; the next term of the error halves with the step.
     assert (np.abs(orders - 1) <= 4 / np.array(sizes[:-1])).all()
-    # A traction that turns by θ in a step, at constant pressure, follows the tangent: it
-    # grows by sec θ. Not so in the first of the circle, where it sticks at first.
+    # At constant pressure, a traction that turns by θ in a step follows the tangent and grows
+    # by sec θ. The first step of the circle differs, because it first sticks.
     problem, load = dragged(400)
     path = explicit_path(problem, load)
     across = path.reaction[2:, 0, 1:]
@@ -369,12 +369,12 @@ def test_explicit_and_implicit_go_to_one_path() -> None:
     problem, load = dragged(1000)
     explicit = explicit_path(problem, load).reaction[-1, 0]
     implicit = problem.solve(load).reaction[-1, 0]
-    # Both first order in the step of π/1000, and over a turn of 4.5.
+    # Both are of first order in the step of π/1000, over a turn of 4.5.
     assert np.abs(explicit - implicit).max() < 4.5 * np.pi / 1000
 
 
 def test_explicit_scheme_lets_go_and_closes() -> None:
-    # Pressed, lifted, pressed again, all in the normal direction: exact but one step late.
+    # Pressed, lifted, pressed again, always along the normal: exact, but one step late.
     problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.1], mu=0.3)
     load = np.array([[0.0, 0.0], [-0.2, 0.0], [-0.2, 0.0], [0.5, 0.0], [0.5, 0.0]])
     path = explicit_path(problem, load)

@@ -1,4 +1,4 @@
-"""The law of [dSF91] says the same in every form it is written in, from any start state."""
+"""All forms of the law of [dSF91] agree, with any start state."""
 
 import math
 from typing import Any
@@ -27,7 +27,7 @@ from law_pairs import (
 
 Array = NDArray[np.float64]
 FORMS = list(laws.FORMS)
-# A dozen operations on numbers of the size that residuals are divided by.
+# A dozen operations on numbers of the size that divides the residuals.
 ROUNDED = 1e-14
 
 
@@ -44,7 +44,7 @@ def test_zero_on_the_law(form: str, d: int) -> None:
     rng = np.random.default_rng(1)
     pairs = on_the_law(rng, 3000, d)
     step = as_step(pairs, start_state(rng, 3000, d))
-    # One step for all, and one a contact.
+    # One step for all contacts, and one for each contact.
     for rho in (RHO, RHO * 10 ** rng.uniform(-1, 1, 3000)):
         assert relative(form, *step, rho).max() <= ROUNDED
 
@@ -58,21 +58,21 @@ def test_in_force_off_the_law(form: str, how: str, d: int) -> None:
         pairs = off_the_law(rng, 500, d, how, size)
         law, du, dt = as_step(pairs, start_state(rng, 500, d))
         found = laws.FORMS[form](law, du, dt, RHO)
-        # In units of FORCE a lack of this size, forces and slips from 0.3 to 3, μ from
-        # 0.05: no residual may take it for less than 0.02 of it, the cone of μ = 2 and
-        # the quotient of (54) included. In (54) the direction of slip counts squared:
+        # The violation has this size in units of FORCE; forces and slips are 0.3 to 3, μ is at
+        # least 0.05. Every residual must be at least 0.02 of it, with the cone of μ = 2 and the
+        # quotient of (54) included. In (54) the direction of slip counts squared:
         # μ t_n|v_t|(1 - cos) over the sizes, at least 0.2·0.3·0.3/12 of size²/2.
         lack = size
         if form == "(54)" and how == "slips askew" and d == 3:
             lack = 0.1 * size**2
         assert found.min() >= 0.02 * lack * FORCE
-        # And none for much more: comparable units.
+        # No residual is much larger either: all have comparable units.
         whole = 10 * FORCE if how == "slips askew" and d == 2 else 10 * size * FORCE
         assert found.max() <= whole
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_one_verdict(d: int) -> None:
+def test_all_forms_agree(d: int) -> None:
     """On random pairs, mostly off the law, mixed with pairs on it."""
     rng = np.random.default_rng(3)
     n = 4000
@@ -94,8 +94,8 @@ def test_one_verdict(d: int) -> None:
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("form", FORMS)
-def test_no_units_no_frame_no_start(form: str, d: int) -> None:
-    """Powers of two as units to the bit; a turn of the tangents; another start state."""
+def test_units_frames_and_start_states_have_no_effect(form: str, d: int) -> None:
+    """Units in powers of two to the bit; a rotation of the tangents; another start state."""
     rng = np.random.default_rng(4)
     n = 300
     pairs = on_the_law(rng, n, d)
@@ -135,20 +135,20 @@ def test_no_units_no_frame_no_start(form: str, d: int) -> None:
     assert np.all(np.abs(other - found) <= ROUNDED * size)
 
 
-def test_rates_have_no_time() -> None:
-    """(51): slip in half the time is slip twice as fast, in the same direction."""
+def test_the_law_does_not_depend_on_time() -> None:
+    """(51): slip in half the time is twice the velocity in the same direction."""
     rng = np.random.default_rng(5)
     pairs = on_the_law(rng, 500, 3)
     law, du, dt = as_step(pairs, start_state(rng, 500, 3))
     for time in (1e-6, 1e6):
         rate = du / [1, time, time]
-        # Slips from 3e-7 to 3e7: rounding is beside them.
+        # Slips from 3e-7 to 3e7, so rounding is relative to them.
         assert relative("(51)", law, rate, dt, RHO).max() <= ROUNDED
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_polar_cone_is_no_penetration(d: int) -> None:
-    """(58) and (59) are one condition by (57), equalities off the vertex."""
+def test_the_polar_cone_means_no_penetration(d: int) -> None:
+    """(58) and (59) are equivalent by (57), with equality off the vertex."""
     rng = np.random.default_rng(6)
     n = 2000
     pairs = on_the_law(rng, n, d)
@@ -166,7 +166,7 @@ def test_polar_cone_is_no_penetration(d: int) -> None:
     np.testing.assert_allclose(
         opening, expected, rtol=0, atol=float(ROUNDED * laws.size(*step, RHO).max())
     )
-    # Necessary only: a force at a distance passes both.
+    # The condition is only necessary: a force on an open contact satisfies both.
     lifted = as_step(
         off_the_law(rng, 50, d, "force at a distance", 0.5), start_state(rng, 50, d)
     )
@@ -184,7 +184,7 @@ def test_normal_of_the_print_is_a_mirror_image(d: int) -> None:
     speed = np.linalg.norm(slip, axis=1)
     right = np.column_stack([-mu * speed, -slip])
     printed = np.column_stack([-mu * speed, slip])
-    # Against points of the cone: its axis, its surface, the vertex.
+    # Compared with points of the cone: its axis, its surface, the vertex.
     around = unit(rng, 200, d - 1)
     for k in range(n):
         cone = np.vstack(
@@ -197,7 +197,7 @@ def test_normal_of_the_print_is_a_mirror_image(d: int) -> None:
         excess = (cone - t[k]) @ np.array([right[k], printed[k]]).T
         # Products of numbers up to ten.
         assert excess[:, 0].max() <= 1e-13
-        # At the opposite side of the cone it is 2 μ |Δu_t|; the vertex is no better.
+        # At the opposite side of the cone it is 2 μ |Δu_t|, and no smaller at the vertex.
         assert excess[:, 1].max() >= 0.5 * mu[k] * speed[k]
 
 
@@ -214,7 +214,7 @@ def test_gap_and_projection_bound_each_other(d: int) -> None:
     law, du, dt = as_step(pairs._replace(t=t, v=v), start_state(rng, n, d))
     F = laws.by_projection(law, du, dt, RHO)
     energy = RHO * np.asarray(materials.gap(law, -du, dt))
-    # Rounding of the energy, and through its root of F.
+    # Rounding of the energy, and of F through its root.
     slack = ROUNDED * RHO * energy_size(law, du, dt)
     tilde = v.copy()
     tilde[:, 0] += pairs.mu * np.linalg.norm(v[:, 1:], axis=1)
@@ -222,7 +222,7 @@ def test_gap_and_projection_bound_each_other(d: int) -> None:
     assert np.isfinite(energy).all()
     assert np.all(energy + slack >= F**2)
     assert np.all(energy <= F * (sizes + F) + slack)
-    # Neither bound is idle: both are met within a factor of ten somewhere.
+    # Both bounds are useful: somewhere each is reached within a factor of ten.
     big = energy > 1e3 * slack
     F, energy, sizes = F[big], energy[big], sizes[big]
     assert (F**2 / energy).max() > 0.1
@@ -253,7 +253,7 @@ def common_step(step: bp.Step) -> float:
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
 def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
-    """Each step from the state that the last one left, in every form."""
+    """In every form, each step starts from the state at the end of the step before."""
     result = solved(name, n)
     assert set(result.status.ravel().tolist()) == found
     for k, step in enumerate(result):
@@ -262,9 +262,9 @@ def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
         rho = common_step(step)
         whole = float(laws.size(law, du, dt, rho).max())
         for form, residual in laws.FORMS.items():
-            # The residual that the solver is held to is 1e-13 of all reactions, each in
-            # a step of its own, within ten of rho; ten more for the directions of
-            # slips that are short.
+            # The solver's residual is 1e-13 of all reactions, with a rho for each contact that
+            # is within a factor of ten of this one. Another factor of ten allows for the directions
+            # of short slips.
             assert residual(law, du, dt, rho).max() <= 1e-11 * whole, (k, form)
         for form, verdict in laws.verdicts(law, du, dt, rho).items():
             assert verdict.all(), (k, form)
@@ -273,10 +273,10 @@ def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
 def left_of_the_law(
     step: bp.Step, law: materials.Coulomb, du: Array, dt: Array
 ) -> float:
-    """Energy of a contact that the answer may miss the law by.
+    """Energy by which a contact of the solution may violate the law.
 
-    The residual of 1e-13 is relative to all reactions and moves displacements in total,
-    not increments, which a step that only holds on does not have.
+    The residual of 1e-13 is relative to all reactions. It moves total displacements, not
+    increments, which are zero in a step that only holds.
     """
     forces = np.abs(step.reaction).max()
     ways = np.abs(step.relative_displacement).max() * (1 + law.mu.max())
@@ -285,14 +285,14 @@ def left_of_the_law(
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
 def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
-    """(8), (11), (12) and the duals at the answers, against any admissible other."""
+    """(8), (11), (12) and the duals at the solutions, compared with any admissible field."""
     del found
     result = solved(name, n)
     rng = np.random.default_rng(10)
     for k, step in enumerate(result):
         law, du, dt = laws.step_of(result, k)
         t0, opening = law.start.reaction, law.start.opening
-        # Into the cone and out of the wall, by what the solver's residual leaves.
+        # Moved into the cone and out of the wall by the solver's residual.
         y = bp.project(step.reaction, law.mu)[0] - t0
         x = -du
         x[:, 0] = np.minimum(x[:, 0], opening)
@@ -338,7 +338,7 @@ def test_scenes_without_friction_are_explicit(name: str) -> None:
 
 
 def test_body_of_a_scene_is_an_explicit_material() -> None:
-    """(64): ½ uᵀK u and its dual; their gap at the answer is what equilibrium lacks."""
+    """(64): ½ uᵀK u and its dual; their gap at the solution is the residual of equilibrium."""
     read = scene.read("sheared_cube", ["mesh.n=3"])
     case = scene.assemble(read, scene.bodies(read))
     problem = case.model.problem()
@@ -375,8 +375,8 @@ def test_a_spoiled_step_of_a_scene_is_seen() -> None:
         assert not verdict[slides].any(), form
 
 
-def test_a_path_that_goes_on() -> None:
-    """The state that `start=` hands over is the start state of the first step."""
+def test_a_continued_path() -> None:
+    """The state given by `start=` is the start state of the first step."""
     load = np.array([[-2.0, 0.3], [-2.0, 1.5], [-1.0, -0.5]])
     problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.5], mu=0.4)
     whole = problem.solve(load)
@@ -389,7 +389,7 @@ def test_a_path_that_goes_on() -> None:
         assert all(v.all() for v in laws.verdicts(law, *step, 1.0).values())
 
 
-def test_steps_are_told_from_the_result() -> None:
+def test_steps_are_read_from_the_result() -> None:
     """A contact by hand: pressed, then pushed to its limit."""
     load = np.array([[-2.0, 0.0], [-2.0, 1.5]])
     result = bp.solve(np.eye(2), np.eye(2), load, gap=[0.5], mu=0.4)
@@ -404,20 +404,20 @@ def test_steps_are_told_from_the_result() -> None:
 
 
 def test_normal_and_gap_of_points() -> None:
-    """(48) as printed where points are apart; the given normal where it has none."""
+    """(48) as printed if the points are apart; the given normal if they coincide."""
     rng = np.random.default_rng(9)
     obstacle = rng.normal(size=(50, 3)) * LENGTH
     n, h = unit(rng, 50, 3), LENGTH * rng.uniform(0.1, 2, 50)
     body = obstacle + h[:, None] * n
     found, gap = laws.normal_and_gap(body, obstacle)
-    # Differences of numbers of size 3 and length 0.1: a digit and a half are lost.
+    # Differences of numbers of size 3 with length 0.1: one and a half digits are lost.
     np.testing.assert_allclose(found, n, atol=1e-14)
     np.testing.assert_allclose(gap, h, rtol=1e-14)
     same, gap = laws.normal_and_gap(body, obstacle, n)
     np.testing.assert_array_equal(same, n)
     np.testing.assert_allclose(gap, h, rtol=1e-14)
 
-    # Behind the obstacle the print turns the normal round: an open gap by its word.
+    # Behind the obstacle the printed formula reverses the normal: the gap counts as open.
     behind = obstacle - h[:, None] * n
     found, gap = laws.normal_and_gap(behind, obstacle)
     np.testing.assert_allclose(found, -n, atol=1e-14)
@@ -425,7 +425,7 @@ def test_normal_and_gap_of_points() -> None:
     _, gap = laws.normal_and_gap(behind, obstacle, n)
     np.testing.assert_allclose(gap, -h, rtol=1e-14)
 
-    # Touching: no direction of its own.
+    # Coincident points define no direction.
     _, gap = laws.normal_and_gap(obstacle, obstacle, n)
     assert np.all(gap == 0)
     touching = body.copy()

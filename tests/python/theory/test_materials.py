@@ -1,7 +1,7 @@
 """Materials of [dSF91], sections II and IV: inequalities, duals, prox, Uzawa.
 
-What a material says of itself is asked of numbers that do not come from it: pairs made
-on its law by cases, suprema and minima by sampling, answers by linear algebra.
+References are independent of the materials: pairs made on each law by cases, suprema and
+minima by sampling, solutions by linear algebra.
 """
 
 import math
@@ -20,12 +20,12 @@ from random_problems import random_problem
 Array = NDArray[np.float64]
 Draw = Callable[[np.random.Generator], Array]
 N = 600
-# Energies are sums of a dozen products, each rounded.
+# Energies are sums of a dozen rounded products.
 ROUNDED = 2e-14
 
 
 class Case(NamedTuple):
-    """A material with N pairs on its law, and draws from its domain."""
+    """A material with N pairs on its law, and random points of its domain."""
 
     material: materials.Material
     x: Array
@@ -48,7 +48,7 @@ def elastic() -> Case:
         x @ D,
         lambda rng: 1e-4 * rng.normal(size=(N, 6)),
         lambda rng: 1e7 * rng.normal(size=(N, 6)),
-        # The condition of D, below 100, is what rounding of D⁻¹ is multiplied by.
+        # The condition of D, below 100, multiplies the rounding of D⁻¹.
         np.full(N, 1e-4**2 * 1e13 * 100),
         1e-4,
         1e8,
@@ -70,7 +70,7 @@ def contact(d: int, kind: str) -> Case:
     elif kind == "frictionless":
         material = materials.frictionless(start)
     else:
-        # An open contact of Tresca's keeps its limit and rubs.
+        # An open contact with Tresca friction keeps its limit and rubs.
         limit = np.where(t[:, 0] > 0, limit, FORCE * 0.7)
         speed = np.linalg.norm(v[:, 1:], axis=1)
         rubs = (speed > 0) & (t[:, 0] == 0)
@@ -92,7 +92,7 @@ def contact(d: int, kind: str) -> Case:
 
     x, y = minus_increment(start, v), t - start.reaction
     law = materials.Coulomb(np.maximum(mu, limit / FORCE), start)
-    # Of the draws too, which exceed ten in one of 1e4 numbers.
+    # Includes the random points, of which one in 1e4 numbers exceeds ten.
     energy = energy_size(law, -x, y) + 40 * FORCE * LENGTH * (1 + law.mu)
     return Case(material, x, y, strains, stresses, energy, LENGTH, FORCE)
 
@@ -119,7 +119,7 @@ def soil(alpha: float, beta: float, apex: float) -> Case:
     pa, strain = 1e5, 1e-3
     material = soils.DruckerPrager(alpha, beta, apex * pa)
     side, kind = deviators(rng, N), rng.integers(4, size=N)
-    # Inside, on the surface with flow and without, at the apex.
+    # Inside, on the surface with and without flow, at the apex.
     depth = pa * rng.uniform(0.2, 3, N) * (kind != 3)
     share = np.where(kind == 0, rng.uniform(0, 0.9, N), 1.0)
     y = volume_and_deviator(
@@ -164,28 +164,28 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def near(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Pairs of the domain off the law: a strain and a stress that have not met."""
+    """Pairs in the domain but off the law: a strain and a stress of different pairs."""
     return case.strains(rng), case.stresses(rng)
 
 
 def test_equal_on_the_law(case: Case) -> None:
     found = materials.gap(case.material, case.x, case.y)
     assert np.all(np.abs(found) <= ROUNDED * case.energy)
-    # (13a) and (13b) as well.
+    # The same for (13a) and (13b).
     for half in (materials.left_gap, materials.right_gap):
         found = half(case.material, case.x, case.y)
         assert np.all(np.abs(found) <= ROUNDED * case.energy)
 
 
 def test_more_off_the_law(case: Case) -> None:
-    """b > x·y where neither side knows the other: by far more than rounding."""
+    """b > x·y for independent arguments, by far more than rounding."""
     rng = np.random.default_rng(20)
     for _ in range(5):
         x, y = near(case, rng)
         found = materials.gap(case.material, x, y)
         assert np.all(found >= -ROUNDED * case.energy)
         assert np.mean(found > 1e-4 * case.strain * case.stress) > 0.6
-        # One argument of a pair on the law, the other not its own.
+        # One argument of a pair on the law, and the other from another pair.
         for mixed in ((case.x, y), (x, case.y)):
             found = materials.gap(case.material, *mixed)
             assert np.all(found >= -ROUNDED * case.energy)
@@ -225,7 +225,7 @@ def test_not_convex_in_both_together() -> None:
 
 
 def test_convexity_inequalities(case: Case) -> None:
-    """(12a), (12b), for explicit materials (6a), (6b): pairs on the law against any."""
+    """(12a), (12b), and (6a), (6b) of explicit materials: pairs on the law with any others."""
     b = materials.implicit(case.material).bipotential
     rng = np.random.default_rng(24)
     on = b(case.x, case.y)
@@ -239,10 +239,10 @@ def test_convexity_inequalities(case: Case) -> None:
 
 
 def test_outside_the_domain() -> None:
-    """Infinite, or -infinite in the duals, where the other argument has no partner."""
+    """b is infinite, or a dual -infinite, where the other argument has no partner."""
     start = materials.Start([[1.0, 0.2]] * 5, np.zeros((5, 2)), np.full(5, 0.3))
     law = materials.Coulomb(0.5, start)
-    # Penetration; tension; beyond the limit; all right; at the border of both.
+    # Penetration; tension; beyond the limit; admissible; on the boundary of both.
     du = np.array([[-0.4, 0], [0, 0], [0, 0], [0, 0.1], [-0.3, 0.1]])
     dt = np.array([[0, 0], [-1.1, -0.2], [0, 0.4], [0, 0], [0, 0.3]])
     np.testing.assert_array_equal(
@@ -293,14 +293,14 @@ def samples_of(case: Case, count: int) -> tuple[list[Array], list[Array]]:
 def test_explicit_laws_of_the_duals(case: Case) -> None:
     """(16): x ∈ ∂_z b_l*(y, y), and (18): y ∈ ∂_u b_r*(x, x), by the inequality at samples.
 
-    On the law always; off it some sample shows that it is none, for most pairs.
+    They always hold on the law. Off it, a sample disproves them for most pairs.
     """
     material = materials.implicit(case.material)
     xs, ys = samples_of(case, 40)
     rng = np.random.default_rng(46)
     pairs = {True: (case.x, case.y), False: near(case, rng)}
     for on, (x, y) in pairs.items():
-        # Near the pair as well, and at the vertex of the domain, where b(·, y) begins.
+        # Also near the pair, and at the vertex of the domain, where b(·, y) begins.
         zs = ys + [y + s * (z - y) for s in (0.1, 1e-3) for z in ys]
         us = xs + [x + s * (u - x) for s in (0.1, 1e-3) for u in xs]
         least = [
@@ -337,7 +337,7 @@ def test_printed_left_dual_is_the_associated_law() -> None:
     printed = around[mu * around[:, 0] >= np.abs(around[:, 1])]
     right = np.array([z for z in around if law.left_dual([z], [t])[0] == 0])
     assert min(len(printed), len(right)) > 500
-    # x = -Δu is a normal at t of the set of finite values.
+    # x = -Δu is normal at t to the set of finite values.
     assert ((right - t) @ -slide).max() <= 1e-12
     assert ((right - t) @ -lift).max() > 0.1
     assert ((printed - t) @ -slide).max() > 0.1
@@ -345,7 +345,7 @@ def test_printed_left_dual_is_the_associated_law() -> None:
 
 
 def test_frozen_coulomb_is_tresca() -> None:
-    """b(·, y) is Tresca's V but for a constant; answers of one are answers of the other."""
+    """b(·, y) is Tresca's V up to a constant, and both have the same solutions."""
     rng = np.random.default_rng(48)
     for d in (2, 3):
         pairs, start = on_the_law(rng, N, d), start_state(rng, N, d)
@@ -364,8 +364,8 @@ def test_frozen_coulomb_is_tresca() -> None:
         )
 
 
-# Suprema and minima by sampling. The functions below their indicators are linear along
-# rays, so that a sample of directions, out to a far end, sees whether they are bounded.
+# Suprema and minima by sampling. The functions whose indicators these are, are linear along
+# rays. So samples of directions, up to a far end, show whether they are bounded.
 
 
 def sampled(values: Array, ends: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -386,7 +386,7 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
         turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
         around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     origin = np.zeros((1, d))
-    # Gaps and slips up to 1, normal, tangential and between.
+    # Gaps and slips up to 1: normal, tangential and in between.
     grid = [np.insert(s * around, 0, h, axis=1) for h in (0, 0.5, 1) for s in (0, 1)]
     ways = np.vstack([origin, *grid]) * LENGTH
     unit_cone = np.vstack(
@@ -419,11 +419,11 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
             x = minus_increment(one, reach * ways)
             b = each.bipotential(x, np.repeat(dt[k : k + 1], len(ways), axis=0))
             terms.append(x @ z[k] - b)
-        # From the vertex on all is linear: nothing rises, or the supremum is infinite.
+        # From the vertex on all is linear: a supremum is zero there or infinite.
         slope = (terms[1] - terms[0]) / 2
         size = energy_size(law, du, z)[k] + FORCE * LENGTH
         lack = abs(np.max(slope)) if np.any(slope > ROUNDED * size) else 0.0
-        if lack == 0 or lack > 1e-4 * size:  # directions in steps of half a degree
+        if lack == 0 or lack > 1e-4 * size:  # # directions in steps of half a degree
             finite[0, int(lack == 0)] += 1
             expected = np.inf if lack else terms[0].max()
             assert left[k] == pytest.approx(expected, abs=ROUNDED * size)
@@ -455,7 +455,7 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 0.3, 0.9])
 def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
-    """In the plane of the deviators at hand, where the suprema are; one way out of it."""
+    """In the plane of the given deviators, where the suprema are, and one direction outside."""
     rng = np.random.default_rng(31)
     alpha, apex, n = 0.9, 0.4, 100
     material = soils.DruckerPrager(alpha, beta, apex)
@@ -508,7 +508,7 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
 
 
 def check_supremum(terms: list[Array]) -> float | None:
-    """From values at one and three times the way out; None where too close to tell."""
+    """From values at one and three times the distance; None if too close to decide."""
     slope = (terms[1] - terms[0]) / 2
     if slope.max() <= 1e-13:
         return float(terms[0].max())
@@ -557,7 +557,7 @@ def test_left_dual_is_a_plastic_potential() -> None:
     inside = law.left_dual(z, y) == 0
     np.testing.assert_array_equal(inside[clear], (excess <= 0)[clear])
     assert 0.2 < inside.mean() < 0.9
-    # While the criterion is met by all of them: it is another surface.
+    # All of them also satisfy the yield criterion, which is another surface.
     assert law.criterion(z).max() <= 1e-12 * case.stress
 
 
@@ -590,7 +590,7 @@ def test_flow_is_the_gradient_of_the_potential() -> None:
 
 
 def test_associated_soil_is_separable() -> None:
-    """b(x, y) + b(x', y') = b(x, y') + b(x', y) for β = α, and for it alone."""
+    """b(x, y) + b(x', y') = b(x, y') + b(x', y) for β = α only."""
     rng = np.random.default_rng(35)
     for beta, separable in ((0.6, True), (0.3, False)):
         case = soil(0.6, beta, 0.4)
@@ -604,7 +604,7 @@ def test_associated_soil_is_separable() -> None:
 
 
 def test_soil_without_dilatancy_is_friction() -> None:
-    """β = 0, a = 0: Coulomb's bipotential of (-σ_m, s) and (ε_v, -e), number by number."""
+    """β = 0, a = 0: Coulomb's bipotential of (-σ_m, s) and (ε_v, -e), with equal numbers."""
     rng = np.random.default_rng(36)
     alpha = 0.7
     friction = materials.Coulomb(alpha, materials.Start.unloaded(np.zeros(N), 3))
@@ -625,7 +625,7 @@ def test_soil_without_dilatancy_is_friction() -> None:
 
 
 def test_prox_is_the_minimum(case: Case) -> None:
-    """(44) against samples: r b(x, y') + ½|y' - ŷ|² is larger by ½|y' - y|² at least."""
+    """(44) at samples: r b(x, y') + ½|y' - ŷ|² is larger by at least ½|y' - y|²."""
     material = materials.implicit(case.material)
     rng = np.random.default_rng(40)
     r = case.stress / case.strain
@@ -641,15 +641,15 @@ def test_prox_is_the_minimum(case: Case) -> None:
     scale = r * case.energy + (predictor**2).sum(axis=1) + (y**2).sum(axis=1)
     slack = ROUNDED * scale
     samples = [case.stresses(rng) for _ in range(10)]
-    # Close ones too, on the way to points of the domain.
+    # Includes near points, on the way to points of the domain.
     samples += [y + s * (z - y) for s in (1e-1, 1e-3) for z in samples[:5]]
     for z in samples:
         margin = 0.5 * ((z - y) ** 2).sum(axis=1)
         assert np.all(value(z) >= best + margin - slack)
 
 
-def test_prox_rests_on_the_law(case: Case) -> None:
-    """(40), (44): y = prox(y + r x, r b(x, ·)) on the law, and only there."""
+def test_prox_has_pairs_on_the_law_as_fixed_points(case: Case) -> None:
+    """(40), (44): y = prox(y + r x, r b(x, ·)) exactly for pairs on the law."""
     material = materials.implicit(case.material)
     rng = np.random.default_rng(41)
     for r in np.array([0.1, 1.0, 10.0]) * case.stress / case.strain:
@@ -667,8 +667,8 @@ def test_prox_rests_on_the_law(case: Case) -> None:
 
 
 @pytest.mark.parametrize("kind", ["coulomb", "tresca"])
-def test_no_units(kind: str) -> None:
-    """Other units by powers of two: the same bits, and the same borders of the domain."""
+def test_units_have_no_effect(kind: str) -> None:
+    """Powers of two as units: the same bits, and the same boundaries of the domain."""
     case, force, metre = contact(3, kind), 2.0**50, 2.0**-37
     rng = np.random.default_rng(49)
     any_x, any_y = near(case, rng)
@@ -703,7 +703,7 @@ def test_no_units(kind: str) -> None:
         )
 
 
-def test_soil_has_no_units() -> None:
+def test_units_have_no_effect_on_soil() -> None:
     case, pascal, strain = soil(0.9, 0.3, 0.4), 2.0**40, 2.0**-21
     law = case.material
     assert isinstance(law, soils.DruckerPrager)
@@ -733,12 +733,12 @@ def test_prox_of_the_conjugate() -> None:
     rng = np.random.default_rng(42)
     x = rng.normal(size=(200, 3))
     for r in (0.2, 1.0, 3.0):
-        # |·| is the conjugate of the indicator of the unit ball, whose prox has no r.
+        # |·| is the conjugate of the indicator of the unit ball, whose prox does not depend on r.
         found = convex.conjugate_prox(
             lambda y, _: convex.project_ball(y, np.ones(len(y))), x, r
         )
         np.testing.assert_allclose(found, convex.shrink(x, np.full(200, r)), atol=1e-15)
-        # Shortest way to a vector that is shorter by r, in samples.
+        # The nearest vector that is shorter by r, from samples.
         size = np.linalg.norm(found - x, axis=1) ** 2 / 2 + r * np.linalg.norm(
             found, axis=1
         )
@@ -756,7 +756,7 @@ def test_prox_of_the_conjugate() -> None:
 
 
 def test_cone_in_five_dimensions() -> None:
-    """The projection of (12) across a radial part of any dimension, by its conditions."""
+    """The projection of (12) with a radial part of any dimension, by its conditions."""
     rng = np.random.default_rng(43)
     height, radial = rng.normal(size=500), rng.normal(size=(500, 5))
     slope = rng.uniform(0, 2, 500)
@@ -764,13 +764,13 @@ def test_cone_in_five_dimensions() -> None:
     size = np.hypot(height, np.linalg.norm(radial, axis=1)) * 1e-14
     assert np.all(np.linalg.norm(out, axis=1) <= slope * up + size * (1 + slope))
     left, beside = height - up, radial - out
-    # The rest is in the polar cone and at right angles.
+    # The remainder is in the polar cone and orthogonal.
     assert np.all(slope * np.linalg.norm(beside, axis=1) <= -left + size * (1 + slope))
     assert np.all(np.abs(left * up + (beside * out).sum(axis=1)) <= size)
 
 
 def test_fenchel_gap_is_an_error_in_energy() -> None:
-    """Of elasticity: ½ (x - D⁻¹y)·D (x - D⁻¹y)."""
+    """For elasticity: ½ (x - D⁻¹y)·D (x - D⁻¹y)."""
     rng = np.random.default_rng(44)
     D = np.array([[3.0, 1.0], [1.0, 2.0]])
     body = materials.LinearElastic(D)
@@ -783,7 +783,7 @@ def test_fenchel_gap_is_an_error_in_energy() -> None:
 
 
 def test_uzawa_of_two_springs() -> None:
-    """(41), (42): an elastic material in an elastic frame, against linear algebra."""
+    """(41), (42): an elastic material in an elastic frame, compared with linear algebra."""
     rng = np.random.default_rng(50)
     root = rng.normal(size=(3, 3))
     C, free = root @ root.T + np.eye(3), rng.normal(size=3)
@@ -800,7 +800,7 @@ def test_uzawa_of_two_springs() -> None:
 
 
 def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], Array]:
-    """``Δt ↦ -Δu`` of the body that has ``v = W t + q``, from the start state."""
+    """``Δt ↦ -Δu`` of a body with ``v = W t + q``, from the start state."""
     free = (W @ start.reaction.ravel()).reshape(q.shape) + q
     free[:, 0] -= start.opening
     return materials.elastic_strain(W, free)
@@ -808,8 +808,8 @@ def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], A
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("kind", ["held", "graded", "frictionless"])
-def test_uzawa_rests_at_the_answer(kind: str, d: int) -> None:
-    """(45), (46) with (54), from any start state: the reactions of the package's solver."""
+def test_uzawa_has_the_solution_as_fixed_point(kind: str, d: int) -> None:
+    """(45), (46) with (54), from any start state: the fixed point is the solver's reactions."""
     for seed in range(3):
         given = random_problem(kind, d, seed)
         W, q, mu = given.W, given.q, given.mu
@@ -822,13 +822,13 @@ def test_uzawa_rests_at_the_answer(kind: str, d: int) -> None:
         )
         law = materials.Coulomb(mu, start)
         stiff = d / np.diag(W).reshape(q.shape).sum(axis=1)
-        # Scaled as the package does; friction adds μ to the slope of r ↦ ṽ.
+        # Scaled as in the package; friction adds μ to the slope of r ↦ ṽ.
         root = np.sqrt(np.repeat(stiff, d))
         top = np.linalg.eigvalsh(root[:, None] * W * root)[-1]
         r = stiff / (top * (1 + mu.max()))
         found = materials.uzawa(law, structure(W, q, start), np.zeros(q.shape), r, 600)
         end = found[-1] + start.reaction
-        # Linear convergence; 600 steps leave rounding of both.
+        # Linear convergence: after 600 steps only rounding of both is left.
         assert np.linalg.norm(end - answer.reaction) <= 1e-9 * size
 
 
@@ -859,14 +859,14 @@ def test_uzawa_contracts(kind: str) -> None:
         error = np.linalg.norm(found - found[-1], axis=(1, 2))
         seen = error > 1e-9 * error[0]
         ratio = error[1:][seen[1:]] / error[:-1][seen[1:]]
-        # The end stands for the answer, to rounding: 1e-6 of what is seen.
+        # The last iterate replaces the solution; its error is 1e-6 of the errors compared.
         assert ratio.max() <= factor * (1 + 1e-5)
         assert error[8] <= factor**8 * error[0] * (1 + 1e-4)
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_uzawa_is_the_method_of_the_package(d: int) -> None:
-    """While its rule keeps ρ, `method="uzawa"` makes these very iterates."""
+    """While its rule keeps ρ, `method="uzawa"` computes exactly these iterates."""
     n = 4
     rng = np.random.default_rng(52)
     root = rng.normal(size=(n * d, n * d))
@@ -881,7 +881,7 @@ def test_uzawa_is_the_method_of_the_package(d: int) -> None:
     stiff = d / np.diag(W).reshape(n, d).sum(axis=1)
 
     def ratio(r: Array, s: Array) -> float:
-        """How much ṽ moves beside r, ρ of its rule, in scaled variables."""
+        """Change of ṽ relative to that of r, which sets ρ of its rule, in scaled variables."""
         tilde = [(W @ x.ravel()).reshape(n, d) + q for x in (r, s)]
         for v in tilde:
             v[:, 0] += 0.2 * np.linalg.norm(v[:, 1:], axis=1)
@@ -890,14 +890,14 @@ def test_uzawa_is_the_method_of_the_package(d: int) -> None:
             np.linalg.norm(dv) / np.linalg.norm((s - r) / np.sqrt(stiff)[:, None])
         )
 
-    # It starts at 1 and cuts a step above 0.9 to 2/3 of what the ratio allows.
+    # It starts at 1; a step above 0.9 is cut to 2/3 of the value that the ratio allows.
     law, strain = materials.Coulomb(0.2, start), structure(W, q, start)
     trial = materials.uzawa(law, strain, np.zeros((n, d)), stiff, 1)[1]
     first = ratio(np.zeros((n, d)), trial)
     rho = 1.0 if first <= 0.9 else 2 / 3 * min(1 / first, 1.0)
     found = materials.uzawa(law, strain, np.zeros((n, d)), rho * stiff, 12)
     for k in range(1, 12):
-        # The rule leaves rho alone on this problem.
+        # The rule does not change rho in this problem.
         assert 0.3 < rho * ratio(found[k], found[k + 1]) < 0.9
         same = problem.solve("uzawa", tol=1e-15, max_iterations=k)
         assert same.iterations == k
@@ -914,7 +914,7 @@ def test_uzawa_is_the_method_of_the_package(d: int) -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 0.25, 0.8])
 def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
-    """One implicit step of elastoplasticity, against its closed form, the apex included."""
+    """One implicit step of elastoplasticity equals its closed form, including the apex."""
     rng = np.random.default_rng(53)
     K, G, alpha, apex = 2.0, 1.3, 0.8, 0.3
     law = soils.DruckerPrager(alpha, beta, apex)
@@ -923,7 +923,7 @@ def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
     trial = volume_and_deviator(3 * mean, rng.exponential(size=n)[:, None] * side)
 
     def plastic(y: Array) -> Array:
-        """What of the strain is not elastic: C⁻¹(σ_trial - σ)."""
+        """The inelastic part of the strain: C⁻¹(σ_trial - σ)."""
         lost = trial - y
         volume = lost[:, :3].sum(axis=1)
         rest = lost - np.outer(volume / 3, [1, 1, 1, 0, 0, 0])
@@ -936,13 +936,13 @@ def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
     flow = np.maximum(over, 0) / (2 * G + alpha * beta * K)
     left = s - 2 * G * flow
     at_apex = (over > 0) & (left < 0)
-    # Elastic, back along the gradient of the plastic potential, or at the apex.
+    # Elastic, or back along the gradient of the plastic potential, or at the apex.
     expected = volume_and_deviator(3 * (mean - K * beta * flow), left[:, None] * side)
     expected[at_apex] = [apex] * 3 + [0] * 3
     # I - 2G C⁻¹ has the eigenvalues 0 and 1 - 2G/3K, and friction adds less.
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert min((over <= 0).sum(), at_apex.sum(), ((over > 0) & ~at_apex).sum()) > 20
-    # On the law of the soil, by its own gap; at the apex the strain is what is left.
+    # On the law of the soil, by its own gap; at the apex the strain is the remainder.
     strain = volume_and_deviator(beta * flow, flow[:, None] * side)
     strain[at_apex] = plastic(expected)[at_apex]
     assert np.abs(materials.gap(law, strain, expected)).max() <= 1e-13
@@ -1110,19 +1110,19 @@ def test_mistakes_are_named(name: str) -> None:
 
 
 def test_beyond_its_domain_the_soil_has_no_bipotential() -> None:
-    """β > α, β < 0: the same formula is not convex, which is why they are refused."""
+    """For β > α or β < 0 the formula is not convex, so these values are refused."""
 
     def b(e: float, volume: float, depth: float, alpha: float, beta: float) -> float:
         if volume < beta * abs(e):
             return math.inf
         return (alpha - beta) * depth * abs(e)
 
-    # β > α: along e at a volume strain that lets both ends flow, it is concave.
+    # β > α: concave along e, at a volume strain where both ends flow.
     ends = (b(-1.0, 1.0, 1.0, 0.3, 0.5) + b(1.0, 1.0, 1.0, 0.3, 0.5)) / 2
     assert b(0.0, 1.0, 1.0, 0.3, 0.5) > ends
-    # β < 0: between two strains of the domain lies one outside.
+    # β < 0: between two strains of the domain there is one outside.
     assert math.isinf(b(0.0, -0.2, 1.0, 0.3, -0.2))
     assert math.isfinite(b(1.0, -0.2, 1.0, 0.3, -0.2))
-    # 0 <= β <= α: neither.
+    # 0 <= β <= α: neither occurs.
     ends = (b(-1.0, 1.0, 1.0, 0.5, 0.3) + b(1.0, 1.0, 1.0, 0.5, 0.3)) / 2
     assert b(0.0, 1.0, 1.0, 0.5, 0.3) <= ends

@@ -1,7 +1,7 @@
 """Unusual types of valid arguments give the same bits, or an error with a message.
 
-Entries are small multiples of 1/8, exact in every type below, so that nothing but the
-type, the layout and the container differ.
+Entries are small multiples of 1/8, which every type below represents exactly. So only
+the type, the memory layout and the container differ.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ MATRICES = ("K", "B", "W")
 
 
 def answers(given: dict[str, Any]) -> list[Array]:
-    """All that comes out, whoever takes the argument."""
+    """All results, of every function that takes the argument."""
     problem = bp.ContactProblem(
         given["K"],
         given["B"],
@@ -107,7 +107,7 @@ def read_only(x: Array) -> Array:
 
 
 def broadcast(x: Array) -> Array:
-    # A first axis without stride, where rows are alike; a view else.
+    # Where rows are equal, an array whose first axis has no stride; otherwise a view.
     return np.broadcast_to(x[:1], x.shape) if (x == x[:1]).all() else x[...]
 
 
@@ -177,7 +177,7 @@ def test_integers(argument: str, kind: type) -> None:
 
 
 def unsorted(x: Any) -> Any:
-    """CSR with the entries of each row backwards."""
+    """CSR with the entries of each row in reverse order."""
     csr = sparse.csr_array(x)
     for begin, end in zip(csr.indptr[:-1], csr.indptr[1:], strict=True):
         csr.indices[begin:end] = csr.indices[begin:end][::-1].copy()
@@ -187,14 +187,14 @@ def unsorted(x: Any) -> Any:
 
 
 def doubled(x: Any) -> Any:
-    """Each entry as two halves, which add up exactly."""
+    """Each entry stored as two halves, whose sum is exact."""
     coo = sparse.coo_array(x)
     row, column = np.tile(coo.row, 2), np.tile(coo.col, 2)
     return sparse.coo_array((np.tile(coo.data / 2, 2), (row, column)), shape=x.shape)
 
 
 def doubled_csr(x: Any) -> Any:
-    """The same in CSR that nobody has put together."""
+    """The same in CSR, with the repeated entries not summed."""
     csr = sparse.csr_array(x)
     counts = 2 * np.diff(csr.indptr)
     rows = np.split(np.arange(csr.nnz), csr.indptr[1:-1])
@@ -204,7 +204,7 @@ def doubled_csr(x: Any) -> Any:
 
 
 def explicit_zeros(x: Any) -> Any:
-    """Every place stored."""
+    """Every entry stored, zeros included."""
     rows, columns = np.indices(x.shape).reshape(2, -1)
     return sparse.coo_array((x.ravel(), (rows, columns)), shape=x.shape).tocsr()
 
@@ -223,7 +223,7 @@ def read_only_sparse(x: Any) -> Any:
 
 
 def longer_than_needed(x: Any) -> Any:
-    """Arrays with room behind the last entry, as an assembly may leave them."""
+    """Arrays with unused space after the last entry, as an assembly may leave them."""
     csr = sparse.csr_array(x)
     csr.data = np.append(csr.data, [np.nan, 1e300])
     csr.indices = np.append(csr.indices, [0, 0]).astype(csr.indices.dtype)
@@ -261,7 +261,7 @@ SPARSE: dict[str, Callable[[Array], Any]] = {
 
 
 def contents(matrix: Any) -> list[bytes]:
-    """What the caller's object holds, byte by byte."""
+    """The contents of the caller's object, byte by byte."""
     if isinstance(matrix, np.ndarray):
         return [matrix.tobytes()]
     names = ("data", "indices", "indptr", "row", "col", "offsets", "rows")

@@ -1,7 +1,7 @@
 """Wrong calls of the compiled core raise exceptions and do not panic.
 
-A panic would be an exception that `except Exception` does not catch. What comes back is
-an error of Python's own, or an answer.
+`except Exception` does not catch a panic. Every call must return, or raise an ordinary
+Python exception.
 """
 
 import itertools
@@ -32,7 +32,7 @@ def csr(pointer: Any, index: Any, values: Any) -> tuple[Any, ...]:
     return np.array(pointer), np.array(index, np.int64), np.array(values, float)
 
 
-# Wrong for nearly every argument, in every way that fits through the types.
+# Values that are wrong for nearly every argument, but have a type that is accepted.
 ODD: list[Any] = [
     None,
     True,
@@ -75,7 +75,7 @@ ODD: list[Any] = [
     [([0, 1], np.full(16, 1e308), None)],
     [([], np.zeros(0), None), *ISLAND],
     *(
-        # Blocks by rows, two of them on the diagonal, and what contradicts itself.
+        # Block rows with two diagonal blocks, and some inconsistent ones.
         [([0, 1], np.tile(np.eye(2).ravel(), 2), pattern)]
         for pattern in (
             ([0, 1, 2], [0, 1]),
@@ -112,7 +112,7 @@ ODD: list[Any] = [
 
 
 def entries() -> dict[str, tuple[Call, list[Any]]]:
-    """Every function of the core with arguments that are right."""
+    """Every function of the core with valid arguments."""
     condensed = _core.Condensed(EYE, EYE, GAP, MU, np.zeros(0, np.int64), 2)
     held = _core.Reduced(ISLAND, GAP, MU, np.zeros((0, 4)), NONE)
     floating = _core.Reduced(ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1]))
@@ -201,7 +201,7 @@ ENTRIES = entries()
 
 
 def spoiled(good: list[Any]) -> Iterator[list[Any]]:
-    """Each argument by each odd one, then two at a time."""
+    """Each argument replaced by each wrong value, then two at a time."""
     for k, odd in itertools.product(range(len(good)), ODD):
         yield [*good[:k], odd, *good[k + 1 :]]
     choose = random.Random(len(good))
@@ -214,7 +214,7 @@ def spoiled(good: list[Any]) -> Iterator[list[Any]]:
 
 def test_every_function_of_the_core_is_called() -> None:
     called = {name.partition(",")[0] for name in ENTRIES}
-    # Constants, and what takes no argument that could be wrong.
+    # Constants, and functions without an argument that could be wrong.
     rest = {
         "build_profile",
         "keep_heap",
@@ -236,7 +236,7 @@ def test_no_panic(name: str) -> None:
         try:
             call(*args)
         except RuntimeError as error:
-            # A panic that was caught says so: there is a fault behind it.
+            # The message of a caught panic says so: it means a fault in the core.
             pytest.fail(f"{args}: {error}")
         except Exception:  # noqa: BLE001 - all that is left is BaseException
             failed += 1
@@ -271,12 +271,12 @@ def chain(n: int) -> Any:
 
 
 def test_a_dense_W_of_a_hundred_thousand_contacts() -> None:
-    """One body, every unknown in contact: S and W of 2e5 rows are 320 GB each."""
+    """One body, every unknown in contact: S and W have 2e5 rows, 320 GB each."""
     n = 200_000
     eye = sparse.eye_array(n, format="csr")
     with pytest.raises(MemoryError, match=r"needs \d{12,} bytes"):
         bp.ContactProblem(chain(n), eye, gap=np.zeros(n // 2), mu=0.3)
-    # On bodies of their own there is no such W to be made, unless one asks for it.
+    # If each contact has its own body, W is sparse; the dense W is made only on request.
     apart = bp.ContactProblem(eye, eye, gap=np.zeros(n // 2), mu=0.3)
     with pytest.raises(MemoryError, match=rf"needs {8 * n * n} bytes"):
         _ = apart.compliance
@@ -320,7 +320,7 @@ print(*said)
 
 
 def test_absurd_sizes_are_refused_and_not_allocated() -> None:
-    # Arrays of no memory but more than 2^31 rows, in a process that has 3 GB.
+    # Arrays that use no memory but have more than 2^31 rows, in a process limited to 3 GB.
     ended = subprocess.run(
         [sys.executable, "-c", COUNTED],
         capture_output=True,
@@ -332,7 +332,7 @@ def test_absurd_sizes_are_refused_and_not_allocated() -> None:
     assert set(ended.stdout.split()) == {"MemoryError", "ValueError"}
 
 
-def test_more_threads_than_a_machine_gives() -> None:
+def test_more_threads_than_the_machine_has() -> None:
     tiny = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
     for many in (2**31 - 1, 10**6, 1025):
         with pytest.raises(
@@ -350,7 +350,7 @@ def numbers(x: Any) -> NDArray[Any]:
 
 @pytest.mark.parametrize("method", ["auto", "newton", "gauss_seidel", "nesterov"])
 def test_numbers_at_the_ends_of_doubles(method: str) -> None:
-    """No panic, no NaN, and no answer that is none, from entries of any size."""
+    """Entries of any size give no panic, no NaN and no wrong solution."""
     rng, refused = np.random.default_rng(17), 0
     sizes = (0.0, 5e-324, 1e-310, 1e-200, 1e-20, 1.0, 1e20, 1e200, 1e307)
     for _ in range(300):

@@ -16,7 +16,7 @@ def test_a_load_that_the_caller_uses_again() -> None:
     for k in range(3):
         load[0] = -(k + 1.0)
         results.append(problem.solve(load, start=results[-1] if results else None))
-    # The gap of 0.5 closes in every step, whatever became of the array since.
+    # The gap of 0.5 closes in every step, even if the caller changes the array afterwards.
     assert [result.displacement[0, 0] for result in results] == [-0.5, -0.5, -0.5]
 
 
@@ -37,7 +37,7 @@ def test_large_friction_hides_no_penetration(mu: float, method: str) -> None:
     problem = bp.ReducedProblem(np.eye(3), [[-1e-8, 1.0, 0.0]], mu)
     assert problem.residual(np.zeros((1, 3))) > 1e-6
     solution = problem.solve(method)
-    if mu <= 1e8:  # cannot stick: the answer slides
+    if mu <= 1e8:  # # cannot stick: it slides
         return
     assert solution.converged
     # Sticks: r = -q, to rounding.
@@ -47,7 +47,7 @@ def test_large_friction_hides_no_penetration(mu: float, method: str) -> None:
 
 
 def test_loads_in_balance_with_themselves() -> None:
-    # Two nodes joined by springs, free to move as one; 0.1 + 0.2 is not 0.3.
+    # Two nodes joined by springs and free to move together; 0.1 + 0.2 is not exactly 0.3.
     K = np.array(
         [[1, 0, -1, 0], [0, 1, 0, -1], [-1, 0, 1, 0], [0, -1, 0, 1]], dtype=float
     )
@@ -60,7 +60,7 @@ def test_loads_in_balance_with_themselves() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_redundant_contact_has_no_answer_of_its_own(method: str) -> None:
+def test_dependent_contacts_are_solved(method: str) -> None:
     H = np.array([[1, 0, 0], [-1, 0, 0], [1, 1, 0], [0, 0, 1.0]])
     problem = bp.ReducedProblem(H @ H.T, [[-1, 0.5], [-3, 0]], 1.0)
     solution = problem.solve(method)
@@ -69,7 +69,7 @@ def test_a_redundant_contact_has_no_answer_of_its_own(method: str) -> None:
     assert problem.residual(solution.reaction) <= solution.tolerance
 
 
-def test_a_failed_path_keeps_what_it_started_from() -> None:
+def test_a_failed_path_keeps_its_start() -> None:
     problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.5)
     first = problem.solve([-1.0, 0.9])
     with pytest.raises(bp.NotConvergedError) as caught:
@@ -99,7 +99,7 @@ def test_units_at_the_ends_of_the_range(size: float) -> None:
         assert not np.isnan(solution.residual)
         assert not np.isnan(solution.reaction).any()
         if solution.converged:
-            # r_n = q/W, r_t the lesser of friction and what sticks: 0.2 q/W.
+            # r_n = q/W; r_t is the smaller of the friction limit and the sticking force 0.2 q/W.
             np.testing.assert_allclose(
                 solution.reaction, [[q / W, -0.2 * q / W]], rtol=1e-9
             )
@@ -124,8 +124,8 @@ def test_the_residual_finds_the_rigid_motion() -> None:
         solution = problem.solve(tol=1e-12)
         if not solution.converged:
             continue
-        # A least-squares motion reproduces the one that was found, to the square
-        # root of rounding at the worst, where contacts change status.
+        # The least-squares motion equals the one found to the square root of rounding in the
+        # worst case, which is at a change of status.
         assert problem.residual(solution.reaction) <= 1e-7
         assert problem.residual(solution.reaction, solution.rigid_motion) <= 1e-12
 
@@ -168,7 +168,7 @@ def test_messages_name_small_mistakes() -> None:
 def test_reactions_much_larger_than_displacements() -> None:
     """A weightless block between overlapping walls, and two contacts of a rigid body.
 
-    Nothing yields: reactions that undo each other may grow until v is lost in them.
+    Nothing deforms: reactions that cancel each other may grow until v is lost in rounding.
     """
     walls = bp.ReducedProblem(
         np.zeros((4, 4)),
@@ -186,12 +186,12 @@ def test_reactions_much_larger_than_displacements() -> None:
         for method in METHODS:
             solution = problem.solve(method, max_iterations=3000)
             v = solution.relative_displacement
-            # 1e-6 is what the judge allows of the free displacement, which is one.
+            # The residual allows 1e-6 of the free displacement, which is one.
             assert not (solution.converged and v[:, 0].min() < -1e-6), method
 
 
 def test_loads_of_any_unit_on_rigid_bodies() -> None:
-    """No compliance ties forces to displacements: the unit of e changes nothing."""
+    """No compliance relates forces to displacements, so the unit of e has no effect."""
     R = np.array([[1, 0, -1], [0, 1, 0], [1, 0, 1], [0, 1, 0.0]])
     answers = [
         bp.ReducedProblem(
@@ -206,7 +206,7 @@ def test_loads_of_any_unit_on_rigid_bodies() -> None:
 
 
 def test_work_beyond_the_range_of_doubles() -> None:
-    """Forces and displacements are finite, their product is not."""
+    """Forces and displacements are finite, but their product is not."""
     solution = bp.ReducedProblem(1e-150 * np.eye(2), [[-1e150, 1e150]], 0.3).solve()
     assert np.isfinite(solution.bipotential_gap).all()
     assert np.isfinite(solution.history).all()
@@ -214,20 +214,20 @@ def test_work_beyond_the_range_of_doubles() -> None:
 
 @pytest.mark.parametrize("load", [1e-8, 1e-9, 1e-12, 1e-30, 0.0])
 def test_loads_much_smaller_than_reactions(load: float) -> None:
-    """Two contacts pressed by their gaps, and hardly any load on a free motion."""
+    """Gaps press two contacts; the load on a free motion is very small."""
     rigid = ([[0], [1], [0], [1]], [load])
     problem = bp.ReducedProblem(np.eye(4), [[-1, 0], [-1, 0]], 0.3, rigid=rigid)
     solution = problem.solve()
     assert solution.converged
-    # The balance is met to the rounding of the reactions, which are one.
+    # The balance holds to the rounding of the reactions, which are one.
     assert abs(solution.reaction[:, 1].sum() + load) <= 1e-15
 
 
 def test_a_diverged_body_is_not_a_solution() -> None:
-    """Held in y only, pulled along x by more than friction carries.
+    """A body held in y only is pulled along x by more than friction can carry.
 
-    The normal parts of its motion along the plane are rounding; times a motion of 1e11
-    lengths they would press the contacts until friction carries the load after all.
+    The normal components of its motion along the plane are rounding errors. Multiplied by
+    a motion of 1e11 lengths, they would press the contacts until friction carries the load.
     """
     cells, height = 310, 0.05
     body = block([1.0, height], [cells, 2], 1.0, 0.3)
@@ -235,7 +235,7 @@ def test_a_diverged_body_is_not_a_solution() -> None:
     x, y = body.basis.mesh.p
     inside = np.flatnonzero((np.abs(x - 0.5) < 1e-9) & (np.abs(y - height / 2) < 1e-9))
     dx, dy = body.basis.nodal_dofs[:, inside[0]]
-    # A frictionless wall above a node inside presses it down.
+    # A node inside a frictionless wall is pressed down by it.
     wall = sparse.csr_array(([-1.0, 1.0], ([0, 1], [dy, dx])), shape=(2, n))
     pins = [28, 56, 73, 101, 147, 175, 192, 220, 249, 266, 294]
     rows = (2 * np.array(pins)[:, None] + [0, 1]).ravel()

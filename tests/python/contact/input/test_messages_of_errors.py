@@ -12,7 +12,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 
-# Two contacts in the plane on four degrees of freedom, normal first. Held.
+# Two contacts in the plane, normal first, on four degrees of freedom of a held body.
 K = np.array(
     [
         [2.0, 0.5, -0.3, 0.0],
@@ -66,7 +66,7 @@ def sparse_put(index: tuple[int, int], value: float) -> Any:
 
 
 def refused(call: Build, argument: str, value: Any, *said: str) -> None:
-    """The call raises, naming the argument and all of `said`."""
+    """The call raises an error that names the argument and contains all of `said`."""
     with pytest.raises((ValueError, TypeError)) as caught:
         call(**{argument: value})
     message = str(caught.value)
@@ -77,7 +77,7 @@ def refused(call: Build, argument: str, value: Any, *said: str) -> None:
 
 
 def test_the_base_case_is_good() -> None:
-    """Otherwise every refusal below could be for another reason."""
+    """The unchanged arguments work, so each error below comes from the changed one."""
     assert solve().success
     assert reduced_solve().converged
     assert project()[0].shape == (2, 3)
@@ -147,7 +147,7 @@ class TestNotFinite:
 
 
 class TestShapes:
-    """What was found and what was expected are both in the message."""
+    """The message has the shape found and the shape expected."""
 
     def test_stiffness(self) -> None:
         refused(problem, "K", K[:3], "square|shape", "3", "4")
@@ -259,7 +259,7 @@ class TestRanges:
         refused(problem, "fixed", [[0, 1]], "dimension|shape")
 
     def test_frames(self) -> None:
-        """Bases that are none: zero, of another length, aslant, one of several."""
+        """Invalid bases: zero, wrong length, not orthogonal, one wrong among several."""
         for wrong in (
             np.zeros((2, 2)),
             2 * np.eye(2),
@@ -269,7 +269,7 @@ class TestRanges:
             frame = np.array([np.eye(2), wrong])
             with pytest.raises(ValueError, match=r"^frame of contact 1 has the rows"):
                 problem(frame=frame)
-        # Written down with seven digits, and of the other hand.
+        # Written with seven digits, and left-handed.
         c, s = 0.8660254, 0.5000000
         problem(frame=[[[c, s], [-s, c]], [[0.0, 1.0], [1.0, 0.0]]])
 
@@ -342,7 +342,7 @@ class TestStiffness:
         refused(problem, "K", K - 3 * np.eye(4), "definite|negative")
 
     def test_indefinite_inside(self) -> None:
-        """The degree of freedom that contact does not see is the caller's number."""
+        """The message has the caller's number of a degree of freedom away from contact."""
         inside = np.zeros((5, 5))
         inside[1:, 1:] = K
         inside[0, 0] = -1.0
@@ -352,7 +352,7 @@ class TestStiffness:
         )
 
     def test_nothing_holds_the_interior(self) -> None:
-        """A free node that no contact touches: the place is named."""
+        """The message names a free node that no contact touches."""
         free = np.zeros((5, 5))
         free[:4, :4] = K
         wide = sparse.csr_array(np.hstack([np.eye(4), np.zeros((4, 1))]))
@@ -362,7 +362,7 @@ class TestStiffness:
 
 
 def test_terabytes_raise_before_they_are_allocated() -> None:
-    # 4e5 rows of W are 1.3 TB. The stiffness itself is small.
+    # 4e5 rows of W take 1.3 TB. The stiffness itself is small.
     n = 400_000
     many = bp.ContactProblem(
         sparse.identity(n, format="csr"),
@@ -375,11 +375,11 @@ def test_terabytes_raise_before_they_are_allocated() -> None:
 
 
 class TestErrorsCarryTheirResult:
-    """A path whose second step has no answer: the first is kept."""
+    """A path whose second step has no solution keeps the first step."""
 
     @staticmethod
     def drift() -> bp.BipotError:
-        # One contact under a body free in both directions: pressed, then pulled off.
+        # One contact under a body free in both directions: pressed, then lifted.
         free = bp.ContactProblem(
             np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5, dim=2
         )
@@ -392,7 +392,7 @@ class TestErrorsCarryTheirResult:
         assert isinstance(error, bp.BipotError)
         result = error.result
         assert result.reaction.shape == (1, 1, 2)
-        # Statics: the reaction is minus the load, to the tolerance of the solver.
+        # By statics the reaction is minus the load, to the tolerance of the solver.
         np.testing.assert_allclose(result.reaction[0], [[1.0, -0.3]], rtol=1e-9)
         assert result.status[0, 0] == bp.Status.STICK
         assert not result.success
@@ -401,11 +401,11 @@ class TestErrorsCarryTheirResult:
     def test_slides_away_at_once(self) -> None:
         free = bp.ContactProblem(np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5)
         with pytest.raises(bp.NoEquilibriumError, match="load step 1") as caught:
-            free.solve(np.array([-1.0, 0.6]))  # beyond the cone
+            free.solve(np.array([-1.0, 0.6]))  # # outside the cone
         assert caught.value.result.reaction.shape == (0, 1, 2)
 
     def test_no_equilibrium(self) -> None:
-        """A node prescribed into its obstacle: nothing can push it out."""
+        """A node is prescribed to penetrate its obstacle: no reaction can push it out."""
         held = problem(fixed=[0, 1])
         with pytest.raises(bp.NoEquilibriumError, match=r"\b0\b") as caught:
             held.solve(LOAD, np.array([[0.0, 0.0], [-0.1, 0.0]]))
@@ -419,7 +419,7 @@ class TestErrorsCarryTheirResult:
                 max_iterations=1,
             )
         result = caught.value.result
-        assert result.reaction.shape == (1, 2, 2)  # nothing was asked of the first
+        assert result.reaction.shape == (1, 2, 2)  # # the first step needed nothing
         assert not result.success
         assert str(caught.value).startswith("load step 2: not converged")
 
@@ -457,16 +457,16 @@ class TestErrorsCarryTheirResult:
 
 
 class TestSettled:
-    """API rules that two programs must agree on."""
+    """Rules of the API that other programs rely on."""
 
-    def test_convergence_is_what_it_says(self) -> None:
+    def test_converged_means_a_residual_below_the_tolerance(self) -> None:
         for method in ("auto", "gauss_seidel", "uzawa"):
             solution = reduced().solve(method=method, tol=1e-9)
             assert solution.converged
             assert solution.residual <= solution.tolerance
             assert solution.tolerance >= 1e-9
-            # One certificate, recomputed from the reaction alone. It may differ by
-            # the rounding of a product with W of 4 columns.
+            # The same certificate, recomputed from the reaction alone. It may differ by the
+            # rounding of a product with W, which has 4 columns.
             assert reduced().residual(solution.reaction) == pytest.approx(
                 solution.residual, abs=1e-15
             )
@@ -474,7 +474,7 @@ class TestSettled:
     def test_a_tolerance_below_rounding_is_raised(self) -> None:
         solution = reduced().solve(tol=1e-300)
         assert solution.converged
-        # The floor: 4 eps times a modest ratio, and never a claim above 1e-6.
+        # The floor is 4 eps times a modest ratio, and at most 1e-6.
         assert 1e-17 < solution.tolerance < 1e-13
 
     def test_nothing_loaded_is_open(self) -> None:
@@ -507,7 +507,7 @@ class TestSettled:
         )
         total = result.relative_displacement[..., 1:]
         np.testing.assert_array_equal(result.slip[0], total[0])
-        # Two roundings of a difference of numbers of order one.
+        # Two roundings in a difference of numbers of order one.
         np.testing.assert_allclose(result.slip[1], total[1] - total[0], atol=1e-15)
         assert np.abs(result.slip[1]).max() > 1e-3
 
@@ -560,7 +560,7 @@ class TestSettled:
         half = K[rows, columns] / 2
         order = np.random.default_rng(1).permutation(32) % 16
         twice = sparse.coo_array((half[order], (rows[order], columns[order])), (4, 4))
-        # Halving and adding back is exact in binary.
+        # Halves add up exactly in binary.
         np.testing.assert_array_equal(
             problem(K=twice).solve(LOAD).reaction, solve().reaction
         )
@@ -577,7 +577,7 @@ class TestSettled:
         )
 
     def test_the_law_holds_in_all_statuses(self) -> None:
-        """Signorini and Coulomb, written out, on random problems of 20 contacts."""
+        """Signorini's and Coulomb's conditions, written out, for random problems of 20 contacts."""
         random = np.random.default_rng(7)
         for dim in (2, 3):
             factor = random.normal(size=(20 * dim, 20 * dim))
@@ -587,8 +587,8 @@ class TestSettled:
             assert one.converged
             r, v = one.reaction, one.relative_displacement
             scale_r, scale_v = np.abs(r).max(), np.abs(v).max()
-            # What remains is of the order of the residual, 1e-12, times the
-            # condition of the blocks, below 1e3 here.
+            # The error is of the order of the residual, 1e-12, times the condition of the
+            # blocks, below 1e3 here.
             small = 1e-9
             assert r[:, 0].min() >= 0
             assert v[:, 0].min() >= -small * scale_v

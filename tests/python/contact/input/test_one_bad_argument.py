@@ -1,8 +1,8 @@
 """Calls with one wrong argument raise an error with a message.
 
-A good call is generated, one argument of it spoiled. What must come is a `ValueError`
-or `TypeError` that names the argument and says what was found; nothing else, and no
-answer.
+Each test makes a valid call and changes one argument. The call must raise a
+`ValueError` or `TypeError` that names the argument and what was found. It must not
+return, and it must not raise anything else.
 """
 
 import math
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Good(NamedTuple):
-    """Arguments of a call that is right."""
+    """Arguments of a valid call."""
 
     K: Array
     B: Array
@@ -41,7 +41,7 @@ class Good(NamedTuple):
 
 
 def good(d: int, contacts: int, seed: int) -> Good:
-    """A stiffness of random springs, the last degree of freedom prescribed."""
+    """A stiffness of random springs, with the last degree of freedom prescribed."""
     rng = np.random.default_rng([d, contacts, seed])
     n = d * contacts + 2
     root = rng.normal(size=(n, n)) / np.sqrt(n)
@@ -75,7 +75,7 @@ def _global(call: Good, **spoiled: Any) -> bp.fclib.GlobalProblem:
     return bp.fclib.GlobalProblem(**(given | spoiled))
 
 
-# Each takes the good arguments and the spoiled one.
+# Each function takes the valid arguments and the changed one.
 Call = Callable[[Good, Any], Any]
 ARRAYS: dict[str, tuple[Call, Callable[[Good], Array]]] = {
     "K": (lambda c, x: _problem(c._replace(K=x)), lambda c: c.K),
@@ -118,8 +118,8 @@ ARRAYS: dict[str, tuple[Call, Callable[[Good], Array]]] = {
     "base": (lambda c, x: bp.project(c.q, c.mu, base=x), lambda c: c.q),
 }
 
-# What spoils an array, and what a message must then hold, besides the argument.
-# 0 to 1 choose the place.
+# Changes of an array, and the words that the message must have besides the argument.
+# A number from 0 to 1 chooses the place.
 Spoiled = tuple[Any, str]
 
 
@@ -202,7 +202,7 @@ def refused(call: Callable[[], Any], argument: str, *said: str) -> None:
     assert type(caught.value) in (ValueError, TypeError)
     for part in (rf"\b{argument.strip()}\b", *said):
         assert re.search(part, message), f"{part!r} not in {message!r}"
-    # One line that a terminal shows.
+    # One line that fits a terminal.
     assert "\n" not in message
     assert len(message) < 300
 
@@ -225,18 +225,18 @@ def test_a_spoiled_array(
     base = good(d, contacts, 0)
     call, taken = ARRAYS[argument]
     array = taken(base)
-    call(base, array)  # as it is, it is right
+    call(base, array)  # # the unchanged array works
     spoiled, said = spoil(array, where)
     legal = (
-        # A gap of all components, friction along two tangents, a third row for one
-        # contact and a path of one step are calls that are right too.
+        # These calls are also valid: a gap with all components, friction along two tangents, a
+        # third row for one contact, a path of one step.
         (spoil is _wider and argument == "gap")
         or (spoil is _wider and argument.strip() == "mu" and d == 3)
         or (spoil is _longer and argument == "B" and d == 2 and contacts == 1)
         or (spoil is _scalar_in_a_box and argument == "prescribed")
     )
     if not legal:
-        # What is too long may be found by what it is then too long for.
+        # An array that is too long may be reported by the argument whose length it contradicts.
         named = argument
         if spoil in (_longer, _wider, _scalar_in_a_box):
             named = rf"{argument.strip()}\b|\b(gap|q|W|B|K|M|H|f|w|mu|rigid|e of rigid)"
@@ -262,7 +262,7 @@ SCALARS: dict[str, Call] = {
     "callback": lambda c, x: _reduced(c).solve(callback=x),
     "start": lambda c, x: _problem(c).solve(c.load, start=x),
 }
-# None of them means anything to any of these arguments.
+# Values that are invalid for all of these arguments.
 NO_SCALARS = (
     -1,
     -0.5,
@@ -385,7 +385,7 @@ def test_an_indefinite_stiffness_is_refused(where: float, below: float) -> None:
 def test_a_broken_sparse_matrix_is_refused(
     argument: str, form: str, fault: str
 ) -> None:
-    """SciPy's conversions would follow these indices out of its arrays."""
+    """SciPy's conversions would follow these indices out of the arrays."""
     base = good(2, 2, 5)
     call, taken = ARRAYS[argument]
     whole = sparse.csr_array(taken(base))
@@ -433,7 +433,7 @@ def test_paths() -> None:
         result.save("/nowhere/at/all.h5")
 
 
-# Good arguments of every function of `analytic`, by name.
+# Valid arguments of every function of `analytic`, by name.
 CLOSED_FORMS: dict[str, dict[str, Any]] = {
     "contact_modulus": {"e1": 2.0, "nu1": 0.3, "e2": 3.0, "nu2": 0.2},
     "hertz_line": {"force": 1.0, "radius": 2.0, "e_star": 3.0},

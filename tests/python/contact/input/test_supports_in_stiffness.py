@@ -23,7 +23,7 @@ def block() -> dict[str, Any]:
 
 
 def enforced(K: Any, held: Any) -> Any:
-    """As ``skfem.enforce(K, D=held)``: rows of the identity, columns as they were."""
+    """As ``skfem.enforce(K, D=held)``: rows of the identity, columns unchanged."""
     free = np.ones(K.shape[0])
     free[held] = 0.0
     return (sparse.diags_array(free) @ K + sparse.diags_array(1 - free)).tocsr()
@@ -43,7 +43,7 @@ def test_enforced(block: dict[str, Any]) -> None:
         )
         assert f"but the {words[1]} more: supports were written into K" in said
         assert "as by skfem.enforce; expected K as assembled, with fixed=" in said
-    # One of them, and an asymmetry of another kind.
+    # One support, and an asymmetry of another kind.
     with pytest.raises(
         ValueError, match=r"; 1 row of K, first 3, contains the diagonal"
     ):
@@ -77,7 +77,7 @@ def test_condensed(block: dict[str, Any]) -> None:
         ValueError, match=r"removed from B, as by skfem.condense, but not from K"
     ):
         bp.ContactProblem(block["K"], block["B"][:, kept], **told)
-    # What these functions return, given as it is.
+    # The results of these functions, passed on unchanged.
     for pair in (
         (K, np.zeros(len(kept)), np.zeros(n), kept),
         (block["K"], np.zeros(n)),
@@ -92,7 +92,7 @@ def test_condensed(block: dict[str, Any]) -> None:
         match=r"K has shape \(40, 40\), expected \(50, 50\) as before, including",
     ):
         whole.update(K)
-    # Both condensed is a problem like any other, and the same.
+    # K and B both condensed: an ordinary problem with the same solution.
     load = np.zeros(n)
     load[1::2] = -1.0
     one = whole.solve(load)

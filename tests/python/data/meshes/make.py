@@ -5,7 +5,7 @@ from pathlib import Path
 
 import gmsh
 
-# Name: shape, order, whether of fewer nodes, version of the format, binary.
+# Name: shape, order, whether with fewer nodes, version of the format, binary.
 BOXES = {
     "quad.msh": ("quad", 1, False, 4.1, True),
     "quad8.msh": ("quad", 2, True, 4.1, False),
@@ -79,7 +79,7 @@ def box(name: str, shape: str, *rest: object) -> None:
 
 
 def two_bodies() -> None:
-    """A block of triangles under one of quadrilaterals, of other sizes, 0.1 apart."""
+    """A block of triangles under one of quadrilaterals with other sizes, 0.1 apart."""
     gmsh.model.add("two")
     occ = gmsh.model.occ
     occ.addRectangle(0, 0, 0, 2, 1)
@@ -101,7 +101,7 @@ def two_bodies() -> None:
 
 
 def disk() -> None:
-    """A disk of radius 1 in triangles of 6 nodes, its border curved and without name."""
+    """A disk of radius 1 of triangles with 6 nodes; its curved boundary has no name."""
     gmsh.model.add("disk")
     gmsh.model.occ.addDisk(0, 0, 0, 1, 1)
     gmsh.model.occ.synchronize()
@@ -113,7 +113,7 @@ def disk() -> None:
 
 
 def save_all() -> None:
-    """Two squares of which one has a name, all cells saved."""
+    """Two squares, one of them named, with all cells saved."""
     gmsh.model.add("all")
     for x in (0, 1):
         gmsh.model.occ.addRectangle(x, 0, 0, 1, 1)
@@ -128,10 +128,9 @@ def save_all() -> None:
 
 
 def groups() -> None:
-    """Two squares whose lines and faces are in several groups, or turned around in one.
+    """Two squares whose lines and faces are in several groups, or reversed in one.
 
-    One name is that of lines and of a face; in the files that end in ``_bare`` none has
-    a name.
+    Lines and a face share one name. In the files that end in ``_bare`` nothing has a name.
     """
     for bare in (False, True):
         for version, binary in ((2.2, False), (4.1, False), (4.1, True)):
@@ -169,7 +168,7 @@ def groups() -> None:
 
 
 def main() -> None:
-    """All of them."""
+    """Make all meshes."""
     # gmsh writes the name that it is given into some of the files.
     os.chdir(Path(__file__).parent)
     gmsh.initialize()
