@@ -110,7 +110,7 @@ docs: $(SPHINX) ## the pages of docs/ as a site, in out/docs
 	@echo "the site:             $(CURDIR)/out/docs/index.html"
 
 $(SPHINX): pyproject.toml $(STAMP)
-	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
+	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
 	@touch $@
 
 .PHONY: picture
@@ -135,10 +135,10 @@ checks:
 	@PYTHON='$(PYTHON)' .ci/prerequisites test
 
 # Without build isolation maturin runs from this environment, at the same path
-# each time: cargo then compiles only what changed.
+# each time: cargo then compiles only what changed. pip looks for maturin in PATH.
 $(STAMP): pyproject.toml Cargo.toml Cargo.lock $(shell find src -name '*.rs') | prerequisites
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet --disable-pip-version-check 'maturin>=1.16,<2'
 	@echo "compiling the core and installing: some three minutes, more on a busy machine"
-	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[dev]'
+	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[dev]'
 	@touch $@
