@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from time import perf_counter
@@ -31,6 +32,14 @@ def outcome(error: BaseException) -> tuple[int, str]:
     if isinstance(error, OSError) and error.strerror and error.filename:
         return BAD_INPUT, f"{error.filename}: {error.strerror}"
     return BAD_INPUT, str(error) or type(error).__name__
+
+
+def _of_the_system(error: BaseException | None) -> bool:
+    """Whether the system refused a call, such as a write to a full disk."""
+    if not isinstance(error, OSError):
+        return False
+    known = error.errno is not None and error.errno != errno.EINTR
+    return known or _of_the_system(error.__cause__)
 
 
 class Runner(ABC):
@@ -85,9 +94,13 @@ class Runner(ABC):
         except KeyboardInterrupt:
             code, message = self.interrupted
         except self.mistakes as error:
-            # Libraries turn an interrupt into errors of their own.
-            came = self.interrupts.came is not None
-            code, message = self.interrupted if came else outcome(error)
+            code, message = outcome(error)
+            if self.interrupts.came is not None:
+                # Libraries turn an interrupt into errors of their own. A full disk is not
+                # one of these: the user must know that files are missing.
+                lost = message if _of_the_system(error) else None
+                code, message = self.interrupted
+                message += "" if lost is None else f"; {lost}"
         if not self.as_json:
             self.show(code)
         return self.end(code, message)

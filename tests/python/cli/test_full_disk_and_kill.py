@@ -217,10 +217,15 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     assert "bipot: cannot write here/" in run.stderr
 
 
+def one_contact(folder: Path) -> tuple[str, ...]:
+    """Write the files of a small problem for `bipot solve`; returns the command."""
+    mmwrite(folder / "K.mtx", sparse.identity(2, format="coo"))
+    (folder / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
+    return "solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"
+
+
 def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
-    mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"))
-    (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
-    command = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
+    command = one_contact(tmp_path)
     for name, said in (
         ("steps.csv", "files written before: result.h5"),
         (
@@ -244,6 +249,24 @@ def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
         assert run.stderr.splitlines()[-1].endswith(f"; {said}"), run.stderr
         last = bipot_with(fault, f"bipot_rs.{at}", *command, "--json", cwd=tmp_path)
         assert json.loads(last.stdout.splitlines()[-1])["message"].endswith(said)
+
+
+@pytest.mark.parametrize("name", ["run", "solve"])
+def test_a_full_disk_after_a_signal_is_reported(name: str, tmp_path: Path) -> None:
+    """The status is that of the signal; the message says that files are missing."""
+    command = RUN[:-1] if name == "run" else one_contact(tmp_path)
+
+    def fault(path: Any, *_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    run = bipot_with(
+        fault, "bipot_rs.files.export:write_result", *command, cwd=tmp_path
+    )
+    assert run.returncode == 130
+    last = run.stderr.splitlines()[-1]
+    assert last.startswith("bipot: interrupted; "), run.stderr
+    assert os.strerror(errno.ENOSPC) in last
 
 
 def test_killed_under_result_save(tmp_path: Path) -> None:
