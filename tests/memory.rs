@@ -1,10 +1,6 @@
 //! Memory of a condensation, counted by an allocator, compared with the prediction of the
 //! analysis. It is a binary of its own, because the count is of the whole process.
-#![expect(
-    clippy::unwrap_used,
-    clippy::cast_precision_loss,
-    reason = "a test may fail, and its counts are small"
-)]
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 #[path = "common/bodies.rs"]
 #[expect(dead_code, reason = "other tests use the rest")]

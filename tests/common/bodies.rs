@@ -2,7 +2,8 @@
 //! cubes, a unit to the side of a cell.
 #![expect(
     clippy::many_single_char_names,
-    reason = "indices of cells, corners, nodes and directions"
+    clippy::cast_precision_loss,
+    reason = "indices of cells, corners, nodes and directions; counts are small"
 )]
 
 /// A stiffness matrix by columns, with what a test wants to know of it.
