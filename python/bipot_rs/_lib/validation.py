@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, SupportsIndex, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib import sparse_structure
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints

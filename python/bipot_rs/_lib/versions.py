@@ -7,7 +7,7 @@ import platform
 import sys
 from pathlib import Path
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 
 __version__ = _core.version
 

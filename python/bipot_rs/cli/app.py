@@ -126,7 +126,7 @@ app = _App(
 
 def _version(asked: bool) -> None:
     if asked:
-        from bipot_rs import _core
+        import bipot_rs._core as _core
 
         typer.echo(f"bipot-rs {_core.version}")
         raise typer.Exit

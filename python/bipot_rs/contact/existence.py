@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.existence_by_friction import holds
 

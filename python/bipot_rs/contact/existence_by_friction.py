@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 
 # A smaller component of a rigid motion of length 1 is rounding.

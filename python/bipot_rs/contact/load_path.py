@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings, by_component

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (

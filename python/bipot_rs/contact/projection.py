@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, friction
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, meant
 from bipot_rs._lib.types import Floats

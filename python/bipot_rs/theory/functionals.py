@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs import _core
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
