@@ -6,7 +6,8 @@
 The checkout is copied to ``out/mutations`` and every fault is compiled into that copy at
 once, behind a switch that the environment variable ``BIPOT_FAULT`` sets: one compilation
 serves all. Each fault then has one run of the Python tests, which stops at the first
-failure; the tests of the core run if none failed. The table goes to ``results.csv``.
+failure; faults of the core meet the tests of the core first. The table goes to
+``results.csv``.
 Exit status 1: a fault was not found.
 """
 
@@ -72,8 +73,9 @@ def plant() -> None:
         switch = "from bipot_rs.planted_faults import planted as _planted\n"
         path.write_text(text[:at] + switch + text[at:], "utf-8")
     (COPY / "python/bipot_rs/planted_faults.py").write_text(PYTHON_SWITCH, "utf-8")
-    with (COPY / "src/lib.rs").open("a", encoding="utf-8") as file:
-        file.write(RUST_SWITCH)
+    crate = COPY / "src/lib.rs"
+    text = crate.read_text("utf-8")
+    crate.write_text(f"#![allow(unused_parens)]\n{text}{RUST_SWITCH}", "utf-8")
     build = ["cargo", "build", "--release", "--features", "python", "--lib"]
     subprocess.run(build, cwd=COPY, env=environment(0), check=True)
     built = COPY / "target/release/libbipot_rs.so"
@@ -94,58 +96,60 @@ def environment(number: int) -> dict[str, str]:
     }
 
 
-def found_by(number: int) -> str:
-    """The first test that fails with this fault; nothing if all pass.
+def run(command: list[str], number: int) -> subprocess.CompletedProcess[str]:
+    """Run a command in the copy with this fault on."""
+    return subprocess.run(
+        command, cwd=COPY, env=environment(number), capture_output=True, text=True
+    )
+
+
+def found_in_rust(number: int) -> str:
+    """The first test of the core that fails; nothing if all pass."""
+    tests = run(["cargo", "test", "--locked", "--test", "core"], number)
+    if not tests.returncode:
+        return ""
+    failed = re.findall(r"^test (\S+) \.\.\. FAILED", tests.stdout, re.MULTILINE)
+    return f"cargo test: {failed[0] if failed else tests.stderr[-200:]}"
+
+
+def found_in_python(number: int) -> str:
+    """The first Python test that fails; nothing if all pass.
 
     The tests of the repository itself, such as of its layers, see the switches.
     """
-    tests = [
-        "-q",
-        "-x",
-        "-n",
-        "2",
-        "--dist",
-        "loadgroup",
-        "-p",
-        "no:cacheprovider",
-        "tests/python",
-    ]
-    left_out = ["--ignore=tests/python/repository"]
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", *tests, *left_out],
-        cwd=COPY, env=environment(number), capture_output=True, text=True,
-    )  # fmt: skip
-    if run.returncode:
-        failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
-        return failed[0] if failed else f"pytest ends with {run.returncode}"
-    run = subprocess.run(
-        ["cargo", "test", "--locked"],
-        cwd=COPY, env=environment(number), capture_output=True, text=True,
-    )  # fmt: skip
-    if run.returncode:
-        failed = re.findall(r"^test (\S+) \.\.\. FAILED", run.stdout, re.MULTILINE)
-        return f"cargo test: {failed[0] if failed else run.stderr[-200:]}"
-    return ""
+    pytest = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    where = ["tests/python", "--ignore=tests/python/repository"]
+    tests = run([*pytest, "-n", "2", "--dist", "loadgroup", *where], number)
+    if not tests.returncode:
+        return ""
+    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", tests.stdout, re.MULTILINE)
+    return failed[0] if failed else f"pytest ends with {tests.returncode}"
+
+
+def found_by(number: int, file: str) -> str:
+    """The first test that fails with this fault: where the fault is, then elsewhere."""
+    searches = [found_in_python, found_in_rust]
+    if file.endswith(".rs"):
+        searches.reverse()
+    return next(filter(None, (search(number) for search in searches)), "")
 
 
 def main() -> int:
     every = faults()
     asked = [int(a) for a in sys.argv[1:]] or list(range(1, len(every) + 1))
     plant()
-    if not sys.argv[1:] and (failed := found_by(0)):
+    if not sys.argv[1:] and (failed := found_by(0, "")):
         sys.stderr.write(f"with no fault on, {failed} fails\n")
         return 2
     rows = []
     for number in asked:
         start = perf_counter()
-        test = found_by(number)
+        fault = every[number - 1]
+        test = found_by(number, fault["file"])
         seconds = round(perf_counter() - start)
-        rows.append(
-            [number, every[number - 1]["file"], every[number - 1]["what"], test]
-        )
-        sys.stdout.write(
-            f"{number:3} {seconds:4} s  {rows[-1][2]}: {test or 'NOT FOUND'}\n"
-        )
+        rows.append([number, fault["file"], fault["what"], test])
+        found = test or "NOT FOUND"
+        sys.stdout.write(f"{number:3} {seconds:4} s  {fault['what']}: {found}\n")
         sys.stdout.flush()
     if not sys.argv[1:]:
         with (HERE / "results.csv").open("w", encoding="utf-8", newline="") as file:
