@@ -189,6 +189,11 @@ pub enum Error {
     /// The threads could not be started.
     #[error("the pool of {threads} threads could not be started: use fewer threads")]
     Threads { threads: usize },
+    /// A matrix for which no multigrid preconditioner can be built.
+    #[error(
+        "the multigrid preconditioner cannot be built: {reason}. Use a direct factorisation of K"
+    )]
+    Multigrid { reason: &'static str },
     /// The caller stopped the work.
     #[error("interrupted")]
     Interrupted,

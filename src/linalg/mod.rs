@@ -3,8 +3,11 @@
 //! Its main function is the partial factorisation: it eliminates the interior of a symmetric
 //! matrix and stops at the kept unknowns. The remaining matrix is the Schur complement `S`.
 
+pub mod amg;
 pub mod compensated;
+pub mod conjugate_gradients;
 pub mod dense;
+pub mod flexible_gmres;
 pub mod gmres;
 pub mod jacobi;
 pub mod least_squares;
@@ -12,8 +15,10 @@ pub mod lu;
 pub mod nonnegative;
 mod packed;
 pub mod pages;
+pub mod parallel;
 pub mod power_of_two;
 pub mod random_signs;
+pub mod real;
 pub mod small;
 pub mod sparse;
 pub mod union;

@@ -18,10 +18,16 @@ pub fn exponent(x: f64) -> i32 {
     }
 }
 
-/// `x · 2^e`, exact inside the range of doubles. Two factors, because `2^e` alone may be
-/// outside it.
+/// `x · 2^e`, exact inside the range of doubles.
 #[must_use]
 pub fn times_two_to(x: f64, e: i32) -> f64 {
+    let [first, second] = factors(e);
+    x * first * second
+}
+
+/// Two factors whose product is `2^e`, which alone may be outside the range of doubles.
+#[must_use]
+pub fn factors(e: i32) -> [f64; 2] {
     let half = e / 2;
-    x * 2.0_f64.powi(half) * 2.0_f64.powi(e - half)
+    [2.0_f64.powi(half), 2.0_f64.powi(e - half)]
 }

@@ -3,3 +3,4 @@
 pub(crate) mod bodies;
 pub(crate) mod cases;
 pub(crate) mod double_double;
+pub(crate) mod elasticity;

@@ -1,0 +1,264 @@
+//! Products by rows of blocks, alone or fused with what follows them: a matrix is read from
+//! memory once for each step.
+
+use rayon::prelude::*;
+
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::real::Real;
+
+/// Rows of blocks in one task.
+pub(super) const ROWS: usize = 512;
+
+/// What becomes of the product `A x` in the rows of one task.
+trait Finish<T>: Send {
+    /// `product` is row `i` of `A x`; `k` is its number in the task.
+    fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[T]);
+}
+
+struct Rows<'a, T, F, const B: usize, const L: usize> {
+    matrix: &'a BlockMatrix<T>,
+    x: &'a [T],
+    task: usize,
+    then: F,
+}
+
+impl<T: Real, F: Finish<T>, const B: usize, const L: usize> Work for Rows<'_, T, F, B, L> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn run<const FMA: bool>(mut self) {
+        let matrix = self.matrix;
+        for i in self.task * ROWS..matrix.nodes().min((self.task + 1) * ROWS) {
+            let row = matrix.row(i);
+            // One sum for each column of a block, in registers; lanes after B are not used.
+            let mut sums = [[T::default(); L]; B];
+            let mut values = &matrix.values[row.start * B * B..];
+            for &j in &matrix.column[row] {
+                let block = &values[..B * B + L - B];
+                let x = &self.x[j as usize * B..][..B];
+                for c in 0..B {
+                    for l in 0..L {
+                        sums[c][l] = block[c * B + l].times_plus::<FMA>(x[c], sums[c][l]);
+                    }
+                }
+                values = &values[B * B..];
+            }
+            let mut sum = sums[0];
+            for other in &sums[1..] {
+                for l in 0..L {
+                    sum[l] += other[l];
+                }
+            }
+            let k = i - self.task * ROWS;
+            self.then.finish::<FMA>(i, k, &sum[..B]);
+        }
+    }
+}
+
+/// Calls the kernel of the size of the blocks.
+fn run<T: Real>(matrix: &BlockMatrix<T>, x: &[T], task: usize, then: impl Finish<T>) {
+    match matrix.b {
+        2 => widest(Rows::<_, _, 2, 4> {
+            matrix,
+            x,
+            task,
+            then,
+        }),
+        3 => widest(Rows::<_, _, 3, 4> {
+            matrix,
+            x,
+            task,
+            then,
+        }),
+        6 => widest(Rows::<_, _, 6, 8> {
+            matrix,
+            x,
+            task,
+            then,
+        }),
+        _ => unreachable!("blocks of 2, 3 or 6"),
+    }
+}
+
+struct Store<'a, T> {
+    y: &'a mut [T],
+}
+
+impl<T: Real> Finish<T> for Store<'_, T> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[T]) {
+        self.y[k * product.len()..][..product.len()].copy_from_slice(product);
+    }
+}
+
+/// `y = A x`.
+pub(super) fn product<T: Real>(matrix: &BlockMatrix<T>, x: &[T], y: &mut [T]) {
+    assert_eq!(x.len(), matrix.b * matrix.nodes());
+    assert_eq!(y.len(), x.len());
+    y.par_chunks_mut(ROWS * matrix.b)
+        .enumerate()
+        .for_each(|(task, y)| run(matrix, x, task, Store { y }));
+}
+
+struct Subtract<'a, T> {
+    b: &'a [T],
+    y: &'a mut [T],
+}
+
+impl<T: Real> Finish<T> for Subtract<'_, T> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn finish<const FMA: bool>(&mut self, _: usize, k: usize, product: &[T]) {
+        let n = product.len();
+        let (b, y) = (&self.b[k * n..][..n], &mut self.y[k * n..][..n]);
+        for l in 0..n {
+            y[l] = b[l] - product[l];
+        }
+    }
+}
+
+/// `y = b − A x`.
+pub(super) fn residual<T: Real>(matrix: &BlockMatrix<T>, x: &[T], b: &[T], y: &mut [T]) {
+    let size = ROWS * matrix.b;
+    y.par_chunks_mut(size)
+        .zip(b.par_chunks(size))
+        .enumerate()
+        .for_each(|(task, (y, b))| run(matrix, x, task, Subtract { b, y }));
+}
+
+/// The numbers of one step of a Chebyshev iteration, see [`step`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Coefficients {
+    pub(super) direction: f32,
+    pub(super) residual: f32,
+    pub(super) update: f32,
+}
+
+struct Step<'a> {
+    inverse: &'a [f32],
+    b: &'a [f32],
+    x: &'a [f32],
+    d: &'a mut [f32],
+    y: &'a mut [f32],
+    with: Coefficients,
+}
+
+impl Finish<f32> for Step<'_> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]) {
+        let n = product.len();
+        let inverse = &self.inverse[k * n * n..][..n * n];
+        let (b, x) = (&self.b[k * n..][..n], &self.x[i * n..][..n]);
+        let (d, y) = (&mut self.d[k * n..][..n], &mut self.y[k * n..][..n]);
+        let mut z = [0.0; 8];
+        for c in 0..n {
+            let r = b[c] - product[c];
+            for l in 0..n {
+                z[l] = inverse[c * n + l].times_plus::<FMA>(r, z[l]);
+            }
+        }
+        for l in 0..n {
+            d[l] = self.with.direction * d[l] + self.with.residual * z[l];
+            y[l] = x[l] + self.with.update * d[l];
+        }
+    }
+}
+
+/// `d ← c₁ d + c₂ D⁻¹ (b − A x)`, `y = x + c₃ d`.
+pub(super) fn step(
+    matrix: &BlockMatrix<f32>,
+    inverse: &[f32],
+    x: &[f32],
+    b: &[f32],
+    d: &mut [f32],
+    y: &mut [f32],
+    with: Coefficients,
+) {
+    let size = ROWS * matrix.b;
+    y.par_chunks_mut(size)
+        .zip(d.par_chunks_mut(size))
+        .zip(b.par_chunks(size))
+        .zip(inverse.par_chunks(size * matrix.b))
+        .enumerate()
+        .for_each(|(task, (((y, d), b), inverse))| {
+            let then = Step {
+                inverse,
+                b,
+                x,
+                d,
+                y,
+                with,
+            };
+            run(matrix, x, task, then);
+        });
+}
+
+struct FirstStep<'a, const B: usize> {
+    inverse: &'a [f32],
+    b: &'a [f32],
+    d: &'a mut [f32],
+    y: &'a mut [f32],
+    with: Coefficients,
+}
+
+impl<const B: usize> Work for FirstStep<'_, B> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn run<const FMA: bool>(self) {
+        let rows = self.d.chunks_exact_mut(B).zip(self.y.chunks_exact_mut(B));
+        let given = self.b.chunks_exact(B).zip(self.inverse.chunks_exact(B * B));
+        for ((d, y), (b, inverse)) in rows.zip(given) {
+            let mut z = [0.0; B];
+            for c in 0..B {
+                for l in 0..B {
+                    z[l] = inverse[c * B + l].times_plus::<FMA>(b[c], z[l]);
+                }
+            }
+            for l in 0..B {
+                d[l] = self.with.residual * z[l];
+                y[l] = self.with.update * d[l];
+            }
+        }
+    }
+}
+
+/// As [`step`], from `x = 0`, `d = 0`.
+pub(super) fn first_step(
+    size: usize,
+    inverse: &[f32],
+    b: &[f32],
+    d: &mut [f32],
+    y: &mut [f32],
+    with: Coefficients,
+) {
+    let rows = ROWS * size;
+    y.par_chunks_mut(rows)
+        .zip(d.par_chunks_mut(rows))
+        .zip(b.par_chunks(rows))
+        .zip(inverse.par_chunks(rows * size))
+        .for_each(|(((y, d), b), inverse)| match size {
+            2 => widest(FirstStep::<2> {
+                inverse,
+                b,
+                d,
+                y,
+                with,
+            }),
+            3 => widest(FirstStep::<3> {
+                inverse,
+                b,
+                d,
+                y,
+                with,
+            }),
+            _ => widest(FirstStep::<6> {
+                inverse,
+                b,
+                d,
+                y,
+                with,
+            }),
+        });
+}

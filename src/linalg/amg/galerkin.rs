@@ -1,0 +1,318 @@
+//! The matrix of the next level, `Pᵀ A P`, in two products.
+
+use rayon::prelude::*;
+
+use crate::linalg::amg::aggregates::by_group;
+use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, cut};
+use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::prolongation::Prolongation;
+use crate::linalg::amg::slots::Slots;
+use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::real::Real;
+use crate::linalg::sparse::csc::narrow;
+
+/// Calls a kernel with the sizes of the blocks of `P` and the lanes of their rows.
+macro_rules! with_sizes {
+    ($p:expr, $kernel:ident, $fields:expr) => {
+        match ($p.b, $p.m) {
+            (2, 3) => widest($kernel::<2, 3, 4>($fields)),
+            (3, 3) => widest($kernel::<3, 3, 4>($fields)),
+            (3, 6) => widest($kernel::<3, 6, 8>($fields)),
+            (6, 6) => widest($kernel::<6, 6, 8>($fields)),
+            _ => unreachable!("3 rigid motions in the plane, 6 in space"),
+        }
+    };
+}
+pub(super) use with_sizes;
+
+/// `Pᵀ A P`, exactly symmetric.
+pub(super) fn galerkin(matrix: &BlockMatrix<f32>, p: &Prolongation) -> BlockMatrix<f32> {
+    let product = times_prolongation(matrix, p);
+    let upper = upper_triangle(p, &product);
+    whole(upper, p.m, matrix.exponent)
+}
+
+/// `A P`, blocks `b × m` by rows.
+struct Product {
+    start: Vec<u32>,
+    column: Vec<u32>,
+    values: Vec<f32>,
+}
+
+fn times_prolongation(matrix: &BlockMatrix<f32>, p: &Prolongation) -> Product {
+    let (nodes, size) = (matrix.nodes(), p.b * p.m);
+    let mut start = vec![0; nodes + 1];
+    start[1..].par_chunks_mut(ROWS).enumerate().for_each_init(
+        || Slots::new(p.coarse_nodes()),
+        |slots, (task, counts)| {
+            for (k, count) in counts.iter_mut().enumerate() {
+                for &j in &matrix.column[matrix.row(task * ROWS + k)] {
+                    for &g in &p.column[p.row(j as usize)] {
+                        slots.slot(g);
+                    }
+                }
+                *count = narrow(slots.columns.len());
+                slots.clear();
+            }
+        },
+    );
+    for i in 0..nodes {
+        start[i + 1] += start[i];
+    }
+    let blocks = start[nodes] as usize;
+    let mut column = vec![0; blocks];
+    let mut values = vec![0.0; blocks * size + PADDING];
+    let columns = cut(&mut column, nodes, |i| start[i] as usize);
+    let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
+    let tasks = columns.into_par_iter().zip(parts).enumerate();
+    tasks.for_each_init(
+        || Slots::new(p.coarse_nodes()),
+        |slots, (task, (columns, values))| {
+            let rows = Rows {
+                matrix,
+                p,
+                task,
+                slots,
+                columns,
+                values,
+            };
+            with_sizes!(p, SizedRows, rows);
+        },
+    );
+    Product {
+        start,
+        column,
+        values,
+    }
+}
+
+struct Rows<'a> {
+    matrix: &'a BlockMatrix<f32>,
+    p: &'a Prolongation,
+    task: usize,
+    slots: &'a mut Slots,
+    columns: &'a mut [u32],
+    values: &'a mut [f32],
+}
+
+struct SizedRows<'a, const B: usize, const M: usize, const L: usize>(Rows<'a>);
+
+impl<const B: usize, const M: usize, const L: usize> Work for SizedRows<'_, B, M, L> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn run<const FMA: bool>(self) {
+        let Rows {
+            matrix,
+            p,
+            task,
+            slots,
+            mut columns,
+            mut values,
+        } = self.0;
+        let mut sums: Vec<[[f32; L]; B]> = Vec::new();
+        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+            sums.clear();
+            for at in matrix.row(i) {
+                let a = &matrix.values[at * B * B..][..B * B];
+                for q in p.row(matrix.column[at] as usize) {
+                    let (slot, new) = slots.slot(p.column[q]);
+                    if new {
+                        sums.push([[0.0; L]; B]);
+                    }
+                    let block = &p.values[q * B * M..][..B * M + L - M];
+                    // A local copy stays in registers.
+                    let mut sum = sums[slot];
+                    for c in 0..B {
+                        let mut row = [0.0; L];
+                        row.copy_from_slice(&block[c * M..c * M + L]);
+                        for l in 0..B {
+                            for e in 0..L {
+                                sum[l][e] = row[e].times_plus::<FMA>(a[c * B + l], sum[l][e]);
+                            }
+                        }
+                    }
+                    sums[slot] = sum;
+                }
+            }
+            let (own, later) = columns.split_at_mut(slots.columns.len());
+            own.copy_from_slice(&slots.columns);
+            columns = later;
+            for sum in &sums {
+                let (block, later) = values.split_at_mut(B * M);
+                values = later;
+                for (to, from) in block.chunks_exact_mut(M).zip(sum) {
+                    to.copy_from_slice(&from[..M]);
+                }
+            }
+            slots.clear();
+        }
+    }
+}
+
+/// The blocks of a symmetric matrix on and above its diagonal, columns ascending.
+#[derive(Default)]
+struct Upper {
+    counts: Vec<u32>,
+    column: Vec<u32>,
+    /// Each block by columns.
+    values: Vec<f32>,
+}
+
+/// Coarse rows in one task: each reads the blocks of a hundred fine rows.
+const COARSE_ROWS: usize = 16;
+
+fn upper_triangle(p: &Prolongation, product: &Product) -> Upper {
+    let nodes = p.coarse_nodes();
+    let parts: Vec<Upper> = (0..nodes.div_ceil(COARSE_ROWS))
+        .into_par_iter()
+        .map_init(
+            || Slots::new(nodes),
+            |slots, task| {
+                let mut upper = Upper::default();
+                let rows = CoarseRows {
+                    p,
+                    product,
+                    rows: task * COARSE_ROWS..nodes.min((task + 1) * COARSE_ROWS),
+                    slots,
+                    upper: &mut upper,
+                };
+                with_sizes!(p, SizedCoarseRows, rows);
+                upper
+            },
+        )
+        .collect();
+    let mut whole = Upper::default();
+    for part in parts {
+        whole.counts.extend(part.counts);
+        whole.column.extend(part.column);
+        whole.values.extend(part.values);
+    }
+    whole
+}
+
+struct CoarseRows<'a> {
+    p: &'a Prolongation,
+    product: &'a Product,
+    rows: std::ops::Range<usize>,
+    slots: &'a mut Slots,
+    upper: &'a mut Upper,
+}
+
+struct SizedCoarseRows<'a, const B: usize, const M: usize, const L: usize>(CoarseRows<'a>);
+
+impl<const B: usize, const M: usize, const L: usize> Work for SizedCoarseRows<'_, B, M, L> {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
+    fn run<const FMA: bool>(self) {
+        let CoarseRows {
+            p,
+            product,
+            rows,
+            slots,
+            upper,
+        } = self.0;
+        let mut sums: Vec<[[f32; L]; M]> = Vec::new();
+        let mut order = Vec::new();
+        for g in rows {
+            sums.clear();
+            for &[i, q] in p.coarse_row(g) {
+                let left = &p.values[q as usize * B * M..][..B * M + L - M];
+                let row =
+                    product.start[i as usize] as usize..product.start[i as usize + 1] as usize;
+                for at in row {
+                    let h = product.column[at];
+                    if (h as usize) < g {
+                        continue;
+                    }
+                    let (slot, new) = slots.slot(h);
+                    if new {
+                        sums.push([[0.0; L]; M]);
+                    }
+                    let right = &product.values[at * B * M..][..B * M];
+                    let sum = &mut sums[slot];
+                    for c in 0..M {
+                        let mut column = sum[c];
+                        for k in 0..B {
+                            for l in 0..L {
+                                column[l] =
+                                    left[k * M + l].times_plus::<FMA>(right[k * M + c], column[l]);
+                            }
+                        }
+                        sum[c] = column;
+                    }
+                }
+            }
+            order.clear();
+            order.extend(slots.columns.iter().copied().zip(0..));
+            order.sort_unstable();
+            upper.counts.push(narrow(order.len()));
+            for &(h, slot) in &order {
+                let slot: usize = slot;
+                upper.column.push(h);
+                for column in &sums[slot] {
+                    upper.values.extend_from_slice(&column[..M]);
+                }
+            }
+            slots.clear();
+        }
+    }
+}
+
+/// The whole matrix, with the lower blocks as mirror images of the upper ones.
+fn whole(upper: Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
+    let (nodes, size) = (upper.counts.len(), m * m);
+    let mut upper_start = vec![0_u32; nodes + 1];
+    for (g, count) in upper.counts.iter().enumerate() {
+        upper_start[g + 1] = upper_start[g] + count;
+    }
+    // Blocks of each column, in the order of their rows; the last one is that of the diagonal.
+    let (lower_start, lower) = by_group(&upper.column, nodes);
+    let row_of: Vec<u32> = (0..nodes)
+        .flat_map(|g| std::iter::repeat_n(narrow(g), upper.counts[g] as usize))
+        .collect();
+    let start: Vec<u32> = (0..=nodes)
+        .map(|g| upper_start[g] + lower_start[g] - narrow(g))
+        .collect();
+    let blocks = start[nodes] as usize;
+    let mut column = vec![0; blocks];
+    let mut values = vec![0.0; blocks * size + PADDING];
+    let columns = cut(&mut column, nodes, |g| start[g] as usize);
+    let parts = cut(&mut values, nodes, |g| start[g] as usize * size);
+    let tasks = columns.into_par_iter().zip(parts).enumerate();
+    tasks.for_each(|(task, (columns, values))| {
+        let mut columns = columns.iter_mut();
+        let mut blocks = values.chunks_exact_mut(size);
+        let mut next = || Some((columns.next()?, blocks.next()?));
+        for g in task * ROWS..nodes.min((task + 1) * ROWS) {
+            // The mirror image of the diagonal block is the block itself.
+            for &at in &lower[lower_start[g] as usize..lower_start[g + 1] as usize] {
+                let Some((column, block)) = next() else {
+                    return;
+                };
+                let from = &upper.values[at as usize * size..][..size];
+                *column = row_of[at as usize];
+                for c in 0..m {
+                    for l in 0..m {
+                        let above = row_of[at as usize] as usize == g && l < c;
+                        block[c * m + l] = from[if above { c * m + l } else { l * m + c }];
+                    }
+                }
+            }
+            for at in upper_start[g] as usize + 1..upper_start[g + 1] as usize {
+                let Some((column, block)) = next() else {
+                    return;
+                };
+                *column = upper.column[at];
+                block.copy_from_slice(&upper.values[at * size..][..size]);
+            }
+        }
+    });
+    BlockMatrix {
+        b: m,
+        start,
+        column,
+        values,
+        held: vec![false; nodes * m],
+        exponent,
+    }
+}

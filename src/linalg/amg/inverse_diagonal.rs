@@ -1,0 +1,60 @@
+//! Inverses of the diagonal blocks, which scale the smoother.
+
+use rayon::prelude::*;
+
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::real::Real;
+
+/// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.
+pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
+    let b = matrix.b;
+    let mut inverse = vec![0.0; matrix.nodes() * b * b];
+    let valid = inverse
+        .par_chunks_mut(ROWS * b * b)
+        .enumerate()
+        .map(|(task, part)| {
+            let mut valid = true;
+            for (k, inverse) in part.chunks_exact_mut(b * b).enumerate() {
+                let mut block = [0.0; 36];
+                for (to, from) in block.iter_mut().zip(matrix.diagonal_block(task * ROWS + k)) {
+                    *to = from.double();
+                }
+                valid &= invert(&mut block[..b * b], b);
+                for (to, &from) in inverse.iter_mut().zip(&block) {
+                    *to = f32::rounded(from);
+                }
+            }
+            valid
+        })
+        .reduce(|| true, |a, b| a & b);
+    valid.then_some(inverse)
+}
+
+/// Inverts a symmetric positive semidefinite block in place, by Gauss and Jordan. Returns whether
+/// its diagonal is positive.
+///
+/// A direction without stiffness would have an infinite inverse. A pivot is therefore at least
+/// `LEAST` of its diagonal, some ten times the rounding of single precision: a larger pivot
+/// makes the inverse smaller, so the bound of the spectrum remains valid.
+fn invert(a: &mut [f64], b: usize) -> bool {
+    const LEAST: f64 = 1e-6;
+    let diagonal: [f64; 6] = std::array::from_fn(|k| if k < b { a[k * b + k] } else { 1.0 });
+    if !diagonal.iter().all(|&d| d > 0.0 && d.is_finite()) {
+        return false;
+    }
+    for k in 0..b {
+        let pivot = a[k * b + k].max(LEAST * diagonal[k]).recip();
+        a[k * b + k] = 1.0;
+        for j in 0..b {
+            a[k * b + j] *= pivot;
+        }
+        for i in (0..b).filter(|&i| i != k) {
+            let factor = std::mem::take(&mut a[i * b + k]);
+            for j in 0..b {
+                a[i * b + j] -= factor * a[k * b + j];
+            }
+        }
+    }
+    true
+}

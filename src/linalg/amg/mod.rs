@@ -1,0 +1,31 @@
+//! Smoothed aggregation: an algebraic multigrid preconditioner for elasticity.
+//!
+//! [`BlockMatrix`](block_matrix::BlockMatrix) holds the stiffness by nodes,
+//! [`rigid_motions`](rigid_motions::rigid_motions) gives its near-null vectors, and
+//! [`Multigrid`](multigrid::Multigrid) is the preconditioner. Set-up, level by level:
+//!
+//! 1. [`inverse_diagonal`], [`spectrum`]: the smoother, block Jacobi with Chebyshev polynomials;
+//! 2. [`aggregates`]: groups of neighbouring nodes;
+//! 3. [`tentative`]: the near-null vectors, orthonormal in each group;
+//! 4. [`prolongation`]: `P`, these vectors smoothed once;
+//! 5. [`galerkin`]: the matrix of the next level, `Pᵀ A P`.
+//!
+//! The hierarchy is in single precision: it only preconditions, and takes half the memory.
+
+mod aggregates;
+pub mod block_matrix;
+mod block_rows;
+mod coarsest;
+mod cycle;
+mod galerkin;
+mod inverse_diagonal;
+mod level;
+pub mod multigrid;
+mod prolongation;
+pub mod rigid_motions;
+pub mod settings;
+mod slots;
+mod spectrum;
+mod tentative;
+mod transfer;
+mod wide;

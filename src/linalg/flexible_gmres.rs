@@ -1,0 +1,198 @@
+//! GMRES with a preconditioner that may change from step to step, with restarts.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::Error;
+use crate::linalg::parallel::{axpy, dot, largest, map, map2, norm};
+use crate::linalg::power_of_two::{exponent, factors};
+use crate::linalg::real::Real;
+
+/// When to stop.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Of `‖b − A x‖ / ‖b‖`.
+    pub tol: f64,
+    /// Steps between restarts. Each takes 12 bytes for each unknown.
+    pub restart: usize,
+    /// Products with the matrix, those of restarts not counted.
+    pub most: usize,
+}
+
+/// The result of flexible GMRES.
+#[derive(Clone, Debug)]
+pub struct FlexibleSolution {
+    pub x: Vec<f64>,
+    /// Products with preconditioned directions.
+    pub products: usize,
+    /// `‖b − A x‖ / ‖b‖` from the recurrence since the last restart, which began with the true
+    /// residual.
+    pub residual: f64,
+    /// Whether `residual` is at most the tolerance.
+    pub reached: bool,
+}
+
+/// A preconditioned direction in single precision. The preconditioner computes in single
+/// precision, so nothing is lost.
+type Direction = Vec<f32>;
+
+/// Minimises `‖b − A x‖` over growing spaces of preconditioned directions [Saad 1993].
+///
+/// `apply` writes `A x` to its second argument; `precondition` writes `M⁻¹ v`.
+///
+/// # Errors
+/// [`Error::Interrupted`] if `stop` is set.
+pub fn solve(
+    mut apply: impl FnMut(&[f64], &mut [f64]),
+    mut precondition: impl FnMut(&[f64], &mut [f64]),
+    b: &[f64],
+    limits: Limits,
+    stop: &AtomicBool,
+) -> Result<FlexibleSolution, Error> {
+    let size = norm(b);
+    let mut found = FlexibleSolution {
+        x: vec![0.0; b.len()],
+        products: 0,
+        residual: if size == 0.0 { 0.0 } else { 1.0 },
+        reached: size == 0.0,
+    };
+    let mut r = b.to_vec();
+    let mut z = vec![0.0; b.len()];
+    while !found.reached && found.products < limits.most {
+        let start = norm(&r);
+        let mut space = Space::new(std::mem::take(&mut r), start);
+        while space.directions.len() < limits.restart.max(1) && found.products < limits.most {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            precondition(&space.basis[space.basis.len() - 1], &mut z);
+            let direction = rounded(&mut z);
+            let mut w = vec![0.0; b.len()];
+            apply(&z, &mut w);
+            found.products += 1;
+            let grows = space.extend(direction, w);
+            found.residual = space.residual() / size;
+            if !grows || found.residual <= limits.tol {
+                break;
+            }
+        }
+        let progress = space.residual() < start;
+        space.add_minimiser(&mut found.x);
+        found.reached = found.residual <= limits.tol;
+        if !progress {
+            break; // a singular matrix, or rounding
+        }
+        if !found.reached {
+            r = vec![0.0; b.len()];
+            apply(&found.x, &mut r);
+            map2(&mut r, b, |product, b| b - product);
+            found.residual = norm(&r) / size;
+            found.reached = found.residual <= limits.tol;
+        }
+    }
+    Ok(found)
+}
+
+/// Scales a direction by a power of two to the range of single precision and rounds it. GMRES
+/// may scale each direction: its coefficient changes in return.
+fn rounded(z: &mut [f64]) -> Direction {
+    let size = largest(z);
+    let [first, second] = factors(if size.is_finite() { -exponent(size) } else { 0 });
+    let mut direction = vec![0.0; z.len()];
+    map2(&mut direction, z, |_, z: f64| {
+        f32::rounded(z * first * second)
+    });
+    map2(z, &direction, |_, z: f32| z.double());
+    direction
+}
+
+/// The Krylov space since the last restart.
+struct Space {
+    basis: Vec<Vec<f64>>,
+    directions: Vec<Direction>,
+    /// Columns of the triangle, the rotations that made it, and the rotated right side.
+    triangle: Vec<Vec<f64>>,
+    rotations: Vec<(f64, f64)>,
+    right: Vec<f64>,
+}
+
+impl Space {
+    fn new(mut r: Vec<f64>, size: f64) -> Self {
+        scale(&mut r, size);
+        Self {
+            basis: vec![r],
+            directions: Vec::new(),
+            triangle: Vec::new(),
+            rotations: Vec::new(),
+            right: vec![size],
+        }
+    }
+
+    fn residual(&self) -> f64 {
+        self.right[self.right.len() - 1].abs()
+    }
+
+    /// Adds a direction and its product. Returns whether the space can grow further.
+    fn extend(&mut self, direction: Direction, mut w: Vec<f64>) -> bool {
+        /// What is left of a vector below this part of it has lost digits to cancellation.
+        const CANCELLED: f64 = 0.1;
+        let before = norm(&w);
+        let mut column = vec![0.0; self.basis.len()];
+        self.orthogonalise(&mut w, &mut column);
+        let mut length = norm(&w);
+        if length < CANCELLED * before {
+            self.orthogonalise(&mut w, &mut column);
+            length = norm(&w);
+        }
+        for (k, &(c, s)) in self.rotations.iter().enumerate() {
+            let (x, y) = (column[k], column[k + 1]);
+            (column[k], column[k + 1]) = (c * x + s * y, c * y - s * x);
+        }
+        let last = column.len() - 1;
+        let pivot = column[last].hypot(length);
+        if !(pivot > f64::EPSILON * before && pivot.is_finite()) {
+            return false; // a singular matrix, or numbers out of range
+        }
+        let (c, s) = (column[last] / pivot, length / pivot);
+        column[last] = pivot;
+        let carried = self.right[last];
+        self.right[last] = c * carried;
+        self.right.push(-s * carried);
+        self.rotations.push((c, s));
+        self.triangle.push(column);
+        self.directions.push(direction);
+        let grows = length > f64::EPSILON * before;
+        if grows {
+            scale(&mut w, length);
+            self.basis.push(w);
+        }
+        grows
+    }
+
+    /// Removes the components of `w` along the basis, one after another.
+    fn orthogonalise(&self, w: &mut [f64], column: &mut [f64]) {
+        for (h, q) in column.iter_mut().zip(&self.basis) {
+            let along = dot(q, w);
+            *h += along;
+            axpy(-along, q, w);
+        }
+    }
+
+    /// `x ← x + Z y`, `y` the solution of the triangle.
+    fn add_minimiser(mut self, x: &mut [f64]) {
+        for k in (0..self.triangle.len()).rev() {
+            self.right[k] /= self.triangle[k][k];
+            let solved = self.right[k];
+            for (value, h) in self.right[..k].iter_mut().zip(&self.triangle[k]) {
+                *value -= solved * h;
+            }
+        }
+        for (y, direction) in self.right.iter().zip(&self.directions) {
+            axpy(*y, direction, x);
+        }
+    }
+}
+
+/// `w ← w / length`.
+fn scale(w: &mut [f64], length: f64) {
+    map(w, |w| w / length);
+}

@@ -1,0 +1,91 @@
+//! Long vectors on all threads of the pool, with the same bits for any number of them: the
+//! chunks are fixed, and their partial sums are added in order.
+
+use rayon::prelude::*;
+
+use crate::linalg::real::Real;
+
+/// Entries of one task, and of one partial sum.
+const CHUNK: usize = 4096;
+
+/// `a · b`, summed in double precision.
+#[must_use]
+pub fn dot<T: Real>(a: &[T], b: &[T]) -> f64 {
+    let partial: Vec<f64> = a
+        .par_chunks(CHUNK)
+        .zip(b.par_chunks(CHUNK))
+        .map(|(a, b)| dot_of_chunk(a, b))
+        .collect();
+    partial.iter().sum()
+}
+
+/// Eight sums side by side: one alone would wait for each addition.
+fn dot_of_chunk<T: Real>(a: &[T], b: &[T]) -> f64 {
+    let mut sums = [0.0; 8];
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..8 {
+            sums[k] += a[k].double() * b[k].double();
+        }
+    }
+    let rest = rest_a.iter().zip(rest_b);
+    let rest: f64 = rest.map(|(a, b)| a.double() * b.double()).sum();
+    rest + sums.iter().sum::<f64>()
+}
+
+/// Largest magnitude; NaN if an entry is NaN.
+#[must_use]
+pub fn largest<T: Real>(a: &[T]) -> f64 {
+    let greater = |x: f64, y: f64| if x > y || x.is_nan() { x } else { y };
+    a.par_chunks(CHUNK)
+        .map(|a| a.iter().map(|x| x.double().abs()).fold(0.0, greater))
+        .reduce(|| 0.0, greater)
+}
+
+/// Euclidean norm. If squares are outside the range of doubles, the vector is first divided by
+/// its largest entry.
+#[must_use]
+pub fn norm<T: Real>(a: &[T]) -> f64 {
+    /// Squares whose sum lies between these have lost nothing.
+    const SAFE: std::ops::Range<f64> = 1e-280..1e280;
+    let squares = dot(a, a);
+    if SAFE.contains(&squares) {
+        return squares.sqrt();
+    }
+    let size = largest(a);
+    if squares.is_nan() || size == 0.0 || size.is_infinite() {
+        return squares.sqrt();
+    }
+    let part = |a: &[T]| -> f64 { a.iter().map(|x| (x.double() / size).powi(2)).sum() };
+    let partial: Vec<f64> = a.par_chunks(CHUNK).map(part).collect();
+    size * partial.iter().sum::<f64>().sqrt()
+}
+
+/// `y ← y + s x`.
+pub fn axpy<X: Real, Y: Real>(s: f64, x: &[X], y: &mut [Y]) {
+    let s = Y::rounded(s);
+    map2(y, x, |y, x| y + s * Y::rounded(x.double()));
+}
+
+/// `y ← x + s y`.
+pub fn xpay<T: Real>(x: &[T], s: f64, y: &mut [T]) {
+    let s = T::rounded(s);
+    map2(y, x, |y, x| x + s * y);
+}
+
+/// `y ← f(y)`, entry by entry.
+pub fn map<T: Real>(y: &mut [T], f: impl Fn(T) -> T + Sync) {
+    y.par_chunks_mut(CHUNK)
+        .for_each(|y| y.iter_mut().for_each(|y| *y = f(*y)));
+}
+
+/// `y ← f(y, x)`, entry by entry.
+pub fn map2<X: Real, Y: Real>(y: &mut [Y], x: &[X], f: impl Fn(Y, X) -> Y + Sync) {
+    y.par_chunks_mut(CHUNK)
+        .zip(x.par_chunks(CHUNK))
+        .for_each(|(y, x)| {
+            for (y, &x) in y.iter_mut().zip(x) {
+                *y = f(*y, x);
+            }
+        });
+}
