@@ -15,7 +15,8 @@
 //! [`linalg`] (no mechanics), [`law`] (one contact), [`reduced`] (all contacts in the
 //! reactions, no algorithm), [`condensation`] (from bodies to the reduced problem and back),
 //! [`solver`] (algorithms on the reduced problem), [`proof`] (proofs about their solutions),
-//! [`path`] (load steps, also with many more candidates than contacts), and `python` (with the
+//! [`path`] (load steps, also with many more candidates than contacts), [`primal`] (load steps in
+//! the displacements, for large bodies), and `python` (with the
 //! feature of this name).
 
 pub mod condensation;
@@ -25,6 +26,7 @@ pub mod linalg;
 pub mod panics;
 pub mod path;
 mod per_process;
+pub mod primal;
 pub mod proof;
 pub mod reduced;
 pub mod solver;

@@ -99,7 +99,7 @@ impl<const D: usize> SortedProblem<D> {
         given.contact.check("B", rows, n)?;
         check_finite("gap", given.gap.as_flattened())?;
         check_friction(given.mu, given.gap.len())?;
-        let position = positions("fixed", given.fixed, n)?;
+        let position = sparse::positions("fixed", given.fixed, n)?;
         let symmetry = given.stiffness.check_symmetry()?;
 
         let (free, global) = sparse::free_part(&given.stiffness, symmetry, &position);
@@ -423,30 +423,6 @@ pub fn contact_set(share: &Share, order: usize) -> Vec<usize> {
         }
     }
     kept
-}
-
-/// Position in `list` of each index below `n`.
-fn positions(what: &'static str, list: &[usize], n: usize) -> Result<Vec<Option<usize>>, Error> {
-    let mut position = vec![None; n];
-    for (k, &index) in list.iter().enumerate() {
-        let Some(slot) = position.get_mut(index) else {
-            return Err(Error::IndexRange {
-                what,
-                position: k,
-                found: index,
-                limit: n,
-            });
-        };
-        if let Some(first) = slot.replace(k) {
-            return Err(Error::Repeated {
-                what,
-                index,
-                first,
-                second: k,
-            });
-        }
-    }
-    Ok(position)
 }
 
 /// Body and local number of each free degree of freedom.

@@ -31,6 +31,8 @@ impl From<Error> for PyErr {
             | Error::FactorDropped
             | Error::UnknownLoads
             | Error::FewDigits { .. }
+            | Error::NotIterative { .. }
+            | Error::Multigrid { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. } | Error::DependentMotion { .. } => {
                 ours("FloatingBodyError", text)

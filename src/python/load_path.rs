@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use numpy::PyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -89,6 +90,17 @@ fn set<const D: usize>(
     })
 }
 
+/// The tangential parts of the slip of a step.
+pub(super) fn slip_array<'py, const D: usize>(
+    py: Python<'py>,
+    step: &Step<D>,
+    elliptic: Option<&EllipticScaling>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let slip = over(elliptic, &step.slip);
+    let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
+    arrays::square(py, flat, step.slip.len(), D - 1)
+}
+
 fn step_dict<'py, const D: usize>(
     py: Python<'py>,
     step: &Step<D>,
@@ -96,9 +108,7 @@ fn step_dict<'py, const D: usize>(
     set: Option<working_set::Set>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let dict = solution_dict(py, &step.solution, elliptic)?;
-    let slip = over(elliptic, &step.slip);
-    let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
-    dict.set_item("slip", arrays::square(py, flat, step.slip.len(), D - 1)?)?;
+    dict.set_item("slip", slip_array(py, step, elliptic)?)?;
     let set = set.map(|set| {
         let members = arrays::from_indices(py, set.members)?;
         PyResult::Ok((members, arrays::from_vec(py, set.motion)))

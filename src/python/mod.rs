@@ -13,6 +13,7 @@ mod estimate;
 mod heap;
 mod interrupt;
 mod load_path;
+mod primal;
 mod problem;
 mod solver;
 
@@ -30,6 +31,8 @@ mod _core {
     use super::heap::keep_heap;
     #[pymodule_export]
     use super::load_path::{PyPath, follow};
+    #[pymodule_export]
+    use super::primal::{PyPrimal, PyPrimalPath};
     #[pymodule_export]
     use super::problem::PyCondensed;
     #[pymodule_export]

@@ -21,7 +21,7 @@ use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::memory::{self, Budget};
 
 /// Row pointers, column indices and values of a matrix in CSR form.
-type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
+pub(super) type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
 /// The same arrays as results.
 type CsrOutput<'py> = (
@@ -62,14 +62,14 @@ pub(super) struct PyCondensed {
 }
 
 /// A sparse matrix with indices as `usize`.
-struct CsrArrays<'a> {
-    pointer: Vec<usize>,
-    index: Vec<usize>,
-    values: &'a [f64],
+pub(super) struct CsrArrays<'a> {
+    pub(super) pointer: Vec<usize>,
+    pub(super) index: Vec<usize>,
+    pub(super) values: &'a [f64],
 }
 
 impl<'a> CsrArrays<'a> {
-    fn new(csr: &'a Csr<'_>, what: &'static str) -> PyResult<Self> {
+    pub(super) fn new(csr: &'a Csr<'_>, what: &'static str) -> PyResult<Self> {
         Ok(Self {
             pointer: arrays::indices(&csr.0, what)?,
             index: arrays::indices(&csr.1, what)?,

@@ -1,0 +1,89 @@
+//! The degrees of freedom of each node, as blocks of the stiffness.
+
+use crate::error::Error;
+use crate::linalg::sparse::csc::narrow;
+
+/// The block of each degree of freedom.
+#[derive(Clone, Debug)]
+pub struct Nodes {
+    /// `D node + component` of each degree of freedom.
+    pub place: Vec<u32>,
+    pub count: usize,
+    /// `D` coordinates of each node, if they are known.
+    pub coordinates: Option<Vec<f64>>,
+}
+
+impl Nodes {
+    /// Groups `n` degrees of freedom into nodes of `D` components. They are numbered by nodes,
+    /// `D node + component`, or, if `places` shows it, by components,
+    /// `n / D component + node`.
+    ///
+    /// # Errors
+    /// [`Error::NotIterative`] for another numbering.
+    pub fn new<const D: usize>(n: usize, places: Option<&[[f64; 3]]>) -> Result<Self, Error> {
+        let refused = |reason| Err(Error::NotIterative { reason });
+        if n % D != 0 {
+            return refused("the number of degrees of freedom is not a multiple of the dimension");
+        }
+        let count = n / D;
+        let by_node = |dof: usize| (dof / D, dof % D);
+        let by_component = |dof: usize| (dof % count, dof / count);
+        let Some(places) = places else {
+            return Ok(Self::of::<D>(count, by_node, None));
+        };
+        let together = |of: &dyn Fn(usize) -> (usize, usize)| {
+            let mut first = vec![None; count];
+            places.iter().enumerate().all(|(dof, at)| {
+                let known = first[of(dof).0].get_or_insert(*at);
+                known == at
+            })
+        };
+        if together(&by_node) {
+            Ok(Self::of::<D>(count, by_node, Some(places)))
+        } else if together(&by_component) {
+            Ok(Self::of::<D>(count, by_component, Some(places)))
+        } else {
+            refused("the degrees of freedom of a node have different coordinates")
+        }
+    }
+
+    fn of<const D: usize>(
+        count: usize,
+        split: impl Fn(usize) -> (usize, usize),
+        places: Option<&[[f64; 3]]>,
+    ) -> Self {
+        let place = |dof| {
+            let (node, component) = split(dof);
+            narrow(D * node + component)
+        };
+        let coordinates = places.map(|places| {
+            let mut at = vec![0.0; D * count];
+            for (dof, x) in places.iter().enumerate() {
+                let (node, component) = split(dof);
+                at[D * node + component] = x[component];
+            }
+            at
+        });
+        Self {
+            place: (0..D * count).map(place).collect(),
+            count,
+            coordinates,
+        }
+    }
+
+    /// Values by degree of freedom in the order of blocks.
+    #[must_use]
+    pub fn gather(&self, values: &[f64]) -> Vec<f64> {
+        let mut blocks = vec![0.0; values.len()];
+        for (&at, &value) in self.place.iter().zip(values) {
+            blocks[at as usize] = value;
+        }
+        blocks
+    }
+
+    /// The inverse of [`Nodes::gather`].
+    #[must_use]
+    pub fn scatter(&self, blocks: &[f64]) -> Vec<f64> {
+        self.place.iter().map(|&at| blocks[at as usize]).collect()
+    }
+}

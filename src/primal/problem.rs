@@ -1,0 +1,282 @@
+//! A contact problem in the displacements: `K` in blocks of nodes, and the contacts.
+
+use std::sync::{Arc, Mutex};
+
+use rayon::prelude::*;
+
+use crate::condensation::condense::ProblemArrays;
+use crate::condensation::sparse::{self, OwnedMatrix};
+use crate::error::Error;
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::rigid_motions::rigid_motions;
+use crate::linalg::sparse::csc::narrow;
+use crate::primal::frames::Frames;
+use crate::primal::nodes::Nodes;
+use crate::reduced::compliance::{Compliance, Part};
+use crate::reduced::elliptic_scaling::EllipticScaling;
+use crate::reduced::validate::{check_finite, check_friction, check_length};
+
+/// `W_ii K_ii` of a node on the surface of a mesh, about. It only scales the law of each
+/// contact: a wrong factor costs iterations.
+const COMPLIANCE_OF_NODE: f64 = 2.0;
+
+/// Bodies and supports.
+#[derive(Debug)]
+pub struct Stiffness {
+    /// `K` of the free degrees of freedom.
+    pub matrix: BlockMatrix<f64>,
+    pub nodes: Nodes,
+    /// Whether each place has a free degree of freedom.
+    pub free: Vec<bool>,
+    pub fixed: Vec<usize>,
+    /// Number of each prescribed degree of freedom.
+    position: Vec<Option<usize>>,
+    /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
+    coupling: OwnedMatrix,
+    /// Motions of small energy, by nodes, `motions` at each place.
+    pub near_null: Vec<f64>,
+    /// Bound of the spectrum of the block Jacobi iteration, of the first hierarchy.
+    pub spectrum: Mutex<Option<f64>>,
+}
+
+/// A contact problem.
+#[derive(Clone, Debug)]
+pub struct Primal<const D: usize> {
+    pub stiffness: Arc<Stiffness>,
+    contact: Arc<OwnedMatrix>,
+    pub frames: Arc<Frames<D>>,
+    pub gap: Vec<[f64; D]>,
+    pub mu: Vec<f64>,
+    /// Estimates of the blocks `W_ii`, diagonal.
+    pub compliance: Arc<Compliance<'static, D>>,
+}
+
+impl<const D: usize> Primal<D> {
+    /// Checks the arrays and copies `K` into blocks.
+    ///
+    /// # Errors
+    /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`].
+    pub fn new(
+        given: &ProblemArrays<D>,
+        elliptic: Option<&EllipticScaling>,
+    ) -> Result<Self, Error> {
+        let n = given.stiffness.n();
+        given.contact.check("B", D * given.gap.len(), n)?;
+        check_finite("gap", given.gap.as_flattened())?;
+        check_friction(given.mu, given.gap.len())?;
+        let position = sparse::positions("fixed", given.fixed, n)?;
+        given.stiffness.check_symmetry()?;
+        if let Some(places) = given.places {
+            check_length("coordinates", places.len(), n)?;
+            check_finite("coordinates", places.as_flattened())?;
+        }
+        let nodes = Nodes::new::<D>(n, given.places)?;
+        narrow(given.stiffness.row_idx().len());
+        let mut free = vec![false; n];
+        let mut place = nodes.place.clone();
+        for (dof, at) in place.iter_mut().enumerate() {
+            if position[dof].is_some() {
+                *at = u32::MAX;
+            } else {
+                free[*at as usize] = true;
+            }
+        }
+        let matrix = BlockMatrix::new(&given.stiffness, &place, nodes.count, D);
+        let near_null = match &nodes.coordinates {
+            Some(at) => rigid_motions(at, D),
+            None => {
+                return Err(Error::NotIterative {
+                    reason: "the coordinates of the degrees of freedom are not given",
+                });
+            }
+        };
+        let stiffness = Stiffness {
+            matrix,
+            nodes,
+            free,
+            fixed: given.fixed.to_vec(),
+            coupling: sparse::columns(&given.stiffness, given.fixed, &position),
+            position,
+            near_null,
+            spectrum: Mutex::new(None),
+        };
+        let contact = given.contact.select(Some);
+        Self::of(
+            Arc::new(stiffness),
+            Arc::new(contact),
+            elliptic,
+            elliptic.map_or_else(|| given.gap.to_vec(), |scaling| scaling.times(given.gap)),
+            given.mu.to_vec(),
+        )
+    }
+
+    fn of(
+        stiffness: Arc<Stiffness>,
+        contact: Arc<OwnedMatrix>,
+        elliptic: Option<&EllipticScaling>,
+        gap: Vec<[f64; D]>,
+        mu: Vec<f64>,
+    ) -> Result<Self, Error> {
+        let frames = Frames::new(
+            &contact,
+            elliptic,
+            &stiffness.nodes,
+            &stiffness.position,
+            &stiffness.free,
+        )?;
+        let compliance = Arc::new(node_compliance(&stiffness, &frames)?);
+        Ok(Self {
+            stiffness,
+            contact,
+            frames: Arc::new(frames),
+            gap,
+            mu,
+            compliance,
+        })
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.gap.len()
+    }
+
+    /// Degrees of freedom, with the prescribed ones.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.stiffness.nodes.place.len()
+    }
+
+    /// The same bodies and contacts with other friction coefficients. `elliptic` is the change
+    /// of variables that belongs to them, `change` the one from the present variables.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Friction`].
+    pub fn with_mu(
+        &self,
+        mu: Vec<f64>,
+        elliptic: Option<&EllipticScaling>,
+        change: Option<&EllipticScaling>,
+    ) -> Result<Self, Error> {
+        check_friction(&mu, self.contacts())?;
+        let Some(change) = change else {
+            return Ok(Self { mu, ..self.clone() });
+        };
+        let (stiffness, contact) = (Arc::clone(&self.stiffness), Arc::clone(&self.contact));
+        Self::of(stiffness, contact, elliptic, change.times(&self.gap), mu)
+    }
+
+    /// The same bodies and contacts with other gaps.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`].
+    pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
+        check_length("gap", gap.len(), self.contacts())?;
+        check_finite("gap", gap.as_flattened())?;
+        Ok(Self {
+            gap,
+            ..self.clone()
+        })
+    }
+
+    /// `Tᵀ (f − K_fp u_p)` by places.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`].
+    pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
+        let known = &self.stiffness;
+        check_length("load", load.len(), self.order())?;
+        check_finite("load", load)?;
+        check_length("prescribed", prescribed.len(), known.fixed.len())?;
+        check_finite("prescribed", prescribed)?;
+        let mut force = load.to_vec();
+        let minus: Vec<f64> = prescribed.iter().map(|u| -u).collect();
+        known.coupling.add_transposed_product(&minus, &mut force);
+        for &dof in &known.fixed {
+            force[dof] = 0.0;
+        }
+        let mut force = known.nodes.gather(&force);
+        self.frames.forces_to_local(&mut force);
+        Ok(force)
+    }
+
+    /// `Tᵀ K T y`; `work` has the length of `y`.
+    pub fn product(&self, y: &[f64], work: &mut Vec<f64>, out: &mut [f64]) {
+        work.clear();
+        work.extend_from_slice(y);
+        self.frames.to_displacements(work);
+        self.stiffness.matrix.product(work, out);
+        self.clear_prescribed(out);
+        self.frames.forces_to_local(out);
+    }
+
+    /// `|Tᵀ| |K| |T y|`: the size of the terms of [`Primal::product`].
+    #[must_use]
+    pub fn terms(&self, y: &[f64]) -> Vec<f64> {
+        let mut u = y.to_vec();
+        self.frames.to_displacements(&mut u);
+        let mut out = vec![0.0; y.len()];
+        self.stiffness.matrix.absolute_product(&u, &mut out);
+        self.clear_prescribed(&mut out);
+        for (node, block) in self.frames.blocks() {
+            let own = nalgebra::SVector::<f64, D>::from_column_slice(&out[D * node..D * node + D]);
+            let changed = block.abs().tr_mul(&own);
+            out[D * node..D * node + D].copy_from_slice(changed.as_slice());
+        }
+        out
+    }
+
+    /// Sets the places without a degree of freedom to zero.
+    fn clear_prescribed(&self, values: &mut [f64]) {
+        const CHUNK: usize = 1 << 14;
+        let free = self.stiffness.free.par_chunks(CHUNK);
+        let chunks = values.par_chunks_mut(CHUNK).zip(free);
+        chunks.for_each(|(values, free)| {
+            for (value, &free) in values.iter_mut().zip(free) {
+                if !free {
+                    *value = 0.0;
+                }
+            }
+        });
+    }
+
+    /// All displacements from the unknowns.
+    #[must_use]
+    pub fn displacement(&self, y: &[f64], prescribed: &[f64]) -> Vec<f64> {
+        let mut u = y.to_vec();
+        self.frames.to_displacements(&mut u);
+        let mut u = self.stiffness.nodes.scatter(&u);
+        for (&dof, &value) in self.stiffness.fixed.iter().zip(prescribed) {
+            u[dof] = value;
+        }
+        u
+    }
+
+    /// The unknowns of a displacement.
+    #[must_use]
+    pub fn unknowns(&self, u: &[f64]) -> Vec<f64> {
+        let mut y = self.stiffness.nodes.gather(u);
+        self.clear_prescribed(&mut y);
+        self.frames.to_local(&mut y);
+        y
+    }
+}
+
+/// Estimates of `W_ii` from the diagonal of `K`.
+fn node_compliance<const D: usize>(
+    stiffness: &Stiffness,
+    frames: &Frames<D>,
+) -> Result<Compliance<'static, D>, Error> {
+    let of_contact = |(i, frame): (usize, &crate::primal::frames::Frame<D>)| {
+        let mut block = vec![0.0; D * D];
+        if frame.node != usize::MAX {
+            let own = stiffness.matrix.diagonal_block(frame.node);
+            let own = nalgebra::SMatrix::<f64, D, D>::from_column_slice(own);
+            let local = frame.from_local.tr_mul(&(own * frame.from_local));
+            for k in (0..D).filter(|&k| frame.free[k]) {
+                block[k * D + k] = COMPLIANCE_OF_NODE / local[(k, k)];
+            }
+        }
+        (vec![i], Part::Dense(block.into()))
+    };
+    Compliance::new(frames.list.iter().enumerate().map(of_contact).collect())
+}

@@ -1,0 +1,206 @@
+//! The linear system of one Newton step in the displacements.
+//!
+//! The laws of all contacts, linearised in `(r, v)`, become conditions on `dy`, because
+//! `dv = dy` and `dr = (A dy)` at a contact, with `A = Tᵀ K T`:
+//!
+//! ```text
+//! held component (normal of a closed contact, all of a sticking one):  dv_k = −v_k
+//! reaction of an open contact:                                        dr = −r
+//! tangents of a sliding contact:    dr_t + c dr_n + V dv = −M F_t,    M = (∂F_t/∂r_t)⁻¹
+//! every other row:                                                    A dy = −(A y − f)
+//! ```
+//!
+//! Without the column `c = −μ t` the matrix is symmetric and positive definite; the
+//! preconditioner is made of that part.
+
+use crate::law::cone::Status;
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::small::{Block, Vector};
+use crate::primal::problem::Primal;
+use crate::reduced::reduced::Reduced;
+use crate::solver::newton::linearisation::Linearisation;
+
+/// Bound of `1 − c/‖x_t‖` of a sliding contact: where it is zero, the contact is about to
+/// stick, and the spring across the direction of slip has no bound.
+const LEAST_SLIP: f64 = 1e-6;
+
+/// The tangents of a sliding contact.
+#[derive(Clone, Debug)]
+struct Sliding<const D: usize> {
+    contact: usize,
+    /// Place of the first component in `y`.
+    at: usize,
+    free: [bool; D],
+    /// `c`, zero along the normal.
+    normal: Vector<D>,
+    /// `V`, with a zero row along the normal.
+    spring: Block<D>,
+    /// `−M F_t`.
+    target: Vector<D>,
+}
+
+/// The system of one Newton step.
+#[derive(Debug)]
+pub(super) struct Tangent<'p, const D: usize> {
+    problem: &'p Primal<D>,
+    sliding: Vec<Sliding<D>>,
+    /// Places whose `dy` is known, or that have no unknown.
+    pub held: Vec<bool>,
+    /// `dy` at the held places, zero elsewhere.
+    pub known: Vec<f64>,
+}
+
+impl<'p, const D: usize> Tangent<'p, D> {
+    /// Makes the system of a linearised law, in the scaled variables of `reduced`.
+    #[must_use]
+    pub(super) fn new(problem: &'p Primal<D>, reduced: &Reduced<D>, law: &Linearisation<D>) -> Self {
+        let scaling = &reduced.scaling;
+        let mut held: Vec<bool> = problem.stiffness.free.iter().map(|free| !free).collect();
+        let mut known = vec![0.0; held.len()];
+        let mut sliding = Vec::new();
+        for (i, (frame, at)) in problem.frames.list.iter().zip(&law.at).enumerate() {
+            if frame.node == usize::MAX {
+                continue;
+            }
+            let first = D * frame.node;
+            // A component of the node without an unknown stands where no component of v is.
+            for k in 0..D {
+                held[first + k] = !frame.free[k];
+            }
+            let components = match at.status {
+                Status::Open => 0..0,
+                Status::Slip => 0..1,
+                Status::Stick => 0..D,
+            };
+            for k in components.filter(|&k| frame.free[k]) {
+                held[first + k] = true;
+                known[first + k] = -at.value[k] / scaling.to_v[i];
+            }
+            if at.status == Status::Slip {
+                let (to_r, to_v) = (scaling.to_r[i], scaling.to_v[i]);
+                sliding.push(Sliding::new(i, first, frame.free, at, to_r, to_v));
+            }
+        }
+        Self {
+            problem,
+            sliding,
+            held,
+            known,
+        }
+    }
+
+    /// The right side for the unknown part of `dy`, from `e = A y − f`.
+    #[must_use]
+    pub(super) fn right_side(&self, e: &[f64]) -> Vec<f64> {
+        let mut moved = vec![0.0; e.len()];
+        self.product(&self.known, &mut Vec::new(), &mut moved);
+        let mut right: Vec<f64> = e.iter().zip(&moved).map(|(e, a)| -e - a).collect();
+        for one in &self.sliding {
+            for k in (1..D).filter(|&k| one.free[k]) {
+                right[one.at + k] = one.target[k] - moved[one.at + k];
+            }
+        }
+        self.clear(&mut right);
+        right
+    }
+
+    /// `J x` in the rows that are not held; `x` may be anything at the held places.
+    pub(super) fn product(&self, x: &[f64], work: &mut Vec<f64>, out: &mut [f64]) {
+        self.problem.product(x, work, out);
+        for one in &self.sliding {
+            let own = one.at..one.at + D;
+            let dv = Vector::<D>::from_column_slice(&x[own.clone()]);
+            let change = one.normal * out[one.at] + one.spring * dv;
+            for (value, change) in out[own].iter_mut().zip(change.iter()) {
+                *value += change;
+            }
+        }
+    }
+
+    /// Sets the held places to zero.
+    pub(super) fn clear(&self, values: &mut [f64]) {
+        for (value, &held) in values.iter_mut().zip(&self.held) {
+            if held {
+                *value = 0.0;
+            }
+        }
+    }
+
+    /// The change of the reactions along prescribed tangents, which no row of `A` has, from
+    /// `dy` and `A dy`. `r` are the present reactions.
+    #[must_use]
+    pub(super) fn prescribed_reactions(
+        &self,
+        r: &[[f64; D]],
+        dy: &[f64],
+        moved: &[f64],
+    ) -> Vec<[f64; D]> {
+        let mut change = vec![[0.0; D]; r.len()];
+        for (i, frame) in self.problem.frames.list.iter().enumerate() {
+            for k in (0..D).filter(|&k| !frame.free[k]) {
+                change[i][k] = -r[i][k];
+            }
+        }
+        for one in &self.sliding {
+            let dv = Vector::<D>::from_column_slice(&dy[one.at..one.at + D]);
+            let found = one.target - one.normal * moved[one.at] - one.spring * dv;
+            for k in (1..D).filter(|&k| !one.free[k]) {
+                change[one.contact][k] = found[k];
+            }
+        }
+        change
+    }
+
+    /// The symmetric part of the matrix, in single precision.
+    #[must_use]
+    pub(super) fn symmetric_part(&self) -> BlockMatrix<f32> {
+        let mut matrix = self.problem.stiffness.matrix.to_single();
+        matrix.change_variables(self.problem.frames.blocks().map(|(node, block)| {
+            (node, block.as_slice())
+        }));
+        for one in &self.sliding {
+            matrix.add_to_diagonal_block(one.at / D, one.symmetric_spring().as_slice());
+        }
+        matrix.hold(&self.held);
+        matrix
+    }
+}
+
+impl<const D: usize> Sliding<D> {
+    fn new(
+        contact: usize,
+        at: usize,
+        free: [bool; D],
+        law: &crate::law::alart_curnier::Linearised<D>,
+        to_r: f64,
+        to_v: f64,
+    ) -> Self {
+        // ∂F_t/∂r_t = I − G with G = g (I − t tᵀ), so that M = I + G/(1 − g).
+        let mut turned = Block::<D>::identity() - law.by_r;
+        turned.fill_row(0, 0.0);
+        turned.fill_column(0, 0.0);
+        let g = turned.trace();
+        let inverse = Block::identity() + turned / (1.0 - g).max(LEAST_SLIP);
+        let mut normal = inverse * law.by_r.column(0);
+        let mut spring = inverse * law.by_v * (to_v / to_r);
+        let mut target = inverse * law.value / -to_r;
+        normal[0] = 0.0;
+        target[0] = 0.0;
+        spring.fill_row(0, 0.0);
+        Self {
+            contact,
+            at,
+            free,
+            normal,
+            spring,
+            target,
+        }
+    }
+
+    /// The part of `V` that couples tangents: a symmetric block.
+    fn symmetric_spring(&self) -> Block<D> {
+        let inside = |k: usize| k > 0 && self.free[k];
+        let part = Block::<D>::from_fn(|i, j| if inside(i) && inside(j) { self.spring[(i, j)] } else { 0.0 });
+        (part + part.transpose()) * 0.5
+    }
+}

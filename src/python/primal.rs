@@ -1,0 +1,307 @@
+//! The contact problem in the displacements, and its load path.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::condensation::condense::ProblemArrays;
+use crate::condensation::sparse::Rows;
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::path::stepping::State;
+use crate::primal::path::{PrimalPath, PrimalStep};
+use crate::primal::problem::Primal;
+use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
+use crate::python::interrupt;
+use crate::python::load_path::slip_array;
+use crate::python::problem::{Csr, CsrArrays};
+use crate::python::solver::{settings, solution_dict};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::memory::Budget;
+
+#[derive(Clone)]
+enum AnyPrimal {
+    Two(Arc<Primal<2>>),
+    Three(Arc<Primal<3>>),
+}
+
+/// `K`, `B`, gap and friction, for Newton on the displacements.
+#[pyclass(frozen, name = "Primal", module = "bipot_rs._core")]
+#[derive(Clone)]
+pub(super) struct PyPrimal {
+    /// In the variables of [`EllipticScaling`].
+    kind: AnyPrimal,
+    elliptic: Option<EllipticScaling>,
+    num_threads: Option<usize>,
+}
+
+/// The arguments that do not depend on the dimension.
+struct Arguments<'a> {
+    stiffness: CsrArrays<'a>,
+    contact: CsrArrays<'a>,
+    mu: Vec<f64>,
+    elliptic: Option<EllipticScaling>,
+    fixed: Vec<usize>,
+    places: Option<&'a [[f64; 3]]>,
+}
+
+impl Arguments<'_> {
+    fn make<const D: usize>(self, gap: &[[f64; D]]) -> Result<Arc<Primal<D>>, Error> {
+        let (k, b) = (&self.stiffness, &self.contact);
+        let n = k.pointer.len().saturating_sub(1);
+        let given = ProblemArrays {
+            stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+            contact: Rows {
+                row_ptr: &b.pointer,
+                columns: &b.index,
+                values: b.values,
+            },
+            gap,
+            mu: &self.mu,
+            fixed: &self.fixed,
+            places: self.places,
+            known: None,
+            budget: Budget::default(),
+        };
+        Primal::new(&given, self.elliptic.as_ref()).map(Arc::new)
+    }
+}
+
+#[pymethods]
+impl PyPrimal {
+    /// The arguments of `Condensed`.
+    #[new]
+    #[pyo3(signature = (stiffness, contact, gap, mu, fixed, num_threads, places=None))]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
+    fn new<'py>(
+        py: Python<'py>,
+        stiffness: Csr<'py>,
+        contact: Csr<'py>,
+        gap: Matrix<'py>,
+        mu: Coefficients<'py>,
+        fixed: Indices<'py>,
+        num_threads: Option<usize>,
+        places: Option<Matrix<'py>>,
+    ) -> PyResult<Self> {
+        let plane = gap.as_array().ncols() == 2;
+        let (mu, elliptic) = if plane {
+            mu.friction::<2>()?
+        } else {
+            mu.friction::<3>()?
+        };
+        let asked = Arguments {
+            stiffness: CsrArrays::new(&stiffness, "K")?,
+            contact: CsrArrays::new(&contact, "B")?,
+            fixed: arrays::indices(&fixed, "fixed")?,
+            mu,
+            elliptic: elliptic.clone(),
+            places: places.as_ref().map(arrays::rows::<3>).transpose()?,
+        };
+        let kind = if plane {
+            let gap = arrays::rows::<2>(&gap)?;
+            AnyPrimal::Two(interrupt::run(py, num_threads, |_| asked.make(gap))?)
+        } else {
+            let gap = arrays::rows::<3>(&gap)?;
+            AnyPrimal::Three(interrupt::run(py, num_threads, |_| asked.make(gap))?)
+        };
+        Ok(Self {
+            kind,
+            elliptic,
+            num_threads,
+        })
+    }
+
+    /// The same bodies and contacts with other friction coefficients.
+    fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
+        let (mu, elliptic) = match &self.kind {
+            AnyPrimal::Two(_) => mu.friction::<2>()?,
+            AnyPrimal::Three(_) => mu.friction::<3>()?,
+        };
+        let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
+        let change = change.as_ref();
+        let kind = match &self.kind {
+            AnyPrimal::Two(inner) => {
+                AnyPrimal::Two(Arc::new(inner.with_mu(mu, elliptic.as_ref(), change)?))
+            }
+            AnyPrimal::Three(inner) => {
+                AnyPrimal::Three(Arc::new(inner.with_mu(mu, elliptic.as_ref(), change)?))
+            }
+        };
+        Ok(Self {
+            kind,
+            elliptic,
+            num_threads: self.num_threads,
+        })
+    }
+
+    /// Counts of the problem.
+    #[getter]
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (bytes, blocks) = match &self.kind {
+            AnyPrimal::Two(inner) => {
+                let matrix = &inner.stiffness.matrix;
+                (matrix.bytes(), matrix.blocks())
+            }
+            AnyPrimal::Three(inner) => {
+                let matrix = &inner.stiffness.matrix;
+                (matrix.bytes(), matrix.blocks())
+            }
+        };
+        let dict = PyDict::new(py);
+        dict.set_item("bytes_stiffness", bytes)?;
+        dict.set_item("blocks", blocks)?;
+        Ok(dict)
+    }
+}
+
+/// Reaction, total relative displacement and status of a step.
+type StartArrays<'py> = (
+    Matrix<'py>,
+    Matrix<'py>,
+    numpy::PyReadonlyArray1<'py, i8>,
+);
+
+enum AnyPath {
+    Two(PrimalPath<2>),
+    Three(PrimalPath<3>),
+}
+
+/// A load path in the displacements. Without a state it starts from the unloaded bodies.
+#[pyclass(name = "PrimalPath", module = "bipot_rs._core")]
+pub(super) struct PyPrimalPath {
+    problem: PyPrimal,
+    path: AnyPath,
+}
+
+fn begin<const D: usize>(
+    problem: &Primal<D>,
+    elliptic: Option<&EllipticScaling>,
+    start: Option<&StartArrays<'_>>,
+    displacement: Option<&Vector<'_>>,
+) -> PyResult<PrimalPath<D>> {
+    let Some((reaction, displaced, status)) = start else {
+        return Ok(PrimalPath::default());
+    };
+    let contacts = problem.contacts();
+    let status = status.as_slice()?.iter().map(|s| match s {
+        1 => Status::Slip,
+        2 => Status::Stick,
+        _ => Status::Open,
+    });
+    let state = State {
+        reaction: over(elliptic, arrays::rows_of("start", reaction, contacts)?).into_owned(),
+        relative_displacement: times(elliptic, arrays::rows_of("start", displaced, contacts)?)
+            .into_owned(),
+        status: status.collect(),
+        rigid: Vec::new(),
+    };
+    arrays::length("start", state.status.len(), contacts)?;
+    let u = displacement.map_or(Ok(&[][..]), |u| u.as_slice())?;
+    if !u.is_empty() {
+        arrays::length("displacement of start", u.len(), problem.order())?;
+    }
+    Ok(PrimalPath::new(Some(state), u.to_vec()))
+}
+
+fn advance<const D: usize>(
+    path: &mut PrimalPath<D>,
+    problem: &Primal<D>,
+    gap: Option<Vec<[f64; D]>>,
+    (load, prescribed): (&[f64], &[f64]),
+    settings: &crate::solver::Settings,
+    stop: &AtomicBool,
+) -> Result<PrimalStep<D>, Error> {
+    match gap {
+        None => path.advance(problem, load, prescribed, settings, stop),
+        Some(gap) => path.advance(&problem.with_gap(gap)?, load, prescribed, settings, stop),
+    }
+}
+
+fn step_dict<'py, const D: usize>(
+    py: Python<'py>,
+    made: PrimalStep<D>,
+    elliptic: Option<&EllipticScaling>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = solution_dict(py, &made.step.solution, elliptic)?;
+    dict.set_item("slip", slip_array(py, &made.step, elliptic)?)?;
+    dict.set_item("displacement", arrays::from_vec(py, made.displacement))?;
+    dict.set_item("newton", made.newton)?;
+    dict.set_item("krylov", made.krylov)?;
+    dict.set_item("reason", made.reason.map(|reason| reason.text()))?;
+    dict.set_item("bytes_multigrid", made.bytes)?;
+    Ok(dict)
+}
+
+#[pymethods]
+impl PyPrimalPath {
+    #[new]
+    #[pyo3(signature = (problem, start=None, displacement=None))]
+    fn new(
+        problem: PyPrimal,
+        start: Option<StartArrays<'_>>,
+        displacement: Option<Vector<'_>>,
+    ) -> PyResult<Self> {
+        let (start, displacement) = (start.as_ref(), displacement.as_ref());
+        let elliptic = problem.elliptic.as_ref();
+        let path = match &problem.kind {
+            AnyPrimal::Two(inner) => {
+                AnyPath::Two(begin(inner, elliptic, start, displacement)?)
+            }
+            AnyPrimal::Three(inner) => {
+                AnyPath::Three(begin(inner, elliptic, start, displacement)?)
+            }
+        };
+        Ok(Self { problem, path })
+    }
+
+    /// A step to the total loads, with the gaps of the problem unless others are given. The
+    /// state changes only if the step converges.
+    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the settings of one call from Python"
+    )]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        load: Vector<'py>,
+        prescribed: Vector<'py>,
+        gap: Option<Matrix<'py>>,
+        method: &str,
+        tol: f64,
+        max_iterations: Option<usize>,
+        max_seconds: Option<f64>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let loads = (load.as_slice()?, prescribed.as_slice()?);
+        let elliptic = self.problem.elliptic.as_ref();
+        let threads = self.problem.num_threads;
+        match (&mut self.path, &self.problem.kind) {
+            (AnyPath::Two(path), AnyPrimal::Two(inner)) => {
+                let gap = gap.as_ref().map(arrays::rows).transpose()?;
+                let gap = gap.map(|gap| times(elliptic, gap).into_owned());
+                let made = interrupt::run(py, threads, |stop| {
+                    advance(path, inner, gap, loads, &settings, stop)
+                })?;
+                step_dict(py, made, elliptic)
+            }
+            (AnyPath::Three(path), AnyPrimal::Three(inner)) => {
+                let gap = gap.as_ref().map(arrays::rows).transpose()?;
+                let gap = gap.map(|gap| times(elliptic, gap).into_owned());
+                let made = interrupt::run(py, threads, |stop| {
+                    advance(path, inner, gap, loads, &settings, stop)
+                })?;
+                step_dict(py, made, elliptic)
+            }
+            _ => Err(Error::Shape {
+                what: "the dimension of the path",
+                expected: 2,
+                found: 3,
+            }
+            .into()),
+        }
+    }
+}
