@@ -189,6 +189,9 @@ pub enum Error {
     /// The threads could not be started.
     #[error("the pool of {threads} threads could not be started: use fewer threads")]
     Threads { threads: usize },
+    /// A problem that the engine in the displacements cannot solve.
+    #[error("engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'")]
+    NotIterative { reason: &'static str },
     /// A matrix for which no multigrid preconditioner can be built.
     #[error(
         "the multigrid preconditioner cannot be built: {reason}. Use a direct factorisation of K"

@@ -15,6 +15,7 @@
 mod aggregates;
 pub mod block_matrix;
 mod block_rows;
+mod changes;
 mod coarsest;
 mod cycle;
 mod galerkin;

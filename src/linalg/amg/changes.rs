@@ -1,0 +1,99 @@
+//! Changes of variables at some nodes, and the sizes of the terms of a product.
+
+use rayon::prelude::*;
+
+use crate::linalg::amg::block_matrix::{BlockMatrix, cut};
+use crate::linalg::amg::block_rows::ROWS;
+
+/// A node that keeps its variables.
+const SAME: u32 = u32::MAX;
+
+impl BlockMatrix<f32> {
+    /// Replaces `A` by `Tᵀ A T`. `T` is the identity but for a few nodes, each with its block,
+    /// `b × b` by columns.
+    ///
+    /// # Panics
+    /// If there is no such node, or a block has not `b²` entries.
+    pub fn change_variables<'a>(&mut self, blocks: impl Iterator<Item = (usize, &'a [f64])>) {
+        let (b, nodes) = (self.b, self.nodes());
+        let mut which = vec![SAME; nodes];
+        let mut changes: Vec<f32> = Vec::new();
+        for (number, (node, block)) in (0..).zip(blocks) {
+            assert_eq!(block.len(), b * b);
+            which[node] = number;
+            #[expect(clippy::cast_possible_truncation, reason = "a preconditioner")]
+            changes.extend(block.iter().map(|&value| value as f32));
+        }
+        let change = |node: usize| {
+            let number = which[node];
+            (number != SAME).then(|| &changes[number as usize * b * b..][..b * b])
+        };
+        let (start, column) = (&self.start, &self.column);
+        let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * b);
+        parts.into_par_iter().enumerate().for_each(|(task, part)| {
+            let mut blocks = part.chunks_exact_mut(b * b);
+            let mut old = vec![0.0_f32; b * b];
+            for i in task * ROWS..nodes.min((task + 1) * ROWS) {
+                let left = change(i);
+                for &j in &column[start[i] as usize..start[i + 1] as usize] {
+                    let Some(block) = blocks.next() else { return };
+                    if let Some(left) = left {
+                        old.copy_from_slice(block);
+                        for c in 0..b {
+                            for r in 0..b {
+                                let terms = (0..b).map(|l| left[r * b + l] * old[c * b + l]);
+                                block[c * b + r] = terms.sum();
+                            }
+                        }
+                    }
+                    if let Some(right) = change(j as usize) {
+                        old.copy_from_slice(block);
+                        for c in 0..b {
+                            for r in 0..b {
+                                let terms = (0..b).map(|l| old[l * b + r] * right[c * b + l]);
+                                block[c * b + r] = terms.sum();
+                            }
+                        }
+                    }
+                }
+            }
+        });
+        // A variable without an unknown has lost its diagonal.
+        for node in (0..nodes).filter(|&node| which[node] != SAME) {
+            let at = self.diagonal(node) * b * b;
+            let block = &mut self.values[at..at + b * b];
+            let largest = (0..b).fold(0.0_f32, |most, k| most.max(block[k * b + k]));
+            for k in 0..b {
+                if block[k * b + k] == 0.0 {
+                    block[k * b + k] = if largest > 0.0 { largest } else { 1.0 };
+                }
+            }
+        }
+    }
+}
+
+impl BlockMatrix<f64> {
+    /// `y = |A| |x|`.
+    ///
+    /// # Panics
+    /// If `x` or `y` has not `b` entries for each node.
+    pub fn absolute_product(&self, x: &[f64], y: &mut [f64]) {
+        let b = self.b;
+        assert_eq!(x.len(), b * self.nodes());
+        assert_eq!(y.len(), x.len());
+        y.par_chunks_mut(b * ROWS).enumerate().for_each(|(task, y)| {
+            for (k, y) in y.chunks_exact_mut(b).enumerate() {
+                y.fill(0.0);
+                for at in self.row(task * ROWS + k) {
+                    let first = b * self.column[at] as usize;
+                    let block = &self.values[at * b * b..(at + 1) * b * b];
+                    for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
+                        for (value, a) in y.iter_mut().zip(column) {
+                            *value += (a * x).abs();
+                        }
+                    }
+                }
+            }
+        });
+    }
+}
