@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 __all__ = [
     "Condensed",
     "Path",
+    "Primal",
+    "PrimalPath",
     "Reduced",
     "answers",
     "assess",
@@ -137,6 +139,48 @@ class Path:
 
         Without `gap` the gaps are those of the problem.
         """
+
+@final
+class Primal:
+    """`K`, `B`, gap and friction, for Newton on the displacements."""
+
+    def __new__(
+        cls,
+        stiffness: _Csr,
+        contact: _Csr,
+        gap: _Floats,
+        mu: _Floats,
+        fixed: _Indices,
+        num_threads: int | None,
+        places: _Floats | None = None,
+    ) -> Primal: ...
+    @property
+    def stats(self) -> dict[str, Any]:
+        """Bytes of `K` in blocks, and a forecast of the bytes beside it."""
+    def with_mu(self, mu: _Floats) -> Primal:
+        """The same bodies and contacts with other friction coefficients."""
+
+@final
+class PrimalPath:
+    """A load path in the displacements; without a state from the unloaded bodies."""
+
+    def __new__(
+        cls,
+        problem: Primal,
+        start: tuple[_Floats, _Floats, NDArray[np.int8]] | None = None,
+        displacement: _Floats | None = None,
+    ) -> PrimalPath: ...
+    def step(
+        self,
+        load: _Floats,
+        prescribed: _Floats,
+        gap: _Floats | None,
+        method: str,
+        tol: float,
+        max_iterations: int | None,
+        max_seconds: float | None,
+    ) -> dict[str, Any]:
+        """One step, as `Path.step`, with displacements and the work of the step."""
 
 @final
 class Reduced:

@@ -146,6 +146,25 @@ impl<const D: usize> Primal<D> {
         self.stiffness.nodes.place.len()
     }
 
+    /// Bytes of `K` in blocks, and a forecast of the bytes beside it: the hierarchy, and the
+    /// vectors of GMRES.
+    #[must_use]
+    pub fn bytes(&self) -> (usize, usize) {
+        /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision.
+        const HIERARCHY: f64 = 0.7;
+        /// Vectors of GMRES, in double and in single precision, and of the Newton steps.
+        const VECTORS: usize = 40 * 12;
+        let own = self.stiffness.matrix.bytes();
+        #[expect(
+            clippy::cast_precision_loss,
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a forecast"
+        )]
+        let hierarchy = (HIERARCHY * own as f64) as usize;
+        (own, hierarchy + VECTORS * self.order())
+    }
+
     /// The same bodies and contacts with other friction coefficients. `elliptic` is the change
     /// of variables that belongs to them, `change` the one from the present variables.
     ///

@@ -31,7 +31,6 @@ impl From<Error> for PyErr {
             | Error::FactorDropped
             | Error::UnknownLoads
             | Error::FewDigits { .. }
-            | Error::NotIterative { .. }
             | Error::Multigrid { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. } | Error::DependentMotion { .. } => {
@@ -39,6 +38,11 @@ impl From<Error> for PyErr {
             }
             Error::NotBalanced { .. } | Error::NotConfirmed { .. } => {
                 ours("NotConvergedError", text)
+            }
+            Error::NotIterative { reason } => {
+                let made = ours("NotIterativeError", text);
+                Python::attach(|py| drop(made.value(py).setattr("reason", reason)));
+                made
             }
             Error::ContradictoryContact { .. } => ours("NoEquilibriumError", text),
             Error::Memory { .. } | Error::MemoryLimit { .. } => PyMemoryError::new_err(text),

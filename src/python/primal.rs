@@ -29,7 +29,7 @@ enum AnyPrimal {
 }
 
 /// `K`, `B`, gap and friction, for Newton on the displacements.
-#[pyclass(frozen, name = "Primal", module = "bipot_rs._core")]
+#[pyclass(frozen, from_py_object, name = "Primal", module = "bipot_rs._core")]
 #[derive(Clone)]
 pub(super) struct PyPrimal {
     /// In the variables of [`EllipticScaling`].
@@ -140,19 +140,13 @@ impl PyPrimal {
     /// Counts of the problem.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (bytes, blocks) = match &self.kind {
-            AnyPrimal::Two(inner) => {
-                let matrix = &inner.stiffness.matrix;
-                (matrix.bytes(), matrix.blocks())
-            }
-            AnyPrimal::Three(inner) => {
-                let matrix = &inner.stiffness.matrix;
-                (matrix.bytes(), matrix.blocks())
-            }
+        let (bytes, forecast) = match &self.kind {
+            AnyPrimal::Two(inner) => inner.bytes(),
+            AnyPrimal::Three(inner) => inner.bytes(),
         };
         let dict = PyDict::new(py);
         dict.set_item("bytes_stiffness", bytes)?;
-        dict.set_item("blocks", blocks)?;
+        dict.set_item("bytes_forecast", forecast)?;
         Ok(dict)
     }
 }

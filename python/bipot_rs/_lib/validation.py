@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib import sparse_structure
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, meant
 from bipot_rs._lib.types import Floats, Ints
 
 R = TypeVar("R")
@@ -515,3 +515,12 @@ def number(what: str, value: Any) -> float:
         raise ValueError(
             f"{what} is {shown(value)}, expected a number below 1e308"
         ) from None
+
+
+def one_of(what: str, value: Any, known: Sequence[str]) -> str:
+    """``value``, which must be one of the names ``known``."""
+    if isinstance(value, str) and value in known:
+        return value
+    names = " or ".join(map(repr, known))
+    similar = meant(value, known) if isinstance(value, str) else ""
+    raise ValueError(f"{what} is {value!r}, expected {names}{similar}")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from math import prod
-from pathlib import Path
 from typing import Any
 
+from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
@@ -27,16 +27,6 @@ _ENTRY = 12
 # Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
 # as much on a server core; small bodies and old machines have less.
 RATE = 2e10
-
-
-def available() -> int | None:
-    """Free memory of this machine in bytes; None if unknown (not Linux)."""
-    try:
-        text = Path("/proc/meminfo").read_text(encoding="ascii")
-        lines = dict(line.split(":", 1) for line in text.splitlines())
-        return 1024 * int(lines["MemAvailable"].split()[0])
-    except (OSError, LookupError, ValueError):
-        return None
 
 
 def work(counts: Mapping[str, Any]) -> float:

@@ -29,6 +29,8 @@ _REASONS = {
     "range": "the numbers leave the range of doubles",
     "working set": "the problem was solved on a working set of its contacts, and the "
     "compliance of the other contacts was not formed",
+    "engine": "the iterative engine does not form the compliance W, which the bound needs: "
+    "use engine='direct'",
     "lost": "the problem is not available: the solution was read from a file or came from "
     "another process, and the bound was not computed before",
 }

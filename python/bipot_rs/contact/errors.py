@@ -59,3 +59,15 @@ class FloatingBodyError(BipotError):
 
 class NotConvergedError(BipotError):
     """The solver did not reach the tolerance. A solution may exist."""
+
+
+class NotIterativeError(ValueError):
+    """``engine="iterative"`` was asked for a problem that it cannot solve.
+
+    Attributes
+    ----------
+    reason
+        Why, as part of a sentence.
+    """
+
+    reason = ""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
+from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
@@ -32,6 +33,7 @@ from bipot_rs._lib.validation import (
     indices,
     integer,
     matrices,
+    one_of,
     one_triangle,
     places,
     settings,
@@ -39,9 +41,17 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import dof_order, remarks, summary
 from bipot_rs.contact import rigid_motions as motion
-from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
+from bipot_rs.contact.engines import choice
+from bipot_rs.contact.engines.direct import Direct, DirectPath
+from bipot_rs.contact.engines.engine import Engine, Known
+from bipot_rs.contact.engines.iterative import Iterative
+from bipot_rs.contact.errors import (
+    FloatingBodyError,
+    NoEquilibriumError,
+    NotIterativeError,
+)
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.load_path import Following, Known, state
+from bipot_rs.contact.load_path import Following, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
@@ -50,6 +60,27 @@ from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
     from bipot_rs.contact.stiffness_digits import Digits
+
+
+# Steps of an adaptive path between two stops, for the choice of the engine.
+_ADAPTIVE_STEPS = 8
+
+# Entries of `ContactProblem.stats` that only a factor has.
+_WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
+    (
+        "nnz_factor",
+        "flops",
+        "bytes_factor",
+        "bytes_compliance",
+        "bytes_peak",
+        "cond_S",
+        "ordering",
+        "orderings",
+        "working_set",
+        "bodies",
+        "islands",
+    )
+) | {"rigid_motions": 0, "factor_kept": False}
 
 
 class _Given(NamedTuple):
@@ -138,11 +169,21 @@ class ContactProblem:
         ``stats["rigid_motions_off"]`` is their error before that. No other digits are
         restored: `Solution.error_estimate` and `Result.remarks` account for them.
 
+    engine
+        ``"direct"`` factors ``K`` and condenses it onto the contacts. ``"iterative"`` solves
+        in the displacements with a multigrid preconditioner: time and memory grow in
+        proportion to the entries of ``K``, but nothing that needs ``W`` is available. It
+        needs ``coordinates``. ``"auto"`` chooses at the first load path by a forecast of
+        time and memory; ``stats["engine"]`` and ``stats["engine_reason"]`` say which and
+        why. A step that the iterative engine cannot solve is solved by the direct one, if
+        its factor fits into memory.
+
     Raises
     ------
     TypeError, ValueError
         An argument has the wrong type, shape or value, or ``K`` is asymmetric or
-        indefinite. The message names the argument and the place.
+        indefinite, or ``engine="iterative"`` cannot solve this problem. The message names
+        the argument and the place.
     FloatingBodyError
         The contacts cannot hold a body.
     MemoryError
@@ -182,6 +223,16 @@ class ContactProblem:
 
     # Nodes on inclined supports, which change every load.
     _held: Held | None = None
+    # Number of load steps, where it is known before the first load path.
+    _steps: int | None = None
+    # The condensed problem, once it is made; the iterative engine, while it may be used.
+    _condensed: _core.Condensed | None = None
+    _iterative: Iterative | None = None
+    # K, until it is condensed.
+    _parts: Parts | None = None
+    # Name of the engine, and why.
+    _chosen: tuple[str, str] = ("direct", "")
+    _on_forecast: Callable[[Mapping[str, Any]], object] | None = None
 
     def __init__(
         self,
@@ -204,6 +255,7 @@ class ContactProblem:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
         stiffness_rtol: float | None = None,
+        engine: str = "auto",
     ) -> None:
         stiffness, contact = matrices(K, B)
         n = stiffness.shape[0]
@@ -259,31 +311,46 @@ class ContactProblem:
             working_set,
         )
         callback("on_forecast", on_forecast)
+        self._asked = one_of("engine", engine, choice.ENGINES)
         restored, known = self._with_digits(stiffness)
         self._remarks, self._strength = self._looked_at(restored, whole)
-        self._condense(restored.parts, None, on_forecast)
+        self._prepare(restored.parts, None, on_forecast)
         self._known = known
 
     @classmethod
     def _on_inclined_supports(
-        cls, held: Held | None, K: Any, B: Any, **given: Any
+        cls,
+        held: Held | None,
+        K: Any,
+        B: Any,
+        *,
+        steps: int | None = None,
+        **given: Any,
     ) -> ContactProblem:
-        """Make a problem with nodes on supports inclined to the axes."""
+        """Make a problem with nodes on supports inclined to the axes.
+
+        ``steps`` is the number of load steps, if it is known, for the choice of the engine.
+        """
         problem = cls.__new__(cls)
         problem._held = held
+        problem._steps = steps
         problem.__init__(K, B, **given)  # type: ignore[misc]
         return problem
 
     def __getstate__(self) -> dict[str, Any]:
         # The arguments, not the factor, which may be a hundred times as large:
         # condensing again gives the same bits.
-        known = {name: value for name, value in vars(self).items() if name != "_core"}
-        return known | {"_stiffness": self._core.stiffness()}
+        made = {"_condensed", "_iterative", "_parts", "_on_forecast"}
+        known = {name: value for name, value in vars(self).items() if name not in made}
+        whole = self._parts
+        return known | {
+            "_stiffness": self._core.stiffness() if whole is None else whole
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         parts = state.pop("_stiffness")
         vars(self).update(state)
-        self._condense(parts, None)
+        self._prepare(parts, None)
 
     def __repr__(self) -> str:
         n, contacts, d = self._shape
@@ -331,11 +398,33 @@ class ContactProblem:
         ``BIPOT_PATTERN_CACHE_MB`` megabytes: 64 by default, 0 for no cache. The cache does
         not change a bit of the results.
 
+        ``engine`` and ``engine_reason`` say what solves the load steps, and why. With the
+        iterative engine, ``newton`` and ``krylov`` are its iterations in all load paths so
+        far, and ``bytes_multigrid`` the memory of its largest hierarchy; what belongs to the
+        factor is ``None``.
+
         With ``stiffness_rtol``, ``rigid_motions_off`` is the largest ``|K z|`` of a row for
         a rigid motion ``z``, relative to the sum of the absolute values of its terms,
         before the rigid motions were restored.
         """
-        known = self._core.stats | {"seconds_condense": self._seconds}
+        name, why = self._chosen
+        known = {
+            "engine": name,
+            "engine_reason": why,
+            "seconds_condense": self._seconds,
+        }
+        if self._condensed is not None:
+            known = dict(self._condensed.stats) | known
+        else:
+            n, contacts, d = self._shape
+            known = _WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known
+        if self._iterative is not None:
+            record = self._iterative.record
+            known |= self._iterative.stats
+            if record.replaced:
+                known["engine_reason"] = (
+                    f"the iterative engine stalled: {record.replaced}"
+                )
         if self._known is None:
             return known
         return known | {"rigid_motions_off": self._known.off}
@@ -547,8 +636,9 @@ class ContactProblem:
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
-        following = self._following(self._core, self._mu, chosen, start)
         steps = self._loading.totals(load, prescribed, gap, start)
+        engine = self._engine(len(steps), method)
+        following = self._following(engine, self._mu, chosen, start)
         for k, asked in enumerate(steps):
             step = following.advance(*asked)
             if on_step is not None:
@@ -631,7 +721,8 @@ class ContactProblem:
         callback("gap", gap)
         plan = increments(stops, first, largest, smallest, slip)
         loads = self._loading.along(load, prescribed, gap, plan.stops[-1])
-        following = self._following(self._core, self._mu, chosen, start)
+        engine = self._engine(_ADAPTIVE_STEPS * len(plan.stops), method)
+        following = self._following(engine, self._mu, chosen, start)
         return follow(following, loads, plan, on_step)
 
     def solve_many(
@@ -688,20 +779,33 @@ class ContactProblem:
                 f"cases is a {type(cases).__name__}, expected a list of mappings, one for "
                 "each path"
             )
+        cases = list(cases)
         for k, case in enumerate(cases):
             check_case(k, case)
-            core, mu = self._core, self._mu
             try:
-                if case.get("mu") is not None:
-                    mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
-                    core = core.with_mu(mu)
                 start = case.get("start")
-                paths.append(self._following(core, mu, chosen, start))
                 load, prescribed, gap = map(case.get, ("load", "prescribed", "gap"))
                 totals.append(self._loading.totals(load, prescribed, gap, start))
             except (TypeError, ValueError) as error:
                 raise type(error)(f"case {k}: {error}") from None
-        followed = _core.follow([path.path for path in paths], totals, *chosen)
+        engine = self._engine(sum(map(len, totals)), method)
+        for k, case in enumerate(cases):
+            own, mu = engine, self._mu
+            try:
+                if case.get("mu") is not None:
+                    mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
+                    own = own.with_mu(mu)
+                paths.append(self._following(own, mu, chosen, case.get("start")))
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"case {k}: {error}") from None
+        made = [path.path for path in paths]
+        direct = [path.core for path in made if isinstance(path, DirectPath)]
+        if len(direct) < len(made):
+            # Each linear system uses all threads.
+            return [
+                path.alone(asked) for path, asked in zip(paths, totals, strict=True)
+            ]
+        followed = _core.follow(direct, totals, *chosen)
         parts = zip(paths, totals, followed, strict=True)
         return [path.through(asked, done) for path, asked, done in parts]
 
@@ -749,7 +853,7 @@ class ContactProblem:
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
         restored, known = self._with_digits(stiffness)
         found = self._looked_at(restored, self._given.gap)
-        self._condense(restored.parts, self._core)
+        self._prepare(restored.parts, self._condensed)
         self._known = known
         self._remarks, self._strength = found
 
@@ -798,7 +902,7 @@ class ContactProblem:
     ) -> None:
         started = time.perf_counter()
         try:
-            self._core = _core.Condensed(parts, *self._given, before, on_forecast)
+            self._condensed = _core.Condensed(parts, *self._given, before, on_forecast)
         except (FloatingBodyError, ValueError) as error:
             dof = getattr(error, "dof", None)
             cause = ""
@@ -818,6 +922,135 @@ class ContactProblem:
                 named.dof = dof
             raise named from None
         self._seconds = time.perf_counter() - started
+        self._parts = None
+
+    def _prepare(
+        self,
+        parts: Parts,
+        before: _core.Condensed | None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> None:
+        """Condense, or make the iterative engine and leave the choice to the load path."""
+        iterative = self._make_iterative(parts)
+        if iterative is None:
+            self._condense(parts, before, on_forecast)
+            self._iterative = None
+            return
+        self._condensed, self._iterative, self._parts = None, iterative, parts
+        self._on_forecast = on_forecast
+        if self._asked == "iterative":
+            self._chosen = "iterative", "it was asked for"
+            self._tell_iterative()
+        elif self._steps is not None:
+            self._engine(self._steps, "auto")
+
+    def _make_iterative(self, parts: Parts) -> Iterative | None:
+        """The iterative engine, if it is wanted and can solve the problem."""
+        n, contacts, d = self._shape
+        given = self._given
+        free = n - len(self._fixed)
+        if self._asked == "direct":
+            self._chosen = "direct", "it was asked for"
+            return None
+        if self._asked == "auto":
+            why = ""
+            if d == 2:
+                why = "the problem is plane"
+            elif free < choice.LEAST:
+                why = f"{free} free degrees of freedom are few"
+            elif given.loads is not None or given.working_set is not None:
+                why = "loads or working_set is given"
+            elif self._digits is not None:
+                why = "stiffness_rtol is given"
+            if why:
+                self._chosen = "direct", why
+                return None
+        started = time.perf_counter()
+        try:
+            core = _core.Primal(parts, *given[:6])
+        except NotIterativeError as error:
+            if self._asked == "iterative":
+                raise
+            self._chosen = "direct", str(error.reason)
+            return None
+        except ValueError as error:
+            cause = one_triangle(parts) or enforced(parts)
+            raise ValueError(f"{error}{cause}") from None
+        self._seconds = time.perf_counter() - started
+        self._chosen = "auto", "the first load path decides"
+        return Iterative(core, self._direct, (contacts, d))
+
+    def _direct(self) -> Direct:
+        """The direct engine; condenses if that was not done before."""
+        if self._condensed is None:
+            parts = self._parts
+            if parts is None:
+                raise ValueError("the stiffness of this problem is not available")
+            self._condense(parts, None, self._on_forecast)
+        if self._condensed is None:
+            raise ValueError("the stiffness of this problem is not available")
+        return Direct(self._condensed)
+
+    @property
+    def _core(self) -> _core.Condensed:
+        """The condensed problem, for what needs the compliance ``W``."""
+        if self._condensed is None and self._asked == "iterative":
+            raise ValueError(
+                "this needs the compliance W, which engine='iterative' does not form: "
+                "use engine='direct'"
+            )
+        return self._direct().core
+
+    def _engine(self, steps: int, method: str) -> Engine:
+        """The engine of a load path."""
+        iterative = self._iterative
+        if iterative is None:
+            return self._direct()
+        if method not in choice.METHODS:
+            if self._asked == "iterative":
+                raise ValueError(
+                    f"method is {method!r}, but engine='iterative' has only "
+                    f"{' and '.join(map(repr, choice.METHODS))}: use engine='direct'"
+                )
+            return self._direct()
+        if self._asked == "auto" and self._condensed is None:
+            limit = self._given.memory_limit
+            free = self._shape[0] - len(self._fixed)
+            self._chosen = choice.choose(
+                free,
+                self._shape[1],
+                steps,
+                available() if limit is None else limit,
+            )
+            if self._chosen[0] == "iterative":
+                self._tell_iterative()
+        if self._condensed is not None or self._chosen[0] == "direct":
+            self._iterative = None
+            self._chosen = "direct", self._chosen[1]
+            return self._direct()
+        return iterative
+
+    def _tell_iterative(self) -> None:
+        """Call ``on_forecast`` with the counts of the iterative engine, once."""
+        told, self._on_forecast = self._on_forecast, None
+        iterative = self._iterative
+        if told is None or iterative is None:
+            return
+        _, contacts, d = self._shape
+        counts = iterative.stats
+        told(
+            {
+                "engine": "iterative",
+                "engine_reason": self._chosen[1],
+                "bodies": None,
+                "n_contact_dofs": d * contacts,
+                "nnz_factor": 0,
+                "flops": 0.0,
+                "bytes_factor": 0,
+                "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
+                "ordering": None,
+            }
+        )
 
     def _of_digits(self, said: str, parts: Parts, dof: int) -> str:
         """Text to add to an error of the core if few digits of K may be its cause."""
@@ -830,7 +1063,7 @@ class ContactProblem:
 
     def _following(
         self,
-        core: _core.Condensed,
+        engine: Engine,
         mu: Floats,
         chosen: Settings,
         start: Result | Step | None,
@@ -842,7 +1075,7 @@ class ContactProblem:
             return (*before, *remarks.of_path(steps, contacts, known))
 
         return Following(
-            core,
+            engine,
             contacts,
             mu,
             shape,

@@ -481,7 +481,8 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
     return {name: raw[name] for name in taken} | {
         "outcome": Outcome(raw["outcome"]),
         "rigid_motion": rigid if len(rigid) else None,
-        "stats": {"bytes_beside_W": raw["bytes_beside"]},
+        "stats": {"bytes_beside_W": raw["bytes_beside"]}
+        | {name: raw[name] for name in ("newton", "krylov") if name in raw},
         "free_motion": free if len(free) else None,
         "_statuses_tried": raw["statuses_tried"],
     }

@@ -83,7 +83,8 @@ def step_of(
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
     known = {name: record[name] for name in _written() if name in record}
     known["outcome"] = Outcome(known["outcome"])
-    known["stats"] = {k: int(record[k]) for k in ("bytes_beside_W",) if k in record}
+    counts = ("bytes_beside_W", "newton", "krylov")
+    known["stats"] = {name: int(record[name]) for name in counts if name in record}
     asked: dict[str, Any] = {}
     if "error_estimate" in record:
         estimate = record["error_estimate"]

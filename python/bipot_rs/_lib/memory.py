@@ -1,0 +1,15 @@
+"""Memory of this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def available() -> int | None:
+    """Free memory of this machine in bytes; None if unknown (not Linux)."""
+    try:
+        text = Path("/proc/meminfo").read_text(encoding="ascii")
+        lines = dict(line.split(":", 1) for line in text.splitlines())
+        return 1024 * int(lines["MemAvailable"].split()[0])
+    except (OSError, LookupError, ValueError):
+        return None

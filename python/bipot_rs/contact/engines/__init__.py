@@ -1,0 +1,1 @@
+"""What solves the load steps of a `ContactProblem`: by factorisation, or iteratively."""

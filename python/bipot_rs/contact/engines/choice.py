@@ -1,0 +1,62 @@
+"""The choice of the engine by a forecast of time and memory."""
+
+from __future__ import annotations
+
+from bipot_rs.contact.summary import size
+
+ENGINES = ("auto", "direct", "iterative")
+
+# Methods that the iterative engine has: semismooth Newton.
+METHODS = ("auto", "newton")
+
+# In space, from this number of free degrees of freedom on, the first load step takes less
+# time by iteration (benches/results/engines.csv).
+LEAST = 30_000
+# A direct condensation takes as long as one iterative step for so many free degrees of
+# freedom: its work grows with their square, that of a step in proportion.
+PER_STEP = 15_000
+
+# Model of the memory of the direct engine in space: the factor of a cube of 10⁶ degrees of
+# freedom, and its growth; W takes 72 bytes for each pair of contacts.
+_FACTOR, _GROWTH = 29e9, 1.34
+_PAIR = 72
+
+
+def direct_bytes(free: int, contacts: int) -> float:
+    """Forecast of the memory of the direct engine in space."""
+    return float(_FACTOR * (free / 1e6) ** _GROWTH + _PAIR * float(contacts) ** 2)
+
+
+def choose(
+    free: int, contacts: int, steps: int, available: float | None
+) -> tuple[str, str]:
+    """Choose the engine of a load path in space, and say why.
+
+    Parameters
+    ----------
+    free, contacts, steps
+        Number of free degrees of freedom, of contacts and of load steps.
+    available
+        Bytes that the direct engine may use; None if unknown.
+
+    >>> choose(20_000, 400, 2, 8e9)
+    ('direct', '20000 free degrees of freedom are few')
+    >>> choose(148_000, 1369, 2, 8e9)
+    ('iterative', 'a factorisation would take longer than 2 load steps')
+    >>> choose(148_000, 1369, 100, 8e9)
+    ('direct', 'one factorisation serves 100 load steps')
+    >>> choose(1_060_000, 5041, 100, 8e9)
+    ('iterative', 'the factor would take 33.2 GB of 8 GB')
+    """
+    if free < LEAST:
+        return "direct", f"{free} free degrees of freedom are few"
+    needed = direct_bytes(free, contacts)
+    if available is not None and needed > available:
+        return (
+            "iterative",
+            f"the factor would take {size(needed)} of {size(available)}",
+        )
+    plural = "load step" if steps == 1 else "load steps"
+    if steps * PER_STEP <= free:
+        return "iterative", f"a factorisation would take longer than {steps} {plural}"
+    return "direct", f"one factorisation serves {steps} {plural}"
