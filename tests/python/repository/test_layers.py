@@ -40,7 +40,8 @@ RUST_SIBLINGS = {
     ),
     "linalg/amg": (
         "settings wide",
-        "block_matrix block_rows rigid_motions",
+        "block_matrix rigid_motions",
+        "block_rows",
         "aggregates coarsest inverse_diagonal slots spectrum",
         "relaxed_vectors tentative",
         "prolongation",
