@@ -282,10 +282,10 @@ impl Assembled {
             values: Vec::new(),
             coordinates: Vec::new(),
         };
+        let view = self.view();
         for &i in &from {
             for c in 0..d {
-                let mut column: Vec<(usize, f64)> = self
-                    .view()
+                let mut column: Vec<(usize, f64)> = view
                     .column(d * i + c)
                     .map(|(j, value)| (d * order[j / d] + j % d, value))
                     .collect();

@@ -2,8 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
 use crate::linalg::sparse::csc::narrow;
 
 /// Nodes by aggregate.

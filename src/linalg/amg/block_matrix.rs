@@ -2,7 +2,6 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_rows::{ROWS, product};
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
@@ -10,6 +9,9 @@ use crate::linalg::sparse::csc::{Symmetric, narrow};
 
 /// The place of an unknown that no node has, and of a component that no unknown has.
 pub const ABSENT: u32 = u32::MAX;
+
+/// Rows of blocks in one task.
+pub(super) const ROWS: usize = 512;
 
 /// Numbers after the last block, so that a loop may read whole registers.
 pub(super) const PADDING: usize = 8;
@@ -74,14 +76,6 @@ impl<T: Real> BlockMatrix<T> {
     #[must_use]
     pub fn exponent(&self) -> i32 {
         self.exponent
-    }
-
-    /// `y = A x`, for vectors of `b` entries for each node, in units of `2^`[`Self::exponent`].
-    ///
-    /// # Panics
-    /// If `x` or `y` has not this length.
-    pub fn product(&self, x: &[T], y: &mut [T]) {
-        product(self, x, y);
     }
 
     /// The blocks of a row.

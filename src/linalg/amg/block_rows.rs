@@ -3,12 +3,9 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::real::Real;
-
-/// Rows of blocks in one task.
-pub(super) const ROWS: usize = 512;
 
 /// What becomes of the product `A x` in the rows of one task.
 trait Finish<T>: Send {
@@ -92,13 +89,18 @@ impl<T: Real> Finish<T> for Store<'_, T> {
     }
 }
 
-/// `y = A x`.
-pub(super) fn product<T: Real>(matrix: &BlockMatrix<T>, x: &[T], y: &mut [T]) {
-    assert_eq!(x.len(), matrix.b * matrix.nodes());
-    assert_eq!(y.len(), x.len());
-    y.par_chunks_mut(ROWS * matrix.b)
-        .enumerate()
-        .for_each(|(task, y)| run(matrix, x, task, Store { y }));
+impl<T: Real> BlockMatrix<T> {
+    /// `y = A x`, for vectors of `b` entries for each node, in units of `2^`[`Self::exponent`].
+    ///
+    /// # Panics
+    /// If `x` or `y` has not this length.
+    pub fn product(&self, x: &[T], y: &mut [T]) {
+        assert_eq!(x.len(), self.b * self.nodes());
+        assert_eq!(y.len(), x.len());
+        y.par_chunks_mut(ROWS * self.b)
+            .enumerate()
+            .for_each(|(task, y)| run(self, x, task, Store { y }));
+    }
 }
 
 struct Subtract<'a, T> {

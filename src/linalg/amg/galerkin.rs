@@ -3,8 +3,7 @@
 use rayon::prelude::*;
 
 use crate::linalg::amg::aggregates::by_group;
-use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, cut};
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{Work, widest};

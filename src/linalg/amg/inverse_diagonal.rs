@@ -2,8 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_matrix::BlockMatrix;
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::real::Real;
 
 /// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.

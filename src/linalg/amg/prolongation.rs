@@ -3,8 +3,7 @@
 use rayon::prelude::*;
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
-use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, cut};
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};
 use crate::linalg::amg::wide::{Work, widest};

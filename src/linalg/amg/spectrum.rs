@@ -1,7 +1,7 @@
 //! An upper bound of the eigenvalues of `D⁻¹ A`, `D` the diagonal blocks of `A`.
 
 use crate::linalg::amg::block_matrix::BlockMatrix;
-use crate::linalg::amg::block_rows::{Coefficients, first_step, product};
+use crate::linalg::amg::block_rows::{Coefficients, first_step};
 use crate::linalg::parallel::{axpy, dot, xpay};
 use crate::linalg::random_signs::random_signs;
 use crate::linalg::real::Real;
@@ -37,7 +37,7 @@ pub(super) fn bound(matrix: &BlockMatrix<f32>, inverse: &[f32]) -> Option<f64> {
         let beta = if step == 0 { 0.0 } else { size / last };
         last = size;
         xpay(&z, beta, &mut p);
-        product(matrix, &p, &mut q);
+        matrix.product(&p, &mut q);
         let alpha = size / dot(&p, &q);
         if !(alpha > 0.0) {
             break;

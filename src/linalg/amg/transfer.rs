@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::ROWS;
 use crate::linalg::amg::galerkin::with_sizes;
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::wide::{Work, widest};

@@ -32,10 +32,24 @@ RUST = (
 # The same within a folder; modules named together must not use each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "compensated packed pages power_of_two random_signs small union",
-        "dense gmres jacobi least_squares",
-        "lu nonnegative verified_cholesky",
+        "compensated packed pages power_of_two random_signs real small union",
+        "dense gmres jacobi least_squares parallel",
+        "conjugate_gradients flexible_gmres lu nonnegative verified_cholesky",
         "sparse",
+        "amg",
+    ),
+    "linalg/amg": (
+        "settings wide",
+        "block_matrix rigid_motions",
+        "block_rows",
+        "aggregates coarsest inverse_diagonal slots spectrum",
+        "relaxed_vectors tentative",
+        "prolongation",
+        "galerkin",
+        "transfer",
+        "level",
+        "cycle",
+        "multigrid",
     ),
     "linalg/sparse": (
         "blocks csc ordering",
@@ -115,6 +129,7 @@ RUST_NAMES = {
     "pyo3": ("python/",),
     "numpy": ("python/",),
     "unsafe": (
+        "linalg/amg/wide.rs",
         "linalg/dense/kernels.rs",
         "linalg/pages.rs",
         "linalg/sparse/ordering.rs",
