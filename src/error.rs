@@ -189,6 +189,9 @@ pub enum Error {
     /// The threads could not be started.
     #[error("the pool of {threads} threads could not be started: use fewer threads")]
     Threads { threads: usize },
+    /// A cell whose mapping from the reference cell is not invertible.
+    #[error("cell {cell} is folded or flat: mesh anew there")]
+    FoldedCell { cell: usize },
     /// The caller stopped the work.
     #[error("interrupted")]
     Interrupted,

@@ -2,6 +2,7 @@
 //! compile its kernels again.
 
 mod alart_curnier;
+mod assembly;
 mod balance;
 #[path = "../common/mod.rs"]
 mod common;
