@@ -172,25 +172,21 @@ impl<'a, const D: usize> Integrator<'a, D> {
         for i in 0..count {
             for j in i..count {
                 let forms = self.forms(i, j);
-                let block = match constants {
-                    Some((lambda, mu)) => isotropic(lambda, mu, &forms),
-                    None => {
-                        let own: [[[f64; D]; D]; LANES] =
-                            each(|w| laws[w].block(&each(|k| each(|l| forms[k][l][w]))));
-                        each(|k| each(|l| each(|w| own[w][k][l])))
-                    }
+                let block = if let Some((lambda, mu)) = constants {
+                    isotropic(lambda, mu, &forms)
+                } else {
+                    let own: [[[f64; D]; D]; LANES] =
+                        each(|w| laws[w].block(&each(|k| each(|l| forms[k][l][w]))));
+                    each(|k| each(|l| each(|w| own[w][k][l])))
                 };
                 for (w, matrix) in matrices.chunks_exact_mut((count * D).pow(2)).enumerate() {
                     let upper = &mut matrix[(i * count + j) * D * D..][..D * D];
                     for k in 0..D {
                         for l in 0..D {
                             // Sums of mirrored terms may have another order within a block.
-                            let (k, l, to) = if i == j {
-                                (k.min(l), k.max(l), k * D + l)
-                            } else {
-                                (k, l, k * D + l)
-                            };
-                            upper[to] = block[k][l][w];
+                            let mirrored = i == j && k > l;
+                            let (from, to) = if mirrored { (l, k) } else { (k, l) };
+                            upper[k * D + l] = block[from][to][w];
                         }
                     }
                     if i != j {

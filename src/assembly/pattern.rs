@@ -23,7 +23,7 @@ pub trait Index: Copy + Default + Send {
 macro_rules! index {
     ($kind:ty) => {
         impl Index for $kind {
-            #[expect(
+            #[allow(
                 clippy::cast_possible_truncation,
                 clippy::cast_possible_wrap,
                 reason = "the caller compares the number of entries with the type"
