@@ -1,5 +1,12 @@
 //! Stiffness of meshes: the pattern, the sums, and what does not depend on threads.
 
+#![expect(
+    clippy::cast_possible_wrap,
+    clippy::cast_precision_loss,
+    clippy::unwrap_used,
+    reason = "counts are small; a helper of a test may fail"
+)]
+
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +19,7 @@ use bipot_rs::threads;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
-const GO: AtomicBool = AtomicBool::new(false);
+static GO: AtomicBool = AtomicBool::new(false);
 
 /// Linear triangles of a square of `n` × `n` cells, each cut in two; nodes are renumbered at
 /// random, so that neighbours are far apart. `moved` is the distance by which nodes are moved,
@@ -83,12 +90,19 @@ fn steel() -> Law {
 
 /// `K` as rows, from its pattern and values.
 fn dense(pattern: &Pattern, values: &[f64]) -> Vec<Vec<f64>> {
-    let (pointer, index) = pattern.csr::<2, i32>();
+    let (pointer, index) = pattern.csr::<2, i64>();
+    let long = |values: Vec<i64>| -> Vec<usize> {
+        values
+            .into_iter()
+            .map(|v| usize::try_from(v).unwrap())
+            .collect()
+    };
+    let (pointer, index) = (long(pointer), long(index));
     let n = pointer.len() - 1;
     let mut rows = vec![vec![0.0; n]; n];
     for (row, found) in rows.iter_mut().enumerate() {
         for at in pointer[row]..pointer[row + 1] {
-            found[index[at as usize] as usize] += values[at as usize];
+            found[index[at]] += values[at];
         }
     }
     rows
@@ -179,10 +193,9 @@ fn a_general_law_with_isotropic_entries_gives_the_same_stiffness() {
     let mesh = Mesh::new(20, 1.0);
     let mut tensor = [0.0; 16];
     let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
-    for at in 0..16 {
+    for (at, entry) in tensor.iter_mut().enumerate() {
         let (k, a, l, b) = (at / 8, at / 4 % 2, at / 2 % 2, at % 2);
-        tensor[at] =
-            1.5 * unit(k, a) * unit(l, b) + unit(k, l) * unit(a, b) + unit(k, b) * unit(a, l);
+        *entry = 1.5 * unit(k, a) * unit(l, b) + unit(k, l) * unit(a, b) + unit(k, b) * unit(a, l);
     }
     let law = Law::general::<2>(&tensor).unwrap();
     let general = mesh.values(&[law], &[], 2).unwrap();
