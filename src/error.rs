@@ -197,6 +197,9 @@ pub enum Error {
         "the multigrid preconditioner cannot be built: {reason}. Use a direct factorisation of K"
     )]
     Multigrid { reason: &'static str },
+    /// A cell whose mapping from the reference cell is not invertible.
+    #[error("cell {cell} is folded or flat: mesh anew there")]
+    FoldedCell { cell: usize },
     /// The caller stopped the work.
     #[error("interrupted")]
     Interrupted,

@@ -32,6 +32,8 @@ __all__ = [
     "largest_reaction",
     "least_work",
     "project",
+    "stiffness",
+    "sum_of_cells",
     "threads",
     "version",
 ]
@@ -50,6 +52,32 @@ version: Final[str]
 
 def threads() -> int:
     """How many are used where no argument says it."""
+
+def stiffness(
+    points: _Floats,
+    cells: _Indices,
+    slopes: _Floats,
+    weights: _Floats,
+    thickness: float,
+    laws: _Floats,
+    material: _Indices | None = None,
+    num_threads: int | None = None,
+) -> _Csr:
+    """`K` of a mesh ``(d, nodes)`` of cells of one kind ``(c, cells)``.
+
+    ``slopes`` are ``∂φ_i/∂ξ_b`` at the quadrature points, ``(q, d, c)``. A row of ``laws``
+    has λ and μ of a material, or all d⁴ entries of its tensor; ``material`` is the row
+    of each cell. A `ValueError` for a folded or flat cell has its number as ``cell``.
+    """
+
+def sum_of_cells(
+    cells: _Indices,
+    nodes: int,
+    dim: int,
+    matrices: _Floats,
+    num_threads: int | None = None,
+) -> _Csr:
+    """Sum of matrices of cells, for each cell ``(c, c, d, d)`` in one row."""
 
 def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None

@@ -459,7 +459,14 @@ pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatri
 }
 
 /// Position in `list` of each index below `n`.
-pub fn positions(what: &'static str, list: &[usize], n: usize) -> Result<Vec<Option<usize>>, Error> {
+///
+/// # Errors
+/// [`Error::IndexRange`], [`Error::Repeated`].
+pub fn positions(
+    what: &'static str,
+    list: &[usize],
+    n: usize,
+) -> Result<Vec<Option<usize>>, Error> {
     let mut position = vec![None; n];
     for (k, &index) in list.iter().enumerate() {
         let Some(slot) = position.get_mut(index) else {

@@ -107,7 +107,8 @@ impl<const D: usize> Frames<D> {
 
     /// Nodes of the contacts with the block `T` of each.
     pub fn blocks(&self) -> impl Iterator<Item = (usize, &Block<D>)> {
-        self.with_node().map(|(_, frame)| (frame.node, &frame.from_local))
+        self.with_node()
+            .map(|(_, frame)| (frame.node, &frame.from_local))
     }
 
     /// `u = T y`, in place.

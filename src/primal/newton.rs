@@ -104,7 +104,7 @@ pub struct Newton<'p, const D: usize> {
     started: Instant,
     cycle: Cycle,
     multigrid: Option<(Vec<Status>, Multigrid)>,
-    newton: usize,
+    steps: usize,
     krylov: usize,
     history: Vec<(f64, f64)>,
     bytes: usize,
@@ -126,7 +126,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             started: Instant::now(),
             cycle,
             multigrid: None,
-            newton: 0,
+            steps: 0,
             krylov: 0,
             history: Vec::new(),
             bytes: 0,
@@ -169,38 +169,22 @@ impl<'p, const D: usize> Newton<'p, D> {
             }
             if !first {
                 #[expect(clippy::cast_precision_loss, reason = "a count of products")]
-                self.history.push(((self.krylov + self.newton) as f64, eta));
+                self.history.push(((self.krylov + self.steps) as f64, eta));
             }
             let converged = !first && judged.converged(tol);
             if best.as_ref().is_none_or(|(least, ..)| eta < *least) || converged {
-                best = Some((eta, self.newton, point.clone(), judged.clone()));
+                best = Some((eta, self.steps, point.clone(), judged.clone()));
             }
             if converged {
                 outcome = Outcome::Converged;
                 break;
             }
-            let since = best.as_ref().map_or(0, |best| self.newton - best.1);
-            if self.newton >= MOST_STEPS || since > PATIENCE {
+            if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1)) {
+                outcome = ended;
                 break;
             }
-            if self.newton >= self.settings.max_iterations {
-                outcome = Outcome::IterationLimit;
-                break;
-            }
-            if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
-                outcome = Outcome::TimeLimit;
-                break;
-            }
-            let share = ratio(changed, now.len());
-            let wanted = if share > MANY {
-                COARSE
-            } else if changed > 0 {
-                MIDDLE
-            } else {
-                FINE
-            };
-            let error = if first { 1.0 } else { eta.max(f64::MIN_POSITIVE) };
-            let wanted = wanted.max(0.1 * tol / error.max(tol));
+            let error = if first { 1.0 } else { eta };
+            let wanted = linear_tolerance(changed, now.len(), tol, error);
             let tangent = Tangent::new(problem, &reduced, &law);
             let Some((dy, moved)) = self.correction(&tangent, &now, &point, wanted)? else {
                 reason = Reason::Multigrid;
@@ -214,7 +198,11 @@ impl<'p, const D: usize> Newton<'p, D> {
                     r: self.reaction_change(&moved, &dr_prescribed),
                     v: problem.frames.at_contacts(&dy),
                 };
-                let bar = recent.iter().rev().take(MEMORY).fold(0.0_f64, |m, &x| m.max(x));
+                let bar = recent
+                    .iter()
+                    .rev()
+                    .take(MEMORY)
+                    .fold(0.0_f64, |m, &x| m.max(x));
                 search(&reduced, &point, &change, bar)
             };
             let mut y = std::mem::take(&mut point.y);
@@ -228,7 +216,7 @@ impl<'p, const D: usize> Newton<'p, D> {
                 *value += share * change;
             }
             point = self.point(y, &prescribed, begin.force, begin.offset);
-            self.newton += 1;
+            self.steps += 1;
             recent.push(merit(&reduced, &point.r, &point.v));
             statuses = Some(now);
         }
@@ -238,11 +226,24 @@ impl<'p, const D: usize> Newton<'p, D> {
             judged,
             outcome,
             reason: (outcome == Outcome::Stalled).then_some(reason),
-            newton: self.newton,
+            newton: self.steps,
             krylov: self.krylov,
             history: self.history,
             bytes: self.bytes,
         })
+    }
+
+    /// Whether a limit, or the lack of a better point since the step `best`, ends the steps.
+    fn ended(&self, best: usize) -> Option<Outcome> {
+        if self.steps >= MOST_STEPS || self.steps - best > PATIENCE {
+            Some(Outcome::Stalled)
+        } else if self.steps >= self.settings.max_iterations {
+            Some(Outcome::IterationLimit)
+        } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
+            Some(Outcome::TimeLimit)
+        } else {
+            None
+        }
     }
 
     /// The contacts that stick in the first Newton step: those closed before, else those
@@ -277,7 +278,11 @@ impl<'p, const D: usize> Newton<'p, D> {
             *v += offset;
         }
         let mut r = problem.frames.at_contacts(&e);
-        for (r, more) in r.as_flattened_mut().iter_mut().zip(prescribed.as_flattened()) {
+        for (r, more) in r
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(prescribed.as_flattened())
+        {
             *r += more;
         }
         Point { y, e, r, v }
@@ -290,7 +295,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         statuses: &[Status],
         point: &Point<D>,
         tol: f64,
-    ) -> Result<Option<(Vec<f64>, Vec<f64>)>, Error> {
+    ) -> Result<Option<Correction>, Error> {
         if !matches!(&self.multigrid, Some((made_for, _)) if made_for == statuses) {
             // The memory of the old hierarchy serves the new one.
             self.multigrid = None;
@@ -398,6 +403,9 @@ fn prescribed_part<const D: usize>(problem: &Primal<D>, r: &[[f64; D]]) -> Vec<[
     part
 }
 
+/// `dy` and `A dy` of a Newton step.
+type Correction = (Vec<f64>, Vec<f64>);
+
 /// A full Newton step at the contacts.
 struct Change<const D: usize> {
     r: Vec<[f64; D]>,
@@ -434,8 +442,17 @@ fn search<const D: usize>(
     best.1
 }
 
-fn ratio(part: usize, whole: usize) -> f64 {
+/// The relative residual of a linear system that its Newton step is worth: `changed` of `all`
+/// statuses changed, and the point has the error `error`.
+fn linear_tolerance(changed: usize, all: usize, tol: f64, error: f64) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "counts")]
-    let ratio = part as f64 / whole.max(1) as f64;
-    ratio
+    let share = changed as f64 / all.max(1) as f64;
+    let wanted = if share > MANY {
+        COARSE
+    } else if changed > 0 {
+        MIDDLE
+    } else {
+        FINE
+    };
+    wanted.max(0.1 * tol / error.max(tol))
 }

@@ -22,7 +22,7 @@ impl Nodes {
     /// [`Error::NotIterative`] for another numbering.
     pub fn new<const D: usize>(n: usize, places: Option<&[[f64; 3]]>) -> Result<Self, Error> {
         let refused = |reason| Err(Error::NotIterative { reason });
-        if n % D != 0 {
+        if !n.is_multiple_of(D) {
             return refused("the number of degrees of freedom is not a multiple of the dimension");
         }
         let count = n / D;
@@ -35,7 +35,7 @@ impl Nodes {
             let mut first = vec![None; count];
             places.iter().enumerate().all(|(dof, at)| {
                 let known = first[of(dof).0].get_or_insert(*at);
-                known == at
+                known.map(f64::to_bits) == at.map(f64::to_bits)
             })
         };
         if together(&by_node) {

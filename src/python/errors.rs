@@ -13,6 +13,10 @@ impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         let text = error.to_string();
         let dof = place(&error);
+        let cell = match error {
+            Error::FoldedCell { cell } => Some(cell),
+            _ => None,
+        };
         let made = match error {
             Error::Shape { .. }
             | Error::NotFinite { .. }
@@ -32,6 +36,7 @@ impl From<Error> for PyErr {
             | Error::UnknownLoads
             | Error::FewDigits { .. }
             | Error::Multigrid { .. }
+            | Error::FoldedCell { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. } | Error::DependentMotion { .. } => {
                 ours("FloatingBodyError", text)
@@ -49,6 +54,10 @@ impl From<Error> for PyErr {
             Error::Threads { .. } => PyOSError::new_err(text),
             Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         };
+        if let Some(cell) = cell {
+            // Python adds the name of the body and the place.
+            Python::attach(|py| drop(made.value(py).setattr("cell", cell)));
+        }
         if let Some(dof) = dof {
             // Python adds the name of the body.
             Python::attach(|py| drop(made.value(py).setattr("dof", dof)));

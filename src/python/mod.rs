@@ -6,6 +6,7 @@
 )]
 
 mod arrays;
+mod assembly;
 mod bound;
 mod enumeration;
 mod errors;
@@ -21,6 +22,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::assembly::{stiffness, sum_of_cells};
     #[pymodule_export]
     use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]

@@ -12,6 +12,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::path::stepping::State;
+use crate::primal::newton::Reason;
 use crate::primal::path::{PrimalPath, PrimalStep};
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
@@ -152,11 +153,7 @@ impl PyPrimal {
 }
 
 /// Reaction, total relative displacement and status of a step.
-type StartArrays<'py> = (
-    Matrix<'py>,
-    Matrix<'py>,
-    numpy::PyReadonlyArray1<'py, i8>,
-);
+type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, numpy::PyReadonlyArray1<'py, i8>);
 
 enum AnyPath {
     Two(PrimalPath<2>),
@@ -224,7 +221,7 @@ fn step_dict<'py, const D: usize>(
     dict.set_item("displacement", arrays::from_vec(py, made.displacement))?;
     dict.set_item("newton", made.newton)?;
     dict.set_item("krylov", made.krylov)?;
-    dict.set_item("reason", made.reason.map(|reason| reason.text()))?;
+    dict.set_item("reason", made.reason.map(Reason::text))?;
     dict.set_item("bytes_multigrid", made.bytes)?;
     Ok(dict)
 }
@@ -241,12 +238,8 @@ impl PyPrimalPath {
         let (start, displacement) = (start.as_ref(), displacement.as_ref());
         let elliptic = problem.elliptic.as_ref();
         let path = match &problem.kind {
-            AnyPrimal::Two(inner) => {
-                AnyPath::Two(begin(inner, elliptic, start, displacement)?)
-            }
-            AnyPrimal::Three(inner) => {
-                AnyPath::Three(begin(inner, elliptic, start, displacement)?)
-            }
+            AnyPrimal::Two(inner) => AnyPath::Two(begin(inner, elliptic, start, displacement)?),
+            AnyPrimal::Three(inner) => AnyPath::Three(begin(inner, elliptic, start, displacement)?),
         };
         Ok(Self { problem, path })
     }

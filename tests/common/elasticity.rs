@@ -1,7 +1,6 @@
 //! Stiffness matrices of regular blocks for tests of iterative methods: hexahedra, tetrahedra,
 //! squares, of first and second order.
 #![expect(
-    clippy::many_single_char_names,
     clippy::cast_precision_loss,
     clippy::unwrap_used,
     reason = "indices of cells, corners and directions; counts are small; a helper of a test may fail"
@@ -113,10 +112,10 @@ impl Grid {
                 assembled.col_ptr.push(assembled.row_idx.len());
             }
             let mut rest = v;
-            for k in 0..d {
-                let along = (rest % kept[k]) as f64 / self.order as f64;
-                assembled.coordinates.push(along * self.sides[k]);
-                rest /= kept[k];
+            for (kept, side) in kept.iter().zip(&self.sides).take(d) {
+                let along = (rest % kept) as f64 / self.order as f64;
+                assembled.coordinates.push(along * side);
+                rest /= kept;
             }
         }
         assembled

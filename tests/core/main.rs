@@ -3,6 +3,7 @@
 
 mod alart_curnier;
 mod amg;
+mod assembly;
 mod balance;
 #[path = "../common/mod.rs"]
 mod common;

@@ -6,13 +6,13 @@ nodes on edges, faces and inside the cell are treated like nodes at corners.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
@@ -28,33 +28,32 @@ def stiffness(body: Body) -> Any:
 
         K_kl = Σ_ab C_kalb E_ab = λ E_kl + μ E_lk + δ_kl μ Σ_m E_mm,
 
-    the last for isotropic materials, so that d(d+1)/2 scalar forms replace a vector
-    form. Cells of the same shape and material share one matrix, and all d² components
-    share one sparsity pattern.
+    the last for isotropic materials. Nodes that share a cell have a block, also where its
+    entries are zero. The bits do not depend on the number of threads.
 
     Raises
     ------
     ValueError
         A cell is folded or flat; the message gives its index and position.
     """
-    dim, nodes = body.dim, int(body.mesh.p.shape[1])
-    cells = body.cells
-    shapes, which = distinct_cells(body.points[cells])
-    material = np.zeros(len(shapes), dtype=np.int64)
-    if len(body.materials) > 1:
-        both = which * len(body.materials) + body.material_of_cells
-        kept, which = np.unique(both, return_inverse=True)
-        shape, material = np.divmod(kept, len(body.materials))
-        shapes = shapes[shape]
-    gradients = _gradients(body, shapes, which)
-    start, column, gather = _node_pairs(cells, which, len(shapes), nodes)
-    data = np.empty((dim, dim, len(column)))
-    for k, m, values in _components(body, gradients, material):
-        # Sum over cells: `gather` has a row for each pair of nodes that share a cell.
-        data[k, m] = gather @ values.ravel()
-        if m != k:
-            data[m, k] = gather @ values.swapaxes(0, 1).ravel()
-    return _matrix(data, column, start)
+    _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+    many = len(body.materials) > 1
+    try:
+        found = _core.stiffness(
+            np.ascontiguousarray(body.mesh.p, dtype=np.float64),
+            np.ascontiguousarray(body.cells.T),
+            slopes,
+            weights,
+            body.depth,
+            _laws(body),
+            body.material_of_cells if many else None,
+        )
+    except ValueError as error:
+        cell = getattr(error, "cell", None)
+        if cell is None:
+            raise
+        raise _folded(body, cell) from None
+    return _matrix(found, body.mesh.p.size)
 
 
 def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
@@ -68,24 +67,48 @@ def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
     """
     points = body.surface(surface)
     phi, weights = points.phi, body.depth * points.weights
-    parts = len(points.corners)
-    start, column, gather = _node_pairs(
-        points.corners, np.arange(parts), parts, points.nodes
+    parts, dim = len(points.corners), body.dim
+    values = np.empty((parts, len(phi), len(phi), dim, dim))
+    for k in range(dim):
+        for m in range(k, dim):
+            own = np.einsum("pq,iq,jq->pij", weights * density[k, m], phi, phi)
+            # A product of three may have another rounding in the mirrored entry.
+            values[..., k, m] = values[..., m, k] = 0.5 * (own + own.swapaxes(1, 2))
+    found = _core.sum_of_cells(
+        np.ascontiguousarray(points.corners.T),
+        points.nodes,
+        dim,
+        values.reshape(parts, -1),
     )
-    data = np.empty((body.dim, body.dim, len(column)))
-    for k in range(body.dim):
-        for m in range(k, body.dim):
-            values = np.einsum("pq,iq,jq->ijp", weights * density[k, m], phi, phi)
-            values = 0.5 * (values + values.swapaxes(0, 1))
-            data[k, m] = data[m, k] = gather @ values.ravel()
-    return _matrix(data, column, start)
+    return _matrix(found, dim * points.nodes)
 
 
-def _matrix(data: Floats, column: NDArray[Any], start: NDArray[Any]) -> Any:
-    """CSR from components ``(d, d, pairs)`` on a sparsity pattern of nodes."""
-    n = len(data) * (len(start) - 1)
-    blocks = (np.ascontiguousarray(data.transpose(2, 0, 1)), column, start)
-    return sparse.bsr_array(blocks, shape=(n, n)).tocsr()
+def _matrix(found: tuple[NDArray[Any], NDArray[Any], Floats], n: int) -> Any:
+    start, column, data = found
+    made = sparse.csr_array((data, column, start), shape=(n, n))
+    # Columns ascend by construction: SciPy need not look.
+    made.has_canonical_format = True
+    return made
+
+
+def _laws(body: Body) -> Floats:
+    """λ and μ of each material, or the entries of all tensors if one is not isotropic."""
+    plain = [one.lame(body.dim) for one in body.materials if isinstance(one, Material)]
+    if len(plain) == len(body.materials):
+        return np.array(plain, dtype=np.float64)
+    return np.stack([one.tensor(body.dim).ravel() for one in body.materials])
+
+
+def _folded(body: Body, cell: int) -> ValueError:
+    corners = body.points[body.cells[cell]]
+    _, slopes, _ = reference(body.kind.scalar, body.kind.order)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _, determinant = inverse(jacobian(corners[None], slopes))
+    return ValueError(
+        f"cell {cell} of body {body.name!r} is folded or flat, at "
+        f"{place(corners.mean(axis=0))}: the determinant of its mapping is from "
+        f"{determinant.min():g} to {determinant.max():g}; mesh anew there"
+    )
 
 
 def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
@@ -116,136 +139,6 @@ def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
         # Few equal cells, or different cells with the same hash.
         return offset, np.arange(count)
     return offset[first], which.astype(np.int64)
-
-
-def _gradients(body: Body, shapes: Floats, which: Ints) -> Floats:
-    """``∂_a φ_i √(weight)``, ``(q, i, a, shapes)``: products of two sum to integrals."""
-    _, slopes, weights = reference(body.kind.scalar, body.kind.order)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inner, determinant = inverse(jacobian(shapes, slopes))
-    # A mirrored numbering has one sign at all points; a folded cell has both signs.
-    good = (determinant * np.sign(determinant[0]) > 0).all(axis=0)
-    if not good.all():
-        cell = int(np.argmin(good[which]))
-        centre = body.points[body.cells[cell]].mean(axis=0)
-        raise ValueError(
-            f"cell {cell} of body {body.name!r} is folded or flat, at "
-            f"{place(centre)}: the determinant of its mapping is from "
-            f"{determinant[:, which[cell]].min():g} to "
-            f"{determinant[:, which[cell]].max():g}; mesh anew there"
-        )
-    root = np.sqrt(weights[:, None] * np.abs(determinant) * body.depth)
-    inner *= root[:, None, None]
-    # Shapes last makes every loop below a long one.
-    return np.asarray(np.einsum("qbi,qbac->qiac", slopes, inner), dtype=np.float64)
-
-
-def _components(
-    body: Body, gradients: Floats, material: Ints
-) -> Iterator[tuple[int, int, Floats]]:
-    """Components ``K_km``, k ≤ m, of the stiffness of each shape, one at a time.
-
-    Parameters
-    ----------
-    gradients
-        As of `_gradients`.
-    material
-        Index of the material of each shape.
-
-    Yields
-    ------
-    k, m, values
-        ``(corners, corners, shapes)``, bitwise symmetric for k = m.
-    """
-    dim = body.dim
-
-    def integral(k: int, m: int) -> Floats:
-        found = np.einsum("qic,qjc->ijc", gradients[:, :, k], gradients[:, :, m])
-        return np.asarray(found, dtype=np.float64)
-
-    plain = [one for one in body.materials if isinstance(one, Material)]
-    if len(plain) < len(body.materials):
-        yield from _anisotropic(body, integral, material)
-        return
-    lame: list[Any] = [*plain[0].lame(dim)]
-    if len(plain) > 1:
-        lame = list(np.array([one.lame(dim) for one in plain])[material].T)
-    lame_lambda, lame_mu = lame
-    diagonal = [integral(k, k) for k in range(dim)]
-    trace = sum(diagonal[1:], start=diagonal[0])
-    for k in range(dim):
-        own = (lame_lambda + lame_mu) * diagonal[k] + lame_mu * trace
-        # A matrix product may sum mirrored entries in another order.
-        yield k, k, 0.5 * (own + own.swapaxes(0, 1))
-        for m in range(k + 1, dim):
-            mixed = integral(k, m)
-            yield k, m, lame_lambda * mixed + lame_mu * mixed.swapaxes(0, 1)
-
-
-def _anisotropic(
-    body: Body, integral: Callable[[int, int], Floats], material: Ints
-) -> Iterator[tuple[int, int, Floats]]:
-    """`_components` for any elasticity tensor."""
-    dim = body.dim
-    tensors = np.stack([one.tensor(dim) for one in body.materials], axis=-1)
-    forms = {(a, b): integral(a, b) for a in range(dim) for b in range(a, dim)}
-    # E_ba of nodes i, j equals E_ab of nodes j, i.
-    forms |= {(b, a): form.swapaxes(0, 1) for (a, b), form in forms.items()}
-    for k in range(dim):
-        for m in range(k, dim):
-            total = np.zeros_like(forms[0, 0])
-            for (a, b), form in forms.items():
-                C = tensors[k, a, m, b]
-                if C.any():
-                    total += C[material] * form
-            yield k, m, total if m > k else 0.5 * (total + total.swapaxes(0, 1))
-
-
-def _node_pairs(
-    cells: Ints, which: Ints, shapes: int, nodes: int
-) -> tuple[NDArray[Any], NDArray[Any], Any]:
-    """Sparsity pattern of nodes that share a cell, and how to sum its entries.
-
-    Returns
-    -------
-    start, column
-        CSR of the pattern, columns ascending, int32 if possible.
-    gather
-        Sparse ``(pairs, corners² * shapes)`` of ones: the entries of cell matrices to
-        sum for each pair of nodes, in the order of the cells.
-    """
-    count, corners = cells.shape
-    entries = count * corners**2
-    integer = np.dtype(np.int32 if entries < 2**31 else np.int64)
-    nodes_of = cells.astype(integer)
-    # A sparse transpose is a counting sort: linear in time and stable, so that the
-    # entries of a pair and of the mirrored pair stay in the order of the cells. First
-    # the rows are corners of cells, then the nodes of the columns.
-    column = np.repeat(nodes_of, corners, axis=0).ravel()
-    row_start = np.arange(0, entries + 1, corners, dtype=integer)
-    entry = np.arange(entries, dtype=integer)
-    by_column = sparse.csr_array(
-        (entry, column, row_start), shape=(count * corners, nodes)
-    ).tocsc()
-    row = nodes_of.ravel()[by_column.indices]
-    pairs = sparse.csr_array(
-        (by_column.data, row, by_column.indptr), shape=(nodes, nodes)
-    ).tocsc()
-    new = np.empty(entries, dtype=np.bool_)
-    new[1:] = pairs.indices[1:] != pairs.indices[:-1]
-    new[pairs.indptr[:-1][np.diff(pairs.indptr) > 0]] = True
-    first = np.flatnonzero(new)
-    start = np.searchsorted(first, pairs.indptr)
-    cell, place = np.divmod(pairs.data, corners**2)
-    gather = sparse.csr_array(
-        (
-            np.ones(entries),
-            place * integer.type(shapes) + which[cell].astype(integer),
-            np.append(first, entries).astype(integer),
-        ),
-        shape=(len(first), corners**2 * shapes),
-    )
-    return start.astype(integer), pairs.indices[first].astype(integer), gather
 
 
 def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,12 @@ def _cells(mesh: Any, nodes: Ints, what: str) -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         _, determinant = inverse(jacobian(x, slopes))
     volume = np.einsum("q,qp->p", weights, determinant)
-    corners = x[:, : kind.corners]
-    sides = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=-1)
-    longest = sides.max(axis=(1, 2))
+    squares = np.zeros(len(x))
+    # One pair at a time: all sides of all cells would take more memory than K.
+    for a, b in combinations(range(kind.corners), 2):
+        side = x[:, b] - x[:, a]
+        np.maximum(squares, np.einsum("pd,pd->p", side, side), out=squares)
+    longest = np.sqrt(squares)
     flat = np.abs(volume) <= _FLAT * longest**kind.dim
     folded = (determinant * np.sign(volume) <= 0).any(axis=0) & ~flat
     for bad, word in ((flat, "flat"), (folded, "folded")):

@@ -52,8 +52,8 @@ impl Aggregates {
             count += 1;
         }
         let first = of_node.clone();
-        for i in 0..nodes {
-            if of_node[i] != ABSENT {
+        for (i, own) in of_node.iter_mut().enumerate() {
+            if *own != ABSENT {
                 continue;
             }
             let mut strongest = (0.0, ABSENT);
@@ -63,7 +63,7 @@ impl Aggregates {
                     strongest = (size, aggregate);
                 }
             }
-            of_node[i] = strongest.1;
+            *own = strongest.1;
         }
         // Nodes whose neighbours had no aggregate either.
         for i in 0..nodes {

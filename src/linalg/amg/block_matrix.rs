@@ -259,22 +259,12 @@ pub(super) fn cut<T>(
     rows: usize,
     start: impl Fn(usize) -> usize,
 ) -> Vec<&mut [T]> {
-    cut_by(ROWS, &mut values, rows, start)
-}
-
-/// As [`cut`], with `size` rows in a task.
-pub(super) fn cut_by<'a, T>(
-    size: usize,
-    values: &mut &'a mut [T],
-    rows: usize,
-    start: impl Fn(usize) -> usize,
-) -> Vec<&'a mut [T]> {
     (0..rows)
-        .step_by(size)
+        .step_by(ROWS)
         .map(|row| {
-            let length = start(rows.min(row + size)) - start(row);
-            let (part, rest) = std::mem::take(values).split_at_mut(length);
-            *values = rest;
+            let length = start(rows.min(row + ROWS)) - start(row);
+            let (part, rest) = std::mem::take(&mut values).split_at_mut(length);
+            values = rest;
             part
         })
         .collect()

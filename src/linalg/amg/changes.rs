@@ -2,8 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::amg::block_matrix::{BlockMatrix, cut};
-use crate::linalg::amg::block_rows::ROWS;
+use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS, cut};
 
 /// A node that keeps its variables.
 const SAME: u32 = u32::MAX;
@@ -81,19 +80,21 @@ impl BlockMatrix<f64> {
         let b = self.b;
         assert_eq!(x.len(), b * self.nodes());
         assert_eq!(y.len(), x.len());
-        y.par_chunks_mut(b * ROWS).enumerate().for_each(|(task, y)| {
-            for (k, y) in y.chunks_exact_mut(b).enumerate() {
-                y.fill(0.0);
-                for at in self.row(task * ROWS + k) {
-                    let first = b * self.column[at] as usize;
-                    let block = &self.values[at * b * b..(at + 1) * b * b];
-                    for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
-                        for (value, a) in y.iter_mut().zip(column) {
-                            *value += (a * x).abs();
+        y.par_chunks_mut(b * ROWS)
+            .enumerate()
+            .for_each(|(task, y)| {
+                for (k, y) in y.chunks_exact_mut(b).enumerate() {
+                    y.fill(0.0);
+                    for at in self.row(task * ROWS + k) {
+                        let first = b * self.column[at] as usize;
+                        let block = &self.values[at * b * b..(at + 1) * b * b];
+                        for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
+                            for (value, a) in y.iter_mut().zip(column) {
+                                *value += (a * x).abs();
+                            }
                         }
                     }
                 }
-            }
-        });
+            });
     }
 }

@@ -28,7 +28,7 @@ pub(super) use with_sizes;
 pub(super) fn galerkin(matrix: &BlockMatrix<f32>, p: &Prolongation) -> BlockMatrix<f32> {
     let product = times_prolongation(matrix, p);
     let upper = upper_triangle(p, &product);
-    whole(upper, p.m, matrix.exponent)
+    whole(&upper, p.m, matrix.exponent)
 }
 
 /// `A P`, blocks `b × m` by rows.
@@ -258,7 +258,7 @@ impl<const B: usize, const M: usize, const L: usize> Work for SizedCoarseRows<'_
 }
 
 /// The whole matrix, with the lower blocks as mirror images of the upper ones.
-fn whole(upper: Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
+fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
     let (nodes, size) = (upper.counts.len(), m * m);
     let mut upper_start = vec![0_u32; nodes + 1];
     for (g, count) in upper.counts.iter().enumerate() {

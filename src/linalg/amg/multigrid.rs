@@ -157,7 +157,7 @@ impl Multigrid {
         assert_eq!(x.len(), self.b.len());
         let size = largest(b);
         if size == 0.0 || !size.is_finite() {
-            x.fill(size - size); // zero, or NaN
+            x.fill(if size == 0.0 { 0.0 } else { f64::NAN });
             return;
         }
         let shift = exponent(size);

@@ -91,7 +91,9 @@ impl Tentative {
                 own.fill(0.0);
             } else {
                 coarse[c * m + c] = after;
-                own.iter_mut().for_each(|x| *x /= after);
+                for value in own.iter_mut() {
+                    *value /= after;
+                }
             }
         }
         self.coarse.extend_from_slice(&coarse[..m * m]);

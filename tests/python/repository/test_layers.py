@@ -21,6 +21,7 @@ RUST = (
     "per_process",
     "threads",
     "linalg",
+    "assembly",
     "law",
     "reduced",
     "condensation",
@@ -61,6 +62,7 @@ RUST_SIBLINGS = {
         "multifrontal",
         "reach solves",
     ),
+    "assembly": ("cells element shapes", "pattern", "sum", "stiffness"),
     "law": (
         "cone second_order sliding",
         "alart_curnier bipotential elliptic one_node",
@@ -115,7 +117,7 @@ RUST_SIBLINGS = {
     "path": ("stepping", "working_set"),
     "python": (
         "errors arrays heap interrupt",
-        "solver",
+        "assembly solver",
         "problem",
         "enumeration load_path",
         "bound estimate",

@@ -1,0 +1,84 @@
+//! The cells of a mesh of one kind: the nodes of each.
+
+use crate::error::Error;
+
+/// Nodes of cells, with the same number in each.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    node: Vec<u32>,
+    corners: usize,
+    nodes: usize,
+}
+
+impl Cells {
+    /// From the arrays of scikit-fem: `given` has a row for each node of a cell, and a column
+    /// for each cell. The mesh has `nodes` nodes.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if the rows are not equally long; [`Error::IndexRange`] for a node that
+    /// does not exist, or a number of more than 32 bits.
+    pub fn new<T: Copy>(given: &[T], corners: usize, nodes: usize) -> Result<Self, Error>
+    where
+        usize: TryFrom<T>,
+    {
+        let count = given.len() / corners.max(1);
+        if count * corners != given.len() {
+            return Err(Error::Shape {
+                what: "cells",
+                expected: count * corners,
+                found: given.len(),
+            });
+        }
+        // The largest number is free to mark nodes that were not seen.
+        let limit = nodes.min(u32::MAX as usize);
+        let mut node = vec![0; given.len()];
+        for (position, &found) in given.iter().enumerate() {
+            let (corner, cell) = (position / count, position % count);
+            let found = usize::try_from(found).unwrap_or(usize::MAX);
+            node[cell * corners + corner] = u32::try_from(found)
+                .ok()
+                .filter(|_| found < limit)
+                .ok_or(Error::IndexRange {
+                    what: "cells",
+                    position,
+                    found,
+                    limit,
+                })?;
+        }
+        Ok(Self {
+            node,
+            corners,
+            nodes,
+        })
+    }
+
+    /// Number of cells.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.node.len() / self.corners.max(1)
+    }
+
+    /// Number of nodes of each cell.
+    #[must_use]
+    pub fn corners(&self) -> usize {
+        self.corners
+    }
+
+    /// Number of nodes of the mesh.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.nodes
+    }
+
+    /// Nodes of one cell.
+    #[must_use]
+    pub fn of(&self, cell: usize) -> &[u32] {
+        &self.node[cell * self.corners..][..self.corners]
+    }
+
+    /// Nodes of all cells, one cell after the other.
+    #[must_use]
+    pub fn flat(&self) -> &[u32] {
+        &self.node
+    }
+}

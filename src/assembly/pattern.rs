@@ -1,0 +1,222 @@
+//! The nodes that share a cell with each node: the sparsity pattern of K in blocks.
+
+use rayon::prelude::*;
+
+use crate::assembly::cells::Cells;
+
+/// Rows shorter than this are not worth a task of their own.
+const LEAST_ROWS: usize = 1024;
+
+/// For each node the nodes that share a cell with it, ascending.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pattern {
+    start: Vec<usize>,
+    column: Vec<u32>,
+}
+
+/// Index type of compressed rows.
+pub trait Index: Copy + Default + Send {
+    /// The index, which the caller knows to fit.
+    fn of(value: usize) -> Self;
+}
+
+macro_rules! index {
+    ($kind:ty) => {
+        impl Index for $kind {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_possible_wrap,
+                reason = "the caller compares the number of entries with the type"
+            )]
+            fn of(value: usize) -> Self {
+                value as Self
+            }
+        }
+    };
+}
+index!(i32);
+index!(i64);
+
+impl Pattern {
+    /// The pattern of a mesh.
+    #[must_use]
+    pub fn new(cells: &Cells) -> Self {
+        let around = Around::new(cells);
+        let nodes = cells.nodes();
+        let rows = chunk_of_rows(nodes);
+        let mut start = vec![0; nodes + 1];
+        start[1..]
+            .par_chunks_mut(rows)
+            .enumerate()
+            .for_each(|(chunk, lengths)| {
+                let mut seen = Seen::new(nodes);
+                for (row, length) in lengths.iter_mut().enumerate() {
+                    seen.visit(cells, &around, chunk * rows + row, |_| *length += 1);
+                }
+            });
+        for row in 0..nodes {
+            start[row + 1] += start[row];
+        }
+        let mut column = vec![0; start[nodes]];
+        let bounds: Vec<usize> = start.iter().copied().step_by(rows).collect();
+        parts(&mut column, &bounds)
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(chunk, mut rest)| {
+                let mut seen = Seen::new(nodes);
+                for row in chunk * rows..nodes.min((chunk + 1) * rows) {
+                    let (own, later) =
+                        std::mem::take(&mut rest).split_at_mut(start[row + 1] - start[row]);
+                    let mut next = 0;
+                    seen.visit(cells, &around, row, |node| {
+                        own[next] = node;
+                        next += 1;
+                    });
+                    own.sort_unstable();
+                    rest = later;
+                }
+            });
+        Self { start, column }
+    }
+
+    /// Number of nodes.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    /// Number of blocks.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.column.len()
+    }
+
+    /// Number of blocks in the rows before that of `node`.
+    #[must_use]
+    pub fn start(&self, node: usize) -> usize {
+        self.start[node]
+    }
+
+    /// The nodes that share a cell with `node`, ascending.
+    #[must_use]
+    pub fn row(&self, node: usize) -> &[u32] {
+        &self.column[self.start[node]..self.start[node + 1]]
+    }
+
+    /// Row pointers and columns of the degrees of freedom, `D` for each node.
+    #[must_use]
+    pub fn csr<const D: usize, I: Index>(&self) -> (Vec<I>, Vec<I>) {
+        let nodes = self.nodes();
+        let rows = chunk_of_rows(nodes);
+        let mut pointer = vec![I::default(); D * nodes + 1];
+        pointer[1..]
+            .par_chunks_mut(D)
+            .enumerate()
+            .for_each(|(node, ends)| {
+                let length = D * (self.start[node + 1] - self.start[node]);
+                for (k, end) in ends.iter_mut().enumerate() {
+                    *end = I::of(D * D * self.start[node] + (k + 1) * length);
+                }
+            });
+        let mut index = vec![I::default(); D * D * self.blocks()];
+        let bounds: Vec<usize> = (0..nodes)
+            .step_by(rows)
+            .map(|node| D * D * self.start[node])
+            .collect();
+        parts(&mut index, &bounds)
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(chunk, part)| {
+                let mut entries = part.iter_mut();
+                for node in chunk * rows..nodes.min((chunk + 1) * rows) {
+                    for _ in 0..D {
+                        for &column in self.row(node) {
+                            for (m, entry) in entries.by_ref().take(D).enumerate() {
+                                *entry = I::of(D * column as usize + m);
+                            }
+                        }
+                    }
+                }
+            });
+        (pointer, index)
+    }
+}
+
+fn chunk_of_rows(nodes: usize) -> usize {
+    nodes
+        .div_ceil(4 * rayon::current_num_threads())
+        .max(LEAST_ROWS)
+}
+
+/// Cuts at the ascending `bounds`, the first of which is the start of `whole`; the last part
+/// ends where `whole` does.
+pub(crate) fn parts<'a, T>(mut whole: &'a mut [T], bounds: &[usize]) -> Vec<&'a mut [T]> {
+    let mut found = Vec::with_capacity(bounds.len());
+    for pair in bounds.windows(2) {
+        let (own, later) = whole.split_at_mut(pair[1] - pair[0]);
+        found.push(own);
+        whole = later;
+    }
+    if !bounds.is_empty() {
+        found.push(whole);
+    }
+    found
+}
+
+/// The cells around each node, ascending, by a counting sort.
+struct Around {
+    start: Vec<usize>,
+    cell: Vec<u32>,
+}
+
+impl Around {
+    fn new(cells: &Cells) -> Self {
+        let mut start = vec![0; cells.nodes() + 1];
+        for &node in cells.flat() {
+            start[node as usize + 1] += 1;
+        }
+        for node in 0..cells.nodes() {
+            start[node + 1] += start[node];
+        }
+        let mut next = start.clone();
+        let mut cell = vec![0; cells.flat().len()];
+        for (number, own) in (0..).zip(cells.flat().chunks_exact(cells.corners().max(1))) {
+            for &node in own {
+                let place = &mut next[node as usize];
+                cell[*place] = number;
+                *place += 1;
+            }
+        }
+        Self { start, cell }
+    }
+
+    fn of(&self, node: usize) -> &[u32] {
+        &self.cell[self.start[node]..self.start[node + 1]]
+    }
+}
+
+/// Marks the nodes that a row has. Zeros of a fresh vector take no memory before they are
+/// changed, so that each task may have its own.
+struct Seen {
+    row: Vec<u32>,
+}
+
+impl Seen {
+    fn new(nodes: usize) -> Self {
+        Self {
+            row: vec![0; nodes],
+        }
+    }
+
+    /// Calls `found` once for each node that shares a cell with `node`.
+    fn visit(&mut self, cells: &Cells, around: &Around, node: usize, mut found: impl FnMut(u32)) {
+        let mark = u32::try_from(node + 1).unwrap_or(u32::MAX);
+        for &cell in around.of(node) {
+            for &other in cells.of(cell as usize) {
+                if std::mem::replace(&mut self.row[other as usize], mark) != mark {
+                    found(other);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,252 @@
+"""Stiffness of one body, with scikit-fem's own assembly as the oracle."""
+
+import json
+import os
+import subprocess
+import sys
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from scipy import sparse
+from skfem.helpers import ddot, sym_grad
+from skfem.models.elasticity import linear_elasticity
+
+from bipot_rs import fem
+from bipot_rs.fem.materials import Elastic
+from bipot_rs.mesh import elements
+
+KINDS = {kind.vtk: kind for kind in elements.KINDS.values()}
+STEEL = fem.Material(2.0, 0.3)
+WOOD = fem.Orthotropic(
+    (3.0, 2.0, 1.0),
+    (0.1, 0.2, 0.3),
+    (1.0, 2.0, 1.5),
+    axes=[[1.0, 2.0, 0.0], [-2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+)
+
+
+def mesh_of(vtk: str, moved: float) -> Any:
+    """Three cells a side, unequal or moved, of any kind."""
+    kind = KINDS[vtk]
+    made: Any = fem.box([[-0.7, -0.4, 0.2, 0.8]] * kind.dim, kind.shape)
+    if kind.degree == 2:
+        made = elements.second_order(made, serendipity=vtk in ("quad8", "hexahedron20"))
+    random = np.random.default_rng(1)
+    shift = moved * random.uniform(-0.02, 0.02, made.p.shape)
+    return type(made)(made.p + shift, made.t)
+
+
+def scikit_fem(mesh: Any, material: Elastic) -> sparse.csr_array:
+    """Scikit-fem's own assembly, renumbered node by node."""
+    kind = elements.KINDS[type(mesh)]
+    element = skfem.ElementVector(kind.scalar())
+    basis = skfem.Basis(mesh, element, intorder=kind.order)
+    if isinstance(material, fem.Material):
+        form = linear_elasticity(*material.lame(kind.dim))
+    else:
+        C = material.tensor(kind.dim)
+
+        @skfem.BilinearForm
+        def form(u: Any, v: Any, _: Any) -> Any:
+            return ddot(np.einsum("klab,ab...->kl...", C, sym_grad(u)), sym_grad(v))
+
+    theirs = form.assemble(basis)
+    # The scalar basis has the numbers of nodes; each scalar number has d components.
+    number = np.empty(basis.N, dtype=np.int64)
+    scalar = elements.cell_nodes(mesh).T
+    local = basis.element_dofs.reshape(len(scalar), kind.dim, -1)
+    for k in range(kind.dim):
+        number[local[:, k]] = kind.dim * scalar + k
+    matrix = theirs.tocoo()
+    return sparse.csr_array(
+        (matrix.data, (number[matrix.row], number[matrix.col])), shape=matrix.shape
+    )
+
+
+def in_long_numbers(body: fem.Body) -> Any:
+    """``∫ ε(φ_i):C:ε(φ_j)`` in extended precision, dense, from differences of positions."""
+    d, long = body.dim, np.longdouble
+    _, slopes, weights = elements.reference(body.kind.scalar, body.kind.order)
+    x = body.points[body.cells].astype(long)
+    jacobian = np.einsum("qbi,cia->cqba", slopes.astype(long), x - x[:, :1])
+    rows = [jacobian[..., b, :] for b in range(d)]
+    if d == 2:
+        turned = [np.stack([r[..., 1], -r[..., 0]], axis=-1) for r in rows]
+        cofactors = np.stack([turned[1], -turned[0]], axis=-2)
+    else:
+        pairs = [(rows[(b + 1) % 3], rows[(b + 2) % 3]) for b in range(3)]
+        cofactors = np.stack([np.cross(*pair) for pair in pairs], axis=-2)
+    determinant = (rows[0] * cofactors[..., 0, :]).sum(axis=-1)
+    inner = cofactors / determinant[..., None, None]
+    gradient = np.einsum("qbi,cqba->cqia", slopes.astype(long), inner)
+    weight = weights * abs(determinant) * body.depth
+    forms = np.einsum("cq,cqia,cqjb->cijab", weight, gradient, gradient)
+    C = body.materials[0].tensor(d).astype(long)
+    blocks = np.einsum("kalb,cijab->cikjl", C, forms)
+    n = d * len(body.points)
+    K = np.zeros((n, n), dtype=long)
+    dofs = (d * body.cells[:, :, None] + np.arange(d)).reshape(len(x), -1)
+    for own, block in zip(dofs, blocks, strict=True):
+        K[np.ix_(own, own)] += block.reshape(len(own), -1)
+    return K
+
+
+def scaled(difference: Any, K: Any) -> float:
+    """Largest entry, entry ij relative to sqrt(K_ii K_jj)."""
+    inverse = sparse.diags_array(1 / np.sqrt(K.diagonal()))
+    return float(abs(inverse @ difference @ inverse).max())
+
+
+@pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
+@pytest.mark.parametrize("moved", [0.0, 1.0])
+@pytest.mark.parametrize("vtk", KINDS)
+def test_stiffness_is_that_of_scikit_fem(
+    vtk: str, moved: float, material: Elastic
+) -> None:
+    mesh = mesh_of(vtk, moved)
+    K = fem.stiffness(fem.Body("it", mesh, material))
+    theirs, limit = scikit_fem(mesh, material), 1e-14
+    # Sums of up to 27 points and 8 cells: errors grow like the root of their number.
+    if vtk == "hexahedron27":
+        # Jacobians of scikit-fem are sums of coordinates. With so many nodes this alone
+        # costs 1e-14 to 2e-14; extended precision shows that the error is not ours.
+        exact = in_long_numbers(fem.Body("it", mesh, material)).astype(np.float64)
+        limit += scaled(theirs - sparse.csr_array(exact), K)
+    assert scaled(K - theirs, K) <= limit
+    assert (K != K.T).nnz == 0
+    assert (np.diff(K.indptr) > 0).all()
+
+
+@pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
+@pytest.mark.parametrize("vtk", KINDS)
+def test_stiffness_has_all_digits(vtk: str, material: Elastic) -> None:
+    body = fem.Body("it", mesh_of(vtk, 1.0), material)
+    exact = in_long_numbers(body)
+    error = abs(fem.stiffness(body).toarray() - exact)
+    size = np.sqrt(np.diag(exact))
+    # Some twenty roundings of 1.1e-16; the largest found is 1.5e-15.
+    assert (error <= 4e-15 * size * size[:, None]).all()
+
+
+@pytest.mark.parametrize("vtk", KINDS)
+def test_rigid_motions_need_no_force(vtk: str) -> None:
+    body = fem.Body("it", mesh_of(vtk, 1.0), WOOD)
+    K, x = fem.stiffness(body), body.points
+    motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(body.dim)]
+    for i, j in combinations(range(body.dim), 2):
+        turn = np.zeros_like(x)
+        turn[:, i], turn[:, j] = -x[:, j], x[:, i]
+        motions.append(turn)
+    for motion in motions:
+        u = motion.ravel()
+        # Each term of a row is rounded, and the sum of up to 400 terms after it.
+        assert (abs(K @ u) <= 1e-14 * (abs(K) @ abs(u))).all()
+
+
+@pytest.mark.parametrize("vtk", ["triangle6", "quad", "tetra", "hexahedron20"])
+def test_blocks_are_those_of_nodes_that_share_a_cell(vtk: str) -> None:
+    """Entries that are zero stay: solvers use one pattern for all materials."""
+    body = fem.Body("it", mesh_of(vtk, 0.0), fem.Material(1.0, 0.0))
+    K, cells = fem.stiffness(body), body.cells
+    row = np.repeat(cells, cells.shape[1], axis=1).ravel()
+    column = np.tile(cells, cells.shape[1]).ravel()
+    pairs = sparse.coo_array((np.ones(row.size), (row, column))).tocsr()
+    blocks = sparse.kron(pairs, np.ones((body.dim, body.dim))).tocsr()
+    blocks.sort_indices()
+    np.testing.assert_array_equal(K.indptr, blocks.indptr)
+    np.testing.assert_array_equal(K.indices, blocks.indices)
+    assert K.indptr.dtype == K.indices.dtype == np.int32
+
+
+def test_each_volume_has_its_own_law() -> None:
+    mesh = mesh_of("hexahedron", 1.0)
+    count = mesh.t.shape[1]
+    mesh = mesh.with_subdomains({"a": np.arange(9), "b": np.arange(9, count)})
+    body = fem.Body("it", mesh, {"a": STEEL, "b": WOOD})
+    K = fem.stiffness(body)
+    apart = 0.0
+    for cells, material in ((np.arange(9), STEEL), (np.arange(9, count), WOOD)):
+        # All nodes stay, so that the numbers stay.
+        part = type(mesh)(mesh.p, mesh.t[:, cells], validate=False)
+        apart = apart + fem.stiffness(fem.Body("part", part, material))
+    # The same sums in another order.
+    assert scaled(K - apart, K) <= 1e-14
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_the_first_folded_cell_is_named(flat: bool) -> None:
+    mesh = mesh_of("hexahedron", 1.0)
+    p = mesh.p.copy()
+    # The corner of cell 5 opposite to its first goes beyond the first, or all into a plane.
+    nodes = mesh.t[:, 5]
+    if flat:
+        p[2, nodes] = p[2, nodes[0]]
+    else:
+        p[:, nodes[-1]] = 2 * p[:, nodes[0]] - p[:, nodes[-1]]
+    body = fem.Body("cube", type(mesh)(p, mesh.t), STEEL)
+    x = body.points[body.cells]
+    _, slopes, _ = elements.reference(body.kind.scalar, body.kind.order)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _, determinant = elements.inverse(elements.jacobian(x, slopes))
+    folded = (determinant.min(axis=0) * determinant.max(axis=0)) <= 0
+    cell = int(np.argmax(folded))
+    least, most = determinant[:, cell].min(), determinant[:, cell].max()
+    with pytest.raises(ValueError, match="mesh anew there") as found:
+        fem.stiffness(body)
+    assert str(found.value).startswith(
+        f"cell {cell} of body 'cube' is folded or flat, at ("
+    )
+    assert f"is from {least:g} to {most:g}; mesh anew there" in str(found.value)
+
+
+SCRIPT = """
+import hashlib, json, resource, sys
+import numpy as np
+from bipot_rs import fem
+n, moved = int(sys.argv[1]), float(sys.argv[2])
+mesh = fem.box([np.linspace(0, 1, n + 1)] * 3, "hexahedron")
+shift = moved * np.random.default_rng(0).uniform(-0.1 / n, 0.1 / n, mesh.p.shape)
+body = fem.Body("it", type(mesh)(mesh.p + shift, mesh.t), fem.Material(1.0, 0.3))
+# Code and pools are loaded before.
+fem.stiffness(fem.Body("it", fem.box([[0, 1]] * 3, "hexahedron"), body.material))
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+K = fem.stiffness(body)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+bits = hashlib.sha256(K.data.tobytes() + K.indices.tobytes() + K.indptr.tobytes())
+size = K.data.nbytes + K.indices.nbytes + K.indptr.nbytes
+print(json.dumps([bits.hexdigest(), 1024 * peak / size]))
+"""
+
+
+@pytest.mark.parametrize("moved", [0.0, 1.0])
+def test_bits_do_not_depend_on_threads_and_memory_is_that_of_the_matrix(
+    moved: float,
+) -> None:
+    found = []
+    for threads in (1, 2, 3):
+        run = subprocess.run(
+            [sys.executable, "-c", SCRIPT, "30", str(moved)],
+            env=os.environ | {"BIPOT_NUM_THREADS": str(threads)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.append(json.loads(run.stdout))
+    bits, memory = zip(*found, strict=True)
+    assert len(set(bits)) == 1
+    # K itself, the nodes of cells and matrices of a few of them.
+    assert max(memory) <= 1.5
+
+
+def test_stiffness_does_not_depend_on_units() -> None:
+    mesh = mesh_of("tetra10", 1.0)
+    K = fem.stiffness(fem.Body("it", mesh, STEEL))
+    small = type(mesh)(mesh.p * 2.0**-30, mesh.t)
+    scaled_down = fem.stiffness(
+        fem.Body("it", small, fem.Material(2.0 * 2.0**40, STEEL.poisson))
+    )
+    # Powers of two, of which roots are whole: no digit changes, up to the root of 2⁻⁹⁰.
+    np.testing.assert_array_equal(scaled_down.toarray(), K.toarray() * 2.0**10)
