@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -148,6 +149,16 @@ _Settings = Annotated[
     ),
 ]
 _Method = Annotated[str, typer.Option(help="Contact solver.")]
+
+
+class Engine(StrEnum):
+    """What solves the linear systems: `ContactProblem`."""
+
+    AUTO = "auto"
+    DIRECT = "direct"
+    ITERATIVE = "iterative"
+
+
 _OtherMethod = Annotated[
     str | None, typer.Option(help="Contact solver, instead of the scene's.")
 ]
@@ -179,6 +190,10 @@ def run(
         Path | None, typer.Option(help="Folder for the results. Default: out/SCENE.")
     ] = None,
     method: _OtherMethod = None,
+    engine: Annotated[
+        Engine | None,
+        typer.Option(help="Engine, instead of the scene's: see 'A large model'."),
+    ] = None,
     tol: Annotated[
         str | None,
         typer.Option(
@@ -224,6 +239,7 @@ def run(
         settings=settings or [],
         folder=Path("out") / Path(scene).stem if out is None else out,
         method=method,
+        engine=None if engine is None else engine.value,
         tol=_tol(tol),
         plot=plot,
         fclib=export,
@@ -310,6 +326,9 @@ def solve(
         ),
     ] = None,
     method: _Method = "auto",
+    engine: Annotated[
+        Engine, typer.Option(help="Engine; 'iterative' needs --nodes.")
+    ] = Engine.AUTO,
     tol: _Tol = 1e-10,
     json: _Json = False,
 ) -> None:
@@ -334,6 +353,7 @@ def solve(
         method=method,
         tol=tol,
         stiffness_rtol=stiffness_rtol,
+        engine=engine.value,
     )
     raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
 

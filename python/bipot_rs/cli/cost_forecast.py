@@ -78,12 +78,18 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     free = available()
     of = "" if free is None else f", {size(free)} are free"
     threads = cores()
+    engine = []
+    if "engine" in counts:
+        engine = [f"  engine    {counts['engine']}: {counts['engine_reason']}"]
+    if not counts["bytes_factor"]:
+        return [*engine, f"  memory    about {size(counts['bytes_peak'])}{of}"]
     most, factor = size(counts["bytes_peak"]), size(counts["bytes_factor"])
     entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))
     rate += f"{counted(threads, 'core')}; load steps not included"
     return [
+        *engine,
         f"  memory    at most {most}{of}; factor of K {factor}, {entries}",
         f"  time      {time} to condense, {work(counts) / 1e9:.3g} Gflop at {rate}",
     ]

@@ -94,8 +94,9 @@ class Given:
         *,
         num_threads: int | None = None,
         stiffness_rtol: float | None = None,
+        engine: str = "auto",
     ) -> ContactProblem:
-        """Condense; with ``stiffness_rtol``, restore the rigid motions of K.
+        """Make the problem; with ``stiffness_rtol``, restore the rigid motions of K.
 
         Raises
         ------
@@ -120,6 +121,7 @@ class Given:
             dim=self.frame.shape[1],
             num_threads=num_threads,
             stiffness_rtol=stiffness_rtol,
+            engine=engine,
         )
 
 

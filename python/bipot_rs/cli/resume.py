@@ -34,7 +34,8 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
     from importlib.metadata import version
 
     # After defaults and --set, so that two spellings of one scene are the same.
-    text = scene.model_dump_json(by_alias=True)
+    # The engine does not change the problem.
+    text = scene.model_dump_json(by_alias=True, exclude={"solver": {"engine"}})
     digest = hashlib.sha256(text.encode())
     for file in scene.files():
         # A missing file is reported when it is read.

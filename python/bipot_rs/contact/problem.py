@@ -62,9 +62,6 @@ if TYPE_CHECKING:
     from bipot_rs.contact.stiffness_digits import Digits
 
 
-# Steps of an adaptive path between two stops, for the choice of the engine.
-_ADAPTIVE_STEPS = 8
-
 # Entries of `ContactProblem.stats` that only a factor has.
 _WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
     (
@@ -721,7 +718,7 @@ class ContactProblem:
         callback("gap", gap)
         plan = increments(stops, first, largest, smallest, slip)
         loads = self._loading.along(load, prescribed, gap, plan.stops[-1])
-        engine = self._engine(_ADAPTIVE_STEPS * len(plan.stops), method)
+        engine = self._engine(choice.ADAPTIVE_STEPS * len(plan.stops), method)
         following = self._following(engine, self._mu, chosen, start)
         return follow(following, loads, plan, on_step)
 
@@ -901,8 +898,15 @@ class ContactProblem:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
         started = time.perf_counter()
+        told = on_forecast
+        if on_forecast is not None:
+            name, why = self._chosen
+
+            def told(counts: Mapping[str, Any]) -> None:
+                on_forecast({**counts, "engine": name, "engine_reason": why})
+
         try:
-            self._condensed = _core.Condensed(parts, *self._given, before, on_forecast)
+            self._condensed = _core.Condensed(parts, *self._given, before, told)
         except (FloatingBodyError, ValueError) as error:
             dof = getattr(error, "dof", None)
             cause = ""

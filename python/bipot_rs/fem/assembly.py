@@ -247,8 +247,13 @@ class Assembly:
         *,
         num_threads: int | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        engine: str = "auto",
+        steps: int | None = None,
     ) -> ContactProblem:
-        """Condense: make the `ContactProblem` of these arrays, with moving obstacles."""
+        """Make the `ContactProblem` of these arrays, with moving obstacles.
+
+        ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
+        """
         held = (
             None
             if self.inclined is None
@@ -269,6 +274,8 @@ class Assembly:
             num_threads=num_threads,
             gaps=self.moving,
             on_forecast=on_forecast,
+            engine=engine,
+            steps=steps,
             bodies=dict(
                 zip((body.name for body in self.bodies), self.offset, strict=True)
             ),

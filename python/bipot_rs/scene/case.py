@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.engines.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
@@ -93,8 +94,14 @@ class Case:
         *,
         num_threads: int | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        engine: str | None = None,
     ) -> ContactProblem:
-        """Condense: make the `ContactProblem` of these arrays.
+        """Make the `ContactProblem` of these arrays.
+
+        Parameters
+        ----------
+        num_threads, on_forecast, engine
+            As in `ContactProblem`. The default of ``engine`` is that of the scene.
 
         Raises
         ------
@@ -103,7 +110,12 @@ class Case:
             which body and how.
         """
         try:
-            return self.model.problem(num_threads=num_threads, on_forecast=on_forecast)
+            return self.model.problem(
+                num_threads=num_threads,
+                on_forecast=on_forecast,
+                engine=self._engine() if engine is None else engine,
+                steps=self._steps(),
+            )
         except FloatingBodyError as error:
             # The core names a degree of freedom only. `unheld` names bodies, but it
             # does not see a free part within a body.
@@ -113,6 +125,14 @@ class Case:
             named = FloatingBodyError("; ".join(problems))
             named.dof = error.dof
             raise named from None
+
+    def _engine(self) -> str:
+        return "auto" if self.scene is None else self.scene.solver.engine
+
+    def _steps(self) -> int:
+        """About as many load steps as the path takes."""
+        adaptive = self.scene is not None and self.scene.path.increments is not None
+        return len(self.parameter) * (ADAPTIVE_STEPS if adaptive else 1)
 
     def sampled(self, t: ArrayLike) -> Case:
         """Copy with load steps that end at ``t``; load step k of the scene ends at k + 1.

@@ -50,6 +50,7 @@ class Request:
     settings: Sequence[str] = ()
     folder: Path = Path()
     method: str | None = None
+    engine: str | None = None
     tol: float | str | None = None
     plot: bool = False
     fclib: bool = False
@@ -187,7 +188,9 @@ class Job(Runner):
             self.case = case
         with self._phase("condense"):
             self.problem = problem = case.problem(
-                on_forecast=None if self.as_json else self._forecast
+                on_forecast=None if self.as_json else self._forecast,
+                # The FCLIB file of a step holds W.
+                engine="direct" if self.request.fclib else self.request.engine,
             )
         with self._phase("solve"):
             if estimator is not None and tol == ENOUGH:
@@ -301,7 +304,9 @@ class Job(Runner):
             return code, message
         if code == SOLVED and self.interrupts.came is not None:
             code, message = self.interrupted
+        solved = {} if self.problem is None else self.problem.stats
         attributes = {
+            **{name: solved[name] for name in ("engine", "engine_reason") if solved},
             "scene": request.scene or "",
             "message": message,
             "settings": json.dumps(request.settings),

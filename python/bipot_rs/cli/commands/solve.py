@@ -53,6 +53,7 @@ class Request:
     method: str
     tol: float
     stiffness_rtol: float | None
+    engine: str = "auto"
 
 
 class Solve(Runner):
@@ -105,7 +106,9 @@ class Solve(Runner):
         with warnings.catch_warnings():
             # The remarks of the result say the same.
             warnings.simplefilter("ignore", UserWarning)
-            problem = given.problem(stiffness_rtol=asked.stiffness_rtol)
+            problem = given.problem(
+                stiffness_rtol=asked.stiffness_rtol, engine=asked.engine
+            )
         group = np.zeros(len(given.gap), dtype=np.int64)
 
         def on_step(k: int, step: Step) -> None:

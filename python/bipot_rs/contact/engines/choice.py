@@ -6,6 +6,9 @@ from bipot_rs.contact.summary import size
 
 ENGINES = ("auto", "direct", "iterative")
 
+# Steps of an adaptive path between two stops.
+ADAPTIVE_STEPS = 8
+
 # Methods that the iterative engine has: semismooth Newton.
 METHODS = ("auto", "newton")
 
