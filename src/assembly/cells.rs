@@ -30,7 +30,16 @@ impl Cells {
             });
         }
         // The largest number is free to mark nodes that were not seen.
-        let limit = nodes.min(u32::MAX as usize);
+        let limit = u32::MAX as usize;
+        if nodes > limit {
+            return Err(Error::IndexRange {
+                what: "cells",
+                position: 0,
+                found: nodes,
+                limit,
+            });
+        }
+        let limit = nodes;
         let mut node = vec![0; given.len()];
         for (position, &found) in given.iter().enumerate() {
             let (corner, cell) = (position / count, position % count);

@@ -30,14 +30,16 @@ RATE = 2e10
 
 
 def work(counts: Mapping[str, Any]) -> float:
-    """Operations of the condensation [flop]: the factor of K, and the inverse of S."""
+    """Operations [flop]: the factor of K and the inverse of S, or all iterative steps."""
+    if counts.get("engine") == "iterative":
+        return float(counts["flops"])
     # Assumes b equal bodies: (m/b)³ each.
     inverse = float(counts["n_contact_dofs"]) ** 3 / max(int(counts["bodies"]), 1) ** 2
     return float(counts["flops"]) + inverse
 
 
 def seconds(counts: Mapping[str, Any], cores: int) -> float:
-    """Rough time of the condensation [s]."""
+    """Rough time of the condensation, or of the iterative steps [s]."""
     return work(counts) / (RATE * max(cores, 1))
 
 
@@ -81,8 +83,12 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     engine = []
     if "engine" in counts:
         engine = [f"  engine    {counts['engine']}: {counts['engine_reason']}"]
-    if not counts["bytes_factor"]:
-        return [*engine, f"  memory    about {size(counts['bytes_peak'])}{of}"]
+    if counts.get("engine") == "iterative":
+        return [
+            *engine,
+            f"  memory    about {size(counts['bytes_peak'])}{of}",
+            f"  time      {duration(seconds(counts, threads))} for all load steps",
+        ]
     most, factor = size(counts["bytes_peak"]), size(counts["bytes_factor"])
     entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"

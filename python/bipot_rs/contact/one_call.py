@@ -40,6 +40,7 @@ class _Keywords(_OfSolve, total=False):
     on_forecast: Callable[[Mapping[str, Any]], object] | None
     bodies: Mapping[str, int] | None
     stiffness_rtol: float | None
+    engine: str
 
 
 def solve(

@@ -1040,7 +1040,7 @@ class ContactProblem:
         iterative = self._iterative
         if told is None or iterative is None:
             return
-        _, contacts, d = self._shape
+        n, contacts, d = self._shape
         counts = iterative.stats
         told(
             {
@@ -1049,7 +1049,7 @@ class ContactProblem:
                 "bodies": None,
                 "n_contact_dofs": d * contacts,
                 "nnz_factor": 0,
-                "flops": 0.0,
+                "flops": choice.STEP_FLOPS * n * (self._steps or 1),
                 "bytes_factor": 0,
                 "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
                 "ordering": None,

@@ -38,8 +38,8 @@ def test_forecast_comes_once_and_is_correct(scene: str, n: int) -> None:
     told: list[Any] = []
     problem = model.problem(on_forecast=told.append)
     (counts,) = told
-    assert set(counts) == set(COUNTS)
-    assert {name: problem.stats[name] for name in COUNTS} == dict(counts)
+    assert set(counts) == {*COUNTS, "engine", "engine_reason"}
+    assert {name: problem.stats[name] for name in counts} == dict(counts)
     # The problem is the same without a forecast.
     assert model.problem().stats["flops"] == counts["flops"]
 
@@ -150,7 +150,7 @@ def test_a_run_prints_the_forecast_before_the_first_step(
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
     assert [line.split()[0] for line in lines[1:6]] == [
-        *("bodies", "contacts", "sizes", "memory", "time")
+        *("bodies", "contacts", "sizes", "engine", "memory", "time")
     ]
     assert lines[6].startswith("load step 1 of 2")
     # With --json nothing else is printed.

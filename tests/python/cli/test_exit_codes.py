@@ -203,21 +203,21 @@ def test_displacements_that_cannot_be_found(
     bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Earlier steps are kept, and the exit status is "not converged"."""
-    from bipot_rs.contact import load_path
+    from bipot_rs.contact.engines import direct
 
     m = block()
     m.support("block.top", x=m.times(0.01, "go"), y=-0.1)
     m.contact("block.bottom", plane=FLOOR, mu=0.3)
     m.path(go=[0.0, 1.0, 2.0])
     m.to_toml("it.toml")
-    found = load_path._Recovery.__call__
+    found = direct._Recovery.__call__
 
     def lost(self: Any, steps: Any) -> Any:
         if any(step.prescribed.max() > 0.015 for step in steps):
             raise bp.NotConvergedError("the compliance W has too few digits")
         return found(self, steps)
 
-    monkeypatch.setattr(load_path._Recovery, "__call__", lost)
+    monkeypatch.setattr(direct._Recovery, "__call__", lost)
     status, out, err = bipot("run", "it.toml", "--json")
     assert (status, err) == (3, "")
     last = json.loads(out.splitlines()[-1])

@@ -28,6 +28,7 @@ RUST = (
     "solver",
     "proof",
     "path",
+    "primal",
     "python",
 )
 # The same within a folder; modules named together must not use each other.
@@ -42,7 +43,7 @@ RUST_SIBLINGS = {
     "linalg/amg": (
         "settings wide",
         "block_matrix rigid_motions",
-        "block_rows",
+        "block_rows changes",
         "aggregates coarsest inverse_diagonal slots spectrum",
         "relaxed_vectors tentative",
         "prolongation",
@@ -115,12 +116,20 @@ RUST_SIBLINGS = {
         "error_bound",
     ),
     "path": ("stepping", "working_set"),
+    "primal": (
+        "nodes",
+        "frames",
+        "problem",
+        "certificate tangent",
+        "newton",
+        "path",
+    ),
     "python": (
         "errors arrays heap interrupt",
         "assembly solver",
         "problem",
         "enumeration load_path",
-        "bound estimate",
+        "bound estimate primal",
     ),
 }
 # A word in the code, and the only files that may contain it. An upgrade of a library, or

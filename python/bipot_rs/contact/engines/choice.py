@@ -19,6 +19,10 @@ LEAST = 30_000
 # freedom: its work grows with their square, that of a step in proportion.
 PER_STEP = 15_000
 
+# Work of an iterative load step for each degree of freedom [flop], in the units in which
+# the direct engine does 20 Gflop/s on a core.
+STEP_FLOPS = 2.6e5
+
 # Model of the memory of the direct engine in space: the factor of a cube of 10⁶ degrees of
 # freedom, and its growth; W takes 72 bytes for each pair of contacts.
 _FACTOR, _GROWTH = 29e9, 1.34

@@ -117,6 +117,12 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     held = _core.Reduced(ISLAND, GAP, MU, np.zeros((0, 4)), NONE)
     floating = _core.Reduced(ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1]))
     limits = ["auto", 1e-10, 50, 1.0]
+    none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
+    primal = _core.Primal(EYE, EYE, GAP, MU, none, 2, places)
+    # One square, its slopes at the centre.
+    square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    cell = np.arange(4).reshape(4, 1)
+    slopes = np.array([[[-0.5, 0.5, 0.5, -0.5], [-0.5, -0.5, 0.5, 0.5]]])
     settings = [*limits, None, None, 1]
     return {
         "project": (_core.project, [GAP, MU, None]),
@@ -147,6 +153,26 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             ).step(LOAD, NONE, None, *limits),
             [EYE, EYE, GAP, MU],
         ),
+        "Primal": (
+            lambda *a: _core.PrimalPath(_core.Primal(*a)).step(
+                LOAD, NONE, None, *limits
+            ),
+            [EYE, EYE, GAP, MU, none, 1, places],
+        ),
+        "Primal, with_mu": (primal.with_mu, [MU]),
+        "PrimalPath": (
+            lambda *a: _core.PrimalPath(primal, *a).step(LOAD, NONE, None, *limits),
+            [None, None],
+        ),
+        "PrimalPath, step": (
+            lambda *a: _core.PrimalPath(primal).step(*a),
+            [LOAD, NONE, GAP, *limits],
+        ),
+        "stiffness": (
+            lambda *a: _core.stiffness(*a, num_threads=1),
+            [square, cell, slopes, np.ones(1), 1.0, np.ones((1, 2)), None],
+        ),
+        "sum_of_cells": (_core.sum_of_cells, [cell, 4, 2, np.ones((1, 64)), 1]),
         "with_mu": (condensed.with_mu, [MU]),
         "with_gap": (condensed.with_gap, [GAP]),
         "follow": (

@@ -1,0 +1,54 @@
+"""The choice of the engine, and what it says."""
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.contact.engines import choice
+from pressed_in_space import arrays
+
+
+def test_long_paths_and_small_problems_are_direct() -> None:
+    assert choice.choose(choice.LEAST - 1, 500, 1, None)[0] == "direct"
+    assert choice.choose(choice.LEAST, 500, 2, None)[0] == "iterative"
+    assert choice.choose(choice.LEAST, 500, 3, None)[0] == "direct"
+
+
+def test_a_factor_that_does_not_fit_is_not_made() -> None:
+    name, why = choice.choose(500_000, 10_000, 1000, 1e9)
+    assert name == "iterative"
+    assert "of 1 GB" in why
+
+
+def test_the_model_of_memory() -> None:
+    """The measured factors: 12 GB at 500,000 unknowns, W of 7.2 GB for 10,000 contacts."""
+    assert choice.direct_bytes(500_000, 0) == pytest.approx(12e9, rel=0.1)
+    assert choice.direct_bytes(0, 10_000) == pytest.approx(7.2e9)
+
+
+def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "LEAST", 100)
+    monkeypatch.setattr(choice, "PER_STEP", 100)
+    known, prescribed = arrays()
+    told = []
+    problem = bp.ContactProblem(**known, on_forecast=told.append)
+    assert problem.stats["engine"] == "auto"
+    assert not told
+    short = problem.solve(prescribed=prescribed)
+    assert problem.stats["engine"] == "iterative"
+    assert [counts["engine"] for counts in told] == ["iterative"]
+    # What needs W condenses, and later paths use that.
+    assert problem.compliance.shape == (75, 75)
+    again = problem.solve(prescribed=prescribed)
+    assert problem.stats["engine"] == "direct"
+    assert np.abs(again.reaction - short.reaction).max() <= 1e-9 * short.reaction.max()
+
+
+def test_a_long_first_path_is_direct(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "LEAST", 100)
+    monkeypatch.setattr(choice, "PER_STEP", 1000)
+    known, prescribed = arrays()
+    problem = bp.ContactProblem(**known)
+    problem.solve(prescribed=prescribed)
+    assert problem.stats["engine"] == "direct"
+    assert "2 load steps" in problem.stats["engine_reason"]

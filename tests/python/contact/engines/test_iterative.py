@@ -1,0 +1,276 @@
+"""The iterative engine gives the answers of the direct one, or says that it cannot."""
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs.contact.errors import NotIterativeError
+from pressed_in_space import arrays, pressed
+from rollers import block, roller
+from runs import bipot
+
+Array = NDArray[np.float64]
+
+# Both engines reach η = 1e-12 in the smallest units of the scene. Errors of the reactions
+# are larger by the condition of the contacts, and those of the steps of a path add up.
+CLOSE = 1e-9
+
+
+def order_two() -> bp.Model:
+    m = pressed(2)
+    return m.with_(**{"body.block.order": 2})
+
+
+def on_a_ball() -> bp.Model:
+    m = block(6, 3)
+    m.obstacle("ball", sphere={"centre": [0.1, 0.0, 2.0], "radius": 2.0})
+    m.contact("block.top", against="ball", mu=0.4)
+    m = m.with_(support=[])
+    m.support("block.bottom", x=m.times(0.02, "shear"), y=0.0, z=m.times(0.03, "press"))
+    m.path(press=[1.0, 1.0, 0.5], shear=[0.0, 1.0, -1.0])
+    return m
+
+
+def floating() -> bp.Model:
+    """A block that nothing but contact and symmetry holds."""
+    m = block(4, 3)
+    m = m.with_(support=[])
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.5)
+    m.pressure("block.bottom", m.times(3.0, "press"))
+    m.traction("block.bottom", x=m.times(0.4, "shear"))
+    m.path(press=[1.0, 1.0], shear=[0.3, 1.0])
+    return m
+
+
+def on_springs() -> bp.Model:
+    m = pressed()
+    m.spring("block.right", stiffness=[300.0, 200.0, 100.0])
+    return m
+
+
+def warmed() -> bp.Model:
+    """An initial strain presses the block onto the plane."""
+    m = block(4, 3)
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.001], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.3)
+    m.strain("block", expansion=1e-4, temperature=m.times(100.0, "warm"))
+    m.path(warm=[0.5, 1.0])
+    return m
+
+
+def inclined() -> bp.Model:
+    """A block held by rollers on an inclined side."""
+    m = block(4, 3)
+    m = m.with_(support=[])
+    m.support("block.bottom", x=0.0, y=0.0, z=m.times(0.02, "press"))
+    m.support("block.left", normal=[1.0, 0.0, 0.5], value=0.0)
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.3)
+    m.path(press=[0.5, 1.0])
+    return m
+
+
+MODELS: dict[str, Callable[[], bp.Model]] = {
+    "hexahedra": pressed,
+    "tetrahedra": lambda: pressed(cell="tetrahedron"),
+    "second order": order_two,
+    "plane": lambda: pressed(10, dim=2),
+    "triangles": lambda: pressed(10, dim=2, cell="triangle"),
+    "no friction": lambda: pressed(mu=0.0),
+    "friction by direction": lambda: pressed(mu=[0.5, 0.1], axis=[1.0, 0.0, 0.0]),
+    "large friction": lambda: pressed(mu=3.0),
+    "a ball that moves back": on_a_ball,
+    "held by contact alone": floating,
+    "springs": on_springs,
+    "initial strain": warmed,
+    "a roller": roller,
+    "automatic steps": lambda: roller({"slip": 0.05}),
+}
+
+
+def solved(model: bp.Model, engine: str) -> Any:
+    model.solver(engine=engine, tol=1e-12)
+    return model.solve()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_both_engines_agree(name: str) -> None:
+    direct = solved(MODELS[name](), "direct")
+    iterative = solved(MODELS[name](), "iterative")
+    assert len(direct) == len(iterative)
+    for ours, theirs in zip(iterative, direct, strict=True):
+        assert ours.converged
+        assert "krylov" in ours.stats
+        assert "krylov" not in theirs.stats
+        for what in ("reaction", "displacement"):
+            a, b = getattr(ours, what), getattr(theirs, what)
+            assert np.abs(a - b).max() <= CLOSE * np.abs(b).max(), what
+        # A status may differ where a contact is on the border of two.
+        closed = np.linalg.norm(theirs.reaction, axis=1)
+        clear = closed > 1e-6 * closed.max()
+        slips = np.linalg.norm(theirs.slip, axis=1)
+        clear &= (slips > 1e-6 * slips.max()) | (theirs.status == bp.Status.STICK)
+        np.testing.assert_array_equal(ours.status[clear], theirs.status[clear])
+
+
+@pytest.mark.parametrize("n", [6, 12])
+def test_work_does_not_grow_with_the_mesh(n: int) -> None:
+    """Krylov iterations of both steps; the trial programs took 60 to 80 at any size."""
+    result = solved(pressed(n), "iterative")
+    assert sum(step.stats["krylov"] for step in result) <= 90
+    assert sum(step.stats["newton"] for step in result) <= 20
+
+
+@pytest.mark.parametrize("poisson", [0.45, 0.49, 0.499])
+def test_nearly_incompressible(poisson: float) -> None:
+    model = pressed(6).with_(**{"material.soft.poisson": poisson})
+    direct, ours = solved(model, "direct"), solved(model, "iterative")
+    assert ours.success
+    np.testing.assert_allclose(
+        ours.reaction, direct.reaction, rtol=0, atol=CLOSE * direct.reaction.max()
+    )
+
+
+def test_units_do_not_matter() -> None:
+    known, prescribed = arrays()
+    reference = None
+    for factor in (1.0, 2.0**40, 1e-9):
+        known, _ = arrays(factor=factor)
+        problem = bp.ContactProblem(**known, engine="iterative")
+        r = problem.solve(prescribed=prescribed).reaction / factor
+        reference = r if reference is None else reference
+        assert np.abs(r - reference).max() <= CLOSE * np.abs(reference).max()
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    known, prescribed = arrays(8)
+    one, two = (
+        bp.ContactProblem(**known, engine="iterative", num_threads=k).solve(
+            prescribed=prescribed
+        )
+        for k in (1, 2)
+    )
+    np.testing.assert_array_equal(one.reaction, two.reaction)
+    np.testing.assert_array_equal(one.displacement, two.displacement)
+
+
+def test_degrees_of_freedom_by_components() -> None:
+    known, prescribed = arrays()
+    n = known["K"].shape[0]
+    order = np.arange(n).reshape(-1, 3).T.ravel()
+    place = np.argsort(order)
+    other = known | {
+        "K": known["K"].tocsr()[order][:, order],
+        "B": known["B"].tocsr()[:, order],
+        "fixed": place[known["fixed"]],
+        "coordinates": known["coordinates"][order],
+    }
+    a, b = (
+        bp.ContactProblem(**given, engine="iterative").solve(prescribed=prescribed)
+        for given in (known, other)
+    )
+    assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
+
+
+def test_a_path_continues_and_survives_a_pickle() -> None:
+    known, prescribed = arrays()
+    problem = bp.ContactProblem(**known, engine="iterative")
+    whole = problem.solve(prescribed=prescribed)
+    first = problem.solve(prescribed=prescribed[:1])
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.stats["engine"] == "iterative"
+    for one in (problem, again):
+        rest = one.solve(prescribed=prescribed[1:], start=first)
+        np.testing.assert_array_equal(rest.reaction[0], whole.reaction[1])
+
+
+def test_many_cases_and_other_friction() -> None:
+    known, prescribed = arrays()
+    mus = (0.1, 0.6)
+    cases = [{"prescribed": prescribed, "mu": mu} for mu in mus]
+    problem = bp.ContactProblem(**known, engine="iterative")
+    for mu, found in zip(mus, problem.solve_many(cases), strict=True):
+        direct = bp.ContactProblem(**known | {"mu": mu}, engine="direct")
+        r = direct.solve(prescribed=prescribed).reaction
+        assert np.abs(found.reaction - r).max() <= CLOSE * r.max()
+
+
+def test_the_direct_engine_replaces_it_where_it_stalls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """ν so close to a half that multigrid does not converge."""
+    known, prescribed = arrays()
+    model = pressed(4).with_(**{"material.soft.poisson": 0.4999999}).assemble().model
+    known["K"] = model.K
+    problem = bp.ContactProblem(**known, engine="iterative")
+    found = problem.solve(prescribed=prescribed)
+    direct = bp.ContactProblem(**known, engine="direct").solve(prescribed=prescribed)
+    r = direct.reaction
+    # The entries of K round away half of the digits for this ν.
+    assert np.abs(found.reaction - r).max() <= 1e-6 * r.max()
+    if "krylov" not in found[0].stats:
+        assert "stalled" in problem.stats["engine_reason"]
+
+    def refused(*_args: Any) -> Any:
+        raise MemoryError("the factor does not fit")
+
+    monkeypatch.setattr(bp.ContactProblem, "_condense", refused)
+    small = bp.ContactProblem(**known, engine="iterative")
+    outcome = small.solve_many([{"prescribed": prescribed}])[0]
+    if outcome.success:
+        assert np.abs(outcome.reaction - r).max() <= 1e-6 * r.max()
+    else:
+        assert "not converged" in outcome.message
+
+
+class TestRefusals:
+    """Each names the reason and the way out."""
+
+    def test_without_coordinates(self) -> None:
+        known, _ = arrays()
+        del known["coordinates"]
+        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
+            bp.ContactProblem(**known, engine="iterative")
+
+    def test_other_methods(self) -> None:
+        known, prescribed = arrays()
+        problem = bp.ContactProblem(**known, engine="iterative")
+        with pytest.raises(ValueError, match=r"'uzawa'.*engine='direct'"):
+            problem.solve(prescribed=prescribed, method="uzawa")
+
+    def test_the_compliance(self) -> None:
+        known, prescribed = arrays()
+        problem = bp.ContactProblem(**known, engine="iterative")
+        with pytest.raises(ValueError, match=r"compliance W.*engine='direct'"):
+            _ = problem.compliance
+        step = problem.solve(prescribed=prescribed)[-1]
+        assert step.unique == "unknown"
+        assert "engine='direct'" in step.error.reason
+
+    def test_unknown_engine(self) -> None:
+        known, _ = arrays()
+        with pytest.raises(ValueError, match="engine is 'iterativ', expected"):
+            bp.ContactProblem(**known, engine="iterativ")
+
+    def test_asymmetric_stiffness(self) -> None:
+        known, _ = arrays()
+        wrong = known["K"].tolil()
+        wrong[0, 1] += 1.0
+        with pytest.raises(ValueError, match="not symmetric"):
+            bp.ContactProblem(**known | {"K": wrong.tocsr()}, engine="iterative")
+
+
+def test_the_file_names_the_engine(tmp_path: Any) -> None:
+    out = tmp_path / "out"
+    asked = ("--set", "mesh.n=5", "--engine", "iterative", "--out", "out")
+    bipot("run", "sheared_cube", *asked, cwd=tmp_path)
+    with h5py.File(out / "result.h5") as file:
+        assert file.attrs["engine"] == "iterative"
+    assert bp.load(out)[-1].stats["krylov"] > 0

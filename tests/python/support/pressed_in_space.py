@@ -1,0 +1,47 @@
+"""A block that is pressed onto a plane and sheared: as a model, and as arrays."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from rollers import block
+
+Array = NDArray[np.float64]
+
+
+def pressed(
+    n: int = 4, *, dim: int = 3, mu: Any = 0.3, cell: str = "", axis: Any = None
+) -> bp.Model:
+    """A block pressed onto a plane by its held top, then sheared."""
+    m = block(n, dim, cell)
+    m.obstacle(
+        "table", plane={"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [-1.0]}
+    )
+    own = {} if axis is None else {"axis": axis}
+    m.contact("block.top", against="table", mu=mu, **own)
+    m = m.with_(support=[])
+    last = "xyz"[dim - 1]
+    m.support("block.bottom", **dict.fromkeys("xyz"[:dim], 0.0) | _moves(m, last))
+    m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
+    return m
+
+
+def _moves(m: bp.Model, last: str) -> dict[str, Any]:
+    return {"x": m.times(0.012, "shear"), last: m.times(0.02, "press")}
+
+
+def arrays(n: int = 4, factor: float = 1.0) -> tuple[dict[str, Any], Array]:
+    """Arguments of `ContactProblem`, and the prescribed displacements of two steps."""
+    case = pressed(n).assemble()
+    model = case.model
+    known = {
+        "K": factor * model.K,
+        "B": model.B,
+        "gap": model.gap,
+        "mu": model.mu,
+        "fixed": model.fixed,
+        "coordinates": np.repeat(model.nodes, 3, axis=0),
+    }
+    return known, case.prescribed
