@@ -78,6 +78,7 @@ bench-quick: $(STAMP)
 	$(PY) benches/whole_job_figure.py --quick
 	$(PY) benches/condensation_peers.py --quick
 	$(PY) benches/scaling.py --quick
+	$(PY) benches/scale.py --quick
 
 .PHONY: bench-full
 bench-full: $(STAMP)
@@ -86,6 +87,7 @@ bench-full: $(STAMP)
 	$(PY) benches/whole_job_figure.py
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/scaling.py
+	$(PY) benches/scale.py
 	$(PY) benches/skipped_work.py
 	$(PY) benches/criterion_tables.py
 	$(PY) benches/assembly.py

@@ -42,6 +42,8 @@ _PRESENT = 1e-5
 _SHORT = 1e-13
 # Entries of K in one block, to bound the memory.
 _BLOCK = 2**24
+# A larger K is first checked in some of its rows: so many blocks of so many rows.
+_SAMPLES, _SAMPLE = 32, 512
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,12 @@ def node_of(order: str, n: int, d: int) -> Ints:
 
 
 def fit(
-    parts: Parts, component: Ints, node: Ints, places: Floats | None = None
+    parts: Parts,
+    component: Ints,
+    node: Ints,
+    places: Floats | None = None,
+    *,
+    sample: bool = False,
 ) -> Fit | None:
     """Compare the rigid motions of an order with K.
 
@@ -125,6 +132,8 @@ def fit(
         such a column are left out.
     places : (n, d) or None
         Coordinates in any unit; without them rotations are not checked.
+    sample
+        Whether to check only some of the rows.
 
     Returns
     -------
@@ -140,11 +149,16 @@ def fit(
     if places is not None:
         known &= np.isfinite(places).all(axis=1)
         places = _of_unit_size(places, known)
-    blocks = _blocks(pointers)
+    n = len(pointers) - 1
+    blocks = _sampled(n) if sample else _blocks(pointers)
+    left, alone, looked = np.full(n, np.inf), np.zeros(n, bool), np.zeros(n, bool)
     with np.errstate(over="ignore", invalid="ignore"):
-        looked = [_sums(parts, pointers, *block) for block in blocks]
-    left, alone = (np.concatenate(one) for one in zip(*looked, strict=True))
-    level = float(np.median(left[~alone])) if not alone.all() else 0.0
+        for first, last in blocks:
+            sums = _sums(parts, pointers, first, last)
+            left[first:last], alone[first:last] = sums
+            looked[first:last] = True
+    coupled = looked & ~alone
+    level = float(np.median(left[coupled])) if coupled.any() else 0.0
     free = left <= min(max(_DIGITS * level, _ROUNDING), _LEFT)
     # Eliminating a degree of freedom removes its column from the rows of its neighbours.
     known &= ~np.isin(node, node[alone])
@@ -174,13 +188,18 @@ def fit(
 
 
 def of_order(
-    parts: Parts, order: str, d: int, nodes: Floats | None = None
+    parts: Parts,
+    order: str,
+    d: int,
+    nodes: Floats | None = None,
+    *,
+    sample: bool = False,
 ) -> Fit | None:
     """`fit` for one of `ORDERS`, with the coordinates of the nodes ``(n / d, d)``."""
     n = len(parts[0]) - 1
     node = node_of(order, n, d)
     places = None if nodes is None else nodes[node]
-    return fit(parts, components(order, n, d), node, places)
+    return fit(parts, components(order, n, d), node, places, sample=sample)
 
 
 def _of_unit_size(places: Floats, known: Bools) -> Floats:
@@ -251,6 +270,10 @@ def _unlike_places(
 ) -> str | None:
     n = len(coordinates)
     nodes = coordinates[::d] if order == "node" else coordinates[: n // d]
+    if n > 2 * _SAMPLES * _SAMPLE:
+        how = of_order(stiffness, order, d, nodes, sample=True)
+        if how is not None and how.fits:
+            return None
     how = of_order(stiffness, order, d, nodes)
     if how is None or how.fits:
         return None
@@ -309,6 +332,19 @@ def _blocks(pointers: Ints) -> list[tuple[int, int]]:
     return list(pairwise(cuts))
 
 
+def _sampled(n: int) -> list[tuple[int, int]]:
+    """Ranges of rows that are spread over the matrix."""
+    starts = np.linspace(0, n - _SAMPLE, _SAMPLES).astype(np.int64).tolist()
+    return [(first, first + _SAMPLE) for first in starts]
+
+
+def magnitude(K: Any) -> Any:
+    """``|K|`` with the index arrays of K, which `abs` would copy."""
+    from scipy.sparse import csr_array
+
+    return csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+
+
 def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> Any:
     """Some rows of K, without a copy of their entries."""
     from scipy.sparse import csr_array
@@ -323,7 +359,7 @@ def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, 
     """Relative sum of each row, and whether it has only a diagonal entry."""
     K = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
-    size = abs(K) @ ones
+    size = magnitude(K) @ ones
     own = np.abs(K.diagonal(first))
     left = np.abs(K @ ones) / np.where(size > 0, size, 1.0)
     return left, size <= own
@@ -345,7 +381,7 @@ def _rows(
     are present, and the remainder of rotations, NaN if it cannot be checked.
     """
     K = _slice(parts, pointers, first, last)
-    size_of = abs(K)
+    size_of = magnitude(K)
     unit = (component[:, None] == np.arange(d)).astype(float)
     sums, sizes = K @ unit, size_of @ unit
     size = size_of @ np.ones(len(component))

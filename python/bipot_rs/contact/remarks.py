@@ -132,7 +132,8 @@ def surfaces(stiffness: Csr, places: Floats, d: int) -> Floats | None:
     x = x / (float(np.abs(x).max(initial=0.0)) or 1.0)
     unit = (component[:, None] == np.arange(d)).astype(float)
     field = x[np.arange(n), component]
-    K, size_of = stiffness.matrix, abs(stiffness.matrix)
+    K = stiffness.matrix
+    size_of = dof_order.magnitude(K)
     sums, sizes = K @ unit, size_of @ np.ones(n)
     free = np.abs(sums).max(axis=1, initial=0.0) <= _FREE * sizes
     found = K @ field - (sums * x).sum(axis=1)
@@ -193,7 +194,7 @@ def strength(stiffness: Csr, places: Floats, d: int) -> Strength | None:
     x = x / side
     unit = (component[:, None] == np.arange(d)).astype(float)
     sums = K @ unit
-    sizes = abs(K) @ np.ones(n)
+    sizes = dof_order.magnitude(K) @ np.ones(n)
     free = np.abs(sums).max(axis=1) <= _FREE * sizes
     work = np.zeros(count)
     for a, b in permutations(range(d), 2):
