@@ -6,9 +6,13 @@
 //! and memory grow in proportion to the entries of `K`.
 
 pub mod certificate;
+mod filter;
 pub mod frames;
+mod interface;
 pub mod newton;
 pub mod nodes;
+mod own_nodes;
 pub mod path;
+mod preconditioner;
 pub mod problem;
 mod tangent;

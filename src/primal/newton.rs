@@ -9,11 +9,10 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::settings::Settings as Cycle;
 use crate::linalg::flexible_gmres::{self, Limits};
 use crate::linalg::parallel::axpy;
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
+use crate::primal::preconditioner::Preconditioner;
 use crate::primal::problem::Primal;
 use crate::primal::tangent::Tangent;
 use crate::reduced::reduced::Reduced;
@@ -36,10 +35,6 @@ const MANY: f64 = 0.002;
 const COARSE: f64 = 1e-3;
 const MIDDLE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
-
-/// Iterations of one linear system after which a stronger smoother is used.
-const SLOW: usize = 40;
-const STRONGER_DEGREE: usize = 4;
 
 /// Iterations of one linear system after which the method has stalled, and the size of the
 /// Krylov space before a restart.
@@ -102,34 +97,25 @@ pub struct Newton<'p, const D: usize> {
     settings: &'p Settings,
     stop: &'p AtomicBool,
     started: Instant,
-    cycle: Cycle,
-    multigrid: Option<(Vec<Status>, Multigrid)>,
+    preconditioner: Preconditioner<'p, D>,
     newton: usize,
     krylov: usize,
     history: Vec<(f64, f64)>,
-    bytes: usize,
     work: Vec<f64>,
 }
 
 impl<'p, const D: usize> Newton<'p, D> {
     #[must_use]
     pub fn new(problem: &'p Primal<D>, settings: &'p Settings, stop: &'p AtomicBool) -> Self {
-        let spectrum = problem.stiffness.spectrum.lock();
-        let cycle = Cycle {
-            spectrum: spectrum.map_or(None, |known| *known),
-            ..Cycle::default()
-        };
         Self {
             problem,
             settings,
             stop,
             started: Instant::now(),
-            cycle,
-            multigrid: None,
+            preconditioner: Preconditioner::new(problem),
             newton: 0,
             krylov: 0,
             history: Vec::new(),
-            bytes: 0,
             work: Vec::new(),
         }
     }
@@ -199,7 +185,11 @@ impl<'p, const D: usize> Newton<'p, D> {
             } else {
                 FINE
             };
-            let error = if first { 1.0 } else { eta.max(f64::MIN_POSITIVE) };
+            let error = if first {
+                1.0
+            } else {
+                eta.max(f64::MIN_POSITIVE)
+            };
             let wanted = wanted.max(0.1 * tol / error.max(tol));
             let tangent = Tangent::new(problem, &reduced, &law);
             let Some((dy, moved)) = self.correction(&tangent, &now, &point, wanted)? else {
@@ -214,7 +204,11 @@ impl<'p, const D: usize> Newton<'p, D> {
                     r: self.reaction_change(&moved, &dr_prescribed),
                     v: problem.frames.at_contacts(&dy),
                 };
-                let bar = recent.iter().rev().take(MEMORY).fold(0.0_f64, |m, &x| m.max(x));
+                let bar = recent
+                    .iter()
+                    .rev()
+                    .take(MEMORY)
+                    .fold(0.0_f64, |m, &x| m.max(x));
                 search(&reduced, &point, &change, bar)
             };
             let mut y = std::mem::take(&mut point.y);
@@ -241,7 +235,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             newton: self.newton,
             krylov: self.krylov,
             history: self.history,
-            bytes: self.bytes,
+            bytes: self.preconditioner.bytes,
         })
     }
 
@@ -277,7 +271,11 @@ impl<'p, const D: usize> Newton<'p, D> {
             *v += offset;
         }
         let mut r = problem.frames.at_contacts(&e);
-        for (r, more) in r.as_flattened_mut().iter_mut().zip(prescribed.as_flattened()) {
+        for (r, more) in r
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(prescribed.as_flattened())
+        {
             *r += more;
         }
         Point { y, e, r, v }
@@ -291,41 +289,23 @@ impl<'p, const D: usize> Newton<'p, D> {
         point: &Point<D>,
         tol: f64,
     ) -> Result<Option<(Vec<f64>, Vec<f64>)>, Error> {
-        if !matches!(&self.multigrid, Some((made_for, _)) if made_for == statuses) {
-            // The memory of the old hierarchy serves the new one.
-            self.multigrid = None;
-            let made = Multigrid::new(
-                tangent.symmetric_part(),
-                self.near_null(),
-                &tangent.held,
-                &self.cycle,
-                self.stop,
-            );
-            let made = match made {
-                Err(Error::Multigrid { .. }) => return Ok(None),
-                other => other?,
-            };
-            self.bytes = self.bytes.max(made.bytes());
-            if self.cycle.spectrum.is_none() {
-                self.cycle.spectrum = Some(made.spectrum());
-                if let Ok(mut known) = self.problem.stiffness.spectrum.lock() {
-                    *known = self.cycle.spectrum;
-                }
-            }
-            self.multigrid = Some((statuses.to_vec(), made));
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Ok(()) => {}
+            Err(
+                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
+            ) => return Ok(None),
+            Err(other) => return Err(other),
         }
-        let Some((_, multigrid)) = &mut self.multigrid else {
-            return Ok(None);
-        };
         let right = tangent.right_side(&point.e);
         let mut work = std::mem::take(&mut self.work);
+        let preconditioner = &mut self.preconditioner;
         let solved = flexible_gmres::solve(
             |x, out| {
                 tangent.product(x, &mut work, out);
                 tangent.clear(out);
             },
             |b, x| {
-                multigrid.apply(b, x);
+                preconditioner.apply(b, x);
                 tangent.clear(x);
             },
             &right,
@@ -341,10 +321,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        if solved.products > SLOW && self.cycle.degree < STRONGER_DEGREE {
-            self.cycle.degree = STRONGER_DEGREE;
-            self.multigrid = None;
-        }
+        self.preconditioner.solved_in(solved.products);
         if !solved.reached {
             return Ok(None);
         }
@@ -353,27 +330,6 @@ impl<'p, const D: usize> Newton<'p, D> {
         let mut moved = vec![0.0; dy.len()];
         self.problem.product(&dy, &mut self.work, &mut moved);
         Ok(Some((dy, moved)))
-    }
-
-    /// Motions of small energy in the variables of the contacts.
-    fn near_null(&self) -> Vec<f64> {
-        let known = &self.problem.stiffness;
-        let mut motions = known.near_null.clone();
-        let m = motions.len() / known.free.len().max(1);
-        for frame in &self.problem.frames.list {
-            if frame.node == usize::MAX {
-                continue;
-            }
-            let own = &mut motions[D * frame.node * m..D * (frame.node + 1) * m];
-            let before = own.to_vec();
-            for k in 0..D {
-                for c in 0..m {
-                    let parts = (0..D).map(|l| frame.to_local[(k, l)] * before[l * m + c]);
-                    own[k * m + c] = parts.sum();
-                }
-            }
-        }
-        motions
     }
 
     fn reaction_change(&self, moved: &[f64], prescribed: &[[f64; D]]) -> Vec<[f64; D]> {

@@ -53,7 +53,11 @@ pub(super) struct Tangent<'p, const D: usize> {
 impl<'p, const D: usize> Tangent<'p, D> {
     /// Makes the system of a linearised law, in the scaled variables of `reduced`.
     #[must_use]
-    pub(super) fn new(problem: &'p Primal<D>, reduced: &Reduced<D>, law: &Linearisation<D>) -> Self {
+    pub(super) fn new(
+        problem: &'p Primal<D>,
+        reduced: &Reduced<D>,
+        law: &Linearisation<D>,
+    ) -> Self {
         let scaling = &reduced.scaling;
         let mut held: Vec<bool> = problem.stiffness.free.iter().map(|free| !free).collect();
         let mut known = vec![0.0; held.len()];
@@ -151,15 +155,24 @@ impl<'p, const D: usize> Tangent<'p, D> {
         change
     }
 
-    /// The symmetric part of the matrix, in single precision.
+    /// The symmetric part of the springs of sliding contacts, with their nodes.
+    pub(super) fn springs(&self) -> impl Iterator<Item = (usize, Block<D>)> {
+        let all = self.sliding.iter();
+        all.map(|one| (one.at / D, one.symmetric_spring()))
+    }
+
+    /// The symmetric part of the matrix, in single precision, if no contact joins nodes.
     #[must_use]
     pub(super) fn symmetric_part(&self) -> BlockMatrix<f32> {
         let mut matrix = self.problem.stiffness.matrix.to_single();
-        matrix.change_variables(self.problem.frames.blocks().map(|(node, block)| {
-            (node, block.as_slice())
-        }));
-        for one in &self.sliding {
-            matrix.add_to_diagonal_block(one.at / D, one.symmetric_spring().as_slice());
+        matrix.change_variables(
+            self.problem
+                .frames
+                .blocks()
+                .map(|(node, block)| (node, block.as_slice())),
+        );
+        for (node, spring) in self.springs() {
+            matrix.add_to_diagonal_block(node, spring.as_slice());
         }
         matrix.hold(&self.held);
         matrix
@@ -200,7 +213,13 @@ impl<const D: usize> Sliding<D> {
     /// The part of `V` that couples tangents: a symmetric block.
     fn symmetric_spring(&self) -> Block<D> {
         let inside = |k: usize| k > 0 && self.free[k];
-        let part = Block::<D>::from_fn(|i, j| if inside(i) && inside(j) { self.spring[(i, j)] } else { 0.0 });
+        let part = Block::<D>::from_fn(|i, j| {
+            if inside(i) && inside(j) {
+                self.spring[(i, j)]
+            } else {
+                0.0
+            }
+        });
         (part + part.transpose()) * 0.5
     }
 }

@@ -60,14 +60,7 @@ impl BlockMatrix<f32> {
         });
         // A variable without an unknown has lost its diagonal.
         for node in (0..nodes).filter(|&node| which[node] != SAME) {
-            let at = self.diagonal(node) * b * b;
-            let block = &mut self.values[at..at + b * b];
-            let largest = (0..b).fold(0.0_f32, |most, k| most.max(block[k * b + k]));
-            for k in 0..b {
-                if block[k * b + k] == 0.0 {
-                    block[k * b + k] = if largest > 0.0 { largest } else { 1.0 };
-                }
-            }
+            self.fill_diagonal(node);
         }
     }
 }
@@ -81,19 +74,21 @@ impl BlockMatrix<f64> {
         let b = self.b;
         assert_eq!(x.len(), b * self.nodes());
         assert_eq!(y.len(), x.len());
-        y.par_chunks_mut(b * ROWS).enumerate().for_each(|(task, y)| {
-            for (k, y) in y.chunks_exact_mut(b).enumerate() {
-                y.fill(0.0);
-                for at in self.row(task * ROWS + k) {
-                    let first = b * self.column[at] as usize;
-                    let block = &self.values[at * b * b..(at + 1) * b * b];
-                    for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
-                        for (value, a) in y.iter_mut().zip(column) {
-                            *value += (a * x).abs();
+        y.par_chunks_mut(b * ROWS)
+            .enumerate()
+            .for_each(|(task, y)| {
+                for (k, y) in y.chunks_exact_mut(b).enumerate() {
+                    y.fill(0.0);
+                    for at in self.row(task * ROWS + k) {
+                        let first = b * self.column[at] as usize;
+                        let block = &self.values[at * b * b..(at + 1) * b * b];
+                        for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
+                            for (value, a) in y.iter_mut().zip(column) {
+                                *value += (a * x).abs();
+                            }
                         }
                     }
                 }
-            }
-        });
+            });
     }
 }
