@@ -131,7 +131,9 @@ impl<const D: usize> Frames<D> {
 
     /// `|T| |y|`, in place: the size of the terms of [`Frames::to_displacements`].
     pub fn terms_of_displacements(&self, y: &mut [f64]) {
-        y.iter_mut().for_each(|y| *y = y.abs());
+        for value in y.iter_mut() {
+            *value = value.abs();
+        }
         for (i, frame) in self.with_node() {
             let mut own = at(y, frame.node);
             for (node, block) in self.masters(i) {

@@ -72,7 +72,7 @@ pub(super) fn choose<const D: usize>(
             .collect();
         if own.is_empty() && !columns.is_empty() {
             return Err(Error::NotIterative {
-                reason: "a contact has no node of its own",
+                reason: "each node of a contact has another contact too",
             });
         }
         let frames = own
