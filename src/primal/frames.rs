@@ -19,6 +19,8 @@ use crate::reduced::elliptic_scaling::EllipticScaling;
 #[derive(Clone, Debug)]
 pub struct Frames<const D: usize> {
     pub list: Vec<Frame<D>>,
+    /// Contacts with a node; the masters of each are no nodes of earlier ones.
+    order: Vec<u32>,
     /// Start of the masters of each contact.
     start: Vec<usize>,
     /// Node and columns `B_m` of each master.
@@ -72,7 +74,7 @@ impl<const D: usize> Frames<D> {
             }
             of_contacts.push(columns);
         }
-        let list = choose(&of_contacts, free, matrix)?;
+        let (list, order) = choose(&of_contacts, free, matrix)?;
         let (mut start, mut masters) = (vec![0], Vec::new());
         for (frame, columns) in list.iter().zip(of_contacts) {
             masters.extend(columns.into_iter().filter(|(node, _)| *node != frame.node));
@@ -80,6 +82,7 @@ impl<const D: usize> Frames<D> {
         }
         Ok(Self {
             list,
+            order,
             start,
             masters,
             prescribed,
@@ -98,10 +101,10 @@ impl<const D: usize> Frames<D> {
         &self.masters[self.start[contact]..self.start[contact + 1]]
     }
 
-    /// Contacts with a node.
-    fn with_node(&self) -> impl Iterator<Item = (usize, &Frame<D>)> {
-        let all = self.list.iter().enumerate();
-        all.filter(|(_, frame)| frame.node != usize::MAX)
+    /// Contacts with a node, such that the masters of each are no nodes of earlier ones.
+    pub(super) fn with_node(&self) -> impl DoubleEndedIterator<Item = (usize, &Frame<D>)> {
+        let all = self.order.iter();
+        all.map(|&i| (i as usize, &self.list[i as usize]))
     }
 
     /// The unknown of each free component: contact, component, position in `y`.
@@ -120,7 +123,7 @@ impl<const D: usize> Frames<D> {
 
     /// `u = T y`, in place.
     pub fn to_displacements(&self, y: &mut [f64]) {
-        for (i, frame) in self.with_node() {
+        for (i, frame) in self.with_node().rev() {
             let mut own = at(y, frame.node);
             for (node, block) in self.masters(i) {
                 own -= block * at(y, *node);
@@ -134,7 +137,7 @@ impl<const D: usize> Frames<D> {
         for value in y.iter_mut() {
             *value = value.abs();
         }
-        for (i, frame) in self.with_node() {
+        for (i, frame) in self.with_node().rev() {
             let mut own = at(y, frame.node);
             for (node, block) in self.masters(i) {
                 own += block.abs() * at(y, *node);

@@ -66,14 +66,11 @@ impl Interface {
                             sum.add(column, left.map_or(block, |left| left.tr_mul(&block)));
                         }
                     };
-                    let i = node as usize;
-                    if let Some(contact) = changes.contact(i) {
-                        add(Some(frames.list[contact].from_local), i);
-                    } else {
-                        add(None, i);
-                        for &(slave, block) in changes.slaves(i) {
-                            add(Some(block), slave as usize);
-                        }
+                    if changes.row(node as usize).is_none() {
+                        add(None, node as usize);
+                    }
+                    for &(slave, block) in changes.column(node as usize) {
+                        add(Some(block), slave as usize);
                     }
                     let mut row = sum.take();
                     row.sort_unstable_by_key(|&(column, _)| column);
@@ -104,72 +101,87 @@ const ABSENT: u32 = u32::MAX;
 /// Blocks of a row by their columns.
 type Row<const D: usize> = Vec<(u32, Block<D>)>;
 
-/// `T` by rows, and its columns at masters.
-struct Changes<'a, const D: usize> {
-    frames: &'a Frames<D>,
-    /// The contact of each contact node.
-    contact: Vec<u32>,
+/// `T` in the rows of contact nodes; all other rows are those of the identity.
+struct Changes<const D: usize> {
+    /// Number of the row of each contact node.
+    number: Vec<u32>,
+    rows: Vec<Row<D>>,
     /// Contact nodes and masters.
     nodes: Vec<u32>,
-    /// Start of each node in `slaves`.
+    /// Start of each node in `columns`.
     start: Vec<u32>,
-    /// The contact nodes that follow a node, with `−B_s⁻¹ B_m`.
-    slaves: Vec<(u32, Block<D>)>,
+    /// The contact nodes that follow a node, with the blocks of `T`.
+    columns: Row<D>,
 }
 
-impl<'a, const D: usize> Changes<'a, D> {
-    fn new(count: usize, frames: &'a Frames<D>) -> Self {
-        let mut contact = vec![ABSENT; count];
-        let mut start = vec![0_u32; count + 1];
-        for (i, frame) in frames.list.iter().enumerate() {
-            if frame.node != usize::MAX {
-                contact[frame.node] = narrow(i);
+impl<const D: usize> Changes<D> {
+    fn new(count: usize, frames: &Frames<D>) -> Self {
+        let mut number = vec![ABSENT; count];
+        let mut rows: Vec<Row<D>> = Vec::with_capacity(frames.list.len());
+        let mut owners = Vec::with_capacity(frames.list.len());
+        let mut sum = RowSum::new(count);
+        // A master may be the node of a contact whose row is known.
+        for (i, frame) in frames.with_node().rev() {
+            sum.add(narrow(frame.node), frame.from_local);
+            for (node, block) in frames.masters(i) {
+                let block = -frame.from_local * block;
+                match number[*node] {
+                    ABSENT => sum.add(narrow(*node), block),
+                    row => {
+                        for &(column, other) in &rows[row as usize] {
+                            sum.add(column, block * other);
+                        }
+                    }
+                }
             }
-            for (node, _) in frames.masters(i) {
-                start[node + 1] += 1;
-            }
+            number[frame.node] = narrow(rows.len());
+            rows.push(sum.take());
+            owners.push(narrow(frame.node));
         }
-        let touched = |&node: &usize| contact[node] != ABSENT || start[node + 1] > 0;
-        let nodes = (0..count).filter(touched).map(narrow).collect();
+        let mut start = vec![0_u32; count + 1];
+        for (column, _) in rows.iter().flatten() {
+            start[*column as usize + 1] += 1;
+        }
+        let nodes = (0..count).filter(|&node| start[node + 1] > 0).map(narrow);
+        let nodes = nodes.collect();
         for node in 0..count {
             start[node + 1] += start[node];
         }
         let mut next = start.clone();
-        let mut slaves = vec![(ABSENT, Block::zeros()); start[count] as usize];
-        for (i, frame) in frames.list.iter().enumerate() {
-            for (node, block) in frames.masters(i) {
-                slaves[next[*node] as usize] = (narrow(frame.node), -frame.from_local * block);
-                next[*node] += 1;
+        let mut columns = vec![(ABSENT, Block::zeros()); start[count] as usize];
+        for (owner, row) in owners.iter().zip(&rows) {
+            for (column, block) in row {
+                let at = &mut next[*column as usize];
+                columns[*at as usize] = (*owner, *block);
+                *at += 1;
             }
         }
         Self {
-            frames,
-            contact,
+            number,
+            rows,
             nodes,
             start,
-            slaves,
+            columns,
         }
     }
 
-    fn contact(&self, node: usize) -> Option<usize> {
-        let contact = self.contact[node];
-        (contact != ABSENT).then_some(contact as usize)
+    fn row(&self, node: usize) -> Option<&Row<D>> {
+        let row = self.number[node];
+        (row != ABSENT).then(|| &self.rows[row as usize])
     }
 
-    fn slaves(&self, node: usize) -> &[(u32, Block<D>)] {
-        &self.slaves[self.start[node] as usize..self.start[node + 1] as usize]
+    fn column(&self, node: usize) -> &[(u32, Block<D>)] {
+        &self.columns[self.start[node] as usize..self.start[node + 1] as usize]
     }
 
     /// Adds `block` times row `node` of `T`.
     fn add(&self, block: Block<D>, node: usize, sum: &mut RowSum<D>) {
-        let Some(contact) = self.contact(node) else {
+        let Some(row) = self.row(node) else {
             sum.add(narrow(node), block);
             return;
         };
-        let own = block * self.frames.list[contact].from_local;
-        sum.add(narrow(node), own);
-        for (master, columns) in self.frames.masters(contact) {
-            sum.add(narrow(*master), -own * columns);
+        for &(column, other) in row {
+            sum.add(column, block * other);
         }
     }
 }

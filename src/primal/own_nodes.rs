@@ -1,13 +1,15 @@
 //! The node of each contact whose displacement its relative displacement replaces.
 //!
-//! Such a node occurs in the rows of this contact only, so that no other contact feels the
-//! change of variables there. All other nodes of the rows are masters.
+//! Such a node occurs in the rows of this contact only, or otherwise in those of contacts that
+//! have chosen a node before. So contacts in the order of choice depend on later ones only, and
+//! `T` is the product of simple changes of variables. All other nodes of the rows are masters.
 
 use std::collections::BTreeMap;
 
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::small::Block;
+use crate::linalg::sparse::csc::narrow;
 
 /// Largest product of the lengths of a row of `B_s` and of the column of its inverse: normal and
 /// tangents of a contact must be independent.
@@ -51,7 +53,8 @@ const OBLIQUE: Error = Error::NotIterative {
     reason: "a support at a contact is oblique to the normal and the tangents",
 };
 
-/// Chooses the node of each contact. `free` are the places with a degree of freedom.
+/// Chooses the node of each contact, and gives the contacts with a node in the order of choice.
+/// `free` are the places with a degree of freedom.
 ///
 /// # Errors
 /// [`Error::NotIterative`] if a contact has no node of its own, or if its supports are oblique.
@@ -59,48 +62,66 @@ pub(super) fn choose<const D: usize>(
     contacts: &[Columns<D>],
     free: &[bool],
     matrix: &BlockMatrix<f64>,
-) -> Result<Vec<Frame<D>>, Error> {
+) -> Result<(Vec<Frame<D>>, Vec<u32>), Error> {
     let mut uses = vec![0_u32; matrix.nodes()];
     for (node, _) in contacts.iter().flatten() {
         uses[*node] += 1;
     }
-    let mut candidates = Vec::with_capacity(contacts.len());
-    for columns in contacts {
-        let own: Vec<&(usize, Block<D>)> = columns
-            .iter()
-            .filter(|(node, _)| uses[*node] == 1)
-            .collect();
-        if own.is_empty() && !columns.is_empty() {
-            return Err(Error::NotIterative {
-                reason: "each node of a contact has another contact too",
-            });
+    let mut list: Vec<Frame<D>> = contacts.iter().map(|_| Frame::absent()).collect();
+    let mut order = Vec::with_capacity(contacts.len());
+    let mut left: Vec<usize> = (0..contacts.len()).collect();
+    left.retain(|&i| !contacts[i].is_empty());
+    let mut body = None;
+    while !left.is_empty() {
+        let mut refusal = Error::NotIterative {
+            reason: "each node of a contact has another contact too",
+        };
+        let (mut chosen, mut candidates, mut later) = (Vec::new(), Vec::new(), Vec::new());
+        for i in left {
+            let own = contacts[i].iter().filter(|(node, _)| uses[*node] == 1);
+            let mut frames = own
+                .map(|(node, _)| frame(*node, &contacts[i], free))
+                .peekable();
+            let alone = frames.peek().is_some();
+            let frames: Vec<Frame<D>> = frames.flatten().collect();
+            if frames.is_empty() {
+                later.push(i);
+                if alone {
+                    refusal = OBLIQUE;
+                }
+            } else {
+                chosen.push(i);
+                candidates.push(frames);
+            }
         }
-        let frames = own
-            .iter()
-            .filter_map(|(node, _)| frame(*node, columns, free));
-        let frames: Vec<Frame<D>> = frames.collect();
-        if frames.is_empty() && !columns.is_empty() {
-            return Err(OBLIQUE);
+        if chosen.is_empty() {
+            return Err(refusal);
         }
-        candidates.push(frames);
+        if candidates.iter().any(|frames| frames.len() > 1) {
+            let body = body.get_or_insert_with(|| matrix.connected());
+            let columns: Vec<&Columns<D>> = chosen.iter().map(|&i| &contacts[i]).collect();
+            keep_softest(&columns, &mut candidates, matrix, body);
+        }
+        for (&i, frames) in chosen.iter().zip(candidates) {
+            list[i] = frames.into_iter().next().unwrap_or_else(Frame::absent);
+            for (node, _) in &contacts[i] {
+                uses[*node] -= 1;
+            }
+            order.push(narrow(i));
+        }
+        left = later;
     }
-    if candidates.iter().all(|frames| frames.len() < 2) {
-        let only = candidates.into_iter();
-        return Ok(only
-            .map(|mut frames| frames.pop().unwrap_or_else(Frame::absent))
-            .collect());
-    }
-    Ok(softest(contacts, candidates, matrix))
+    Ok((list, order))
 }
 
 /// Chooses one side of each pair of bodies: that with a candidate for most contacts; of two
 /// such, the softer one; of two equal ones, the first.
-fn softest<const D: usize>(
-    contacts: &[Columns<D>],
-    candidates: Vec<Vec<Frame<D>>>,
+fn keep_softest<const D: usize>(
+    contacts: &[&Columns<D>],
+    candidates: &mut [Vec<Frame<D>>],
     matrix: &BlockMatrix<f64>,
-) -> Vec<Frame<D>> {
-    let body = matrix.connected();
+    body: &[u32],
+) {
     let bodies = |columns: &Columns<D>| {
         let mut list: Vec<u32> = columns.iter().map(|(node, _)| body[*node]).collect();
         list.sort_unstable();
@@ -108,7 +129,7 @@ fn softest<const D: usize>(
         list
     };
     let mut sides: BTreeMap<Vec<u32>, BTreeMap<u32, (usize, f64)>> = BTreeMap::new();
-    for (columns, frames) in contacts.iter().zip(&candidates) {
+    for (columns, frames) in contacts.iter().zip(&*candidates) {
         let pair = sides.entry(bodies(columns)).or_default();
         let mut seen: Vec<u32> = Vec::new();
         for frame in frames {
@@ -137,21 +158,19 @@ fn softest<const D: usize>(
             Some((pair, best.0))
         })
         .collect();
-    let pick = |(columns, frames): (&Columns<D>, Vec<Frame<D>>)| {
+    for (columns, frames) in contacts.iter().zip(candidates) {
         let side = chosen.get(&bodies(columns));
+        let on_side = |frame: &Frame<D>| Some(&body[frame.node]) == side;
         let size = |frame: &Frame<D>| frame.to_local.norm_squared();
-        let better = |a: &Frame<D>, b: &Frame<D>| {
-            let on_side = |frame: &Frame<D>| Some(&body[frame.node]) == side;
-            (on_side(a), size(a)) > (on_side(b), size(b))
-        };
-        let mut frames = frames.into_iter();
-        let first = frames.next().unwrap_or_else(Frame::absent);
-        frames.fold(
-            first,
-            |best, next| if better(&next, &best) { next } else { best },
-        )
-    };
-    contacts.iter().zip(candidates).map(pick).collect()
+        let mut best = 0;
+        for at in 1..frames.len() {
+            let (old, new) = (&frames[best], &frames[at]);
+            if (on_side(new), size(new)) > (on_side(old), size(old)) {
+                best = at;
+            }
+        }
+        frames.swap(0, best);
+    }
 }
 
 /// The variables of a contact with `node` as its own; `None` if the relative displacement does
