@@ -240,18 +240,25 @@ impl<'p, const D: usize> Newton<'p, D> {
     }
 
     /// The contacts that stick in the first Newton step: those closed before, else those
-    /// without a gap. If no contact is closed and nothing else holds the bodies, the next one
+    /// without a gap. For a body without such a contact and without a support, the next one
     /// closes.
     fn first_closed(&self, closed: Option<&[bool]>, v: &[[f64; D]]) -> Vec<bool> {
         if let Some(closed) = closed {
             return closed.to_vec();
         }
-        let near: Vec<bool> = v.iter().map(|v| v[0] <= 0.0).collect();
-        if near.contains(&true) || !self.problem.stiffness.fixed.is_empty() {
-            return near;
+        let mut near: Vec<bool> = v.iter().map(|v| v[0] <= 0.0).collect();
+        for contacts in self.problem.floating() {
+            if contacts.iter().any(|&i| near[i]) {
+                continue;
+            }
+            let nearest = contacts
+                .iter()
+                .fold(f64::INFINITY, |least, &i| least.min(v[i][0]));
+            for i in contacts {
+                near[i] = v[i][0] <= nearest;
+            }
         }
-        let nearest = v.iter().fold(f64::INFINITY, |least, v| least.min(v[0]));
-        v.iter().map(|v| v[0] <= nearest).collect()
+        near
     }
 
     /// The point with unknowns `y`. `prescribed` are reactions along prescribed components.

@@ -264,6 +264,40 @@ impl<const D: usize> Primal<D> {
         motions
     }
 
+    /// The contacts of each body without a support.
+    pub(super) fn floating(&self) -> Vec<Vec<usize>> {
+        let Some(interface) = &self.interface else {
+            let all = (0..self.contacts()).collect();
+            return if self.stiffness.fixed.is_empty() {
+                vec![all]
+            } else {
+                Vec::new()
+            };
+        };
+        let count = interface
+            .bodies
+            .iter()
+            .max()
+            .map_or(0, |&last| last as usize + 1);
+        let mut held = vec![false; count];
+        let nodes = self.stiffness.free.chunks_exact(D).zip(&interface.bodies);
+        for (free, &body) in nodes {
+            held[body as usize] |= free.contains(&false);
+        }
+        let mut contacts = vec![Vec::new(); count];
+        for (i, frame) in self.frames.with_node() {
+            let masters = self.frames.masters(i).iter().map(|(node, _)| *node);
+            for node in std::iter::once(frame.node).chain(masters) {
+                let body = interface.bodies[node] as usize;
+                if !held[body] && contacts[body].last() != Some(&i) {
+                    contacts[body].push(i);
+                }
+            }
+        }
+        contacts.retain(|contacts| !contacts.is_empty());
+        contacts
+    }
+
     /// All displacements from the unknowns.
     #[must_use]
     pub fn displacement(&self, y: &[f64], prescribed: &[f64]) -> Vec<f64> {

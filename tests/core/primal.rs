@@ -270,6 +270,16 @@ fn a_block_that_only_contact_holds() {
 }
 
 #[test]
+fn a_block_that_floats_above_the_other() {
+    let mut blocks = Blocks::new(6, 4, 10.0, 0.3, true);
+    for gap in &mut blocks.gap {
+        gap[0] = 1e-3 * SIDE;
+    }
+    let (krylov, _) = blocks.agrees();
+    assert!(krylov <= 110, "{krylov}");
+}
+
+#[test]
 fn sliding_everywhere() {
     for ratio in [0.1, 10.0] {
         let (krylov, statuses) = Blocks::new(6, 6, ratio, 0.02, false).agrees();
