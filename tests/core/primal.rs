@@ -1,7 +1,9 @@
 //! The engine in the displacements, with contacts between deformable bodies: the answers of the
 //! direct path, and bounds of the work.
 #![expect(
+    clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
     clippy::unwrap_used,
     reason = "counts are small; a helper of a test may fail"
 )]
@@ -217,7 +219,6 @@ impl Blocks {
             krylov += made.krylov;
             statuses.extend(&found.status);
         }
-        println!("{krylov} products");
         (krylov, statuses)
     }
 }
@@ -249,7 +250,7 @@ fn matching_nodes_of_any_stiffness() {
     for ratio in [1e-3, 0.1, 1.0, 10.0, 1e3] {
         let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, false).agrees();
         // Without the exact solution on the interface it takes hundreds.
-        assert!(krylov <= 90, "ratio {ratio}: {krylov}");
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
     }
 }
 
@@ -257,7 +258,7 @@ fn matching_nodes_of_any_stiffness() {
 fn nodes_that_do_not_match() {
     for (upper, lower, ratio) in [(6, 4, 0.1), (6, 4, 10.0), (4, 6, 0.1), (4, 6, 10.0)] {
         let (krylov, _) = Blocks::new(upper, lower, ratio, 0.3, false).agrees();
-        assert!(krylov <= 110, "{upper} on {lower}, ratio {ratio}: {krylov}");
+        assert!(krylov <= 75, "{upper} on {lower}, ratio {ratio}: {krylov}");
     }
 }
 
@@ -265,7 +266,7 @@ fn nodes_that_do_not_match() {
 fn a_block_that_only_contact_holds() {
     for ratio in [0.1, 10.0] {
         let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, true).agrees();
-        assert!(krylov <= 110, "ratio {ratio}: {krylov}");
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
     }
 }
 
@@ -276,7 +277,7 @@ fn a_block_that_floats_above_the_other() {
         gap[0] = 1e-3 * SIDE;
     }
     let (krylov, _) = blocks.agrees();
-    assert!(krylov <= 110, "{krylov}");
+    assert!(krylov <= 75, "{krylov}");
 }
 
 #[test]
@@ -285,7 +286,7 @@ fn sliding_everywhere() {
         let (krylov, statuses) = Blocks::new(6, 6, ratio, 0.02, false).agrees();
         // The hierarchy of the glued blocks is far from this.
         assert!(share(&statuses, Status::Slip) > 0.9);
-        assert!(krylov <= 110, "ratio {ratio}: {krylov}");
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
     }
 }
 
@@ -305,7 +306,7 @@ fn work_does_not_grow_with_the_mesh() {
         let made = Blocks::new(cells, cells, 0.1, 0.3, false).primal();
         let krylov: usize = made.iter().map(|step| step.krylov).sum();
         println!("{cells}: {krylov}");
-        assert!(krylov <= 90, "{cells} cells: {krylov}");
+        assert!(krylov <= 75, "{cells} cells: {krylov}");
     }
 }
 
