@@ -44,7 +44,7 @@ pub(super) struct Preconditioner<'p, const D: usize> {
     /// The hierarchy for these statuses.
     multigrid: Option<Multigrid>,
     joined: Option<Joined<D>>,
-    /// Memory of the largest hierarchy.
+    /// Memory of the largest hierarchy, with what contacts between bodies need.
     pub(super) bytes: usize,
 }
 
@@ -203,7 +203,8 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         }
         let hierarchies = [&joined.glued, &self.multigrid].into_iter().flatten();
         let bytes = hierarchies.map(Multigrid::bytes).sum::<usize>()
-            + joined.filter.as_ref().map_or(0, Filter::bytes);
+            + joined.filter.as_ref().map_or(0, Filter::bytes)
+            + rows.bytes();
         self.bytes = self.bytes.max(bytes);
         Ok(())
     }
