@@ -1,62 +1,55 @@
 //! The variables of the contacts: `v` instead of the displacement of a contact node.
 //!
 //! Contact `i` has a node `s` of its own, with the columns `B_s` of its rows of `B`, restricted
-//! to free degrees of freedom. The new unknowns at this node are `y = B_s u_s`, and all others
-//! stay: `u = T y`. Then `v = y + B_f u_f + g` with the prescribed `u_f`, and
-//! `Tᵀ (K u − f) = r` at the node: a contact force needs no further equation.
-
-use std::collections::HashMap;
+//! to free degrees of freedom, and masters `m` on other bodies with the columns `B_m`. The new
+//! unknowns at `s` are `y = B_s u_s + Σ B_m u_m`, and all others stay: `u = T y`. Then
+//! `v = y + B_f u_f + g` with the prescribed `u_f`, and `Tᵀ (K u − f) = r` at the node: a contact
+//! force needs no further equation, and each master feels its part of it.
 
 use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
-use crate::linalg::small::Block;
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::small::{Block, Vector};
 use crate::primal::nodes::Nodes;
+pub use crate::primal::own_nodes::Frame;
+use crate::primal::own_nodes::{Columns, choose};
 use crate::reduced::elliptic_scaling::EllipticScaling;
-
-/// Largest product of the lengths of a row of `B_s` and of the column of its inverse: normal and
-/// tangents of a contact must be independent.
-const MOST_OBLIQUE: f64 = 1e6;
-
-/// The variables of one contact.
-#[derive(Clone, Debug)]
-pub struct Frame<const D: usize> {
-    pub node: usize,
-    /// `u_s = from_local y`; rows of prescribed degrees of freedom are zero.
-    pub from_local: Block<D>,
-    /// `y = to_local u_s`.
-    pub to_local: Block<D>,
-    /// Whether component `k` of `v` has an unknown.
-    pub free: [bool; D],
-}
 
 /// The variables of all contacts.
 #[derive(Clone, Debug)]
 pub struct Frames<const D: usize> {
     pub list: Vec<Frame<D>>,
+    /// Contacts with a node; the masters of each are no nodes of earlier ones.
+    order: Vec<u32>,
+    /// Start of the masters of each contact.
+    start: Vec<usize>,
+    /// Node and columns `B_m` of each master.
+    masters: Columns<D>,
     /// `B` at the prescribed degrees of freedom, by rows.
     prescribed: OwnedMatrix,
 }
 
 impl<const D: usize> Frames<D> {
     /// Finds the node of each contact. `contact` are the rows of `B`, `position` the number of
-    /// each prescribed degree of freedom, `free` the places of the other ones.
+    /// each prescribed degree of freedom, `free` the places of the other ones, `matrix` the
+    /// stiffness by nodes.
     ///
     /// # Errors
-    /// [`Error::NotIterative`] if a contact has more than one node, if two contacts share one,
-    /// or if supports are oblique to the axes of a contact.
+    /// [`Error::NotIterative`] if a contact has no node of its own, or if supports are oblique
+    /// to the axes of a contact.
     pub fn new(
         contact: &OwnedMatrix,
         elliptic: Option<&EllipticScaling>,
         nodes: &Nodes,
         position: &[Option<usize>],
         free: &[bool],
+        matrix: &BlockMatrix<f64>,
     ) -> Result<Self, Error> {
         let contacts = (contact.pointer.len() - 1) / D;
-        let mut owner = HashMap::new();
-        let mut list = Vec::with_capacity(contacts);
+        let mut of_contacts: Vec<Columns<D>> = Vec::with_capacity(contacts);
         let mut prescribed = OwnedMatrix::default();
         for i in 0..contacts {
-            let mut own = Rows::<D>::default();
+            let mut columns = Columns::new();
             for k in 0..D {
                 let factor = elliptic.map_or(1.0, |elliptic| elliptic.factor(i, k));
                 for (dof, value) in contact.entries(D * i + k) {
@@ -66,35 +59,52 @@ impl<const D: usize> Frames<D> {
                     if let Some(known) = position[dof] {
                         prescribed.index.push(known);
                         prescribed.values.push(factor * value);
-                    } else {
-                        own.add(k, nodes.place[dof] as usize, factor * value)?;
+                        continue;
                     }
+                    let place = nodes.place[dof] as usize;
+                    let (node, column) = (place / D, place % D);
+                    let at = columns.iter().position(|(other, _)| *other == node);
+                    let at = at.unwrap_or_else(|| {
+                        columns.push((node, Block::zeros()));
+                        columns.len() - 1
+                    });
+                    columns[at].1[(k, column)] += factor * value;
                 }
                 prescribed.pointer.push(prescribed.index.len());
             }
-            let frame = own.frame(free)?;
-            if let Some(frame) = &frame
-                && owner.insert(frame.node, i).is_some()
-            {
-                return Err(Error::NotIterative {
-                    reason: "two contacts share a node",
-                });
-            }
-            // A contact without a free degree of freedom has no unknown, and no node.
-            list.push(frame.unwrap_or(Frame {
-                node: usize::MAX,
-                from_local: Block::zeros(),
-                to_local: Block::zeros(),
-                free: [false; D],
-            }));
+            of_contacts.push(columns);
         }
-        Ok(Self { list, prescribed })
+        let (list, order) = choose(&of_contacts, free, matrix)?;
+        let (mut start, mut masters) = (vec![0], Vec::new());
+        for (frame, columns) in list.iter().zip(of_contacts) {
+            masters.extend(columns.into_iter().filter(|(node, _)| *node != frame.node));
+            start.push(masters.len());
+        }
+        Ok(Self {
+            list,
+            order,
+            start,
+            masters,
+            prescribed,
+        })
     }
 
-    /// Contacts with a node.
-    fn with_node(&self) -> impl Iterator<Item = (usize, &Frame<D>)> {
-        let all = self.list.iter().enumerate();
-        all.filter(|(_, frame)| frame.node != usize::MAX)
+    /// Whether a contact joins nodes.
+    #[must_use]
+    pub fn join(&self) -> bool {
+        !self.masters.is_empty()
+    }
+
+    /// Nodes and columns `B_m` of the masters of a contact.
+    #[must_use]
+    pub fn masters(&self, contact: usize) -> &[(usize, Block<D>)] {
+        &self.masters[self.start[contact]..self.start[contact + 1]]
+    }
+
+    /// Contacts with a node, such that the masters of each are no nodes of earlier ones.
+    pub(super) fn with_node(&self) -> impl DoubleEndedIterator<Item = (usize, &Frame<D>)> {
+        let all = self.order.iter();
+        all.map(|&i| (i as usize, &self.list[i as usize]))
     }
 
     /// The unknown of each free component: contact, component, position in `y`.
@@ -113,28 +123,61 @@ impl<const D: usize> Frames<D> {
 
     /// `u = T y`, in place.
     pub fn to_displacements(&self, y: &mut [f64]) {
-        self.change(y, |frame, own| frame.from_local * own);
+        for (i, frame) in self.with_node().rev() {
+            let mut own = at(y, frame.node);
+            for (node, block) in self.masters(i) {
+                own -= block * at(y, *node);
+            }
+            set(y, frame.node, frame.from_local * own);
+        }
+    }
+
+    /// `|T| |y|`, in place: the size of the terms of [`Frames::to_displacements`].
+    pub fn terms_of_displacements(&self, y: &mut [f64]) {
+        for value in y.iter_mut() {
+            *value = value.abs();
+        }
+        for (i, frame) in self.with_node().rev() {
+            let mut own = at(y, frame.node);
+            for (node, block) in self.masters(i) {
+                own += block.abs() * at(y, *node);
+            }
+            set(y, frame.node, frame.from_local.abs() * own);
+        }
     }
 
     /// `y = T⁻¹ u`, in place; prescribed degrees of freedom become zero.
     pub fn to_local(&self, u: &mut [f64]) {
-        self.change(u, |frame, own| frame.to_local * own);
+        for (i, frame) in self.with_node() {
+            let mut own = frame.to_local * at(u, frame.node);
+            for (node, block) in self.masters(i) {
+                own += block * at(u, *node);
+            }
+            set(u, frame.node, own);
+        }
     }
 
     /// `Tᵀ f`, in place.
     pub fn forces_to_local(&self, f: &mut [f64]) {
-        self.change(f, |frame, own| frame.from_local.tr_mul(&own));
+        for (i, frame) in self.with_node() {
+            let own = frame.from_local.tr_mul(&at(f, frame.node));
+            for (node, block) in self.masters(i) {
+                let force = at(f, *node) - block.tr_mul(&own);
+                set(f, *node, force);
+            }
+            set(f, frame.node, own);
+        }
     }
 
-    fn change(
-        &self,
-        values: &mut [f64],
-        of: impl Fn(&Frame<D>, nalgebra::SVector<f64, D>) -> nalgebra::SVector<f64, D>,
-    ) {
-        for (_, frame) in self.with_node() {
-            let own = &mut values[D * frame.node..D * (frame.node + 1)];
-            let changed = of(frame, nalgebra::SVector::from_column_slice(own));
-            own.copy_from_slice(changed.as_slice());
+    /// `|Tᵀ| f` for `f ≥ 0`, in place.
+    pub fn terms_of_forces(&self, f: &mut [f64]) {
+        for (i, frame) in self.with_node() {
+            let own = frame.from_local.abs().tr_mul(&at(f, frame.node));
+            for (node, block) in self.masters(i) {
+                let force = at(f, *node) + block.abs().tr_mul(&own);
+                set(f, *node, force);
+            }
+            set(f, frame.node, own);
         }
     }
 
@@ -158,70 +201,11 @@ impl<const D: usize> Frames<D> {
     }
 }
 
-/// The rows of `B` of one contact at free degrees of freedom.
-struct Rows<const D: usize> {
-    node: Option<usize>,
-    block: Block<D>,
-    row: [bool; D],
-    column: [bool; D],
+/// The values of a node.
+fn at<const D: usize>(values: &[f64], node: usize) -> Vector<D> {
+    Vector::from_column_slice(&values[D * node..D * (node + 1)])
 }
 
-impl<const D: usize> Default for Rows<D> {
-    fn default() -> Self {
-        Self {
-            node: None,
-            block: Block::zeros(),
-            row: [false; D],
-            column: [false; D],
-        }
-    }
-}
-
-impl<const D: usize> Rows<D> {
-    fn add(&mut self, row: usize, place: usize, value: f64) -> Result<(), Error> {
-        let (node, column) = (place / D, place % D);
-        if *self.node.get_or_insert(node) != node {
-            return Err(Error::NotIterative {
-                reason: "a contact joins more than one node",
-            });
-        }
-        self.block[(row, column)] += value;
-        self.row[row] = true;
-        self.column[column] = true;
-        Ok(())
-    }
-
-    /// The variables; `None` for a contact without a free degree of freedom.
-    fn frame(self, free: &[bool]) -> Result<Option<Frame<D>>, Error> {
-        let Some(node) = self.node else {
-            return Ok(None);
-        };
-        let oblique = Error::NotIterative {
-            reason: "a support at a contact is oblique to the normal and the tangents",
-        };
-        let count = |used: [bool; D]| used.into_iter().filter(|&used| used).count();
-        let own: [bool; D] = std::array::from_fn(|k| free[D * node + k]);
-        if count(self.row) != count(self.column) || self.column != own {
-            return Err(oblique);
-        }
-        // Ones at the prescribed components make a regular block of full size.
-        let mut whole = self.block;
-        let held = |used: [bool; D]| (0..D).filter(move |&k| !used[k]);
-        for (row, column) in held(self.row).zip(held(self.column)) {
-            whole[(row, column)] = 1.0;
-        }
-        let inverse = whole.try_inverse().ok_or(oblique.clone())?;
-        // The condition of normal and tangents, each row of length one.
-        let sizes = (0..D).map(|k| whole.row(k).norm() * inverse.column(k).norm());
-        if sizes.fold(0.0, f64::max) > MOST_OBLIQUE {
-            return Err(oblique);
-        }
-        let inside = |row: usize, column: usize| self.column[row] && self.row[column];
-        Ok(Some(Frame {
-            node,
-            from_local: Block::from_fn(|i, j| if inside(i, j) { inverse[(i, j)] } else { 0.0 }),
-            to_local: self.block,
-            free: self.row,
-        }))
-    }
+fn set<const D: usize>(values: &mut [f64], node: usize, own: Vector<D>) {
+    values[D * node..D * (node + 1)].copy_from_slice(own.as_slice());
 }

@@ -4,11 +4,21 @@
 //! displacement `v` of each contact, and the displacements of all other nodes. Then
 //! `r = B_sᵀ⁻¹ (K u − f)` at the contacts, and every other row of `K u − f` must be zero. Time
 //! and memory grow in proportion to the entries of `K`.
+//!
+//! A contact may join deformable bodies, with a pair of nodes or, by mortar, with many. One of
+//! its nodes gives its place to `v` (`own_nodes`), the others are masters and feel their part
+//! of `r`. `interface` has the rows of `Tᵀ K T` that this changes, and `preconditioner` says
+//! what such contacts need besides multigrid.
 
 pub mod certificate;
+mod filter;
 pub mod frames;
+mod interface;
 pub mod newton;
 pub mod nodes;
+mod own_nodes;
 pub mod path;
+mod preconditioner;
 pub mod problem;
+mod supports;
 mod tangent;

@@ -9,11 +9,10 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::settings::Settings as Cycle;
 use crate::linalg::flexible_gmres::{self, Limits};
-use crate::linalg::parallel::axpy;
+use crate::linalg::parallel::{axpy, largest};
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
+use crate::primal::preconditioner::Preconditioner;
 use crate::primal::problem::Primal;
 use crate::primal::tangent::Tangent;
 use crate::reduced::reduced::Reduced;
@@ -37,14 +36,19 @@ const COARSE: f64 = 1e-3;
 const MIDDLE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
 
-/// Iterations of one linear system after which a stronger smoother is used.
-const SLOW: usize = 40;
-const STRONGER_DEGREE: usize = 4;
-
 /// Iterations of one linear system after which the method has stalled, and the size of the
 /// Krylov space before a restart.
 const MOST_KRYLOV: usize = 400;
 const BASIS: usize = 80;
+
+/// Largest change of the displacements by one more correction, relative to the largest of them,
+/// or the tolerance if that is larger. The rows of a slender body may balance to the last digit
+/// while its soft motions are far from the solution: η does not see this.
+const SETTLED: f64 = 1e-9;
+
+/// Points that the certificate accepts and the displacements do not, after which the method has
+/// stalled: `K` has too few digits.
+const MOST_UNSETTLED: usize = 4;
 
 /// Steps without a better point after which the method has stalled.
 const PATIENCE: usize = 12;
@@ -56,6 +60,8 @@ pub enum Reason {
     Multigrid,
     /// The statuses did not settle.
     Statuses,
+    /// The displacements did not settle.
+    Digits,
 }
 
 impl Reason {
@@ -65,6 +71,7 @@ impl Reason {
         match self {
             Self::Multigrid => "multigrid does not converge for this stiffness",
             Self::Statuses => "the contact statuses do not settle",
+            Self::Digits => "the stiffness has too few digits for its softest motions",
         }
     }
 }
@@ -102,34 +109,28 @@ pub struct Newton<'p, const D: usize> {
     settings: &'p Settings,
     stop: &'p AtomicBool,
     started: Instant,
-    cycle: Cycle,
-    multigrid: Option<(Vec<Status>, Multigrid)>,
+    preconditioner: Preconditioner<'p, D>,
     steps: usize,
     krylov: usize,
+    /// Upper estimate of `A⁻¹` relative to the preconditioner, from the last linear system.
+    slowness: f64,
     history: Vec<(f64, f64)>,
-    bytes: usize,
     work: Vec<f64>,
 }
 
 impl<'p, const D: usize> Newton<'p, D> {
     #[must_use]
     pub fn new(problem: &'p Primal<D>, settings: &'p Settings, stop: &'p AtomicBool) -> Self {
-        let spectrum = problem.stiffness.spectrum.lock();
-        let cycle = Cycle {
-            spectrum: spectrum.map_or(None, |known| *known),
-            ..Cycle::default()
-        };
         Self {
             problem,
             settings,
             stop,
             started: Instant::now(),
-            cycle,
-            multigrid: None,
+            preconditioner: Preconditioner::new(problem),
             steps: 0,
             krylov: 0,
+            slowness: 1.0,
             history: Vec::new(),
-            bytes: 0,
             work: Vec::new(),
         }
     }
@@ -147,6 +148,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         let mut recent: Vec<f64> = Vec::new();
         let mut best: Option<(f64, usize, Point<D>, Judged<D>)> = None;
         let mut reason = Reason::Statuses;
+        let mut unsettled = 0;
         let mut outcome = Outcome::Stalled;
         loop {
             let reduced = contacts_alone(problem, &point.r, &point.v)?;
@@ -171,7 +173,14 @@ impl<'p, const D: usize> Newton<'p, D> {
                 #[expect(clippy::cast_precision_loss, reason = "a count of products")]
                 self.history.push(((self.krylov + self.steps) as f64, eta));
             }
-            let converged = !first && judged.converged(tol);
+            let lawful = !first && judged.converged(tol);
+            let tangent = Tangent::new(problem, &reduced, &law);
+            let estimate = if lawful {
+                self.estimate(&tangent, &now, &point)?
+            } else {
+                None
+            };
+            let converged = estimate.is_some_and(|size| size <= SETTLED.max(tol));
             if best.as_ref().is_none_or(|(least, ..)| eta < *least) || converged {
                 best = Some((eta, self.steps, point.clone(), judged.clone()));
             }
@@ -179,13 +188,23 @@ impl<'p, const D: usize> Newton<'p, D> {
                 outcome = Outcome::Converged;
                 break;
             }
+            if lawful {
+                unsettled += 1;
+                reason = Reason::Digits;
+            }
+            if unsettled > MOST_UNSETTLED {
+                break;
+            }
             if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1)) {
                 outcome = ended;
                 break;
             }
             let error = if first { 1.0 } else { eta };
-            let wanted = linear_tolerance(changed, now.len(), tol, error);
-            let tangent = Tangent::new(problem, &reduced, &law);
+            let wanted = if lawful {
+                FINE
+            } else {
+                linear_tolerance(changed, now.len(), tol, error)
+            };
             let Some((dy, moved)) = self.correction(&tangent, &now, &point, wanted)? else {
                 reason = Reason::Multigrid;
                 break;
@@ -229,7 +248,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             newton: self.steps,
             krylov: self.krylov,
             history: self.history,
-            bytes: self.bytes,
+            bytes: self.preconditioner.bytes,
         })
     }
 
@@ -247,18 +266,25 @@ impl<'p, const D: usize> Newton<'p, D> {
     }
 
     /// The contacts that stick in the first Newton step: those closed before, else those
-    /// without a gap. If no contact is closed and nothing else holds the bodies, the next one
+    /// without a gap. For a body without such a contact and without a support, the next one
     /// closes.
     fn first_closed(&self, closed: Option<&[bool]>, v: &[[f64; D]]) -> Vec<bool> {
         if let Some(closed) = closed {
             return closed.to_vec();
         }
-        let near: Vec<bool> = v.iter().map(|v| v[0] <= 0.0).collect();
-        if near.contains(&true) || !self.problem.stiffness.fixed.is_empty() {
-            return near;
+        let mut near: Vec<bool> = v.iter().map(|v| v[0] <= 0.0).collect();
+        for contacts in self.problem.floating() {
+            if contacts.iter().any(|&i| near[i]) {
+                continue;
+            }
+            let nearest = contacts
+                .iter()
+                .fold(f64::INFINITY, |least, &i| least.min(v[i][0]));
+            for i in contacts {
+                near[i] = v[i][0] <= nearest;
+            }
         }
-        let nearest = v.iter().fold(f64::INFINITY, |least, v| least.min(v[0]));
-        v.iter().map(|v| v[0] <= nearest).collect()
+        near
     }
 
     /// The point with unknowns `y`. `prescribed` are reactions along prescribed components.
@@ -296,41 +322,23 @@ impl<'p, const D: usize> Newton<'p, D> {
         point: &Point<D>,
         tol: f64,
     ) -> Result<Option<Correction>, Error> {
-        if !matches!(&self.multigrid, Some((made_for, _)) if made_for == statuses) {
-            // The memory of the old hierarchy serves the new one.
-            self.multigrid = None;
-            let made = Multigrid::new(
-                tangent.symmetric_part(),
-                self.near_null(),
-                &tangent.held,
-                &self.cycle,
-                self.stop,
-            );
-            let made = match made {
-                Err(Error::Multigrid { .. }) => return Ok(None),
-                other => other?,
-            };
-            self.bytes = self.bytes.max(made.bytes());
-            if self.cycle.spectrum.is_none() {
-                self.cycle.spectrum = Some(made.spectrum());
-                if let Ok(mut known) = self.problem.stiffness.spectrum.lock() {
-                    *known = self.cycle.spectrum;
-                }
-            }
-            self.multigrid = Some((statuses.to_vec(), made));
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Ok(()) => {}
+            Err(
+                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
+            ) => return Ok(None),
+            Err(other) => return Err(other),
         }
-        let Some((_, multigrid)) = &mut self.multigrid else {
-            return Ok(None);
-        };
         let right = tangent.right_side(&point.e);
         let mut work = std::mem::take(&mut self.work);
+        let preconditioner = &mut self.preconditioner;
         let solved = flexible_gmres::solve(
             |x, out| {
                 tangent.product(x, &mut work, out);
                 tangent.clear(out);
             },
             |b, x| {
-                multigrid.apply(b, x);
+                preconditioner.apply(b, x);
                 tangent.clear(x);
             },
             &right,
@@ -346,10 +354,8 @@ impl<'p, const D: usize> Newton<'p, D> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        if solved.products > SLOW && self.cycle.degree < STRONGER_DEGREE {
-            self.cycle.degree = STRONGER_DEGREE;
-            self.multigrid = None;
-        }
+        self.preconditioner.solved_in(solved.products);
+        self.slowness = slowness(solved.products, tol);
         if !solved.reached {
             return Ok(None);
         }
@@ -360,25 +366,33 @@ impl<'p, const D: usize> Newton<'p, D> {
         Ok(Some((dy, moved)))
     }
 
-    /// Motions of small energy in the variables of the contacts.
-    fn near_null(&self) -> Vec<f64> {
-        let known = &self.problem.stiffness;
-        let mut motions = known.near_null.clone();
-        let m = motions.len() / known.free.len().max(1);
-        for frame in &self.problem.frames.list {
-            if frame.node == usize::MAX {
-                continue;
-            }
-            let own = &mut motions[D * frame.node * m..D * (frame.node + 1) * m];
-            let before = own.to_vec();
-            for k in 0..D {
-                for c in 0..m {
-                    let parts = (0..D).map(|l| frame.to_local[(k, l)] * before[l * m + c]);
-                    own[k * m + c] = parts.sum();
-                }
-            }
+    /// The change of the displacements by one more correction, relative to the largest; `None`
+    /// if there is no preconditioner.
+    ///
+    /// One application of the preconditioner estimates the correction. It may miss soft motions
+    /// by the factor that slows the linear solver, so that the estimate is multiplied by it.
+    fn estimate(
+        &mut self,
+        tangent: &Tangent<'_, D>,
+        statuses: &[Status],
+        point: &Point<D>,
+    ) -> Result<Option<f64>, Error> {
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(_) => return Ok(None),
+            Ok(()) => {}
         }
-        motions
+        let right = tangent.right_side(&point.e);
+        let mut change = vec![0.0; right.len()];
+        self.preconditioner.apply(&right, &mut change);
+        tangent.clear(&mut change);
+        axpy(1.0, &tangent.known, &mut change);
+        let (changed, whole) = (largest(&change), largest(&point.y));
+        Ok(Some(if changed == 0.0 {
+            0.0
+        } else {
+            self.slowness * changed / whole
+        }))
     }
 
     fn reaction_change(&self, moved: &[f64], prescribed: &[[f64; D]]) -> Vec<[f64; D]> {
@@ -440,6 +454,14 @@ fn search<const D: usize>(
         share *= 0.5;
     }
     best.1
+}
+
+/// The condition of a preconditioned system that takes `products` to reduce its residual by
+/// `tol`: each product of conjugate gradients reduces the error by `1 − 2/√κ`.
+fn slowness(products: usize, tol: f64) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let steps = products as f64;
+    (2.0 * steps / (2.0 / tol).ln()).powi(2).max(1.0)
 }
 
 /// The relative residual of a linear system that its Newton step is worth: `changed` of `all`

@@ -9,9 +9,12 @@ use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::rigid_motions::rigid_motions;
+use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
-use crate::primal::frames::Frames;
+use crate::primal::frames::{Frame, Frames};
+use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
+use crate::primal::supports::{self, Motions};
 use crate::reduced::compliance::{Compliance, Part};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
@@ -49,6 +52,8 @@ pub struct Primal<const D: usize> {
     pub mu: Vec<f64>,
     /// Estimates of the blocks `W_ii`, diagonal.
     pub compliance: Arc<Compliance<'static, D>>,
+    /// What the preconditioner needs of contacts that join nodes, if there are any.
+    pub(super) interface: Option<Arc<Interface>>,
 }
 
 impl<const D: usize> Primal<D> {
@@ -90,6 +95,12 @@ impl<const D: usize> Primal<D> {
                 });
             }
         };
+        let contact = given.contact.select(Some);
+        let motions = Motions {
+            values: &near_null,
+            bodies: &matrix.connected(),
+        };
+        supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
         let stiffness = Stiffness {
             matrix,
             nodes,
@@ -100,7 +111,6 @@ impl<const D: usize> Primal<D> {
             near_null,
             spectrum: Mutex::new(None),
         };
-        let contact = given.contact.select(Some);
         Self::of(
             Arc::new(stiffness),
             Arc::new(contact),
@@ -123,11 +133,15 @@ impl<const D: usize> Primal<D> {
             &stiffness.nodes,
             &stiffness.position,
             &stiffness.free,
+            &stiffness.matrix,
         )?;
         let compliance = Arc::new(node_compliance(&stiffness, &frames)?);
+        let join = frames.join();
+        let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &frames)));
         Ok(Self {
             stiffness,
             contact,
+            interface,
             frames: Arc::new(frames),
             gap,
             mu,
@@ -232,15 +246,11 @@ impl<const D: usize> Primal<D> {
     #[must_use]
     pub fn terms(&self, y: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
-        self.frames.to_displacements(&mut u);
+        self.frames.terms_of_displacements(&mut u);
         let mut out = vec![0.0; y.len()];
         self.stiffness.matrix.absolute_product(&u, &mut out);
         self.clear_prescribed(&mut out);
-        for (node, block) in self.frames.blocks() {
-            let own = nalgebra::SVector::<f64, D>::from_column_slice(&out[D * node..D * node + D]);
-            let changed = block.abs().tr_mul(&own);
-            out[D * node..D * node + D].copy_from_slice(changed.as_slice());
-        }
+        self.frames.terms_of_forces(&mut out);
         out
     }
 
@@ -256,6 +266,61 @@ impl<const D: usize> Primal<D> {
                 }
             }
         });
+    }
+
+    /// Motions of small energy in the variables of the contacts.
+    pub(super) fn near_null(&self) -> Vec<f64> {
+        let known = &self.stiffness;
+        let mut motions = known.near_null.clone();
+        let m = motions.len() / known.free.len().max(1);
+        for frame in &self.frames.list {
+            if frame.node == usize::MAX {
+                continue;
+            }
+            let own = &mut motions[D * frame.node * m..D * (frame.node + 1) * m];
+            let before = own.to_vec();
+            for k in 0..D {
+                for c in 0..m {
+                    let parts = (0..D).map(|l| frame.to_local[(k, l)] * before[l * m + c]);
+                    own[k * m + c] = parts.sum();
+                }
+            }
+        }
+        motions
+    }
+
+    /// The contacts of each body without a support.
+    pub(super) fn floating(&self) -> Vec<Vec<usize>> {
+        let Some(interface) = &self.interface else {
+            let all = (0..self.contacts()).collect();
+            return if self.stiffness.fixed.is_empty() {
+                vec![all]
+            } else {
+                Vec::new()
+            };
+        };
+        let count = interface
+            .bodies
+            .iter()
+            .max()
+            .map_or(0, |&last| last as usize + 1);
+        let mut held = vec![false; count];
+        let nodes = self.stiffness.free.chunks_exact(D).zip(&interface.bodies);
+        for (free, &body) in nodes {
+            held[body as usize] |= free.contains(&false);
+        }
+        let mut contacts = vec![Vec::new(); count];
+        for (i, frame) in self.frames.with_node() {
+            let masters = self.frames.masters(i).iter().map(|(node, _)| *node);
+            for node in std::iter::once(frame.node).chain(masters) {
+                let body = interface.bodies[node] as usize;
+                if !held[body] && contacts[body].last() != Some(&i) {
+                    contacts[body].push(i);
+                }
+            }
+        }
+        contacts.retain(|contacts| !contacts.is_empty());
+        contacts
     }
 
     /// All displacements from the unknowns.
@@ -280,19 +345,34 @@ impl<const D: usize> Primal<D> {
     }
 }
 
-/// Estimates of `W_ii` from the diagonal of `K`.
+/// Estimates of `W_ii` from the diagonal of `K`, of all bodies.
 fn node_compliance<const D: usize>(
     stiffness: &Stiffness,
     frames: &Frames<D>,
 ) -> Result<Compliance<'static, D>, Error> {
-    let of_contact = |(i, frame): (usize, &crate::primal::frames::Frame<D>)| {
+    let own = |node: usize| {
+        let block = stiffness.matrix.diagonal_block(node);
+        Block::<D>::from_column_slice(block)
+    };
+    let of_contact = |(i, frame): (usize, &Frame<D>)| {
         let mut block = vec![0.0; D * D];
         if frame.node != usize::MAX {
-            let own = stiffness.matrix.diagonal_block(frame.node);
-            let own = nalgebra::SMatrix::<f64, D, D>::from_column_slice(own);
-            let local = frame.from_local.tr_mul(&(own * frame.from_local));
+            let local = frame
+                .from_local
+                .tr_mul(&(own(frame.node) * frame.from_local));
+            let mut sum = [0.0; D];
             for k in (0..D).filter(|&k| frame.free[k]) {
-                block[k * D + k] = COMPLIANCE_OF_NODE / local[(k, k)];
+                sum[k] = local[(k, k)].recip();
+            }
+            for (node, columns) in frames.masters(i) {
+                let master = own(*node);
+                for (k, sum) in sum.iter_mut().enumerate() {
+                    let parts = (0..D).map(|c| columns[(k, c)].powi(2) / master[(c, c)]);
+                    *sum += parts.sum::<f64>();
+                }
+            }
+            for (k, sum) in sum.into_iter().enumerate() {
+                block[k * D + k] = COMPLIANCE_OF_NODE * sum;
             }
         }
         (vec![i], Part::Dense(block.into()))

@@ -155,7 +155,13 @@ impl<'p, const D: usize> Tangent<'p, D> {
         change
     }
 
-    /// The symmetric part of the matrix, in single precision.
+    /// The symmetric part of the springs of sliding contacts, with their nodes.
+    pub(super) fn springs(&self) -> impl Iterator<Item = (usize, Block<D>)> {
+        let all = self.sliding.iter();
+        all.map(|one| (one.at / D, one.symmetric_spring()))
+    }
+
+    /// The symmetric part of the matrix, in single precision, if no contact joins nodes.
     #[must_use]
     pub(super) fn symmetric_part(&self) -> BlockMatrix<f32> {
         let mut matrix = self.problem.stiffness.matrix.to_single();
@@ -165,8 +171,8 @@ impl<'p, const D: usize> Tangent<'p, D> {
                 .blocks()
                 .map(|(node, block)| (node, block.as_slice())),
         );
-        for one in &self.sliding {
-            matrix.add_to_diagonal_block(one.at / D, one.symmetric_spring().as_slice());
+        for (node, spring) in self.springs() {
+            matrix.add_to_diagonal_block(node, spring.as_slice());
         }
         matrix.hold(&self.held);
         matrix

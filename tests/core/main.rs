@@ -16,6 +16,7 @@ mod newton_forms;
 mod one_node;
 mod panics;
 mod precision;
+mod primal;
 mod principles;
 mod refactor;
 mod several_answers;

@@ -23,13 +23,15 @@ impl Aggregates {
 
     /// Groups each node whose neighbours are all free with these neighbours; joins the rest to
     /// the aggregate of their strongest neighbour. All couplings count: a threshold for weak
-    /// ones leaves the rotations of small aggregates to the smoother.
+    /// ones leaves the rotations of small aggregates to the smoother. Only couplings between
+    /// nodes of different `bodies`, one for each node if there are any, do not: one motion of
+    /// both is not enough for two bodies that slide along each other.
     ///
     /// One thread does this, so that the result does not depend on their number; it takes a few
     /// percent of the set-up.
-    pub(super) fn new(matrix: &BlockMatrix<f32>) -> Self {
+    pub(super) fn new(matrix: &BlockMatrix<f32>, bodies: &[u32]) -> Self {
         let nodes = matrix.nodes();
-        let couplings = couplings(matrix);
+        let couplings = couplings(matrix, bodies);
         let neighbours = |i: usize| {
             let row = matrix.row(i);
             let columns = matrix.column[row.clone()].iter().zip(&couplings[row]);
@@ -87,8 +89,8 @@ impl Aggregates {
     }
 }
 
-/// Norm of each block beside the diagonal, zero for one that is only rounding.
-fn couplings(matrix: &BlockMatrix<f32>) -> Vec<f32> {
+/// Norm of each block beside the diagonal, zero for one that is only rounding or between bodies.
+fn couplings(matrix: &BlockMatrix<f32>, bodies: &[u32]) -> Vec<f32> {
     /// Of the diagonal block. Single precision rounds at 1e-7 of an entry; assembly cancels
     /// entries to 1e-16 of their terms.
     const ROUNDING: f32 = 1e-12;
@@ -107,7 +109,9 @@ fn couplings(matrix: &BlockMatrix<f32>) -> Vec<f32> {
                 let least = ROUNDING * norm(matrix.diagonal_block(i));
                 for at in matrix.row(i) {
                     let norm = norm(&matrix.values[at * size..(at + 1) * size]);
-                    let coupled = matrix.column[at] as usize != i && norm > least;
+                    let j = matrix.column[at] as usize;
+                    let together = bodies.is_empty() || bodies[i] == bodies[j];
+                    let coupled = j != i && together && norm > least;
                     norms.push(if coupled { norm } else { 0.0 });
                 }
             }

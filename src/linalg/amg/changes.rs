@@ -59,14 +59,7 @@ impl BlockMatrix<f32> {
         });
         // A variable without an unknown has lost its diagonal.
         for node in (0..nodes).filter(|&node| which[node] != SAME) {
-            let at = self.diagonal(node) * b * b;
-            let block = &mut self.values[at..at + b * b];
-            let largest = (0..b).fold(0.0_f32, |most, k| most.max(block[k * b + k]));
-            for k in 0..b {
-                if block[k * b + k] == 0.0 {
-                    block[k * b + k] = if largest > 0.0 { largest } else { 1.0 };
-                }
-            }
+            self.fill_diagonal(node);
         }
     }
 }

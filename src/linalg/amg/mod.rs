@@ -15,8 +15,10 @@
 mod aggregates;
 pub mod block_matrix;
 mod block_rows;
+pub mod changed_rows;
 mod changes;
 mod coarsest;
+mod connected;
 mod cycle;
 mod galerkin;
 mod inverse_diagonal;

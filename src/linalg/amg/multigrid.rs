@@ -60,9 +60,28 @@ impl Multigrid {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
+        matrix: BlockMatrix<f32>,
+        near_null: Vec<f64>,
+        held: &[bool],
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        Self::of_bodies(matrix, near_null, held, Vec::new(), settings, stop)
+    }
+
+    /// As [`Multigrid::new`] for several bodies, with the body of each node: each has coarse
+    /// motions of its own. Without bodies, all nodes belong to one.
+    ///
+    /// # Errors
+    /// As [`Multigrid::new`].
+    ///
+    /// # Panics
+    /// As [`Multigrid::new`].
+    pub fn of_bodies(
         mut matrix: BlockMatrix<f32>,
         mut near_null: Vec<f64>,
         held: &[bool],
+        mut bodies: Vec<u32>,
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
@@ -70,6 +89,7 @@ impl Multigrid {
         let m = if matrix.b == 2 { 3 } else { 6 };
         assert_eq!(held.len(), n);
         assert_eq!(near_null.len(), n * m);
+        assert!(bodies.is_empty() || bodies.len() == matrix.nodes());
         let settings = Settings {
             degree: settings.degree.clamp(1, 4),
             ..*settings
@@ -103,7 +123,7 @@ impl Multigrid {
                     "the spectrum of a level is not positive and finite",
                 ))?;
             running()?;
-            let aggregates = Aggregates::new(&matrix);
+            let aggregates = Aggregates::new(&matrix, &bodies);
             let unknowns = matrix.b * matrix.nodes();
             if aggregates.count() * m * 3 > unknowns * 2 {
                 return Err(failure(
@@ -118,6 +138,10 @@ impl Multigrid {
             let mut coarse = galerkin(&matrix, &p);
             coarse.replace_dead(&tentative.dead);
             near_null = tentative.coarse;
+            if !bodies.is_empty() {
+                let first = |g: usize| aggregates.members[aggregates.start[g] as usize] as usize;
+                bodies = (0..aggregates.count()).map(|g| bodies[first(g)]).collect();
+            }
             entries += matrix.values.len();
             levels.push(Level::new(matrix, inverse, spectrum, p));
             matrix = coarse;

@@ -1,0 +1,275 @@
+//! Preconditioners of the Newton systems.
+//!
+//! **One body**: multigrid for the symmetric part `P` of the system. It must follow the
+//! statuses: one that was made for others costs several times as many iterations.
+//!
+//! **Contacts between bodies**: multigrid for the bodies glued together at all contacts, made
+//! once, between two exact solutions on the interface, which follow the statuses ([`Filter`]):
+//!
+//! ```text
+//! x = P_cc⁻¹ b_c;   x ← x + M (b − P x);   x_c ← x_c + P_cc⁻¹ (b − P x)_c
+//! ```
+//!
+//! Where most contacts slip or are open, gluing is far from the truth, and `M` is multigrid for
+//! `P`.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::linalg::amg::multigrid::Multigrid;
+use crate::linalg::amg::settings::Settings as Cycle;
+use crate::primal::filter::Filter;
+use crate::primal::interface::Interface;
+use crate::primal::problem::Primal;
+use crate::primal::tangent::Tangent;
+
+/// Iterations of one linear system after which a stronger smoother is used.
+const SLOW: usize = 40;
+const STRONGER_DEGREE: usize = 4;
+
+/// Share of slipping and open contacts, and iterations of one linear system, above which the
+/// hierarchy follows the statuses of contacts between bodies.
+const LOOSE: f64 = 0.6;
+const SLOW_GLUED: usize = 30;
+
+/// The preconditioner of one load step.
+#[derive(Debug)]
+pub(super) struct Preconditioner<'p, const D: usize> {
+    problem: &'p Primal<D>,
+    cycle: Cycle,
+    /// What the parts that follow the statuses were made for.
+    statuses: Vec<Status>,
+    /// The hierarchy for these statuses.
+    multigrid: Option<Multigrid>,
+    joined: Option<Joined<D>>,
+    /// Memory of the largest hierarchy, with what contacts between bodies need.
+    pub(super) bytes: usize,
+}
+
+/// What contacts between bodies need in addition.
+#[derive(Debug)]
+struct Joined<const D: usize> {
+    interface: Arc<Interface>,
+    filter: Option<Filter<D>>,
+    glued: Option<Multigrid>,
+    /// Whether the last solution with the glued bodies was slow.
+    slow: bool,
+    /// Places that the hierarchy holds.
+    held: Vec<bool>,
+    residual: Vec<f64>,
+    correction: Vec<f64>,
+}
+
+impl<'p, const D: usize> Preconditioner<'p, D> {
+    pub(super) fn new(problem: &'p Primal<D>) -> Self {
+        let spectrum = problem.stiffness.spectrum.lock();
+        let joined = problem.interface.as_ref().map(|interface| Joined {
+            interface: Arc::clone(interface),
+            filter: None,
+            glued: interface
+                .glued
+                .lock()
+                .map_or(None, |mut glued| glued.take()),
+            slow: false,
+            held: Vec::new(),
+            residual: Vec::new(),
+            correction: Vec::new(),
+        });
+        Self {
+            problem,
+            cycle: Cycle {
+                spectrum: spectrum.map_or(None, |known| *known),
+                ..Cycle::default()
+            },
+            statuses: Vec::new(),
+            multigrid: None,
+            joined,
+            bytes: 0,
+        }
+    }
+
+    /// Makes it for the symmetric part of `tangent`, unless it was made for these statuses.
+    ///
+    /// # Errors
+    /// [`Error::Multigrid`], [`Error::Interrupted`]; errors of [`Filter::new`].
+    pub(super) fn prepare(
+        &mut self,
+        tangent: &Tangent<'_, D>,
+        statuses: &[Status],
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        let same = self.statuses == statuses;
+        if !same {
+            // The memory of the old hierarchy serves the new one.
+            self.multigrid = None;
+            self.statuses = statuses.to_vec();
+        }
+        if self.joined.is_some() {
+            return self.prepare_joined(tangent, same, stop);
+        }
+        if self.multigrid.is_some() {
+            return Ok(());
+        }
+        let made = Multigrid::new(
+            tangent.symmetric_part(),
+            self.problem.near_null(),
+            &tangent.held,
+            &self.cycle,
+            stop,
+        )?;
+        self.bytes = self.bytes.max(made.bytes());
+        if self.cycle.spectrum.is_none() {
+            self.cycle.spectrum = Some(made.spectrum());
+            if let Ok(mut known) = self.problem.stiffness.spectrum.lock() {
+                *known = self.cycle.spectrum;
+            }
+        }
+        self.multigrid = Some(made);
+        Ok(())
+    }
+
+    fn prepare_joined(
+        &mut self,
+        tangent: &Tangent<'_, D>,
+        same: bool,
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        let Some(joined) = &mut self.joined else {
+            return Ok(());
+        };
+        let known = &self.problem.stiffness;
+        let rows = &joined.interface.rows;
+        if !same || joined.filter.is_none() {
+            joined.filter = None;
+            joined.filter = Some(Filter::new(
+                rows,
+                tangent.springs(),
+                &tangent.held,
+                known.nodes.coordinates.as_deref(),
+                stop,
+            )?);
+        }
+        let loose = self
+            .statuses
+            .iter()
+            .filter(|&&s| s != Status::Stick)
+            .count();
+        #[expect(clippy::cast_precision_loss, reason = "counts")]
+        let share = loose as f64 / self.statuses.len().max(1) as f64;
+        let follow = share > LOOSE || joined.slow;
+        joined.held.clone_from(&tangent.held);
+        if !follow {
+            self.multigrid = None;
+            for frame in self
+                .problem
+                .frames
+                .list
+                .iter()
+                .filter(|f| f.node != usize::MAX)
+            {
+                joined.held[D * frame.node..D * (frame.node + 1)].fill(true);
+            }
+            if joined.glued.is_none() {
+                joined.glued = Some(Multigrid::of_bodies(
+                    known.matrix.with_rows(rows, &joined.held),
+                    known.near_null.clone(),
+                    &joined.held,
+                    joined.interface.bodies.clone(),
+                    &Cycle {
+                        spectrum: None,
+                        ..self.cycle
+                    },
+                    stop,
+                )?);
+            }
+        } else if self.multigrid.is_none() {
+            let mut matrix = known.matrix.with_rows(rows, &tangent.held);
+            for (node, spring) in tangent.springs() {
+                matrix.add_to_diagonal_block(node, spring.as_slice());
+            }
+            self.multigrid = Some(Multigrid::of_bodies(
+                matrix,
+                self.problem.near_null(),
+                &tangent.held,
+                joined.interface.bodies.clone(),
+                &Cycle {
+                    spectrum: None,
+                    ..self.cycle
+                },
+                stop,
+            )?);
+        }
+        let hierarchies = [&joined.glued, &self.multigrid].into_iter().flatten();
+        let bytes = hierarchies.map(Multigrid::bytes).sum::<usize>()
+            + joined.filter.as_ref().map_or(0, Filter::bytes)
+            + rows.bytes();
+        self.bytes = self.bytes.max(bytes);
+        Ok(())
+    }
+
+    /// `x ≈ P⁻¹ b`; `b` is zero at held places, `x` may be anything there.
+    pub(super) fn apply(&mut self, b: &[f64], x: &mut [f64]) {
+        let Some(joined) = &mut self.joined else {
+            if let Some(multigrid) = &mut self.multigrid {
+                multigrid.apply(b, x);
+            }
+            return;
+        };
+        let hierarchy = self.multigrid.as_mut().or(joined.glued.as_mut());
+        let (Some(filter), Some(hierarchy)) = (&joined.filter, hierarchy) else {
+            return;
+        };
+        let rows = &joined.interface.rows;
+        let (residual, correction) = (&mut joined.residual, &mut joined.correction);
+        residual.clear();
+        residual.extend_from_slice(b);
+        correction.resize(b.len(), 0.0);
+        x.fill(0.0);
+        let own = filter.solve(b);
+        filter.add(&own, x);
+        filter.subtract_columns(rows, x, residual);
+        clear(&joined.held, residual);
+        hierarchy.apply(residual, correction);
+        clear(&joined.held, correction);
+        for (x, change) in x.iter_mut().zip(&*correction) {
+            *x += change;
+        }
+        residual.copy_from_slice(b);
+        filter.subtract_rows(rows, x, residual);
+        let own = filter.solve(residual);
+        filter.add(&own, x);
+    }
+
+    /// Learns from the iterations of a linear system.
+    pub(super) fn solved_in(&mut self, iterations: usize) {
+        if let Some(joined) = &mut self.joined
+            && self.multigrid.is_none()
+        {
+            joined.slow |= iterations > SLOW_GLUED;
+        } else if iterations > SLOW && self.cycle.degree < STRONGER_DEGREE {
+            self.cycle.degree = STRONGER_DEGREE;
+            self.multigrid = None;
+        }
+    }
+}
+
+fn clear(held: &[bool], values: &mut [f64]) {
+    for (value, &held) in values.iter_mut().zip(held) {
+        if held {
+            *value = 0.0;
+        }
+    }
+}
+
+impl<const D: usize> Drop for Preconditioner<'_, D> {
+    /// Leaves the hierarchy of the glued bodies to the next load step.
+    fn drop(&mut self) {
+        if let Some(joined) = &mut self.joined
+            && let Ok(mut free) = joined.interface.glued.lock()
+        {
+            *free = joined.glued.take();
+        }
+    }
+}

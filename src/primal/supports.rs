@@ -1,0 +1,164 @@
+//! Whether supports, springs and contacts can hold every rigid motion of the bodies.
+//!
+//! This engine has no amounts of rigid motions. A motion that nothing resists would be decided
+//! by rounding, so that such problems are refused: the direct engine names the motion.
+
+use rayon::prelude::*;
+
+use crate::condensation::sparse::OwnedMatrix;
+use crate::error::Error;
+use crate::linalg::jacobi::orthogonalise;
+use crate::linalg::small::norm;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::primal::nodes::Nodes;
+
+/// A force of a rigid motion below this part of its terms is rounding: no spring resists it.
+const SPRING: f64 = 1e-9;
+
+/// Smallest singular value of the held motions, relative to the largest. All lengths are
+/// relative to the size of the bodies.
+const LEAST: f64 = 1e-8;
+
+/// More loose bodies than this are left to the direct engine.
+const MOST_BODIES: usize = 32;
+
+/// Rigid motions, `m` at each place, and the body of each node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motions<'a> {
+    pub(super) values: &'a [f64],
+    pub(super) bodies: &'a [u32],
+}
+
+/// Checks that nothing can move freely. `position` is the number of each prescribed degree of
+/// freedom.
+///
+/// # Errors
+/// [`Error::NotIterative`].
+pub(super) fn check<const D: usize>(
+    stiffness: &Symmetric<'_>,
+    contact: &OwnedMatrix,
+    nodes: &Nodes,
+    motions: Motions<'_>,
+    position: &[Option<usize>],
+) -> Result<(), Error> {
+    let m = motions.values.len() / (D * nodes.count).max(1);
+    let count = motions
+        .bodies
+        .iter()
+        .max()
+        .map_or(0, |&last| last as usize + 1);
+    let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
+    let body = |dof: usize| motions.bodies[nodes.place[dof] as usize / D] as usize;
+    let mut alone = vec![vec![Vec::new(); m]; count];
+    let mut hold = |body: usize, row: &[f64]| {
+        for (column, &value) in alone[body].iter_mut().zip(row) {
+            column.push(value);
+        }
+    };
+    for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
+        hold(body(dof), of(dof));
+    }
+    let sprung: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
+        .into_par_iter()
+        .with_min_len(1 << 12)
+        .filter_map(|dof| spring(stiffness, dof, m, of).map(|row| (dof, row)))
+        .collect();
+    for (dof, row) in sprung {
+        hold(body(dof), &row);
+    }
+    // Bodies that supports and springs do not hold, with the number of each.
+    let mut number = vec![usize::MAX; count];
+    let mut loose = 0;
+    for (body, columns) in alone.iter().enumerate() {
+        if !are_independent(columns.clone()) {
+            number[body] = loose;
+            loose += 1;
+        }
+    }
+    let refused = Error::NotIterative {
+        reason: "supports and contacts may leave a body free to move",
+    };
+    if loose == 0 {
+        return Ok(());
+    }
+    if loose > MOST_BODIES {
+        return Err(Error::NotIterative {
+            reason: "contact alone holds too many bodies",
+        });
+    }
+    let mut columns = vec![Vec::new(); m * loose];
+    for (body, own) in alone.into_iter().enumerate() {
+        if number[body] != usize::MAX {
+            let height = columns.iter().map(Vec::len).max().unwrap_or(0);
+            for (k, own) in own.into_iter().enumerate() {
+                let column = &mut columns[m * number[body] + k];
+                column.resize(height, 0.0);
+                column.extend(own);
+            }
+            let height = columns.iter().map(Vec::len).max().unwrap_or(0);
+            columns
+                .iter_mut()
+                .for_each(|column| column.resize(height, 0.0));
+        }
+    }
+    for row in 0..contact.pointer.len() - 1 {
+        let size = norm(&contact.entries(row).map(|(_, b)| b).collect::<Vec<f64>>());
+        let mut moved = vec![0.0; columns.len()];
+        for (dof, b) in contact.entries(row) {
+            let body = number[body(dof)];
+            if body != usize::MAX && size > 0.0 {
+                for (value, z) in moved[m * body..].iter_mut().zip(of(dof)) {
+                    *value += b / size * z;
+                }
+            }
+        }
+        for (column, value) in columns.iter_mut().zip(moved) {
+            column.push(value);
+        }
+    }
+    if are_independent(columns) {
+        Ok(())
+    } else {
+        Err(refused)
+    }
+}
+
+/// The forces of the motions in a row of `K`, relative to their terms; `None` if all of them
+/// are rounding.
+fn spring<'a>(
+    stiffness: &Symmetric<'_>,
+    dof: usize,
+    m: usize,
+    of: impl Fn(usize) -> &'a [f64],
+) -> Option<Vec<f64>> {
+    let (mut forces, mut sizes) = (vec![0.0; m], vec![0.0; m]);
+    for (other, k) in stiffness.column(dof) {
+        for ((force, size), z) in forces.iter_mut().zip(&mut sizes).zip(of(other)) {
+            *force += k * z;
+            *size += (k * z).abs();
+        }
+    }
+    let mut any = false;
+    for (force, size) in forces.iter_mut().zip(sizes) {
+        if force.abs() <= SPRING * size {
+            *force = 0.0;
+        } else {
+            *force /= size;
+            any = true;
+        }
+    }
+    any.then_some(forces)
+}
+
+/// Whether the columns are independent.
+fn are_independent(mut columns: Vec<Vec<f64>>) -> bool {
+    if columns.first().is_none_or(Vec::is_empty) {
+        return columns.is_empty();
+    }
+    orthogonalise(&mut columns);
+    let sizes = columns.iter().map(|column| norm(column));
+    let (least, most) = sizes.fold((f64::INFINITY, 0.0_f64), |(least, most), size| {
+        (least.min(size), most.max(size))
+    });
+    most > 0.0 && least > LEAST * most
+}

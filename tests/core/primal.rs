@@ -1,0 +1,347 @@
+//! The engine in the displacements, with contacts between deformable bodies: the answers of the
+//! direct path, and bounds of the work.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    clippy::unwrap_used,
+    reason = "counts are small; a helper of a test may fail"
+)]
+
+use std::sync::atomic::AtomicBool;
+
+use bipot_rs::Error;
+use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
+use bipot_rs::condensation::sparse::Rows;
+use bipot_rs::law::cone::Status;
+use bipot_rs::path::stepping::LoadPath;
+use bipot_rs::primal::path::{PrimalPath, PrimalStep};
+use bipot_rs::primal::problem::Primal;
+use bipot_rs::reduced::memory::Budget;
+use bipot_rs::solver::{Outcome, Settings};
+
+use crate::common::elasticity::{Assembled, Grid};
+
+/// A block on a block of the same section. The lower one is turned by half a turn around x, so
+/// that its contact face too is where its last coordinate is zero.
+struct Blocks {
+    stiffness: Assembled,
+    contact: (Vec<usize>, Vec<usize>, Vec<f64>),
+    gap: Vec<[f64; 3]>,
+    fixed: Vec<usize>,
+    /// Fixed degrees of freedom of the upper block: component and number in `fixed`.
+    driven: Vec<(usize, usize)>,
+    mu: f64,
+}
+
+/// Lengths of the sides, and of the height of each block.
+const SIDE: f64 = 8.0;
+
+fn block(cells: usize, stiffness: f64) -> Assembled {
+    let height = (cells / 2).max(2);
+    let grid = Grid {
+        cells: [cells, cells, height],
+        sides: [
+            SIDE / cells as f64,
+            SIDE / cells as f64,
+            0.5 * SIDE / height as f64,
+        ],
+        held: false,
+        ..Grid::cube(cells)
+    };
+    let mut body = grid.assemble();
+    for value in &mut body.values {
+        *value *= stiffness;
+    }
+    body
+}
+
+/// Weights of the corners of the cell with the point `(x, y)` of a face, which are its nodes if
+/// the point is a node.
+fn weights(cells: usize, x: f64, y: f64) -> Vec<(usize, f64)> {
+    let along = |x: f64| {
+        let at = x / SIDE * cells as f64;
+        let nearest = at.round();
+        // Nodes of two grids coincide up to rounding.
+        if (at - nearest).abs() < 1e-9 {
+            return vec![(nearest as usize, 1.0)];
+        }
+        let cell = at.floor();
+        vec![
+            (cell as usize, 1.0 - (at - cell)),
+            (cell as usize + 1, at - cell),
+        ]
+    };
+    let mut corners = Vec::new();
+    for &(j, v) in &along(y) {
+        for &(i, u) in &along(x) {
+            corners.push((j * (cells + 1) + i, u * v));
+        }
+    }
+    corners
+}
+
+impl Blocks {
+    /// The nodes of the upper face are the contacts. Nothing holds the upper block if `floats`.
+    fn new(upper: usize, lower: usize, ratio: f64, mu: f64, floats: bool) -> Self {
+        let (above, below) = (block(upper, 1.0), block(lower, ratio));
+        let first = above.n();
+        let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
+        let mut gap = Vec::new();
+        for node in 0..(upper + 1).pow(2) {
+            let (x, y) = (above.coordinates[3 * node], above.coordinates[3 * node + 1]);
+            let corners = weights(lower, x, SIDE - y);
+            // Normal z, tangents x and y; half a turn changes the signs of y and z.
+            for (component, sign) in [(2, 1.0), (0, -1.0), (1, 1.0)] {
+                index.push(3 * node + component);
+                values.push(1.0);
+                for &(corner, weight) in &corners {
+                    index.push(first + 3 * corner + component);
+                    values.push(sign * weight);
+                }
+                pointer.push(index.len());
+            }
+            gap.push([0.0; 3]);
+        }
+        let stiffness = above.beside(&below, 10.0 * SIDE);
+        let top = |dof: usize| stiffness.coordinates[dof - dof % 3 + 2] > 0.49 * SIDE;
+        let fixed: Vec<usize> = (0..stiffness.n())
+            .filter(|&dof| top(dof) && (dof >= first || !floats))
+            .collect();
+        let driven = fixed.iter().enumerate().filter(|(_, dof)| **dof < first);
+        let driven = driven.map(|(number, &dof)| (dof % 3, number)).collect();
+        Self {
+            stiffness,
+            contact: (pointer, index, values),
+            gap,
+            fixed,
+            driven,
+            mu,
+        }
+    }
+
+    /// Adds a rigid wall at the side `x = 0` of the upper block. With its lower edge, the nodes
+    /// there have two contacts.
+    fn with_wall(mut self, edge: bool) -> Self {
+        let (pointer, index, values) = &mut self.contact;
+        for node in 0..self.stiffness.nodes() {
+            let at = &self.stiffness.coordinates[3 * node..3 * node + 3];
+            if at[0] == 0.0 && (edge || at[2] > 0.0) && !self.fixed.contains(&(3 * node)) {
+                for component in 0..3 {
+                    index.push(3 * node + component);
+                    values.push(1.0);
+                    pointer.push(index.len());
+                }
+                self.gap.push([0.0; 3]);
+            }
+        }
+        self
+    }
+
+    fn arrays<R>(&self, run: impl FnOnce(ProblemArrays<'_, 3>) -> R) -> R {
+        let at = |dof: usize| {
+            let first = dof - dof % 3;
+            std::array::from_fn(|k| self.stiffness.coordinates[first + k])
+        };
+        let places: Vec<[f64; 3]> = (0..self.stiffness.n()).map(at).collect();
+        run(ProblemArrays {
+            stiffness: self.stiffness.view(),
+            contact: Rows {
+                row_ptr: &self.contact.0,
+                columns: &self.contact.1,
+                values: &self.contact.2,
+            },
+            gap: &self.gap,
+            mu: &vec![self.mu; self.gap.len()],
+            fixed: &self.fixed,
+            places: Some(&places),
+            known: None,
+            budget: Budget::default(),
+        })
+    }
+
+    /// Loads and prescribed displacements of two steps: press, then shear.
+    fn steps(&self) -> [(Vec<f64>, Vec<f64>); 2] {
+        [0.0, 1.0].map(|sheared| {
+            let mut load = vec![0.0; self.stiffness.n()];
+            let mut prescribed = vec![0.0; self.fixed.len()];
+            for &(component, number) in &self.driven {
+                prescribed[number] = [5e-3 * sheared, 0.0, -1e-2][component];
+            }
+            if self.driven.is_empty() {
+                let top = |node: &usize| self.stiffness.coordinates[3 * node + 2] > 0.49 * SIDE;
+                let above = |node: &usize| self.stiffness.coordinates[3 * node] <= SIDE;
+                let nodes: Vec<usize> = (0..self.stiffness.nodes())
+                    .filter(|node| top(node) && above(node))
+                    .collect();
+                for &node in &nodes {
+                    load[3 * node + 2] = -1.0 / nodes.len() as f64;
+                    load[3 * node] = 0.1 * sheared / nodes.len() as f64;
+                }
+            }
+            (load, prescribed)
+        })
+    }
+
+    fn primal(&self) -> Vec<PrimalStep<3>> {
+        let never = AtomicBool::new(false);
+        let problem = self.arrays(|arrays| Primal::new(&arrays, None)).unwrap();
+        let mut path = PrimalPath::default();
+        let mut advance = |(load, prescribed): (Vec<f64>, Vec<f64>)| {
+            let made = path
+                .advance(&problem, &load, &prescribed, &tight(), &never)
+                .unwrap();
+            assert_eq!(made.step.solution.outcome, Outcome::Converged);
+            made
+        };
+        self.steps().map(&mut advance).into()
+    }
+
+    /// Compares both steps with the direct path. Returns Krylov products and statuses.
+    fn agrees(&self) -> (usize, Vec<Status>) {
+        let never = AtomicBool::new(false);
+        let problem = self
+            .arrays(|arrays| Condensed::new(SortedProblem::new(arrays)?, None, &never))
+            .unwrap();
+        let mut path = LoadPath::default();
+        let mut krylov = 0;
+        let mut statuses = Vec::new();
+        for (made, (load, prescribed)) in self.primal().into_iter().zip(self.steps()) {
+            let step = path
+                .advance(&problem, &load, &prescribed, &tight(), &never)
+                .unwrap();
+            let (found, direct) = (&made.step.solution, &step.solution);
+            assert_eq!(direct.outcome, Outcome::Converged);
+            assert_eq!(found.status, direct.status);
+            // Of the reactions: some ten times the tolerance of both.
+            let error = difference(&found.reaction, &direct.reaction);
+            assert!(error <= 1e-9, "reactions differ by {error}");
+            krylov += made.krylov;
+            statuses.extend(&found.status);
+        }
+        (krylov, statuses)
+    }
+}
+
+/// The rounding of these small models stays below this.
+fn tight() -> Settings {
+    Settings {
+        tol: 1e-11,
+        ..Settings::default()
+    }
+}
+
+fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    let mut squares = [0.0; 2];
+    for (x, y) in a.as_flattened().iter().zip(b.as_flattened()) {
+        squares[0] += (x - y).powi(2);
+        squares[1] += y * y;
+    }
+    (squares[0] / squares[1]).sqrt()
+}
+
+fn share(statuses: &[Status], of: Status) -> f64 {
+    let count = statuses.iter().filter(|&&status| status == of).count();
+    count as f64 / statuses.len() as f64
+}
+
+#[test]
+fn matching_nodes_of_any_stiffness() {
+    for ratio in [1e-3, 0.1, 1.0, 10.0, 1e3] {
+        let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, false).agrees();
+        // Without the exact solution on the interface it takes hundreds.
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
+    }
+}
+
+#[test]
+fn nodes_that_do_not_match() {
+    for (upper, lower, ratio) in [(6, 4, 0.1), (6, 4, 10.0), (4, 6, 0.1), (4, 6, 10.0)] {
+        let (krylov, _) = Blocks::new(upper, lower, ratio, 0.3, false).agrees();
+        assert!(krylov <= 75, "{upper} on {lower}, ratio {ratio}: {krylov}");
+    }
+}
+
+#[test]
+fn a_block_that_only_contact_holds() {
+    for ratio in [0.1, 10.0] {
+        let (krylov, _) = Blocks::new(6, 6, ratio, 0.3, true).agrees();
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
+    }
+}
+
+#[test]
+fn a_block_that_floats_above_the_other() {
+    let mut blocks = Blocks::new(6, 4, 10.0, 0.3, true);
+    for gap in &mut blocks.gap {
+        gap[0] = 1e-3 * SIDE;
+    }
+    let (krylov, _) = blocks.agrees();
+    assert!(krylov <= 75, "{krylov}");
+}
+
+#[test]
+fn sliding_everywhere() {
+    for ratio in [0.1, 10.0] {
+        let (krylov, statuses) = Blocks::new(6, 6, ratio, 0.02, false).agrees();
+        // The hierarchy of the glued blocks is far from this.
+        assert!(share(&statuses, Status::Slip) > 0.9);
+        assert!(krylov <= 75, "ratio {ratio}: {krylov}");
+    }
+}
+
+#[test]
+fn a_second_interface() {
+    for (edge, ratio) in [(false, 0.1), (true, 0.1), (true, 10.0)] {
+        let blocks = Blocks::new(6, 6, ratio, 0.3, false).with_wall(edge);
+        let (krylov, statuses) = blocks.agrees();
+        assert!(share(&statuses, Status::Open) > 0.05);
+        assert!(krylov <= 150, "edge {edge}, ratio {ratio}: {krylov}");
+    }
+}
+
+#[test]
+fn work_does_not_grow_with_the_mesh() {
+    for cells in [8, 12, 16] {
+        let made = Blocks::new(cells, cells, 0.1, 0.3, false).primal();
+        let krylov: usize = made.iter().map(|step| step.krylov).sum();
+        println!("{cells}: {krylov}");
+        assert!(krylov <= 75, "{cells} cells: {krylov}");
+    }
+}
+
+#[test]
+fn same_bits_on_one_and_two_threads() {
+    let blocks = Blocks::new(12, 8, 0.1, 0.3, false);
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let made = pool.unwrap().install(|| blocks.primal());
+        let bits = |x: &f64| x.to_bits();
+        made.iter()
+            .flat_map(|step| {
+                let reactions = step.step.solution.reaction.as_flattened();
+                let all = step.displacement.iter().chain(reactions);
+                all.map(bits).collect::<Vec<_>>()
+            })
+            .collect::<Vec<_>>()
+    };
+    assert!(run(1) == run(2));
+}
+
+#[test]
+fn a_contact_needs_a_node_of_its_own() {
+    let mut blocks = Blocks::new(2, 2, 1.0, 0.3, false);
+    let (pointer, index, values) = &mut blocks.contact;
+    for row in 0..3 {
+        for at in pointer[row]..pointer[row + 1] {
+            index.push(index[at]);
+            values.push(values[at]);
+        }
+        pointer.push(index.len());
+    }
+    blocks.gap.push([0.0; 3]);
+    let refused = blocks
+        .arrays(|arrays| Primal::new(&arrays, None))
+        .unwrap_err();
+    assert!(matches!(refused, Error::NotIterative { .. }), "{refused}");
+}
