@@ -217,23 +217,11 @@ impl<'p, const D: usize> Newton<'p, D> {
                     r: self.reaction_change(&moved, &dr_prescribed),
                     v: problem.frames.at_contacts(&dy),
                 };
-                let bar = recent
-                    .iter()
-                    .rev()
-                    .take(MEMORY)
-                    .fold(0.0_f64, |m, &x| m.max(x));
-                search(&reduced, &point, &change, bar)
+                search(&reduced, &point, &change, &recent)
             };
             let mut y = std::mem::take(&mut point.y);
             axpy(share, &dy, &mut y);
-            let mut prescribed = prescribed_part(problem, &point.r);
-            for (value, change) in prescribed
-                .as_flattened_mut()
-                .iter_mut()
-                .zip(dr_prescribed.as_flattened())
-            {
-                *value += share * change;
-            }
+            let prescribed = prescribed_part(problem, &point.r, &dr_prescribed, share);
             point = self.point(y, &prescribed, begin.force, begin.offset);
             self.steps += 1;
             recent.push(merit(&reduced, &point.r, &point.v));
@@ -408,11 +396,20 @@ impl<'p, const D: usize> Newton<'p, D> {
     }
 }
 
-/// The reactions along components without an unknown.
-fn prescribed_part<const D: usize>(problem: &Primal<D>, r: &[[f64; D]]) -> Vec<[f64; D]> {
+/// The reactions along components without an unknown, after a share of their `change`.
+fn prescribed_part<const D: usize>(
+    problem: &Primal<D>,
+    r: &[[f64; D]],
+    change: &[[f64; D]],
+    share: f64,
+) -> Vec<[f64; D]> {
     let mut part = r.to_vec();
     for (i, k, _) in problem.frames.unknowns() {
         part[i][k] = 0.0;
+    }
+    let values = part.as_flattened_mut().iter_mut();
+    for (value, change) in values.zip(change.as_flattened()) {
+        *value += share * change;
     }
     part
 }
@@ -426,14 +423,16 @@ struct Change<const D: usize> {
     v: Vec<[f64; D]>,
 }
 
-/// The share of a step that reduces the merit below `bar`, the worst of the last points; if
-/// none does, the share with the smallest merit.
+/// The share of a step that reduces the merit below the worst of the last points, whose merits
+/// are `recent`; if none does, the share with the smallest merit.
 fn search<const D: usize>(
     reduced: &Reduced<D>,
     point: &Point<D>,
     change: &Change<D>,
-    bar: f64,
+    recent: &[f64],
 ) -> f64 {
+    let last = recent.iter().rev().take(MEMORY);
+    let bar = last.fold(0.0_f64, |most, &merit| most.max(merit));
     let moved = |from: &[[f64; D]], by: &[[f64; D]], share: f64| -> Vec<[f64; D]> {
         let sum = |(x, d): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * d[k]);
         from.iter().zip(by).map(sum).collect()

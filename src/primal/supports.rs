@@ -22,7 +22,8 @@ const LEAST: f64 = 1e-8;
 /// More loose bodies than this are left to the direct engine.
 const MOST_BODIES: usize = 32;
 
-/// Rigid motions, `m` at each place, and the body of each node.
+/// Rigid motions, `m` at each place, and the body of each node: nodes whose free degrees of
+/// freedom are coupled.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motions<'a> {
     pub(super) values: &'a [f64],
@@ -55,12 +56,23 @@ pub(super) fn check<const D: usize>(
             column.push(value);
         }
     };
+    // A prescribed degree of freedom holds the bodies that it is coupled with.
     for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
-        hold(body(dof), of(dof));
+        let mut held: Vec<usize> = stiffness
+            .column(dof)
+            .filter(|&(other, k)| k != 0.0 && position[other].is_none())
+            .map(|(other, _)| body(other))
+            .collect();
+        held.sort_unstable();
+        held.dedup();
+        for body in held {
+            hold(body, of(dof));
+        }
     }
     let sprung: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
         .into_par_iter()
         .with_min_len(1 << 12)
+        .filter(|&dof| position[dof].is_none())
         .filter_map(|dof| spring(stiffness, dof, m, of).map(|row| (dof, row)))
         .collect();
     for (dof, row) in sprung {
@@ -69,8 +81,12 @@ pub(super) fn check<const D: usize>(
     // Bodies that supports and springs do not hold, with the number of each.
     let mut number = vec![usize::MAX; count];
     let mut loose = 0;
+    let mut free = vec![false; count];
+    for dof in (0..position.len()).filter(|&dof| position[dof].is_none()) {
+        free[body(dof)] = true;
+    }
     for (body, columns) in alone.iter().enumerate() {
-        if !are_independent(columns.clone()) {
+        if free[body] && !are_independent(columns.clone()) {
             number[body] = loose;
             loose += 1;
         }
@@ -96,9 +112,9 @@ pub(super) fn check<const D: usize>(
                 column.extend(own);
             }
             let height = columns.iter().map(Vec::len).max().unwrap_or(0);
-            columns
-                .iter_mut()
-                .for_each(|column| column.resize(height, 0.0));
+            for column in &mut columns {
+                column.resize(height, 0.0);
+            }
         }
     }
     for row in 0..contact.pointer.len() - 1 {
