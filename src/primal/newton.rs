@@ -43,7 +43,8 @@ const BASIS: usize = 80;
 
 /// Largest change of the displacements by one more correction, relative to the largest of them,
 /// or the tolerance if that is larger. The rows of a slender body may balance to the last digit
-/// while its soft motions are far from the solution: η does not see this.
+/// while its soft motions are far from the solution: η does not see this. A larger rounding floor
+/// is not accepted either: the direct engine computes such bodies in twice the precision.
 const SETTLED: f64 = 1e-9;
 
 /// Points that the certificate accepts and the displacements do not, after which the method has
@@ -180,7 +181,8 @@ impl<'p, const D: usize> Newton<'p, D> {
             } else {
                 None
             };
-            let converged = estimate.is_some_and(|size| size <= SETTLED.max(tol));
+            let settled = estimate.is_some_and(|size| size <= SETTLED.max(tol));
+            let converged = settled && judged.floor() <= SETTLED.max(tol);
             if best.as_ref().is_none_or(|(least, ..)| eta < *least) || converged {
                 best = Some((eta, self.steps, point.clone(), judged.clone()));
             }

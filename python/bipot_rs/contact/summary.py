@@ -162,6 +162,18 @@ def of_problem(
         held = f"{counted(left, 'rigid motion')} held by contact alone"
     gap = np.asarray(arrays["gap"])
     gap = gap[:, 0] if gap.ndim > 1 else gap
+    if not stats["bytes_factor"] and stats["engine"] != "direct":
+        return (
+            f"ContactProblem: {counted(n, 'degree')} of freedom, {places(contacts, d)}",
+            [
+                ("supports", f"{fixed} prescribed degrees of freedom"),
+                ("gap", gaps(gap)),
+                ("friction", friction(np.asarray(arrays["mu"]))),
+                ("engine", f"{stats['engine']}: {stats['engine_reason']}"),
+                ("memory", f"stiffness {size(stats['bytes_stiffness'])}"),
+                *(("remark", said) for said in remarks),
+            ],
+        )
     factor = counted(stats["nnz_factor"], "entry")
     kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
     memory = (

@@ -149,10 +149,10 @@ def test_a_run_prints_the_forecast_before_the_first_step(
     assert app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
-    assert [line.split()[0] for line in lines[1:6]] == [
+    assert [line.split()[0] for line in lines[1:7]] == [
         *("bodies", "contacts", "sizes", "engine", "memory", "time")
     ]
-    assert lines[6].startswith("load step 1 of 2")
+    assert lines[7].startswith("load step 1 of 2")
     # With --json nothing else is printed.
     assert app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""

@@ -43,9 +43,9 @@ RUST_SIBLINGS = {
     "linalg/amg": (
         "settings wide",
         "block_matrix rigid_motions",
-        "block_rows changes changed_rows",
+        "block_rows changes",
         "aggregates coarsest connected inverse_diagonal slots spectrum",
-        "relaxed_vectors tentative",
+        "changed_rows relaxed_vectors tentative",
         "prolongation",
         "galerkin",
         "transfer",

@@ -230,6 +230,44 @@ def test_the_direct_engine_replaces_it_where_it_stalls(
         assert "not converged" in outcome.message
 
 
+def test_the_summary_names_the_engine() -> None:
+    known, _ = arrays()
+    said = str(bp.ContactProblem(**known, engine="iterative"))
+    assert "engine" in said
+    assert "iterative: it was asked for" in said
+
+
+def test_a_slender_body_is_right_or_left_to_the_direct_engine() -> None:
+    """Rows of K balance to the last digit long before the bending does."""
+    m = bp.Model("Strip")
+    m.material("steel", young=210e9, poisson=0.3)
+    long, high = np.linspace(0, 1.0, 81), np.linspace(0, 2e-3, 3)
+    m.body("strip", material="steel", cell="quadrilateral", x=long, y=high)
+    m.support("strip.left", x=0.0, y=0.0)
+    m.contact("strip.bottom", plane={"point": [0, -1e-4], "normal": [0, 1]}, mu=0.2)
+    m.body_force("strip", y=m.times(-7.7e4, "weight"))
+    m.path(weight=[0.2, 1.0])
+    direct, ours = solved(m, "direct"), solved(m, "iterative")
+    u = direct.displacement
+    # The amplification of the rounding of K by bending is about 1e6.
+    assert np.abs(ours.displacement - u).max() <= 1e-8 * np.abs(u).max()
+
+
+def test_a_body_that_can_turn_is_refused() -> None:
+    """Two contact nodes: the body turns about the line through them."""
+    known, _ = arrays()
+    few = known | {
+        "B": known["B"][:6],
+        "gap": known["gap"][:2],
+        "mu": 0.3,
+        "fixed": None,
+    }
+    with pytest.raises(NotIterativeError, match="free to move"):
+        bp.ContactProblem(**few, engine="iterative")
+    with pytest.raises(bp.FloatingBodyError):
+        bp.ContactProblem(**few)
+
+
 class TestRefusals:
     """Each names the reason and the way out."""
 
