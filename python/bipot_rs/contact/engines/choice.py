@@ -13,11 +13,11 @@ ADAPTIVE_STEPS = 8
 METHODS = ("auto", "newton")
 
 # In space, from this number of free degrees of freedom on, the first load step takes less
-# time by iteration (benches/results/engines.csv).
-LEAST = 30_000
+# time by iteration (benches/results/scale.csv).
+LEAST = 20_000
 # A direct condensation takes as long as one iterative step for so many free degrees of
 # freedom: its work grows with their square, that of a step in proportion.
-PER_STEP = 15_000
+PER_STEP = 10_000
 
 # Work of an iterative load step for each degree of freedom [flop], in the units in which
 # the direct engine does 20 Gflop/s on a core.
@@ -46,8 +46,8 @@ def choose(
     available
         Bytes that the direct engine may use; None if unknown.
 
-    >>> choose(20_000, 400, 2, 8e9)
-    ('direct', '20000 free degrees of freedom are few')
+    >>> choose(12_000, 400, 2, 8e9)
+    ('direct', '12000 free degrees of freedom are few')
     >>> choose(148_000, 1369, 2, 8e9)
     ('iterative', 'a factorisation would take longer than 2 load steps')
     >>> choose(148_000, 1369, 100, 8e9)
