@@ -64,7 +64,6 @@ struct Joined<const D: usize> {
 
 impl<'p, const D: usize> Preconditioner<'p, D> {
     pub(super) fn new(problem: &'p Primal<D>) -> Self {
-        let spectrum = problem.stiffness.spectrum.lock();
         let joined = problem.interface.as_ref().map(|interface| Joined {
             interface: Arc::clone(interface),
             filter: None,
@@ -80,7 +79,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         Self {
             problem,
             cycle: Cycle {
-                spectrum: spectrum.map_or(None, |known| *known),
+                spectrum: problem.stiffness.spectrum,
                 ..Cycle::default()
             },
             statuses: Vec::new(),
@@ -120,12 +119,6 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             stop,
         )?;
         self.bytes = self.bytes.max(made.bytes());
-        if self.cycle.spectrum.is_none() {
-            self.cycle.spectrum = Some(made.spectrum());
-            if let Ok(mut known) = self.problem.stiffness.spectrum.lock() {
-                *known = self.cycle.spectrum;
-            }
-        }
         self.multigrid = Some(made);
         Ok(())
     }
@@ -177,10 +170,8 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                     known.near_null.clone(),
                     &joined.held,
                     joined.interface.bodies.clone(),
-                    &Cycle {
-                        spectrum: None,
-                        ..self.cycle
-                    },
+                    // Whatever happened in this step: later ones use it too.
+                    &Cycle::default(),
                     stop,
                 )?);
             }

@@ -1,6 +1,6 @@
 //! A contact problem in the displacements: `K` in blocks of nodes, and the contacts.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -8,6 +8,7 @@ use crate::condensation::condense::ProblemArrays;
 use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::rigid_motions;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
@@ -38,8 +39,9 @@ pub struct Stiffness {
     coupling: OwnedMatrix,
     /// Motions of small energy, by nodes, `motions` at each place.
     pub near_null: Vec<f64>,
-    /// Bound of the spectrum of the block Jacobi iteration, of the first hierarchy.
-    pub spectrum: Mutex<Option<f64>>,
+    /// Bound of the eigenvalues of `D⁻¹ K`, which holds for all statuses. It is that of `K`
+    /// alone, so that a path that continues has the same bits as an uninterrupted one.
+    pub spectrum: Option<f64>,
 }
 
 /// A contact problem.
@@ -101,6 +103,7 @@ impl<const D: usize> Primal<D> {
             bodies: &matrix.connected(),
         };
         supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
+        let spectrum = Multigrid::spectrum_of(&matrix.to_single());
         let stiffness = Stiffness {
             matrix,
             nodes,
@@ -109,7 +112,7 @@ impl<const D: usize> Primal<D> {
             coupling: sparse::columns(&given.stiffness, given.fixed, &position),
             position,
             near_null,
-            spectrum: Mutex::new(None),
+            spectrum,
         };
         Self::of(
             Arc::new(stiffness),

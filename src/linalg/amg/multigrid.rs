@@ -203,6 +203,14 @@ impl Multigrid {
         map2(x, &self.x, |_, x: f32| x.double() * first * second);
     }
 
+    /// The bound of [`Multigrid::spectrum`] for a matrix, without its levels; `None` if a diagonal
+    /// is not positive, or numbers are not finite.
+    #[must_use]
+    pub fn spectrum_of(matrix: &BlockMatrix<f32>) -> Option<f64> {
+        let inverse = inverse_diagonal(matrix)?;
+        bound(matrix, &inverse).filter(|bound| *bound > 0.0 && bound.is_finite())
+    }
+
     /// A bound of the eigenvalues of `D⁻¹ A` on the finest level. It holds for every matrix that
     /// holds more unknowns, or adds positive semidefinite diagonal blocks: both restrict the
     /// Rayleigh quotient or move it towards one.

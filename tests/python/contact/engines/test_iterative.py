@@ -191,6 +191,28 @@ def test_a_path_continues_and_survives_a_pickle() -> None:
         np.testing.assert_array_equal(rest.reaction[0], whole.reaction[1])
 
 
+def test_a_path_with_open_contacts_continues_to_the_same_bits() -> None:
+    case = on_a_ball().assemble()
+    model = case.model
+    made = [
+        bp.ContactProblem(
+            model.K,
+            model.B,
+            gap=model.gap,
+            mu=model.mu,
+            fixed=model.fixed,
+            coordinates=np.repeat(model.nodes, 3, axis=0),
+            engine="iterative",
+        )
+        for _ in range(2)
+    ]
+    whole = made[0].solve(prescribed=case.prescribed)
+    rest = made[1].solve(prescribed=case.prescribed[2:], start=whole[1])
+    assert (whole[1].status == bp.Status.OPEN).any()
+    np.testing.assert_array_equal(rest.reaction[0], whole.reaction[2])
+    np.testing.assert_array_equal(rest.displacement[0], whole.displacement[2])
+
+
 def test_many_cases_and_other_friction() -> None:
     known, prescribed = arrays()
     mus = (0.1, 0.6)
