@@ -384,3 +384,25 @@ fn work_of_warm_steps_is_pinned() {
     pinned("warm steps", work, 155.0);
     assert!(iterations <= 4 * 12, "{iterations}"); // the predictor, and Newton's few
 }
+
+/// A contact that slides with a large μ and penetrates: η counts only `v_n/√(1 + μ²)`, over a
+/// reaction of length μ.
+#[test]
+fn a_large_friction_hides_no_penetration() {
+    const MU: f64 = 100.0;
+    const TOL: f64 = 1e-10;
+    let unit = Compliance::<2>::from_dense(1, Cow::Owned(vec![1.0, 0.0, 0.0, 1.0])).unwrap();
+    let certificate = |depth: f64| {
+        // On the cone, and slipping against the reaction.
+        let (r, v) = ([1.0, MU], [-depth, -0.5]);
+        let q = [v[0] - r[0], v[1] - r[1]];
+        let problem = Reduced::new(&unit, &[q], &[MU], &Rigid::default()).unwrap();
+        Certificate::of(&problem, &[r], vec![v], &[])
+    };
+    assert!(certificate(0.0).converged(TOL));
+    // η = 8e-7/μ² is within the tolerance; the penetration is 80 times the tolerance, relative
+    // to the reaction.
+    let deep = certificate(8e-7);
+    assert!(deep.residual <= TOL, "{:e}", deep.residual);
+    assert!(!deep.converged(TOL));
+}
