@@ -21,7 +21,7 @@ PER_STEP = 10_000
 
 # Work of an iterative load step for each degree of freedom [flop], in the units in which
 # the direct engine does 20 Gflop/s on a core.
-STEP_FLOPS = 2.6e5
+STEP_FLOPS = 8e5
 
 # Model of the memory of the direct engine in space: the factor of a cube of 10⁶ degrees of
 # freedom, and its growth; W takes 72 bytes for each pair of contacts.
