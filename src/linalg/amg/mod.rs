@@ -25,7 +25,6 @@ mod inverse_diagonal;
 mod level;
 pub mod multigrid;
 mod prolongation;
-pub mod relaxed_vectors;
 pub mod rigid_motions;
 pub mod settings;
 mod slots;

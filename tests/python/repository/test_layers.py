@@ -45,7 +45,7 @@ RUST_SIBLINGS = {
         "block_matrix rigid_motions",
         "block_rows changes",
         "aggregates coarsest connected inverse_diagonal slots spectrum",
-        "changed_rows relaxed_vectors tentative",
+        "changed_rows tentative",
         "prolongation",
         "galerkin",
         "transfer",
