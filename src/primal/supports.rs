@@ -13,7 +13,11 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::primal::nodes::Nodes;
 
 /// A force of a rigid motion below this part of its terms is rounding: no spring resists it.
-const SPRING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-12;
+
+/// And above this part it is that of a spring. Between the two, `K` may have few digits, whose
+/// errors look like weak springs.
+const SPRING: f64 = 1e-4;
 
 /// Smallest singular value of the held motions, relative to the largest. All lengths are
 /// relative to the size of the bodies.
@@ -51,7 +55,7 @@ pub(super) fn check<const D: usize>(
     let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
     let body = |dof: usize| motions.bodies[nodes.place[dof] as usize / D] as usize;
     let mut alone = vec![vec![Vec::new(); m]; count];
-    let mut hold = |body: usize, row: &[f64]| {
+    let hold = |alone: &mut Vec<Vec<Vec<f64>>>, body: usize, row: &[f64]| {
         for (column, &value) in alone[body].iter_mut().zip(row) {
             column.push(value);
         }
@@ -66,17 +70,8 @@ pub(super) fn check<const D: usize>(
         held.sort_unstable();
         held.dedup();
         for body in held {
-            hold(body, of(dof));
+            hold(&mut alone, body, of(dof));
         }
-    }
-    let sprung: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
-        .into_par_iter()
-        .with_min_len(1 << 12)
-        .filter(|&dof| position[dof].is_none())
-        .filter_map(|dof| spring(stiffness, dof, m, of).map(|row| (dof, row)))
-        .collect();
-    for (dof, row) in sprung {
-        hold(body(dof), &row);
     }
     // Bodies that supports and springs do not hold, with the number of each.
     let mut number = vec![usize::MAX; count];
@@ -84,6 +79,17 @@ pub(super) fn check<const D: usize>(
     let mut free = vec![false; count];
     for dof in (0..position.len()).filter(|&dof| position[dof].is_none()) {
         free[body(dof)] = true;
+    }
+    for (body, columns) in alone.iter().enumerate() {
+        free[body] &= !are_independent(columns.clone());
+    }
+    if free.contains(&true) {
+        let wanted = |dof: usize| position[dof].is_none() && free[body(dof)];
+        for (dof, row) in springs(stiffness, m, of, wanted)? {
+            for (column, value) in alone[body(dof)].iter_mut().zip(row) {
+                column.push(value);
+            }
+        }
     }
     for (body, columns) in alone.iter().enumerate() {
         if free[body] && !are_independent(columns.clone()) {
@@ -139,6 +145,31 @@ pub(super) fn check<const D: usize>(
     }
 }
 
+/// The rows of `K` with a spring among those `wanted`, and the forces of the motions in them.
+///
+/// # Errors
+/// [`Error::NotIterative`] if forces are neither rounding nor those of a spring.
+fn springs<'a>(
+    stiffness: &Symmetric<'_>,
+    m: usize,
+    of: impl Fn(usize) -> &'a [f64] + Copy + Sync,
+    wanted: impl Fn(usize) -> bool + Sync,
+) -> Result<Vec<(usize, Vec<f64>)>, Error> {
+    let found: Vec<(usize, Vec<f64>)> = (0..stiffness.n())
+        .into_par_iter()
+        .with_min_len(1 << 12)
+        .filter(|&dof| wanted(dof))
+        .filter_map(|dof| spring(stiffness, dof, m, of).map(|row| (dof, row)))
+        .collect();
+    let weak = |row: &[f64]| row.iter().all(|force| force.abs() < SPRING);
+    if found.iter().any(|(_, row)| weak(row)) {
+        return Err(Error::NotIterative {
+            reason: "the stiffness has few digits, or weak springs, and supports do not hold a body",
+        });
+    }
+    Ok(found)
+}
+
 /// The forces of the motions in a row of `K`, relative to their terms; `None` if all of them
 /// are rounding.
 fn spring<'a>(
@@ -156,7 +187,7 @@ fn spring<'a>(
     }
     let mut any = false;
     for (force, size) in forces.iter_mut().zip(sizes) {
-        if force.abs() <= SPRING * size {
+        if force.abs() <= ROUNDING * size {
             *force = 0.0;
         } else {
             *force /= size;

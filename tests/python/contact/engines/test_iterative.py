@@ -290,6 +290,17 @@ def test_a_body_that_can_turn_is_refused() -> None:
         bp.ContactProblem(**few)
 
 
+def test_few_digits_of_a_floating_body_are_no_springs() -> None:
+    """Rounded entries resist rigid motions as weak springs would."""
+    known, _ = arrays()
+    known["fixed"] = None
+    bp.ContactProblem(**known, engine="iterative")
+    rounded = known["K"].copy()
+    rounded.data = np.array([float(f"{x:.6e}") for x in rounded.data])
+    with pytest.raises(NotIterativeError, match="few digits"):
+        bp.ContactProblem(**known | {"K": rounded}, engine="iterative")
+
+
 class TestRefusals:
     """Each names the reason and the way out."""
 
