@@ -33,19 +33,24 @@ demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture an
 .PHONY: test
 test: checks rust-lint rust-test python-lint types python-test ## install, then every check: Rust, Python, types, documents
 
-# clippy compiles the tests, so that their dependencies are compiled once for both.
-LINTED := RUSTC_WORKSPACE_WRAPPER=clippy-driver RUSTFLAGS='-D warnings'
+# The dependencies are those of `make demo`, compiled once; our own crate is compiled with
+# checks of overflow and assertions. clippy compiles it, so that linting costs nothing more.
+CHECKED := --release --locked --features python-dependencies \
+	--config 'profile.release.package.bipot_rs.opt-level=1' \
+	--config 'profile.release.package.bipot_rs.debug-assertions=true' \
+	--config 'profile.release.package.bipot_rs.overflow-checks=true'
+LINTED := RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS='-Dwarnings'
 
 .PHONY: rust-lint
 rust-lint: checks $(STAMP)
 	cargo fmt --check
-	$(LINTED) cargo test --locked --no-run --all-targets
-	# The bindings, which the tests do not compile.
-	$(LINTED) cargo build --locked --lib --features python
+	# The bindings, which the tests do not compile; nothing runs them.
+	$(LINTED) cargo build $(CHECKED) --config 'profile.release.package.bipot_rs.opt-level=0' --lib --features python
+	$(LINTED) cargo test $(CHECKED) --no-run --all-targets
 
 .PHONY: rust-test
 rust-test: rust-lint
-	$(LINTED) cargo test --locked
+	$(LINTED) cargo test $(CHECKED)
 
 .PHONY: python-lint
 python-lint: $(STAMP)

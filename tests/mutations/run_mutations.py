@@ -5,8 +5,8 @@
 
 The checkout is copied to ``out/mutations`` and every fault is compiled into that copy at
 once, behind a switch that the environment variable ``BIPOT_FAULT`` sets: one compilation
-serves all. Each fault then has one run of the Python tests, which stops at the first
-failure; faults of the core meet the tests of the core first. The table goes to
+serves all. The tests then run until the first failure: for a fault of the core, those of
+the core first; for one of the package, those of its folder first. The table goes to
 ``results.csv``.
 Exit status 1: a fault was not found.
 """
@@ -112,14 +112,15 @@ def found_in_rust(number: int) -> str:
     return f"cargo test: {failed[0] if failed else tests.stderr[-200:]}"
 
 
-def found_in_python(number: int) -> str:
-    """The first Python test that fails; nothing if all pass.
+def found_in_python(number: int, where: str = "") -> str:
+    """The first Python test below the folder ``where`` that fails; nothing if all pass.
 
     The tests of the repository itself, such as of its layers, see the switches.
     """
     pytest = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
-    where = ["tests/python", "--ignore=tests/python/repository"]
-    tests = run([*pytest, "-n", "2", "--dist", "loadgroup", *where], number)
+    folder = f"tests/python/{where}"
+    which = [folder, "--ignore=tests/python/repository"]
+    tests = run([*pytest, "-n", "2", "--dist", "loadgroup", *which], number)
     if not tests.returncode:
         return ""
     failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", tests.stdout, re.MULTILINE)
@@ -128,17 +129,18 @@ def found_in_python(number: int) -> str:
 
 def found_by(number: int, file: str) -> str:
     """The first test that fails with this fault: where the fault is, then elsewhere."""
-    searches = [found_in_python, found_in_rust]
     if file.endswith(".rs"):
-        searches.reverse()
-    return next(filter(None, (search(number) for search in searches)), "")
+        return found_in_rust(number) or found_in_python(number)
+    # Tests mirror the package.
+    near = found_in_python(number, Path(file).parts[2])
+    return near or found_in_python(number) or found_in_rust(number)
 
 
 def main() -> int:
     every = faults()
     asked = [int(a) for a in sys.argv[1:]] or list(range(1, len(every) + 1))
     plant()
-    if not sys.argv[1:] and (failed := found_by(0, "")):
+    if not sys.argv[1:] and (failed := found_in_rust(0) or found_in_python(0)):
         sys.stderr.write(f"with no fault on, {failed} fails\n")
         return 2
     rows = []
