@@ -113,7 +113,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         }
         let made = Multigrid::new(
             tangent.symmetric_part(),
-            self.problem.near_null(),
+            self.problem.about_nodes(),
             &tangent.held,
             &self.cycle,
             stop,
@@ -165,11 +165,10 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                 joined.held[D * frame.node..D * (frame.node + 1)].fill(true);
             }
             if joined.glued.is_none() {
-                joined.glued = Some(Multigrid::of_bodies(
+                joined.glued = Some(Multigrid::new(
                     known.matrix.with_rows(rows, &joined.held),
-                    known.near_null.clone(),
+                    known.about_nodes(joined.interface.bodies.clone()),
                     &joined.held,
-                    joined.interface.bodies.clone(),
                     // Whatever happened in this step: later ones use it too.
                     &Cycle::default(),
                     stop,
@@ -180,11 +179,10 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             for (node, spring) in tangent.springs() {
                 matrix.add_to_diagonal_block(node, spring.as_slice());
             }
-            self.multigrid = Some(Multigrid::of_bodies(
+            self.multigrid = Some(Multigrid::new(
                 matrix,
-                self.problem.near_null(),
+                self.problem.about_nodes(),
                 &tangent.held,
-                joined.interface.bodies.clone(),
                 &Cycle {
                     spectrum: None,
                     ..self.cycle

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::condensation::condense::ProblemArrays;
 use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
+use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::rigid_motions;
@@ -42,6 +43,17 @@ pub struct Stiffness {
     /// Bound of the eigenvalues of `D⁻¹ K`, which holds for all statuses. It is that of `K`
     /// alone, so that a path that continues has the same bits as an uninterrupted one.
     pub spectrum: Option<f64>,
+}
+
+impl Stiffness {
+    /// What multigrid wants to know of the nodes.
+    pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::Nodes {
+        amg::nodes::Nodes {
+            motions: self.near_null.clone(),
+            coordinates: self.nodes.coordinates.clone().unwrap_or_default(),
+            bodies,
+        }
+    }
 }
 
 /// A contact problem.
@@ -271,11 +283,13 @@ impl<const D: usize> Primal<D> {
         });
     }
 
-    /// Motions of small energy in the variables of the contacts.
-    pub(super) fn near_null(&self) -> Vec<f64> {
-        let known = &self.stiffness;
-        let mut motions = known.near_null.clone();
-        let m = motions.len() / known.free.len().max(1);
+    /// The nodes, with their motions in the variables of the contacts.
+    pub(super) fn about_nodes(&self) -> amg::nodes::Nodes {
+        let bodies = self.interface.as_ref();
+        let bodies = bodies.map_or(Vec::new(), |interface| interface.bodies.clone());
+        let mut about = self.stiffness.about_nodes(bodies);
+        let motions = &mut about.motions;
+        let m = motions.len() / self.stiffness.free.len().max(1);
         for frame in &self.frames.list {
             if frame.node == usize::MAX {
                 continue;
@@ -289,7 +303,7 @@ impl<const D: usize> Primal<D> {
                 }
             }
         }
-        motions
+        about
     }
 
     /// The contacts of each body without a support.

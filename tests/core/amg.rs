@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
+use bipot_rs::linalg::amg::nodes::Nodes;
 use bipot_rs::linalg::amg::rigid_motions::rigid_motions;
 use bipot_rs::linalg::amg::settings::{Cycle, Settings};
 use bipot_rs::linalg::conjugate_gradients;
@@ -22,12 +23,19 @@ fn blocks(body: &Assembled) -> BlockMatrix<f64> {
     BlockMatrix::new(&body.view(), &place, body.nodes(), body.dim)
 }
 
+fn about(body: &Assembled) -> Nodes {
+    Nodes {
+        motions: rigid_motions(&body.coordinates, body.dim),
+        coordinates: body.coordinates.clone(),
+        bodies: Vec::new(),
+    }
+}
+
 fn multigrid(body: &Assembled, settings: &Settings) -> (BlockMatrix<f64>, Multigrid) {
     let matrix = blocks(body);
-    let vectors = rigid_motions(&body.coordinates, body.dim);
     let held = vec![false; body.n()];
     let never = AtomicBool::new(false);
-    let levels = Multigrid::new(matrix.to_single(), vectors, &held, settings, &never).unwrap();
+    let levels = Multigrid::new(matrix.to_single(), about(body), &held, settings, &never).unwrap();
     (matrix, levels)
 }
 
@@ -68,8 +76,7 @@ fn cubes_need_as_many_iterations_at_any_size() {
     }
 }
 
-/// Bounds are the measured counts and a tenth: 65, 18, 23, 16, 23, 26. Cells five times as long
-/// as wide are hard, because an aggregate spans as many of them in each direction.
+/// Bounds are the measured counts and a tenth.
 #[test]
 fn iterations_on_other_cells() {
     let cube = Grid::cube(12);
@@ -78,10 +85,7 @@ fn iterations_on_other_cells() {
         cell: Cell::Simplex,
         ..grid
     };
-    let stretched = Grid {
-        sides: [1.0, 1.0, 5.0],
-        ..cube
-    };
+    let stretched = |grid, sides| Grid { sides, ..grid };
     let quadratic = Grid {
         order: 2,
         ..Grid::cube(7)
@@ -91,7 +95,16 @@ fn iterations_on_other_cells() {
         ..cube
     };
     for (name, grid, most) in [
-        ("stretched", stretched, 71),
+        ("long", stretched(cube, [1.0, 1.0, 5.0]), 28),
+        ("flat", stretched(cube, [1.0, 5.0, 5.0]), 32),
+        ("very flat", stretched(cube, [1.0, 20.0, 20.0]), 44),
+        ("three sides", stretched(cube, [1.0, 4.0, 16.0]), 33),
+        (
+            "long tetrahedra",
+            stretched(simplex(cube), [1.0, 1.0, 5.0]),
+            31,
+        ),
+        ("long in the plane", stretched(square, [1.0, 5.0, 1.0]), 23),
         ("tetrahedra", simplex(cube), 20),
         ("second order", quadratic, 25),
         ("plane", square, 18),
@@ -191,8 +204,8 @@ fn held_unknowns_are_left_out() {
             cycle,
             ..Settings::default()
         };
-        let vectors = rigid_motions(&body.coordinates, body.dim);
-        let mut levels = Multigrid::new(single.clone(), vectors, &held, &settings, &never).unwrap();
+        let mut levels =
+            Multigrid::new(single.clone(), about(&body), &held, &settings, &never).unwrap();
         let mut b = random_signs(body.n(), 3);
         let clear = |x: &mut [f64]| {
             for (x, &held) in x.iter_mut().zip(&held) {
@@ -252,7 +265,8 @@ fn rotated_nodes_cost_nothing() {
     let turned: Vec<usize> = (0..body.nodes()).filter(|node| node % 3 == 0).collect();
     let mut single = matrix.to_single();
     single.change_variables(turned.iter().map(|&node| (node, &turn[..])));
-    let mut vectors = rigid_motions(&body.coordinates, body.dim);
+    let mut about = about(&body);
+    let vectors = &mut about.motions;
     let rotate = |x: &mut [f64], back: bool| {
         let (c, s) = (0.6, if back { -0.8 } else { 0.8 });
         let (a, b) = (x[0], x[1]);
@@ -269,7 +283,7 @@ fn rotated_nodes_cost_nothing() {
     let held = vec![false; body.n()];
     let never = AtomicBool::new(false);
     let settings = Settings::default();
-    let mut levels = Multigrid::new(single, vectors, &held, &settings, &never).unwrap();
+    let mut levels = Multigrid::new(single, about, &held, &settings, &never).unwrap();
     let all = |x: &mut [f64], back: bool| {
         for &node in &turned {
             rotate(&mut x[3 * node..3 * node + 2], back);

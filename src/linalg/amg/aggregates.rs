@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
+use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::sparse::csc::narrow;
 
 /// Nodes by aggregate.
@@ -14,24 +15,42 @@ pub(super) struct Aggregates {
     /// Start of each aggregate in `members`.
     pub(super) start: Vec<u32>,
     pub(super) members: Vec<u32>,
+    /// Whether each block of the matrix couples its nodes.
+    pub(super) coupled: Vec<bool>,
 }
+
+/// A neighbour that is so many times as far as the nearest one is weakly coupled: a cell couples
+/// in proportion to the inverse squares of its sides. Diagonals of cubes, and two cells of the
+/// second order, stay below.
+const FAR: f64 = 3.0;
+
+/// A distance below this part of the largest one is that of nodes at the same place.
+const SAME_PLACE: f64 = 1e-6;
+
+/// Fewer neighbours than this stand in a line: their neighbours join the aggregate too, because
+/// three nodes in a line would become one with nearly as many unknowns.
+const PLANE: usize = 3;
 
 impl Aggregates {
     pub(super) fn count(&self) -> usize {
         self.start.len() - 1
     }
 
+    pub(super) fn members_of(&self, aggregate: usize) -> &[u32] {
+        &self.members[self.start[aggregate] as usize..self.start[aggregate + 1] as usize]
+    }
+
     /// Groups each node whose neighbours are all free with these neighbours; joins the rest to
-    /// the aggregate of their strongest neighbour. All couplings count: a threshold for weak
-    /// ones leaves the rotations of small aggregates to the smoother. Only couplings between
-    /// nodes of different `bodies`, one for each node if there are any, do not: one motion of
-    /// both is not enough for two bodies that slide along each other.
+    /// the aggregate of their strongest neighbour. Coupled are nodes of one body that are near
+    /// each other. The size of a block says less: a threshold leaves the rotations of small
+    /// aggregates to the smoother, and along long cells the couplings of the mass across are as
+    /// large as those across. One motion is not enough for two bodies that slide along each other.
     ///
     /// One thread does this, so that the result does not depend on their number; it takes a few
     /// percent of the set-up.
-    pub(super) fn new(matrix: &BlockMatrix<f32>, bodies: &[u32]) -> Self {
+    pub(super) fn new(matrix: &BlockMatrix<f32>, about: &Nodes) -> Self {
         let nodes = matrix.nodes();
-        let couplings = couplings(matrix, bodies);
+        let couplings = couplings(matrix, about);
         let neighbours = |i: usize| {
             let row = matrix.row(i);
             let columns = matrix.column[row.clone()].iter().zip(&couplings[row]);
@@ -48,8 +67,17 @@ impl Aggregates {
                 continue;
             }
             of_node[i] = count;
+            let mut ring = 0;
             for (&j, _) in neighbours(i) {
                 of_node[j as usize] = count;
+                ring += 1;
+            }
+            if ring < PLANE {
+                for (&l, _) in neighbours(i).flat_map(|(&j, _)| neighbours(j as usize)) {
+                    if of_node[l as usize] == ABSENT {
+                        of_node[l as usize] = count;
+                    }
+                }
             }
             count += 1;
         }
@@ -85,12 +113,14 @@ impl Aggregates {
             of_node,
             start,
             members,
+            coupled: couplings.iter().map(|&size| size > 0.0).collect(),
         }
     }
 }
 
-/// Norm of each block beside the diagonal, zero for one that is only rounding or between bodies.
-fn couplings(matrix: &BlockMatrix<f32>, bodies: &[u32]) -> Vec<f32> {
+/// Norm of each block beside the diagonal, zero for one that is only rounding, between bodies or
+/// of nodes far from each other.
+fn couplings(matrix: &BlockMatrix<f32>, about: &Nodes) -> Vec<f32> {
     /// Of the diagonal block. Single precision rounds at 1e-7 of an entry; assembly cancels
     /// entries to 1e-16 of their terms.
     const ROUNDING: f32 = 1e-12;
@@ -104,21 +134,40 @@ fn couplings(matrix: &BlockMatrix<f32>, bodies: &[u32]) -> Vec<f32> {
     let rows: Vec<Vec<f32>> = (0..matrix.nodes().div_ceil(ROWS))
         .into_par_iter()
         .map(|task| {
-            let mut norms = Vec::new();
+            let (mut norms, mut distances) = (Vec::new(), Vec::new());
             for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
                 let least = ROUNDING * norm(matrix.diagonal_block(i));
-                for at in matrix.row(i) {
-                    let norm = norm(&matrix.values[at * size..(at + 1) * size]);
-                    let j = matrix.column[at] as usize;
-                    let together = bodies.is_empty() || bodies[i] == bodies[j];
-                    let coupled = j != i && together && norm > least;
-                    norms.push(if coupled { norm } else { 0.0 });
+                let columns = &matrix.column[matrix.row(i)];
+                distances.clear();
+                distances.extend(columns.iter().map(|&j| match j as usize {
+                    j if j != i && about.together(i, j) => {
+                        about.squared_distance(matrix.nodes(), i, j)
+                    }
+                    _ => f64::INFINITY,
+                }));
+                let far = farthest(&distances);
+                for (at, &distance) in matrix.row(i).zip(&distances) {
+                    let near = distance <= far && distance < f64::INFINITY;
+                    let norm = if near {
+                        norm(&matrix.values[at * size..(at + 1) * size])
+                    } else {
+                        0.0
+                    };
+                    norms.push(if norm > least { norm } else { 0.0 });
                 }
             }
             norms
         })
         .collect();
     rows.concat()
+}
+
+/// The largest squared distance of a coupled node, from those of all neighbours.
+fn farthest(distances: &[f64]) -> f64 {
+    let finite = distances.iter().filter(|d| d.is_finite());
+    let largest = finite.clone().copied().fold(0.0, f64::max);
+    let apart = finite.filter(|&&d| d > SAME_PLACE * SAME_PLACE * largest);
+    FAR * FAR * apart.copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Indices of each group, ascending: start of each group, and all indices. [`ABSENT`] is in no

@@ -1,7 +1,8 @@
 //! Smoothed aggregation: an algebraic multigrid preconditioner for elasticity.
 //!
 //! [`BlockMatrix`](block_matrix::BlockMatrix) holds the stiffness by nodes,
-//! [`rigid_motions`](rigid_motions::rigid_motions) gives its near-null vectors, and
+//! [`rigid_motions`](rigid_motions::rigid_motions) gives the near-null vectors of its
+//! [`Nodes`](nodes::Nodes), and
 //! [`Multigrid`](multigrid::Multigrid) is the preconditioner. Set-up, level by level:
 //!
 //! 1. [`inverse_diagonal`], [`spectrum`]: the smoother, block Jacobi with Chebyshev polynomials;
@@ -24,6 +25,7 @@ mod galerkin;
 mod inverse_diagonal;
 mod level;
 pub mod multigrid;
+pub mod nodes;
 mod prolongation;
 pub mod rigid_motions;
 pub mod settings;

@@ -12,6 +12,7 @@ use crate::linalg::amg::cycle::{Shared, Work, visit};
 use crate::linalg::amg::galerkin::galerkin;
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
+use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::settings::{Cycle, Settings};
 use crate::linalg::amg::spectrum::bound;
@@ -48,9 +49,8 @@ fn failure(reason: &'static str) -> Error {
 }
 
 impl Multigrid {
-    /// Builds all levels. `near_null` are `b × m` by rows for each node, as
-    /// [`rigid_motions`](super::rigid_motions::rigid_motions) gives them; their rows are zeroed
-    /// at `held` unknowns, which must be held in the matrix too.
+    /// Builds all levels. The motions of `about` are zeroed at `held` unknowns, which must be held
+    /// in the matrix too.
     ///
     /// # Errors
     /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, the levels
@@ -60,36 +60,18 @@ impl Multigrid {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
-        matrix: BlockMatrix<f32>,
-        near_null: Vec<f64>,
-        held: &[bool],
-        settings: &Settings,
-        stop: &AtomicBool,
-    ) -> Result<Self, Error> {
-        Self::of_bodies(matrix, near_null, held, Vec::new(), settings, stop)
-    }
-
-    /// As [`Multigrid::new`] for several bodies, with the body of each node: each has coarse
-    /// motions of its own. Without bodies, all nodes belong to one.
-    ///
-    /// # Errors
-    /// As [`Multigrid::new`].
-    ///
-    /// # Panics
-    /// As [`Multigrid::new`].
-    pub fn of_bodies(
         mut matrix: BlockMatrix<f32>,
-        mut near_null: Vec<f64>,
+        mut about: Nodes,
         held: &[bool],
-        mut bodies: Vec<u32>,
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let n = matrix.b * matrix.nodes();
         let m = if matrix.b == 2 { 3 } else { 6 };
         assert_eq!(held.len(), n);
-        assert_eq!(near_null.len(), n * m);
-        assert!(bodies.is_empty() || bodies.len() == matrix.nodes());
+        assert_eq!(about.motions.len(), n * m);
+        assert_eq!(about.coordinates.len(), n);
+        assert!(about.bodies.is_empty() || about.bodies.len() == matrix.nodes());
         let settings = Settings {
             degree: settings.degree.clamp(1, 4),
             ..*settings
@@ -97,7 +79,8 @@ impl Multigrid {
         let exponent = matrix.exponent;
         let finest = matrix.values.len();
         let mut entries = 0;
-        for ((row, &held), &absent) in near_null.chunks_exact_mut(m).zip(held).zip(&matrix.held) {
+        let rows = about.motions.chunks_exact_mut(m);
+        for ((row, &held), &absent) in rows.zip(held).zip(&matrix.held) {
             if held || absent {
                 row.fill(0.0);
             }
@@ -123,25 +106,21 @@ impl Multigrid {
                     "the spectrum of a level is not positive and finite",
                 ))?;
             running()?;
-            let aggregates = Aggregates::new(&matrix, &bodies);
+            let aggregates = Aggregates::new(&matrix, &about);
             let unknowns = matrix.b * matrix.nodes();
             if aggregates.count() * m * 3 > unknowns * 2 {
                 return Err(failure(
                     "the nodes of a level are not coupled to one another",
                 ));
             }
-            let tentative = Tentative::new(&aggregates, &near_null, matrix.b, m);
+            let tentative = Tentative::new(&aggregates, &about.motions, matrix.b, m);
             running()?;
             let omega = OMEGA / spectrum;
-            let p = Prolongation::new(&matrix, &inverse, &aggregates, &tentative, omega, m);
+            let p = Prolongation::new(&matrix, &inverse, &aggregates, &tentative, &about, omega, m);
             running()?;
             let mut coarse = galerkin(&matrix, &p);
             coarse.replace_dead(&tentative.dead);
-            near_null = tentative.coarse;
-            if !bodies.is_empty() {
-                let first = |g: usize| aggregates.members[aggregates.start[g] as usize] as usize;
-                bodies = (0..aggregates.count()).map(|g| bodies[first(g)]).collect();
-            }
+            about = about.coarse(&aggregates, tentative.coarse);
             entries += matrix.values.len();
             levels.push(Level::new(matrix, inverse, spectrum, p));
             matrix = coarse;

@@ -1,9 +1,15 @@
-//! The smoothed prolongation `P = (I − ω D⁻¹ A) T` between two levels.
+//! The smoothed prolongation `P = (I − ω D⁻¹ A') T` between two levels.
+//!
+//! `A'` is `A` without the blocks of weakly coupled nodes `j`. In their place, node `i` takes
+//! what its own aggregate would move there, `A_ij B_j C⁻¹` for `A_ij T_j`, so that `A'` leaves the
+//! near-null vectors `B = T C` without force as `A` does. `P` then has few blocks along long
+//! cells, where its smoothing would gain nothing.
 
 use rayon::prelude::*;
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
+use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};
 use crate::linalg::amg::wide::{Work, widest};
@@ -44,12 +50,14 @@ impl Prolongation {
         self.coarse_start.len() - 1
     }
 
-    /// Smooths `T` once, with `omega` relative to the diagonal blocks.
+    /// Smooths `T` once, with `omega` relative to the diagonal blocks. `about` are the nodes of
+    /// the fine level.
     pub(super) fn new(
         matrix: &BlockMatrix<f32>,
         inverse: &[f32],
         aggregates: &Aggregates,
         tentative: &Tentative,
+        about: &Nodes,
         omega: f64,
         m: usize,
     ) -> Self {
@@ -72,9 +80,10 @@ impl Prolongation {
                 let smooth = Smooth {
                     matrix,
                     inverse,
-                    of_node: &aggregates.of_node,
+                    aggregates,
                     place: &place,
-                    tentative: &tentative.rows,
+                    tentative,
+                    about,
                     omega: f32::rounded(omega),
                     m,
                     task,
@@ -114,9 +123,12 @@ fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
         || Slots::new(aggregates.count()),
         |slots, (task, counts)| {
             for (k, count) in counts.iter_mut().enumerate() {
-                for &j in &matrix.column[matrix.row(task * ROWS + k)] {
-                    let aggregate = aggregates.of_node[j as usize];
-                    if aggregate != ABSENT {
+                let i = task * ROWS + k;
+                for at in matrix.row(i) {
+                    let j = matrix.column[at] as usize;
+                    let aggregate = aggregates.of_node[j];
+                    let counts = j == i || aggregates.coupled[at];
+                    if counts && aggregate != ABSENT {
                         slots.slot(aggregate);
                     }
                 }
@@ -135,9 +147,10 @@ fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
 struct Smooth<'a> {
     matrix: &'a BlockMatrix<f32>,
     inverse: &'a [f32],
-    of_node: &'a [u32],
+    aggregates: &'a Aggregates,
     place: &'a [u32],
-    tentative: &'a [[f32; LANES]],
+    tentative: &'a Tentative,
+    about: &'a Nodes,
     omega: f32,
     m: usize,
     task: usize,
@@ -155,13 +168,17 @@ impl<const B: usize> Work for Sized<'_, B> {
         let Smooth { matrix, m, .. } = self.0;
         let (mut columns, mut values) = (self.0.columns, self.0.values);
         let slots = self.0.slots;
+        let of_node = &self.0.aggregates.of_node;
+        let motions = &self.0.about.motions;
+        let (of_members, _) = self.0.tentative.rows.as_chunks::<B>();
         let mut sums: Vec<[[f32; LANES]; B]> = Vec::new();
         for i in self.0.task * ROWS..matrix.nodes().min((self.0.task + 1) * ROWS) {
             sums.clear();
             // A T, a row of blocks.
             for at in matrix.row(i) {
                 let j = matrix.column[at] as usize;
-                let aggregate = self.0.of_node[j];
+                let weak = j != i && !self.0.aggregates.coupled[at];
+                let aggregate = of_node[if weak { i } else { j }];
                 if aggregate == ABSENT {
                     continue;
                 }
@@ -170,7 +187,11 @@ impl<const B: usize> Work for Sized<'_, B> {
                     sums.push([[0.0; LANES]; B]);
                 }
                 let block = &matrix.values[at * B * B..][..B * B];
-                let rows = &self.0.tentative[self.0.place[j] as usize * B..][..B];
+                let rows = if weak {
+                    &self.0.tentative.extended(aggregate, j, motions)
+                } else {
+                    &of_members[self.0.place[j] as usize]
+                };
                 let mut sum = sums[slot];
                 for l in 0..B {
                     for c in 0..B {
@@ -191,8 +212,8 @@ impl<const B: usize> Work for Sized<'_, B> {
                 values = later;
                 for l in 0..B {
                     let mut row = [0.0; LANES];
-                    if aggregate == self.0.of_node[i] {
-                        row = self.0.tentative[self.0.place[i] as usize * B + l];
+                    if aggregate == of_node[i] {
+                        row = of_members[self.0.place[i] as usize][l];
                     }
                     for c in 0..B {
                         let factor = -(self.0.omega * inverse[c * B + l]);

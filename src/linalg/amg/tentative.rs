@@ -18,6 +18,8 @@ pub(super) struct Tentative {
     pub(super) coarse: Vec<f64>,
     /// Coarse unknowns whose column of `T` is zero.
     pub(super) dead: Vec<bool>,
+    /// Number of near-null vectors.
+    m: usize,
 }
 
 /// Aggregates in one task.
@@ -34,6 +36,7 @@ impl Tentative {
                     rows: Vec::new(),
                     coarse: Vec::new(),
                     dead: Vec::new(),
+                    m,
                 };
                 for g in task * TASK..count.min((task + 1) * TASK) {
                     let range = aggregates.start[g] as usize..aggregates.start[g + 1] as usize;
@@ -46,6 +49,7 @@ impl Tentative {
             rows: Vec::with_capacity(aggregates.members.len() * b),
             coarse: Vec::with_capacity(count * m * m),
             dead: Vec::with_capacity(count * m),
+            m,
         };
         for part in parts {
             whole.rows.extend(part.rows);
@@ -53,6 +57,34 @@ impl Tentative {
             whole.dead.extend(part.dead);
         }
         whole
+    }
+
+    /// The rows of `T` that node `j` would have in another aggregate: `B_j C⁻¹`. `vectors` are
+    /// those of [`Tentative::new`].
+    pub(super) fn extended<const B: usize>(
+        &self,
+        aggregate: u32,
+        j: usize,
+        vectors: &[f64],
+    ) -> [[f32; LANES]; B] {
+        /// A larger one is that of a motion that the aggregate hardly has.
+        const LARGEST: f64 = 64.0;
+        let (m, g) = (self.m, aggregate as usize);
+        let coarse = &self.coarse[g * m * m..][..m * m];
+        let dead = &self.dead[g * m..][..m];
+        let mut rows = [[0.0; LANES]; B];
+        for (row, own) in rows.iter_mut().zip(vectors[j * B * m..].chunks_exact(m)) {
+            let mut x = [0.0; LANES];
+            for c in (0..m).filter(|&c| !dead[c]) {
+                let before: f64 = (0..c).map(|e| x[e] * coarse[e * m + c]).sum();
+                let value = (own[c] - before) / coarse[c * m + c];
+                if value.abs() <= LARGEST {
+                    x[c] = value;
+                }
+            }
+            *row = x.map(f32::rounded);
+        }
+        rows
     }
 
     /// Gram and Schmidt in the rows of `members`, in double precision.
