@@ -60,6 +60,17 @@ pub(super) fn check<const D: usize>(
             column.push(value);
         }
     };
+    // A body of one node cannot turn.
+    let mut nodes_of = vec![0; count];
+    for &body in motions.bodies {
+        nodes_of[body as usize] += 1;
+    }
+    for body in (0..count).filter(|&body| nodes_of[body] == 1) {
+        for rotation in D..m {
+            let row: Vec<f64> = (0..m).map(|k| f64::from(u8::from(k == rotation))).collect();
+            hold(&mut alone, body, &row);
+        }
+    }
     // A prescribed degree of freedom holds the bodies that it is coupled with.
     for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
         let mut held: Vec<usize> = stiffness

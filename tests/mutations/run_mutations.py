@@ -6,14 +6,15 @@
 The checkout is copied to ``out/mutations`` and every fault is compiled into that copy at
 once, behind a switch that the environment variable ``BIPOT_FAULT`` sets: one compilation
 serves all. The tests then run until the first failure: for a fault of the core, those of
-the core first; for one of the package, those of its folder first. The table goes to
-``results.csv``.
+the core first; for one of the package, those of its folder first. The rows of these
+faults in ``results.csv`` are written anew.
 Exit status 1: a fault was not found.
 """
 
 import csv
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +25,10 @@ from plant import faults, planted
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 COPY = ROOT / "out" / "mutations"
+RESULTS = HERE / "results.csv"
 SWITCH = "BIPOT_FAULT"
+# Seconds of one run of tests: twice what all tests of the package take.
+MOST = 600
 
 RUST_SWITCH = f"""
 /// Whether the planted fault with this number is on.
@@ -96,20 +100,41 @@ def environment(number: int) -> dict[str, str]:
     }
 
 
-def run(command: list[str], number: int) -> subprocess.CompletedProcess[str]:
-    """Run a command in the copy with this fault on."""
-    return subprocess.run(
-        command, cwd=COPY, env=environment(number), capture_output=True, text=True
+def run(command: list[str], number: int) -> tuple[int | None, str]:
+    """Run a command in the copy with this fault on: exit status, None after `MOST`; output."""
+    process = subprocess.Popen(
+        command,
+        cwd=COPY,
+        env=environment(number),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
     )
+    try:
+        output, _ = process.communicate(timeout=MOST)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        output, _ = process.communicate()
+        return None, output
+    return process.returncode, output
+
+
+def first(pattern: str, status: int | None, output: str) -> str:
+    """The first test that failed; nothing if all passed."""
+    if status == 0:
+        return ""
+    failed = re.findall(pattern, output, re.MULTILINE)
+    # A fault that makes a solver run on is found too.
+    ended = f"no end in {MOST} s" if status is None else f"exit status {status}"
+    return failed[0] if failed else ended
 
 
 def found_in_rust(number: int) -> str:
     """The first test of the core that fails; nothing if all pass."""
     tests = run(["cargo", "test", "--locked", "--test", "core"], number)
-    if not tests.returncode:
-        return ""
-    failed = re.findall(r"^test (\S+) \.\.\. FAILED", tests.stdout, re.MULTILINE)
-    return f"cargo test: {failed[0] if failed else tests.stderr[-200:]}"
+    failed = first(r"^test (\S+) \.\.\. FAILED", *tests)
+    return failed and f"cargo test: {failed}"
 
 
 def found_in_python(number: int, where: str = "") -> str:
@@ -121,10 +146,7 @@ def found_in_python(number: int, where: str = "") -> str:
     folder = f"tests/python/{where}"
     which = [folder, "--ignore=tests/python/repository"]
     tests = run([*pytest, "-n", "2", "--dist", "loadgroup", *which], number)
-    if not tests.returncode:
-        return ""
-    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", tests.stdout, re.MULTILINE)
-    return failed[0] if failed else f"pytest ends with {tests.returncode}"
+    return first(r"^(?:FAILED|ERROR) (\S+)", *tests)
 
 
 def found_by(number: int, file: str) -> str:
@@ -143,22 +165,36 @@ def main() -> int:
     if not sys.argv[1:] and (failed := found_in_rust(0) or found_in_python(0)):
         sys.stderr.write(f"with no fault on, {failed} fails\n")
         return 2
-    rows = []
+    rows = known()
+    lost = False
     for number in asked:
         start = perf_counter()
         fault = every[number - 1]
         test = found_by(number, fault["file"])
         seconds = round(perf_counter() - start)
-        rows.append([number, fault["file"], fault["what"], test])
+        lost |= not test
+        rows[fault["what"]] = [fault["file"], fault["what"], test]
         found = test or "NOT FOUND"
         sys.stdout.write(f"{number:3} {seconds:4} s  {fault['what']}: {found}\n")
         sys.stdout.flush()
-    if not sys.argv[1:]:
-        with (HERE / "results.csv").open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(["fault", "file", "what", "first test that fails"])
-            table.writerows(rows)
-    return int(any(not row[-1] for row in rows))
+        write([rows[x["what"]] for x in every if x["what"] in rows])
+    return int(lost)
+
+
+def known() -> dict[str, list[str]]:
+    """The rows of the table, by what the fault is."""
+    if not RESULTS.exists():
+        return {}
+    with RESULTS.open(encoding="utf-8", newline="") as file:
+        return {row[1]: row for row in list(csv.reader(file))[1:]}
+
+
+def write(rows: list[list[str]]) -> None:
+    """Write the table, in the order of the list of faults."""
+    with RESULTS.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["file", "what", "first test that fails"])
+        table.writerows(rows)
 
 
 if __name__ == "__main__":

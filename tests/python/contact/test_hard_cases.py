@@ -19,23 +19,28 @@ Array = NDArray[np.float64]
 OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize("f_t", [0.0, 0.3, -0.3])
-def test_h1_vertex(f_t: float) -> None:
-    result = one_node([0.0, f_t], 0.5, stiffness=np.diag([2.0, 1.0]))
+def test_h1_vertex(f_t: float, engine: str) -> None:
+    result = one_node([0.0, f_t], 0.5, stiffness=np.diag([2.0, 1.0]), engine=engine)
     np.testing.assert_allclose(result.reaction[0, 0], 0, atol=SMALL)
     np.testing.assert_allclose(result.displacement[0], [0, f_t], atol=SMALL)
 
 
-def test_h2_zero_slip() -> None:
-    result = one_node([-1.0, 0.0], 0.5)
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h2_zero_slip(engine: str) -> None:
+    result = one_node([-1.0, 0.0], 0.5, engine=engine)
     assert result.status[0, 0] == STICK
     np.testing.assert_allclose(result.reaction[0, 0], [1, 0], atol=SMALL)
     # Only K⁻¹ and the solve have rounding errors if the statuses are right.
     np.testing.assert_allclose(result.slip[0, 0], 0, atol=4e-16)
 
 
-def test_h3_grazing_gap() -> None:
-    answers_at = [one_node([-1.0, 1.9], 0.5, gap=g) for g in (0.0, 1e-16, -1e-16)]
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h3_grazing_gap(engine: str) -> None:
+    answers_at = [
+        one_node([-1.0, 1.9], 0.5, gap=g, engine=engine) for g in (0.0, 1e-16, -1e-16)
+    ]
     for result in answers_at:
         np.testing.assert_allclose(result.reaction[0, 0], [1.56, -0.78], rtol=SMALL)
         np.testing.assert_allclose(result.displacement[0, 1], 1.12, rtol=SMALL)
@@ -45,20 +50,23 @@ def test_h3_grazing_gap() -> None:
         )
 
 
-def test_h4_no_friction() -> None:
-    result = one_node([-1.0, 1.5], 0.0)
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h4_no_friction(engine: str) -> None:
+    result = one_node([-1.0, 1.5], 0.0, engine=engine)
     assert result.reaction[0, 0, 1] == 0.0
     assert result.reaction[0, 0, 0] == pytest.approx(1.75, rel=SMALL)
     assert result.displacement[0, 1] == pytest.approx(1.5, rel=SMALL)
     assert result.status[0, 0] == SLIP
 
 
-def test_h5_huge_friction() -> None:
-    result = one_node([-1.0, 1e3], 1e8, stiffness=np.diag([2.0, 1.0]))
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h5_huge_friction(engine: str) -> None:
+    result = one_node([-1.0, 1e3], 1e8, stiffness=np.diag([2.0, 1.0]), engine=engine)
     assert result.status[0, 0] == STICK
     np.testing.assert_allclose(result.reaction[0, 0], [1, -1000], rtol=1e-9)
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize(
     ("mu", "u_t", "r", "status"),
     [
@@ -67,9 +75,9 @@ def test_h5_huge_friction() -> None:
     ],
 )
 def test_h6_penetration_is_pressed_out(
-    mu: float, u_t: float, r: list[float], status: bp.Status
+    mu: float, u_t: float, r: list[float], status: bp.Status, engine: str
 ) -> None:
-    result = one_node([0.0, 0.0], mu, gap=-0.1)
+    result = one_node([0.0, 0.0], mu, gap=-0.1, engine=engine)
     np.testing.assert_allclose(result.displacement[0], [0.1, u_t], atol=1e-11)
     np.testing.assert_allclose(result.reaction[0, 0], r, rtol=1e-10)
     assert result.status[0, 0] == status
@@ -152,9 +160,10 @@ def test_h17_no_contact_is_a_linear_solve() -> None:
     assert empty.reaction.shape == (0, 3)
 
 
-def test_h25_released_contact_remembers_nothing() -> None:
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h25_released_contact_remembers_nothing(engine: str) -> None:
     path = np.array([[-1.0, 1.5], [1.0, 1.5], [-1.0, -0.2]])
-    result = one_node(path, 0.3)
+    result = one_node(path, 0.3, engine=engine)
     assert result.status[1, 0] == OPEN
     np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
     free = np.linalg.solve(K1, path[1])
@@ -167,9 +176,12 @@ def test_h25_released_contact_remembers_nothing() -> None:
     np.testing.assert_allclose(result.slip[2, 0], only.v[0, 1:], atol=SMALL)
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize("f_t", [0.2, 1.5])
-def test_h26_a_step_without_a_change_of_load_changes_nothing(f_t: float) -> None:
-    result = one_node([[-1.0, f_t]] * 3, 0.3)
+def test_h26_a_step_without_a_change_of_load_changes_nothing(
+    f_t: float, engine: str
+) -> None:
+    result = one_node([[-1.0, f_t]] * 3, 0.3, engine=engine)
     for k in (1, 2):
         np.testing.assert_allclose(result.reaction[k], result.reaction[0], rtol=SMALL)
         np.testing.assert_allclose(result.slip[k], 0, atol=SMALL)

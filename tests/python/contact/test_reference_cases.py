@@ -22,14 +22,23 @@ DATA = REFERENCE
 SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize("ratio", [0.0, 0.5, -0.9, 0.999])
-def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
+def test_a1_sheared_patch_in_the_plane(ratio: float, engine: str) -> None:
     young, pressure, mu = 10.0, 2.0, 0.35
     shear = ratio * mu * pressure
     body = block((3, 1), (6, 4), young, 0.0)
     load = uniform_shear(body, pressure, [shear])
     result: Any = bp.solve(
-        body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
+        body.K,
+        body.B,
+        load,
+        gap=body.gap,
+        mu=mu,
+        area=body.area,
+        tol=TOL,
+        coordinates=body.basis.doflocs.T,
+        engine=engine,
     )
     # Held by contact alone. The error is η times the condition of the block, about 1e2.
     np.testing.assert_allclose(result.traction[0, :, 0], pressure, rtol=1e-9)
@@ -40,10 +49,20 @@ def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
     np.testing.assert_allclose(u, [u_x, u_y], atol=1e-9 * pressure / young)
 
 
-def test_a1_sheared_patch_numbers() -> None:
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_a1_sheared_patch_numbers(engine: str) -> None:
     body = block((3, 1), (3, 3), 10.0, 0.0)
     load = uniform_shear(body, 2.0, [0.6])
-    result = bp.solve(body.K, body.B, load, gap=body.gap, mu=0.4, tol=TOL)
+    result = bp.solve(
+        body.K,
+        body.B,
+        load,
+        gap=body.gap,
+        mu=0.4,
+        tol=TOL,
+        coordinates=body.basis.doflocs.T,
+        engine=engine,
+    )
     expected = [[1, -0.3], [2, -0.6], [2, -0.6], [1, -0.3]]
     np.testing.assert_allclose(result.reaction[0], expected, atol=1e-9)
     top = body.nodes_where(1, 1.0)
@@ -51,24 +70,42 @@ def test_a1_sheared_patch_numbers() -> None:
     np.testing.assert_allclose(u, [[0.12] * 4, [-0.2] * 4], atol=1e-9)
 
 
-def test_a1_sheared_patch_in_space() -> None:
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_a1_sheared_patch_in_space(engine: str) -> None:
     young, pressure, mu, shear = 10.0, 2.0, 0.4, [0.45, -0.6]  # # 0.75 of 0.8
     body = block((2, 1, 1.5), (3, 2, 2), young, 0.0)
     load = uniform_shear(body, pressure, shear)
     result: Any = bp.solve(
-        body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
+        body.K,
+        body.B,
+        load,
+        gap=body.gap,
+        mu=mu,
+        area=body.area,
+        tol=TOL,
+        coordinates=body.basis.doflocs.T,
+        engine=engine,
     )
     expected = np.broadcast_to([pressure, 0.6 - 1.05, 0.6], (12, 3))
     np.testing.assert_allclose(result.traction[0], expected, atol=1e-9 * pressure)
     assert np.all(result.status[0] == STICK)
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a1_no_equilibrium_beyond_the_limit(dim: int) -> None:
+def test_a1_no_equilibrium_beyond_the_limit(dim: int, engine: str) -> None:
     body = block((2, 1, 1)[:dim], (2, 2, 2)[:dim], 10.0, 0.0)
     load = uniform_shear(body, 2.0, [1.01 * 0.4 * 2.0, 0.0][: dim - 1])
     with pytest.raises(bp.BipotError):
-        bp.solve(body.K, body.B, load, gap=body.gap, mu=0.4)
+        bp.solve(
+            body.K,
+            body.B,
+            load,
+            gap=body.gap,
+            mu=0.4,
+            coordinates=body.basis.doflocs.T,
+            engine=engine,
+        )
 
 
 def listed_branches() -> dict[tuple[float, float], list[tuple[str, list[float]]]]:
@@ -105,22 +142,27 @@ def test_a3_value_below_the_threshold() -> None:
         )
 
 
-def test_a4_wedged_at_zero_load() -> None:
-    result = one_node([[-1, 8], [0, 0]], 3.0)
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_a4_wedged_at_zero_load(engine: str) -> None:
+    result = one_node([[-1, 8], [0, 0]], 3.0, engine=engine)
     np.testing.assert_allclose(result.reaction[:, 0], [[2, -6], [1, 2]], atol=SMALL)
     np.testing.assert_allclose(result.displacement, [[0, 2], [0, 2]], atol=SMALL)
     assert result.status[1, 0] == STICK
     # With finer unloading steps the wedge stays.
     path = np.outer(np.linspace(1, 0, 9), [-1, 8])
-    np.testing.assert_allclose(one_node(path, 3.0).reaction[-1, 0], [1, 2], atol=SMALL)
+    np.testing.assert_allclose(
+        one_node(path, 3.0, engine=engine).reaction[-1, 0], [1, 2], atol=SMALL
+    )
 
 
-def test_a4_relaxed_below_the_threshold() -> None:
-    result = one_node([[-1, 8], [0, 0]], 1.5)
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_a4_relaxed_below_the_threshold(engine: str) -> None:
+    result = one_node([[-1, 8], [0, 0]], 1.5, engine=engine)
     np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
     np.testing.assert_allclose(result.displacement[1], 0, atol=SMALL)
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize(
     ("path", "u_t", "r_t"),
     [
@@ -129,8 +171,10 @@ def test_a4_relaxed_below_the_threshold() -> None:
         ([[0, 0.4], [-1, 0.4]], 0.4, 0.0),
     ],
 )
-def test_a5_path_dependence(path: list[list[float]], u_t: float, r_t: float) -> None:
-    result = one_node(path, 0.5, stiffness=np.eye(2))
+def test_a5_path_dependence(
+    path: list[list[float]], u_t: float, r_t: float, engine: str
+) -> None:
+    result = one_node(path, 0.5, stiffness=np.eye(2), engine=engine)
     np.testing.assert_allclose(result.displacement[-1], [0, u_t], atol=SMALL)
     np.testing.assert_allclose(result.reaction[-1, 0], [1, r_t], atol=SMALL)
 
@@ -214,7 +258,8 @@ def test_a11_bar_cycles_do_not_drift() -> None:
     np.testing.assert_allclose(per_cycle, 0.36125, rtol=1e-10)
 
 
-def test_h22_rotating_load_step_by_step() -> None:
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_h22_rotating_load_step_by_step(engine: str) -> None:
     k, limit, force, turns = 2.0, 0.5, 0.8, 3
     errors = []
     for steps in (8, 16, 32, 64, 128, 256, 512):
@@ -222,7 +267,7 @@ def test_h22_rotating_load_step_by_step() -> None:
         load = np.column_stack(
             [np.full_like(angle, -1.0), force * np.cos(angle), force * np.sin(angle)]
         )
-        result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]))
+        result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]), engine=engine)
         radius, loss = analytic.rotating_load(k, force, limit, steps)
         last = np.linalg.norm(result.displacement[-steps:, 1:], axis=1)
         # The transient shrinks by a fixed factor per radian: below 1e-7 after two turns, below

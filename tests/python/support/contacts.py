@@ -23,7 +23,8 @@ def one_node(
     load: Any, mu: float, gap: float = 0.0, stiffness: Array = K1, **options: Any
 ) -> Any:
     """The path of this contact under `load`, (d,) or (steps, d)."""
-    B = sparse.eye_array(stiffness.shape[0], format="csr")
-    return bp.solve(
-        stiffness, B, np.array(load, float), gap=[gap], mu=mu, **{"tol": TOL, **options}
-    )
+    d = stiffness.shape[0]
+    B = sparse.eye_array(d, format="csr")
+    # The iterative engine asks for coordinates: this node stands anywhere.
+    known = {"tol": TOL, "coordinates": np.zeros((d, d)), **options}
+    return bp.solve(stiffness, B, np.array(load, float), gap=[gap], mu=mu, **known)
