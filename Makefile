@@ -44,13 +44,14 @@ LINTED := RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS='-Dwarnings'
 .PHONY: rust-lint
 rust-lint: checks $(STAMP)
 	cargo fmt --check
-	# The bindings, which the tests do not compile; nothing runs them.
-	$(LINTED) cargo build $(CHECKED) --config 'profile.release.package.bipot_rs.opt-level=0' --lib --features python
-	$(LINTED) cargo test $(CHECKED) --no-run --all-targets
+	# The bindings, which the tests do not compile; nothing runs them. A library of Rust has
+	# files of its own, so that neither this nor the tests are compiled again without a change.
+	$(LINTED) cargo rustc $(CHECKED) --config 'profile.release.package.bipot_rs.opt-level=0' --lib --crate-type rlib --features python
+	$(LINTED) cargo test $(CHECKED) --no-run --lib --tests
 
 .PHONY: rust-test
 rust-test: rust-lint
-	$(LINTED) cargo test $(CHECKED)
+	$(LINTED) cargo test $(CHECKED) --lib --tests
 
 .PHONY: python-lint
 python-lint: $(STAMP)
@@ -68,6 +69,7 @@ python-test: $(STAMP)
 
 .PHONY: verify
 verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
+	cargo clippy --release --locked --benches -- -Dwarnings
 	$(PY) -m pytest -m verify --timeout 3600
 
 .PHONY: mutations

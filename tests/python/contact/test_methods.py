@@ -128,36 +128,43 @@ def fire():
     sent.append(time.perf_counter())
     os.kill(os.getpid(), signal.SIGINT)
 
-for problem, method in (pressed(26, 0.12), "newton"), (pressed(32, 0.4), "auto"):
-    beside, late = problem.solve(method, 1e-12).stats["bytes_beside_W"], []
-    for delay in (0.05, 0.4):
-        sent = []
-        threading.Timer(delay, fire).start()
-        try:
-            while True:
-                problem.solve(method, 1e-12)
-        except KeyboardInterrupt:
-            late.append(time.perf_counter() - sent[0])
-    print(beside, max(late))
+problem, method = pressed({n}, {pull}), {method!r}
+beside, late = problem.solve(method, 1e-12).stats["bytes_beside_W"], []
+for delay in (0.05, 0.4):
+    sent = []
+    threading.Timer(delay, fire).start()
+    try:
+        while True:
+            problem.solve(method, 1e-12)
+    except KeyboardInterrupt:
+        late.append(time.perf_counter() - sent[0])
+print(beside, max(late))
 """
 
 
-def test_ctrl_c_ends_a_large_solve() -> None:
-    # Of order 2028 with nearly all contacts sticking, where W is inverted; and of
-    # order 3072, where GMRES and sweeps take seconds.
+# Of order 2028 with nearly all contacts sticking, where W is inverted; and of order 3072,
+# where GMRES and sweeps take seconds.
+@pytest.mark.parametrize(
+    ("n", "pull", "method", "inverse"),
+    [(26, 0.12, "newton", 8 * 2028**2), (32, 0.4, "auto", 0)],
+)
+def test_ctrl_c_ends_a_large_solve(
+    n: int, pull: float, method: str, inverse: int
+) -> None:
+    program = INTERRUPTED.format(n=n, pull=pull, method=method)
     ended = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED],
+        [sys.executable, "-c", program],
         capture_output=True,
         text=True,
         timeout=200,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    (inverse, first), (none, second) = (x.split() for x in ended.stdout.splitlines())
-    assert (int(inverse), int(none)) == (8 * 2028**2, 0)
+    found, latest = ended.stdout.split()
+    assert int(found) == inverse
     # Signals are checked every 0.05 s, and work stops within one block of a factorisation
     # or product. A machine with other jobs may need another second.
-    assert max(float(first), float(second)) < 1.5
+    assert float(latest) < 1.5
 
 
 def test_compliance_is_read_where_it_is() -> None:
