@@ -34,6 +34,9 @@ pub(super) struct Motions<'a> {
     pub(super) bodies: &'a [u32],
 }
 
+/// The rows of what holds a body, one column for each of its motions.
+type Columns = Vec<Vec<f64>>;
+
 /// Checks that nothing can move freely. `position` is the number of each prescribed degree of
 /// freedom.
 ///
@@ -47,31 +50,83 @@ pub(super) fn check<const D: usize>(
     position: &[Option<usize>],
 ) -> Result<(), Error> {
     let m = motions.values.len() / (D * nodes.count).max(1);
-    let count = motions
-        .bodies
-        .iter()
-        .max()
-        .map_or(0, |&last| last as usize + 1);
     let of = |dof: usize| &motions.values[nodes.place[dof] as usize * m..][..m];
     let body = |dof: usize| motions.bodies[nodes.place[dof] as usize / D] as usize;
-    let mut alone = vec![vec![Vec::new(); m]; count];
-    let hold = |alone: &mut Vec<Vec<Vec<f64>>>, body: usize, row: &[f64]| {
-        for (column, &value) in alone[body].iter_mut().zip(row) {
-            column.push(value);
+    let mut alone = single_nodes::<D>(motions.bodies, m);
+    prescribed(&mut alone, stiffness, position, of, body);
+    // Bodies that supports do not hold, and then those that springs do not hold either.
+    let mut free = vec![false; alone.len()];
+    for dof in (0..position.len()).filter(|&dof| position[dof].is_none()) {
+        free[body(dof)] = true;
+    }
+    for (free, columns) in free.iter_mut().zip(&alone) {
+        *free &= !are_independent(columns.clone());
+    }
+    if free.contains(&true) {
+        let wanted = |dof: usize| position[dof].is_none() && free[body(dof)];
+        for (dof, row) in springs(stiffness, m, of, wanted)? {
+            hold(&mut alone[body(dof)], &row);
         }
-    };
-    // A body of one node cannot turn.
+    }
+    let mut number = vec![None; alone.len()];
+    let mut loose = Vec::new();
+    for (body, columns) in alone.into_iter().enumerate() {
+        if free[body] && !are_independent(columns.clone()) {
+            number[body] = Some(loose.len());
+            loose.push(columns);
+        }
+    }
+    if loose.is_empty() {
+        return Ok(());
+    }
+    if loose.len() > MOST_BODIES {
+        return Err(Error::NotIterative {
+            reason: "contact alone holds too many bodies",
+        });
+    }
+    let mut columns = side_by_side(loose, m);
+    contacts(&mut columns, contact, m, of, |dof| number[body(dof)]);
+    if are_independent(columns) {
+        Ok(())
+    } else {
+        Err(Error::NotIterative {
+            reason: "supports and contacts may leave a body free to move",
+        })
+    }
+}
+
+/// Adds a row to the columns.
+fn hold(columns: &mut Columns, row: &[f64]) {
+    for (column, &value) in columns.iter_mut().zip(row) {
+        column.push(value);
+    }
+}
+
+/// What holds each body: a body of one node cannot turn, nothing holds the others yet.
+fn single_nodes<const D: usize>(bodies: &[u32], m: usize) -> Vec<Columns> {
+    let count = bodies.iter().max().map_or(0, |&last| last as usize + 1);
+    let mut alone = vec![vec![Vec::new(); m]; count];
     let mut nodes_of = vec![0; count];
-    for &body in motions.bodies {
+    for &body in bodies {
         nodes_of[body as usize] += 1;
     }
     for body in (0..count).filter(|&body| nodes_of[body] == 1) {
         for rotation in D..m {
             let row: Vec<f64> = (0..m).map(|k| f64::from(u8::from(k == rotation))).collect();
-            hold(&mut alone, body, &row);
+            hold(&mut alone[body], &row);
         }
     }
-    // A prescribed degree of freedom holds the bodies that it is coupled with.
+    alone
+}
+
+/// A prescribed degree of freedom holds the bodies that it is coupled with.
+fn prescribed<'a>(
+    alone: &mut [Columns],
+    stiffness: &Symmetric<'_>,
+    position: &[Option<usize>],
+    of: impl Fn(usize) -> &'a [f64],
+    body: impl Fn(usize) -> usize,
+) {
     for dof in (0..position.len()).filter(|&dof| position[dof].is_some()) {
         let mut held: Vec<usize> = stiffness
             .column(dof)
@@ -81,78 +136,47 @@ pub(super) fn check<const D: usize>(
         held.sort_unstable();
         held.dedup();
         for body in held {
-            hold(&mut alone, body, of(dof));
+            hold(&mut alone[body], of(dof));
         }
     }
-    // Bodies that supports and springs do not hold, with the number of each.
-    let mut number = vec![usize::MAX; count];
-    let mut loose = 0;
-    let mut free = vec![false; count];
-    for dof in (0..position.len()).filter(|&dof| position[dof].is_none()) {
-        free[body(dof)] = true;
-    }
-    for (body, columns) in alone.iter().enumerate() {
-        free[body] &= !are_independent(columns.clone());
-    }
-    if free.contains(&true) {
-        let wanted = |dof: usize| position[dof].is_none() && free[body(dof)];
-        for (dof, row) in springs(stiffness, m, of, wanted)? {
-            for (column, value) in alone[body(dof)].iter_mut().zip(row) {
-                column.push(value);
-            }
+}
+
+/// The columns of all loose bodies in one matrix: a block of `m` columns for each.
+fn side_by_side(loose: Vec<Columns>, m: usize) -> Columns {
+    let mut columns = vec![Vec::new(); m * loose.len()];
+    for (number, own) in loose.into_iter().enumerate() {
+        let above = columns.iter().map(Vec::len).max().unwrap_or(0);
+        let height = above + own.first().map_or(0, Vec::len);
+        for (k, own) in own.into_iter().enumerate() {
+            columns[m * number + k].resize(above, 0.0);
+            columns[m * number + k].extend(own);
+        }
+        for column in &mut columns {
+            column.resize(height, 0.0);
         }
     }
-    for (body, columns) in alone.iter().enumerate() {
-        if free[body] && !are_independent(columns.clone()) {
-            number[body] = loose;
-            loose += 1;
-        }
-    }
-    let refused = Error::NotIterative {
-        reason: "supports and contacts may leave a body free to move",
-    };
-    if loose == 0 {
-        return Ok(());
-    }
-    if loose > MOST_BODIES {
-        return Err(Error::NotIterative {
-            reason: "contact alone holds too many bodies",
-        });
-    }
-    let mut columns = vec![Vec::new(); m * loose];
-    for (body, own) in alone.into_iter().enumerate() {
-        if number[body] != usize::MAX {
-            let height = columns.iter().map(Vec::len).max().unwrap_or(0);
-            for (k, own) in own.into_iter().enumerate() {
-                let column = &mut columns[m * number[body] + k];
-                column.resize(height, 0.0);
-                column.extend(own);
-            }
-            let height = columns.iter().map(Vec::len).max().unwrap_or(0);
-            for column in &mut columns {
-                column.resize(height, 0.0);
-            }
-        }
-    }
+    columns
+}
+
+/// Adds the relative displacements of the contacts by the motions of the loose bodies.
+fn contacts<'a>(
+    columns: &mut Columns,
+    contact: &OwnedMatrix,
+    m: usize,
+    of: impl Fn(usize) -> &'a [f64],
+    number: impl Fn(usize) -> Option<usize>,
+) {
     for row in 0..contact.pointer.len() - 1 {
         let size = norm(&contact.entries(row).map(|(_, b)| b).collect::<Vec<f64>>());
         let mut moved = vec![0.0; columns.len()];
         for (dof, b) in contact.entries(row) {
-            let body = number[body(dof)];
-            if body != usize::MAX && size > 0.0 {
+            if let Some(body) = number(dof).filter(|_| size > 0.0) {
                 for (value, z) in moved[m * body..].iter_mut().zip(of(dof)) {
                     *value += b / size * z;
                 }
             }
         }
-        for (column, value) in columns.iter_mut().zip(moved) {
-            column.push(value);
-        }
-    }
-    if are_independent(columns) {
-        Ok(())
-    } else {
-        Err(refused)
+        hold(columns, &moved);
     }
 }
 

@@ -40,6 +40,35 @@ impl Aggregates {
         &self.members[self.start[aggregate] as usize..self.start[aggregate + 1] as usize]
     }
 
+    /// The nodes of the next level, in the middle of their members, with the near-null vectors
+    /// `motions`.
+    pub(super) fn coarse(&self, about: &Nodes, motions: Vec<f64>) -> Nodes {
+        let d = about.coordinates.len() / self.of_node.len().max(1);
+        let count = self.count();
+        let mut coordinates = vec![0.0; count * d];
+        let centres = coordinates.par_chunks_mut(d).enumerate();
+        centres.with_min_len(1 << 10).for_each(|(g, centre)| {
+            let own = self.members_of(g);
+            #[expect(clippy::cast_precision_loss, reason = "a count of members")]
+            let share = (own.len() as f64).recip();
+            for (k, centre) in centre.iter_mut().enumerate() {
+                let along = own.iter().map(|&i| about.coordinates[i as usize * d + k]);
+                *centre = share * along.sum::<f64>();
+            }
+        });
+        let bodies = if about.bodies.is_empty() {
+            Vec::new()
+        } else {
+            let first = |g| about.bodies[self.members_of(g)[0] as usize];
+            (0..count).map(first).collect()
+        };
+        Nodes {
+            motions,
+            coordinates,
+            bodies,
+        }
+    }
+
     /// Groups each node whose neighbours are all free with these neighbours; joins the rest to
     /// the aggregate of their strongest neighbour. Coupled are nodes of one body that are near
     /// each other. The size of a block says less: a threshold leaves the rotations of small

@@ -120,7 +120,7 @@ impl Multigrid {
             running()?;
             let mut coarse = galerkin(&matrix, &p);
             coarse.replace_dead(&tentative.dead);
-            about = about.coarse(&aggregates, tentative.coarse);
+            about = aggregates.coarse(&about, tentative.coarse);
             entries += matrix.values.len();
             levels.push(Level::new(matrix, inverse, spectrum, p));
             matrix = coarse;

@@ -1,9 +1,5 @@
 //! What the set-up knows of the nodes of a level.
 
-use rayon::prelude::*;
-
-use crate::linalg::amg::aggregates::Aggregates;
-
 /// Near-null vectors, coordinates and bodies of nodes.
 #[derive(Clone, Debug)]
 pub struct Nodes {
@@ -32,34 +28,5 @@ impl Nodes {
     #[inline]
     pub(super) fn together(&self, i: usize, j: usize) -> bool {
         self.bodies.is_empty() || self.bodies[i] == self.bodies[j]
-    }
-
-    /// The nodes of the next level, in the middle of their members, with the near-null vectors
-    /// `motions`.
-    pub(super) fn coarse(&self, aggregates: &Aggregates, motions: Vec<f64>) -> Self {
-        let d = self.coordinates.len() / aggregates.of_node.len().max(1);
-        let count = aggregates.count();
-        let mut coordinates = vec![0.0; count * d];
-        let centres = coordinates.par_chunks_mut(d).enumerate();
-        centres.with_min_len(1 << 10).for_each(|(g, centre)| {
-            let own = aggregates.members_of(g);
-            #[expect(clippy::cast_precision_loss, reason = "a count of members")]
-            let share = (own.len() as f64).recip();
-            for (k, centre) in centre.iter_mut().enumerate() {
-                let along = own.iter().map(|&i| self.coordinates[i as usize * d + k]);
-                *centre = share * along.sum::<f64>();
-            }
-        });
-        let bodies = if self.bodies.is_empty() {
-            Vec::new()
-        } else {
-            let first = |g| self.bodies[aggregates.members_of(g)[0] as usize];
-            (0..count).map(first).collect()
-        };
-        Self {
-            motions,
-            coordinates,
-            bodies,
-        }
     }
 }

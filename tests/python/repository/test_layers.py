@@ -41,7 +41,7 @@ RUST_SIBLINGS = {
         "amg",
     ),
     "linalg/amg": (
-        "settings wide",
+        "nodes settings wide",
         "block_matrix rigid_motions",
         "block_rows changes",
         "aggregates coarsest connected inverse_diagonal slots spectrum",
