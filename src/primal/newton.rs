@@ -10,7 +10,7 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::flexible_gmres::{self, Limits};
-use crate::linalg::parallel::{axpy, largest};
+use crate::linalg::parallel::{axpy, largest, norm};
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
 use crate::primal::preconditioner::Preconditioner;
 use crate::primal::problem::Primal;
@@ -84,12 +84,34 @@ pub struct Solved<const D: usize> {
     pub judged: Judged<D>,
     pub outcome: Outcome,
     pub reason: Option<Reason>,
+    /// Estimated errors of the solution; `None` without convergence.
+    pub errors: Option<Errors>,
     pub newton: usize,
     pub krylov: usize,
     /// `(products with K, η)` of each step.
     pub history: Vec<(f64, f64)>,
     /// Memory of the largest hierarchy.
     pub bytes: usize,
+}
+
+/// Estimated relative errors of a point: by one more correction.
+#[derive(Clone, Copy, Debug)]
+pub struct Errors {
+    /// Of the displacements, by the largest.
+    pub displacement: f64,
+    /// `‖r − r*‖ / ‖r*‖` and `‖v − v*‖ / ‖v*‖`.
+    pub reaction: f64,
+    pub relative_displacement: f64,
+}
+
+/// Whether a point is a solution.
+#[derive(Clone, Copy, Debug)]
+enum Verdict {
+    /// The certificate does not hold.
+    Unlawful,
+    /// It holds, but the displacements may still change by more than [`SETTLED`].
+    Unsettled,
+    Solution(Errors),
 }
 
 /// The start of a load step.
@@ -151,6 +173,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         let mut reason = Reason::Statuses;
         let mut unsettled = 0;
         let mut outcome = Outcome::Stalled;
+        let mut errors = None;
         loop {
             let reduced = contacts_alone(problem, &point.r, &point.v)?;
             let first = statuses.is_none();
@@ -161,9 +184,7 @@ impl<'p, const D: usize> Newton<'p, D> {
                 Linearisation::new(&reduced, &point.r, &point.v)
             };
             let now: Vec<Status> = law.at.iter().map(|at| at.status).collect();
-            let changed = statuses.as_ref().map_or(now.len(), |before| {
-                before.iter().zip(&now).filter(|(a, b)| a != b).count()
-            });
+            let changed = changes(statuses.as_deref(), &now);
             let mut judged = judge(problem, &reduced, &point, begin.force, None);
             let eta = judged.residual();
             if !first && (changed == 0 || judged.converged(tol)) {
@@ -174,26 +195,32 @@ impl<'p, const D: usize> Newton<'p, D> {
                 #[expect(clippy::cast_precision_loss, reason = "a count of products")]
                 self.history.push(((self.krylov + self.steps) as f64, eta));
             }
-            let lawful = !first && judged.converged(tol);
             let tangent = Tangent::new(problem, &reduced, &law);
-            let estimate = if lawful {
-                self.estimate(&tangent, &now, &point)?
+            let verdict = if first {
+                Verdict::Unlawful
             } else {
-                None
+                self.verdict(&judged, &tangent, &now, &point)?
             };
-            let settled = estimate.is_some_and(|size| size <= SETTLED.max(tol));
-            let converged = settled && judged.floor() <= SETTLED.max(tol);
+            let converged = matches!(verdict, Verdict::Solution(_));
             if best.as_ref().is_none_or(|(least, ..)| eta < *least) || converged {
-                best = Some((eta, self.steps, point.clone(), judged.clone()));
+                best = Some((eta, self.steps, point.clone(), judged));
             }
-            if converged {
-                outcome = Outcome::Converged;
-                break;
-            }
-            if lawful {
-                unsettled += 1;
-                reason = Reason::Digits;
-            }
+            let wanted = match verdict {
+                Verdict::Solution(found) => {
+                    outcome = Outcome::Converged;
+                    errors = Some(found);
+                    break;
+                }
+                Verdict::Unsettled => {
+                    unsettled += 1;
+                    reason = Reason::Digits;
+                    FINE
+                }
+                Verdict::Unlawful => {
+                    let error = if first { 1.0 } else { eta };
+                    linear_tolerance(changed, now.len(), tol, error)
+                }
+            };
             if unsettled > MOST_UNSETTLED {
                 break;
             }
@@ -201,12 +228,6 @@ impl<'p, const D: usize> Newton<'p, D> {
                 outcome = ended;
                 break;
             }
-            let error = if first { 1.0 } else { eta };
-            let wanted = if lawful {
-                FINE
-            } else {
-                linear_tolerance(changed, now.len(), tol, error)
-            };
             let Some((dy, moved)) = self.correction(&tangent, &now, &point, wanted)? else {
                 reason = Reason::Multigrid;
                 break;
@@ -235,11 +256,31 @@ impl<'p, const D: usize> Newton<'p, D> {
             judged,
             outcome,
             reason: (outcome == Outcome::Stalled).then_some(reason),
+            errors,
             newton: self.steps,
             krylov: self.krylov,
             history: self.history,
             bytes: self.preconditioner.bytes,
         })
+    }
+
+    /// What the certificate and one more correction say of a point.
+    fn verdict(
+        &mut self,
+        judged: &Judged<D>,
+        tangent: &Tangent<'_, D>,
+        statuses: &[Status],
+        point: &Point<D>,
+    ) -> Result<Verdict, Error> {
+        let tol = self.settings.tol;
+        if !judged.converged(tol) {
+            return Ok(Verdict::Unlawful);
+        }
+        let most = SETTLED.max(tol);
+        let errors = self.estimate(tangent, statuses, point)?;
+        let settled = errors.filter(|by| by.displacement <= most);
+        let settled = settled.filter(|_| judged.floor() <= most);
+        Ok(settled.map_or(Verdict::Unsettled, Verdict::Solution))
     }
 
     /// Whether a limit, or the lack of a better point since the step `best`, ends the steps.
@@ -356,8 +397,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         Ok(Some((dy, moved)))
     }
 
-    /// The change of the displacements by one more correction, relative to the largest; `None`
-    /// if there is no preconditioner.
+    /// The change by one more correction; `None` if there is no preconditioner.
     ///
     /// One application of the preconditioner estimates the correction. It may miss soft motions
     /// by the factor that slows the linear solver, so that the estimate is multiplied by it.
@@ -366,7 +406,7 @@ impl<'p, const D: usize> Newton<'p, D> {
         tangent: &Tangent<'_, D>,
         statuses: &[Status],
         point: &Point<D>,
-    ) -> Result<Option<f64>, Error> {
+    ) -> Result<Option<Errors>, Error> {
         match self.preconditioner.prepare(tangent, statuses, self.stop) {
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(_) => return Ok(None),
@@ -377,11 +417,22 @@ impl<'p, const D: usize> Newton<'p, D> {
         self.preconditioner.apply(&right, &mut change);
         tangent.clear(&mut change);
         axpy(1.0, &tangent.known, &mut change);
-        let (changed, whole) = (largest(&change), largest(&point.y));
-        Ok(Some(if changed == 0.0 {
-            0.0
-        } else {
-            self.slowness * changed / whole
+        let mut moved = vec![0.0; change.len()];
+        self.problem.product(&change, &mut self.work, &mut moved);
+        let prescribed = tangent.prescribed_reactions(&point.r, &change, &moved);
+        let r = self.reaction_change(&moved, &prescribed);
+        let v = self.problem.frames.at_contacts(&change);
+        let of = |changed: f64, whole: f64| {
+            if changed == 0.0 {
+                0.0
+            } else {
+                self.slowness * changed / whole
+            }
+        };
+        Ok(Some(Errors {
+            displacement: of(largest(&change), largest(&point.y)),
+            reaction: of(norm(r.as_flattened()), norm(point.r.as_flattened())),
+            relative_displacement: of(norm(v.as_flattened()), norm(point.v.as_flattened())),
         }))
     }
 
@@ -463,6 +514,13 @@ fn slowness(products: usize, tol: f64) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let steps = products as f64;
     (2.0 * steps / (2.0 / tol).ln()).powi(2).max(1.0)
+}
+
+/// Number of contacts whose status changed; of all of them without statuses before.
+fn changes(before: Option<&[Status]>, now: &[Status]) -> usize {
+    before.map_or(now.len(), |before| {
+        before.iter().zip(now).filter(|(a, b)| a != b).count()
+    })
 }
 
 /// The relative residual of a linear system that its Newton step is worth: `changed` of `all`

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::path::stepping::{State, Step, incremental};
-use crate::primal::newton::{Begin, Newton, Reason};
+use crate::primal::newton::{Begin, Errors, Newton, Reason};
 use crate::primal::problem::Primal;
 use crate::solver::{Outcome, Settings, Solution};
 
@@ -27,6 +27,8 @@ pub struct PrimalStep<const D: usize> {
     pub newton: usize,
     pub krylov: usize,
     pub reason: Option<Reason>,
+    /// Estimated relative errors, if it converged.
+    pub errors: Option<Errors>,
     /// Memory of the largest hierarchy.
     pub bytes: usize,
 }
@@ -133,6 +135,7 @@ impl<const D: usize> PrimalPath<D> {
             newton: solved.newton,
             krylov: solved.krylov,
             reason: solved.reason,
+            errors: solved.errors,
             bytes: solved.bytes,
         })
     }

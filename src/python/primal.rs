@@ -222,6 +222,10 @@ fn step_dict<'py, const D: usize>(
     dict.set_item("newton", made.newton)?;
     dict.set_item("krylov", made.krylov)?;
     dict.set_item("reason", made.reason.map(Reason::text))?;
+    let errors = made
+        .errors
+        .map(|by| (by.reaction, by.relative_displacement));
+    dict.set_item("error_estimate", errors)?;
     dict.set_item("bytes_multigrid", made.bytes)?;
     Ok(dict)
 }

@@ -117,7 +117,7 @@ class Following:
         area = self._contacts["area"]
         engine = self.path.engine
         engine = engine if gap is None else engine.with_gap(gap)
-        u = raw.get("displacement")
+        u, errors = raw.get("displacement"), raw.get("error_estimate")
         return Step(
             **solution_fields(raw),
             _words=self._words(raw),
@@ -139,6 +139,7 @@ class Following:
                 )
             ),
             _kept={} if u is None else {"u": u},
+            _known={} if errors is None else {"error_estimate": errors},
         )
 
     def _add(self, step: Step) -> Step:

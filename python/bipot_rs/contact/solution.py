@@ -138,7 +138,8 @@ class Solution:
         there is one). It is computed on first use, at the cost of about one factorisation
         of the closed contacts. If all contacts stick, ``v`` is rounding error and its
         estimate means nothing. With ``stiffness_rtol`` both include the effect of the
-        error of ``K``.
+        error of ``K``. The iterative engine estimates both in each step, with one
+        application of its preconditioner.
 
         It is ``None`` if the reactions are not determined (redundant supports), if the
         solve did not converge, or if the problem is not available: the solution was read

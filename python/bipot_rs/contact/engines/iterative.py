@@ -173,7 +173,7 @@ class _StepProblem:
         return "unknown"
 
     def error_estimate(self, _step: Any, /) -> tuple[float, float] | None:
-        """Not available: it needs the compliance."""
+        """Not known: a step that converged brings its estimate along."""
         return None
 
     def error(self, step: Any, /) -> ErrorBound:

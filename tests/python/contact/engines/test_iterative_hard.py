@@ -72,8 +72,8 @@ HARD: dict[str, Callable[[], bp.Model]] = {
 }
 
 
-def solved(model: bp.Model, engine: str) -> Any:
-    model.solver(engine=engine, tol=1e-12)
+def solved(model: bp.Model, engine: str, tol: float = 1e-12) -> Any:
+    model.solver(engine=engine, tol=tol)
     return model.solve()
 
 
@@ -87,3 +87,54 @@ def test_hard_scenes_are_right(name: str) -> None:
     # Only the stiff block on the soft one is left to the direct engine.
     if name != "a stiff block on a soft one":
         assert all("krylov" in step.stats for step in ours)
+
+
+def test_a_soft_end_settles_although_large_reactions_hide_it() -> None:
+    """A strip clamped between a plane and 1e6 times the force that bends its free end."""
+    m = bp.Model("Strip")
+    m.material("steel", young=210e9, poisson=0.3)
+    long, high = np.linspace(0.0, 1.0, 321), np.linspace(0.0, 0.05, 13)
+    m.body("strip", material="steel", cell="quadrilateral", x=long, y=high)
+    m.support("strip.left", x=0.0, y=0.0)
+    plane = {"point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    m.contact("strip.bottom", plane=plane, mu=0.2, within={"x": [0.0, 0.1]})
+    model = m.assemble().model
+    x, y = model.nodes.T
+    load = np.zeros((len(x), 2))
+    pressed_part, end = (y > 0.049) & (x < 0.1), x > 0.999
+    load[pressed_part, 1] = -1e8 / pressed_part.sum()
+    load[end, 1] = 1e2 / end.sum()
+
+    def displacement(engine: str, tol: float) -> Any:
+        problem = bp.ContactProblem(
+            model.K,
+            model.B,
+            gap=model.gap,
+            mu=model.mu,
+            fixed=model.fixed,
+            coordinates=np.repeat(model.nodes, 2, axis=0),
+            engine=engine,
+        )
+        return problem.solve(load.ravel(), tol=tol)[0].displacement
+
+    right, ours = displacement("direct", 1e-12), displacement("iterative", 1e-3)
+    # The residual is below 1e-3 long before the end has come to rest.
+    assert np.abs(ours - right).max() <= 1e-3 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-7])
+def test_the_estimated_error_is_not_below_the_error(tol: float) -> None:
+    right = solved(pressed_block(), "direct")[-1]
+    step = solved(pressed_block(), "iterative", tol)[-1]
+    r, v = step.reaction, step.relative_displacement
+    errors = [
+        np.linalg.norm(r - right.reaction) / np.linalg.norm(right.reaction),
+        np.linalg.norm(v - right.relative_displacement)
+        / np.linalg.norm(right.relative_displacement),
+    ]
+    assert step.error_estimate is not None
+    for error, estimate in zip(errors, step.error_estimate, strict=True):
+        # One V-cycle removes some two thirds of an error, and the estimate is multiplied by
+        # what the linear solver lacked: within a small factor of the error.
+        assert error <= 3 * estimate + 1e-12
+        assert estimate <= 10 * error + 1e-12
