@@ -161,6 +161,9 @@ def found_by(number: int, file: str) -> str:
 def main() -> int:
     every = faults()
     asked = [int(a) for a in sys.argv[1:]] or list(range(1, len(every) + 1))
+    # A shell starts jobs in the background with SIGINT ignored, and so would be the programs
+    # that the tests interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     plant()
     if not sys.argv[1:] and (failed := found_in_rust(0) or found_in_python(0)):
         sys.stderr.write(f"with no fault on, {failed} fails\n")
