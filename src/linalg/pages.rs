@@ -1,13 +1,15 @@
 //! Memory pages of the system. Each page costs a fault at its first access: two microseconds
 //! for four kilobytes, and little more for a large page of two megabytes.
 
+use crate::linalg::real::Real;
+
 /// A vector of zeros that the system may put on large pages. With small pages, the first access
 /// to a gigabyte takes a second.
-pub(crate) fn zeros(len: usize) -> Vec<f64> {
+pub(crate) fn zeros<T: Real>(len: usize) -> Vec<T> {
     /// Smaller vectors gain nothing from large pages.
     #[cfg(target_os = "linux")]
     const LARGE: usize = 1 << 22;
-    let values = vec![0.0; len];
+    let values = vec![T::default(); len];
     #[cfg(target_os = "linux")]
     if std::mem::size_of_val(values.as_slice()) >= LARGE {
         let page = 1 << 21;

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::linalg::amg::following::Following;
 use crate::linalg::flexible_gmres::{self, Limits};
 use crate::linalg::parallel::{axpy, largest, norm};
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
@@ -78,7 +79,7 @@ impl Reason {
 }
 
 /// The result of the Newton steps.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Solved<const D: usize> {
     pub point: Point<D>,
     pub judged: Judged<D>,
@@ -92,6 +93,8 @@ pub struct Solved<const D: usize> {
     pub history: Vec<(f64, f64)>,
     /// Memory of the largest hierarchy.
     pub bytes: usize,
+    /// The hierarchy, for the next load step.
+    pub hierarchy: Option<Following>,
 }
 
 /// Estimated relative errors of a point: by one more correction.
@@ -142,14 +145,20 @@ pub struct Newton<'p, const D: usize> {
 }
 
 impl<'p, const D: usize> Newton<'p, D> {
+    /// `hierarchy` is that of an earlier load step of this problem, if there is one.
     #[must_use]
-    pub fn new(problem: &'p Primal<D>, settings: &'p Settings, stop: &'p AtomicBool) -> Self {
+    pub fn new(
+        problem: &'p Primal<D>,
+        settings: &'p Settings,
+        stop: &'p AtomicBool,
+        hierarchy: Option<Following>,
+    ) -> Self {
         Self {
             problem,
             settings,
             stop,
             started: Instant::now(),
-            preconditioner: Preconditioner::new(problem),
+            preconditioner: Preconditioner::new(problem, hierarchy),
             steps: 0,
             krylov: 0,
             slowness: 1.0,
@@ -261,6 +270,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             krylov: self.krylov,
             history: self.history,
             bytes: self.preconditioner.bytes,
+            hierarchy: self.preconditioner.hierarchy(),
         })
     }
 

@@ -6,17 +6,19 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
+use crate::linalg::amg::following::Following;
 use crate::path::stepping::{State, Step, incremental};
 use crate::primal::newton::{Begin, Errors, Newton, Reason};
 use crate::primal::problem::Primal;
 use crate::solver::{Outcome, Settings, Solution};
 
 /// A load path in progress. Without a state it starts from the unloaded bodies.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct PrimalPath<const D: usize> {
     state: Option<State<D>>,
     /// Displacements after the last step, if they are known; empty else.
     displacement: Vec<f64>,
+    hierarchy: Option<Following>,
 }
 
 /// A step, with its displacements and the work that it took.
@@ -41,10 +43,12 @@ impl<const D: usize> PrimalPath<D> {
         Self {
             state,
             displacement,
+            hierarchy: None,
         }
     }
 
-    /// Makes a step to the total loads; the state changes only if it converges.
+    /// Makes a step to the total loads; the state changes only if it converges. All steps of a
+    /// path have the same bodies and contacts.
     ///
     /// # Errors
     /// Wrong loads, [`Error::ContradictoryContact`], [`Error::Interrupted`]. The state does not
@@ -76,12 +80,14 @@ impl<const D: usize> PrimalPath<D> {
             let open = state.status.iter().map(|&s| s != Status::Open);
             open.collect()
         });
-        let solved = Newton::new(problem, settings, stop).run(Begin {
+        let newton = Newton::new(problem, settings, stop, self.hierarchy.take());
+        let solved = newton.run(Begin {
             y,
             closed,
             force: &force,
             offset: &offset,
         })?;
+        self.hierarchy = solved.hierarchy;
         let (point, judged) = (solved.point, solved.judged);
         let slip = point.v.clone();
         let mut total = point.v.clone();

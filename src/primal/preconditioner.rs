@@ -1,7 +1,8 @@
 //! Preconditioners of the Newton systems.
 //!
 //! **One body**: multigrid for the symmetric part `P` of the system. It must follow the
-//! statuses: one that was made for others costs several times as many iterations.
+//! statuses: one that was made for others costs several times as many iterations. Only what
+//! depends on the nodes of changed contacts is computed anew ([`Following`]).
 //!
 //! **Contacts between bodies**: multigrid for the bodies glued together at all contacts, made
 //! once, between two exact solutions on the interface, which follow the statuses ([`Filter`]):
@@ -18,6 +19,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::settings::Settings as Cycle;
 use crate::primal::filter::Filter;
@@ -41,7 +43,9 @@ pub(super) struct Preconditioner<'p, const D: usize> {
     cycle: Cycle,
     /// What the parts that follow the statuses were made for.
     statuses: Vec<Status>,
-    /// The hierarchy for these statuses.
+    /// The hierarchy of one body for these statuses.
+    following: Option<Following>,
+    /// The hierarchy of joined bodies for these statuses.
     multigrid: Option<Multigrid>,
     joined: Option<Joined<D>>,
     /// Memory of the largest hierarchy, with what contacts between bodies need.
@@ -63,7 +67,8 @@ struct Joined<const D: usize> {
 }
 
 impl<'p, const D: usize> Preconditioner<'p, D> {
-    pub(super) fn new(problem: &'p Primal<D>) -> Self {
+    /// `following` is the hierarchy of an earlier load step of one body, if there is one.
+    pub(super) fn new(problem: &'p Primal<D>, following: Option<Following>) -> Self {
         let joined = problem.interface.as_ref().map(|interface| Joined {
             interface: Arc::clone(interface),
             filter: None,
@@ -83,6 +88,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                 ..Cycle::default()
             },
             statuses: Vec::new(),
+            following,
             multigrid: None,
             joined,
             bytes: 0,
@@ -108,18 +114,16 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         if self.joined.is_some() {
             return self.prepare_joined(tangent, same, stop);
         }
-        if self.multigrid.is_some() {
+        if same && self.following.is_some() {
             return Ok(());
         }
-        let made = Multigrid::new(
-            tangent.symmetric_part(),
-            self.problem.about_nodes(),
-            &tangent.held,
-            &self.cycle,
-            stop,
-        )?;
-        self.bytes = self.bytes.max(made.bytes());
-        self.multigrid = Some(made);
+        let mut following = match self.following.take() {
+            Some(following) => following,
+            None => self.problem.hierarchy(&self.cycle, stop)?,
+        };
+        following.update(&tangent.held, &tangent.springs(), stop)?;
+        self.bytes = self.bytes.max(following.bytes());
+        self.following = Some(following);
         Ok(())
     }
 
@@ -138,7 +142,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             joined.filter = None;
             joined.filter = Some(Filter::new(
                 rows,
-                tangent.springs(),
+                tangent.springs_of_nodes(),
                 &tangent.held,
                 known.nodes.coordinates.as_deref(),
                 stop,
@@ -176,7 +180,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             }
         } else if self.multigrid.is_none() {
             let mut matrix = known.matrix.with_rows(rows, &tangent.held);
-            for (node, spring) in tangent.springs() {
+            for (node, spring) in tangent.springs_of_nodes() {
                 matrix.add_to_diagonal_block(node, spring.as_slice());
             }
             self.multigrid = Some(Multigrid::new(
@@ -201,8 +205,8 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
     /// `x ≈ P⁻¹ b`; `b` is zero at held places, `x` may be anything there.
     pub(super) fn apply(&mut self, b: &[f64], x: &mut [f64]) {
         let Some(joined) = &mut self.joined else {
-            if let Some(multigrid) = &mut self.multigrid {
-                multigrid.apply(b, x);
+            if let Some(following) = &mut self.following {
+                following.apply(self.cycle.degree, b, x);
             }
             return;
         };
@@ -231,6 +235,11 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         filter.add(&own, x);
     }
 
+    /// The hierarchy of one body, for the next load step.
+    pub(super) fn hierarchy(&mut self) -> Option<Following> {
+        self.following.take()
+    }
+
     /// Learns from the iterations of a linear system.
     pub(super) fn solved_in(&mut self, iterations: usize) {
         if let Some(joined) = &mut self.joined
@@ -239,7 +248,9 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             joined.slow |= iterations > SLOW_GLUED;
         } else if iterations > SLOW && self.cycle.degree < STRONGER_DEGREE {
             self.cycle.degree = STRONGER_DEGREE;
-            self.multigrid = None;
+            if let Some(multigrid) = &mut self.multigrid {
+                multigrid.set_degree(STRONGER_DEGREE);
+            }
         }
     }
 }

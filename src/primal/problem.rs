@@ -1,6 +1,7 @@
 //! A contact problem in the displacements: `K` in blocks of nodes, and the contacts.
 
-use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
@@ -9,6 +10,7 @@ use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
 use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::rigid_motions;
 use crate::linalg::small::Block;
@@ -38,19 +40,26 @@ pub struct Stiffness {
     position: Vec<Option<usize>>,
     /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
     coupling: OwnedMatrix,
-    /// Motions of small energy, by nodes, `motions` at each place.
-    pub near_null: Vec<f64>,
     /// Bound of the eigenvalues of `D⁻¹ K`, which holds for all statuses. It is that of `K`
     /// alone, so that a path that continues has the same bits as an uninterrupted one.
     pub spectrum: Option<f64>,
+    /// The matrix in single precision that gave the bound, for the first hierarchy.
+    single: Mutex<Option<BlockMatrix<f32>>>,
 }
 
 impl Stiffness {
+    /// The matrix in single precision.
+    fn single(&self) -> BlockMatrix<f32> {
+        let known = self.single.lock().ok().and_then(|mut known| known.take());
+        known.unwrap_or_else(|| self.matrix.to_single())
+    }
+
     /// What multigrid wants to know of the nodes.
     pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::Nodes {
+        let coordinates = self.nodes.coordinates.clone().unwrap_or_default();
         amg::nodes::Nodes {
-            motions: self.near_null.clone(),
-            coordinates: self.nodes.coordinates.clone().unwrap_or_default(),
+            motions: rigid_motions(&coordinates, self.matrix.block_size()),
+            coordinates,
             bodies,
         }
     }
@@ -101,21 +110,19 @@ impl<const D: usize> Primal<D> {
             }
         }
         let matrix = BlockMatrix::new(&given.stiffness, &place, nodes.count, D);
-        let near_null = match &nodes.coordinates {
-            Some(at) => rigid_motions(at, D),
-            None => {
-                return Err(Error::NotIterative {
-                    reason: "the coordinates of the degrees of freedom are not given",
-                });
-            }
+        let Some(at) = &nodes.coordinates else {
+            return Err(Error::NotIterative {
+                reason: "the coordinates of the degrees of freedom are not given",
+            });
         };
         let contact = given.contact.select(Some);
         let motions = Motions {
-            values: &near_null,
+            values: &rigid_motions(at, D),
             bodies: &matrix.connected(),
         };
         supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
-        let spectrum = Multigrid::spectrum_of(&matrix.to_single());
+        let single = matrix.to_single();
+        let spectrum = Multigrid::spectrum_of(&single);
         let stiffness = Stiffness {
             matrix,
             nodes,
@@ -123,8 +130,8 @@ impl<const D: usize> Primal<D> {
             fixed: given.fixed.to_vec(),
             coupling: sparse::columns(&given.stiffness, given.fixed, &position),
             position,
-            near_null,
             spectrum,
+            single: Mutex::new(Some(single)),
         };
         Self::of(
             Arc::new(stiffness),
@@ -304,6 +311,23 @@ impl<const D: usize> Primal<D> {
             }
         }
         about
+    }
+
+    /// The hierarchy of one body, which follows the statuses of its contacts.
+    ///
+    /// # Errors
+    /// As [`Following::new`].
+    pub(super) fn hierarchy(
+        &self,
+        settings: &amg::settings::Settings,
+        stop: &AtomicBool,
+    ) -> Result<Following, Error> {
+        let mut matrix = self.stiffness.single();
+        let blocks = self.frames.blocks();
+        matrix.change_variables(blocks.map(|(node, block)| (node, block.as_slice())));
+        let nodes = self.frames.with_node();
+        let nodes = nodes.map(|(_, frame)| narrow(frame.node)).collect();
+        Following::new(matrix, self.about_nodes(), nodes, settings, stop)
     }
 
     /// The contacts of each body without a support.

@@ -14,7 +14,6 @@
 //! preconditioner is made of that part.
 
 use crate::law::cone::Status;
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::small::{Block, Vector};
 use crate::primal::problem::Primal;
 use crate::reduced::reduced::Reduced;
@@ -156,26 +155,20 @@ impl<'p, const D: usize> Tangent<'p, D> {
     }
 
     /// The symmetric part of the springs of sliding contacts, with their nodes.
-    pub(super) fn springs(&self) -> impl Iterator<Item = (usize, Block<D>)> {
+    pub(super) fn springs_of_nodes(&self) -> impl Iterator<Item = (usize, Block<D>)> {
         let all = self.sliding.iter();
         all.map(|one| (one.at / D, one.symmetric_spring()))
     }
 
-    /// The symmetric part of the matrix, in single precision, if no contact joins nodes.
-    #[must_use]
-    pub(super) fn symmetric_part(&self) -> BlockMatrix<f32> {
-        let mut matrix = self.problem.stiffness.matrix.to_single();
-        matrix.change_variables(
-            self.problem
-                .frames
-                .blocks()
-                .map(|(node, block)| (node, block.as_slice())),
-        );
-        for (node, spring) in self.springs() {
-            matrix.add_to_diagonal_block(node, spring.as_slice());
+    /// The symmetric part of the springs of all contacts with a node, zero unless they slide.
+    pub(super) fn springs(&self) -> Vec<f64> {
+        let mut of_contacts = vec![Block::<D>::zeros(); self.problem.contacts()];
+        for one in &self.sliding {
+            of_contacts[one.contact] = one.symmetric_spring();
         }
-        matrix.hold(&self.held);
-        matrix
+        let with_node = self.problem.frames.with_node();
+        let blocks = with_node.flat_map(|(i, _)| of_contacts[i].iter().copied());
+        blocks.collect()
     }
 }
 

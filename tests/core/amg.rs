@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
+use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::Nodes;
 use bipot_rs::linalg::amg::rigid_motions::rigid_motions;
@@ -309,4 +310,137 @@ fn rotated_nodes_cost_nothing() {
         "{} for {plain}",
         found.products
     );
+}
+
+/// What holds the nodes of a face: all, the first component and springs along the others, or
+/// nothing, by a random number for each node.
+fn statuses(body: &Assembled, face: &[u32], seed: u64) -> (Vec<bool>, Vec<f64>) {
+    let d = body.dim;
+    let mut held = vec![false; body.n()];
+    let mut springs = vec![0.0; face.len() * d * d];
+    let signs = random_signs(2 * face.len(), seed);
+    for (k, (&node, signs)) in face.iter().zip(signs.chunks_exact(2)).enumerate() {
+        let own = &mut held[d * node as usize..d * (node as usize + 1)];
+        let spring = &mut springs[d * d * k..d * d * (k + 1)];
+        match (signs[0] > 0.0, signs[1] > 0.0) {
+            (true, true) => own.fill(true),
+            (true, false) => {
+                own[0] = true;
+                for l in 1..d {
+                    spring[l * d + l] = 0.1 * f64::from(u32::try_from(l).unwrap());
+                }
+            }
+            _ => {}
+        }
+    }
+    (held, springs)
+}
+
+/// The nodes where the last coordinate is least.
+fn face(body: &Assembled) -> Vec<u32> {
+    let d = body.dim;
+    let at = |node: usize| body.coordinates[d * node + d - 1];
+    let least = (0..body.nodes()).map(at).fold(f64::INFINITY, f64::min);
+    let on = (0..body.nodes()).filter(|&node| at(node) <= least);
+    on.map(|node| u32::try_from(node).unwrap()).collect()
+}
+
+/// A hierarchy that has followed other changes has the bits of one that has not, on one thread
+/// and on two, and as many iterations as one made for these unknowns alone.
+#[test]
+fn what_a_hierarchy_followed_before_changes_no_bit() {
+    let settings = Settings::default();
+    let never = AtomicBool::new(false);
+    for grid in [
+        Grid::cube(13),
+        Grid::square(40),
+        Grid {
+            order: 2,
+            ..Grid::cube(6)
+        },
+        // Fewer unknowns than the coarsest level may have.
+        Grid::cube(5),
+    ] {
+        let body = grid.assemble();
+        let face = face(&body);
+        let b = random_signs(body.n(), 5);
+        let make = || {
+            let single = blocks(&body).to_single();
+            Following::new(single, about(&body), face.clone(), &settings, &never).unwrap()
+        };
+        let apply = |levels: &mut Following| {
+            let mut x = vec![0.0; b.len()];
+            levels.apply(2, &b, &mut x);
+            x.iter().map(|x| x.to_bits()).collect::<Vec<u64>>()
+        };
+        let (held, springs) = statuses(&body, &face, 1);
+        let fresh = bipot_rs::threads::pool(1).unwrap().install(|| {
+            let mut levels = make();
+            levels.update(&held, &springs, &never).unwrap();
+            apply(&mut levels)
+        });
+        let followed = bipot_rs::threads::pool(2).unwrap().install(|| {
+            let mut levels = make();
+            for seed in 2..5 {
+                let (held, springs) = statuses(&body, &face, seed);
+                levels.update(&held, &springs, &never).unwrap();
+            }
+            levels.update(&held, &springs, &never).unwrap();
+            apply(&mut levels)
+        });
+        assert!(fresh == followed, "{grid:?}");
+        let matrix = blocks(&body);
+        let mut single = matrix.to_single();
+        let d = body.dim;
+        let spring_of = |k: usize| &springs[d * d * k..d * d * (k + 1)];
+        for (k, &node) in face.iter().enumerate() {
+            single.add_to_diagonal_block(node as usize, spring_of(k));
+        }
+        single.hold(&held);
+        let mut own = Multigrid::new(single, about(&body), &held, &settings, &never).unwrap();
+        let mut levels = make();
+        levels.update(&held, &springs, &never).unwrap();
+        let iterations = |precondition: &mut dyn FnMut(&[f64], &mut [f64])| {
+            let clear = |x: &mut [f64]| {
+                for (x, _) in x.iter_mut().zip(&held).filter(|(_, held)| **held) {
+                    *x = 0.0;
+                }
+            };
+            let mut right = b.clone();
+            clear(&mut right);
+            let limits = Limits {
+                tol: TOL,
+                restart: 60,
+                most: 60,
+            };
+            let found = flexible_gmres::solve(
+                |x, y| {
+                    matrix.product(x, y);
+                    for (k, &node) in face.iter().enumerate() {
+                        for l in 0..d {
+                            let at = d * node as usize + l;
+                            y[at] += spring_of(k)[l * d + l] * x[at];
+                        }
+                    }
+                    clear(y);
+                },
+                |r, z| {
+                    precondition(r, z);
+                    clear(z);
+                },
+                &right,
+                limits,
+                &never,
+            )
+            .unwrap();
+            assert!(found.reached, "{grid:?}: {}", found.residual);
+            found.products
+        };
+        let (ours, theirs) = (
+            iterations(&mut |r, z| levels.apply(2, r, z)),
+            iterations(&mut |r, z| own.apply(r, z)),
+        );
+        // The aggregates beside the face differ.
+        assert!(ours <= theirs + 2, "{grid:?}: {ours} for {theirs}");
+    }
 }

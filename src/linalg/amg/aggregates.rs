@@ -15,6 +15,8 @@ pub(super) struct Aggregates {
     /// Start of each aggregate in `members`.
     pub(super) start: Vec<u32>,
     pub(super) members: Vec<u32>,
+    /// Place of each node in `members`.
+    pub(super) place: Vec<u32>,
     /// Whether each block of the matrix couples its nodes.
     pub(super) coupled: Vec<bool>,
 }
@@ -34,6 +36,11 @@ const PLANE: usize = 3;
 impl Aggregates {
     pub(super) fn count(&self) -> usize {
         self.start.len() - 1
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        let numbers = [&self.of_node, &self.start, &self.members, &self.place];
+        numbers.map(|all| 4 * all.len()).iter().sum::<usize>() + self.coupled.len()
     }
 
     pub(super) fn members_of(&self, aggregate: usize) -> &[u32] {
@@ -138,10 +145,15 @@ impl Aggregates {
             count += 1;
         }
         let (start, members) = by_group(&of_node, count as usize);
+        let mut place = vec![ABSENT; nodes];
+        for (at, &i) in members.iter().enumerate() {
+            place[i as usize] = narrow(at);
+        }
         Self {
             of_node,
             start,
             members,
+            place,
             coupled: couplings.iter().map(|&size| size > 0.0).collect(),
         }
     }

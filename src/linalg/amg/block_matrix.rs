@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
@@ -85,8 +86,13 @@ impl<T: Real> BlockMatrix<T> {
 
     /// The place of a diagonal block.
     pub(super) fn diagonal(&self, node: usize) -> usize {
+        self.place(node, node)
+    }
+
+    /// The place of a block that the matrix has.
+    pub(super) fn place(&self, node: usize, column: usize) -> usize {
         let row = self.row(node);
-        let at = self.column[row.clone()].partition_point(|&j| (j as usize) < node);
+        let at = self.column[row.clone()].partition_point(|&j| (j as usize) < column);
         row.start + at
     }
 }
@@ -110,7 +116,7 @@ impl BlockMatrix<f64> {
             }
         }
         let (start, column) = pattern(k, place, &dof, b);
-        let mut values = vec![0.0; column.len() * b * b + PADDING];
+        let mut values = zeros(column.len() * b * b + PADDING);
         let parts = cut(&mut values, nodes, |i| start[i] as usize * b * b);
         parts.into_par_iter().enumerate().for_each(|(task, part)| {
             for i in task * ROWS..nodes.min((task + 1) * ROWS) {
@@ -188,7 +194,7 @@ impl BlockMatrix<f64> {
                 0
             };
         let factor = times_two_to(1.0, self.exponent - exponent);
-        let mut values = vec![0.0; self.values.len()];
+        let mut values = zeros(self.values.len());
         crate::linalg::parallel::map2(&mut values, &self.values, |_, value: f64| {
             f32::rounded(value * factor)
         });

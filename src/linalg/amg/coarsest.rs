@@ -24,6 +24,14 @@ impl Coarsest {
     /// no energy.
     const SHIFTS: [f64; 4] = [1e-6, 1e-5, 1e-4, 1e-3];
 
+    /// Without an unknown.
+    pub(super) fn none() -> Self {
+        Self {
+            n: 0,
+            factor: Vec::new(),
+        }
+    }
+
     pub(super) fn new(matrix: &BlockMatrix<f32>, stop: &AtomicBool) -> Result<Self, Error> {
         let (b, n) = (matrix.b, matrix.b * matrix.nodes());
         let mut dense = vec![0.0; n * n];

@@ -7,6 +7,7 @@ use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
 
@@ -26,9 +27,55 @@ pub(super) use with_sizes;
 
 /// `Pᵀ A P`, exactly symmetric.
 pub(super) fn galerkin(matrix: &BlockMatrix<f32>, p: &Prolongation) -> BlockMatrix<f32> {
-    let product = times_prolongation(matrix, p);
-    let upper = upper_triangle(p, &product);
+    let product = times_prolongation(matrix, p, None);
+    let upper = upper_triangle(p, &product, None);
     whole(&upper, p.m, matrix.exponent)
+}
+
+/// Computes the blocks of `coarse = Pᵀ A P` between `changed` coarse nodes anew, to the bits of
+/// [`galerkin`].
+pub(super) fn update(
+    coarse: &mut BlockMatrix<f32>,
+    matrix: &BlockMatrix<f32>,
+    p: &Prolongation,
+    changed: &[bool],
+) {
+    let (m, size) = (p.m, p.m * p.m);
+    let mut needed = vec![false; matrix.nodes()];
+    for g in (0..changed.len()).filter(|&g| changed[g]) {
+        for &[i, _] in p.coarse_row(g) {
+            needed[i as usize] = true;
+        }
+    }
+    let product = times_prolongation(matrix, p, Some(&needed));
+    let upper = upper_triangle(p, &product, Some(changed));
+    let mut blocks = upper.column.iter().zip(upper.values.chunks_exact(size));
+    for (g, &count) in upper.counts.iter().enumerate() {
+        for (&h, block) in blocks.by_ref().take(count as usize) {
+            let h = h as usize;
+            let own = coarse.place(g, h) * size;
+            let mirror = coarse.place(h, g) * size;
+            if g == h {
+                write_symmetric(&mut coarse.values[own..own + size], block, m);
+                continue;
+            }
+            coarse.values[own..own + size].copy_from_slice(block);
+            for c in 0..m {
+                for l in 0..m {
+                    coarse.values[mirror + c * m + l] = block[l * m + c];
+                }
+            }
+        }
+    }
+}
+
+/// Writes a diagonal block by its upper triangle.
+fn write_symmetric(to: &mut [f32], from: &[f32], m: usize) {
+    for c in 0..m {
+        for l in 0..m {
+            to[c * m + l] = from[if l < c { c * m + l } else { l * m + c }];
+        }
+    }
 }
 
 /// `A P`, blocks `b × m` by rows.
@@ -38,13 +85,22 @@ struct Product {
     values: Vec<f32>,
 }
 
-fn times_prolongation(matrix: &BlockMatrix<f32>, p: &Prolongation) -> Product {
+/// The rows of `needed` nodes, or all; the others are empty.
+fn times_prolongation(
+    matrix: &BlockMatrix<f32>,
+    p: &Prolongation,
+    needed: Option<&[bool]>,
+) -> Product {
+    let skipped = |i: usize| needed.is_some_and(|needed| !needed[i]);
     let (nodes, size) = (matrix.nodes(), p.b * p.m);
     let mut start = vec![0; nodes + 1];
     start[1..].par_chunks_mut(ROWS).enumerate().for_each_init(
         || Slots::new(p.coarse_nodes()),
         |slots, (task, counts)| {
             for (k, count) in counts.iter_mut().enumerate() {
+                if skipped(task * ROWS + k) {
+                    continue;
+                }
                 for &j in &matrix.column[matrix.row(task * ROWS + k)] {
                     for &g in &p.column[p.row(j as usize)] {
                         slots.slot(g);
@@ -60,7 +116,7 @@ fn times_prolongation(matrix: &BlockMatrix<f32>, p: &Prolongation) -> Product {
     }
     let blocks = start[nodes] as usize;
     let mut column = vec![0; blocks];
-    let mut values = vec![0.0; blocks * size + PADDING];
+    let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |i| start[i] as usize);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
     let tasks = columns.into_par_iter().zip(parts).enumerate();
@@ -70,6 +126,7 @@ fn times_prolongation(matrix: &BlockMatrix<f32>, p: &Prolongation) -> Product {
             let rows = Rows {
                 matrix,
                 p,
+                needed,
                 task,
                 slots,
                 columns,
@@ -88,6 +145,7 @@ fn times_prolongation(matrix: &BlockMatrix<f32>, p: &Prolongation) -> Product {
 struct Rows<'a> {
     matrix: &'a BlockMatrix<f32>,
     p: &'a Prolongation,
+    needed: Option<&'a [bool]>,
     task: usize,
     slots: &'a mut Slots,
     columns: &'a mut [u32],
@@ -103,6 +161,7 @@ impl<const B: usize, const M: usize, const L: usize> Work for SizedRows<'_, B, M
         let Rows {
             matrix,
             p,
+            needed,
             task,
             slots,
             mut columns,
@@ -110,6 +169,9 @@ impl<const B: usize, const M: usize, const L: usize> Work for SizedRows<'_, B, M
         } = self.0;
         let mut sums: Vec<[[f32; L]; B]> = Vec::new();
         for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+            if needed.is_some_and(|needed| !needed[i]) {
+                continue;
+            }
             sums.clear();
             for at in matrix.row(i) {
                 let a = &matrix.values[at * B * B..][..B * B];
@@ -160,7 +222,8 @@ struct Upper {
 /// Coarse rows in one task: each reads the blocks of a hundred fine rows.
 const COARSE_ROWS: usize = 16;
 
-fn upper_triangle(p: &Prolongation, product: &Product) -> Upper {
+/// The rows and columns of `changed` coarse nodes, or all.
+fn upper_triangle(p: &Prolongation, product: &Product, changed: Option<&[bool]>) -> Upper {
     let nodes = p.coarse_nodes();
     let parts: Vec<Upper> = (0..nodes.div_ceil(COARSE_ROWS))
         .into_par_iter()
@@ -171,6 +234,7 @@ fn upper_triangle(p: &Prolongation, product: &Product) -> Upper {
                 let rows = CoarseRows {
                     p,
                     product,
+                    changed,
                     rows: task * COARSE_ROWS..nodes.min((task + 1) * COARSE_ROWS),
                     slots,
                     upper: &mut upper,
@@ -192,6 +256,7 @@ fn upper_triangle(p: &Prolongation, product: &Product) -> Upper {
 struct CoarseRows<'a> {
     p: &'a Prolongation,
     product: &'a Product,
+    changed: Option<&'a [bool]>,
     rows: std::ops::Range<usize>,
     slots: &'a mut Slots,
     upper: &'a mut Upper,
@@ -206,13 +271,19 @@ impl<const B: usize, const M: usize, const L: usize> Work for SizedCoarseRows<'_
         let CoarseRows {
             p,
             product,
+            changed,
             rows,
             slots,
             upper,
         } = self.0;
+        let skipped = |g: usize| changed.is_some_and(|changed| !changed[g]);
         let mut sums: Vec<[[f32; L]; M]> = Vec::new();
         let mut order = Vec::new();
         for g in rows {
+            if skipped(g) {
+                upper.counts.push(0);
+                continue;
+            }
             sums.clear();
             for &[i, q] in p.coarse_row(g) {
                 let left = &p.values[q as usize * B * M..][..B * M + L - M];
@@ -220,7 +291,7 @@ impl<const B: usize, const M: usize, const L: usize> Work for SizedCoarseRows<'_
                     product.start[i as usize] as usize..product.start[i as usize + 1] as usize;
                 for at in row {
                     let h = product.column[at];
-                    if (h as usize) < g {
+                    if (h as usize) < g || skipped(h as usize) {
                         continue;
                     }
                     let (slot, new) = slots.slot(h);
@@ -274,7 +345,7 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
         .collect();
     let blocks = start[nodes] as usize;
     let mut column = vec![0; blocks];
-    let mut values = vec![0.0; blocks * size + PADDING];
+    let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |g| start[g] as usize);
     let parts = cut(&mut values, nodes, |g| start[g] as usize * size);
     let tasks = columns.into_par_iter().zip(parts).enumerate();
@@ -290,10 +361,13 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
                 };
                 let from = &upper.values[at as usize * size..][..size];
                 *column = row_of[at as usize];
+                if *column as usize == g {
+                    write_symmetric(block, from, m);
+                    continue;
+                }
                 for c in 0..m {
                     for l in 0..m {
-                        let above = row_of[at as usize] as usize == g && l < c;
-                        block[c * m + l] = from[if above { c * m + l } else { l * m + c }];
+                        block[c * m + l] = from[l * m + c];
                     }
                 }
             }

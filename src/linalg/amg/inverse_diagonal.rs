@@ -15,19 +15,26 @@ pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
         .map(|(task, part)| {
             let mut valid = true;
             for (k, inverse) in part.chunks_exact_mut(b * b).enumerate() {
-                let mut block = [0.0; 36];
-                for (to, from) in block.iter_mut().zip(matrix.diagonal_block(task * ROWS + k)) {
-                    *to = from.double();
-                }
-                valid &= invert(&mut block[..b * b], b);
-                for (to, &from) in inverse.iter_mut().zip(&block) {
-                    *to = f32::rounded(from);
-                }
+                valid &= invert_node(matrix, task * ROWS + k, inverse);
             }
             valid
         })
         .reduce(|| true, |a, b| a & b);
     valid.then_some(inverse)
+}
+
+/// Writes the inverse of the diagonal block of a node; returns whether the diagonal is positive.
+pub(super) fn invert_node(matrix: &BlockMatrix<f32>, node: usize, inverse: &mut [f32]) -> bool {
+    let b = matrix.b;
+    let mut block = [0.0; 36];
+    for (to, from) in block.iter_mut().zip(matrix.diagonal_block(node)) {
+        *to = from.double();
+    }
+    let valid = invert(&mut block[..b * b], b);
+    for (to, &from) in inverse.iter_mut().zip(&block) {
+        *to = f32::rounded(from);
+    }
+    valid
 }
 
 /// Inverts a symmetric positive semidefinite block in place, by Gauss and Jordan. Returns whether

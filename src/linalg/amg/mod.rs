@@ -11,6 +11,9 @@
 //! 4. [`prolongation`]: `P`, these vectors smoothed once;
 //! 5. [`galerkin`]: the matrix of the next level, `Pᵀ A P`.
 //!
+//! [`Following`](following::Following) changes with the statuses of contacts: it computes anew
+//! only what depends on the nodes of contacts that changed.
+//!
 //! The hierarchy is in single precision: it only preconditions, and takes half the memory.
 
 mod aggregates;
@@ -21,10 +24,13 @@ mod changes;
 mod coarsest;
 mod connected;
 mod cycle;
+pub mod following;
 mod galerkin;
+mod hierarchy;
 mod inverse_diagonal;
 mod level;
 pub mod multigrid;
+mod node_rows;
 pub mod nodes;
 mod prolongation;
 pub mod rigid_motions;

@@ -1,56 +1,48 @@
-//! The hierarchy of levels: set-up and use.
+//! The multigrid preconditioner: its levels and their use.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
-use rayon::prelude::*;
+use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{Shared, Work, visit};
-use crate::linalg::amg::galerkin::galerkin;
+use crate::linalg::amg::hierarchy::{DENSE, Levels, level};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::Nodes;
-use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::settings::{Cycle, Settings};
 use crate::linalg::amg::spectrum::bound;
-use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
 
-/// At most so many unknowns are solved with a dense factor.
-pub(super) const DENSE: usize = 800;
-/// Each level has at most a third of the unknowns of the one before: nobody has a matrix with
-/// more levels.
-const MOST_LEVELS: usize = 30;
-/// `ω λ` of the smoothed prolongation.
-const OMEGA: f64 = 4.0 / 3.0;
+/// Checks the lengths of what a hierarchy is made of.
+pub(super) fn check_lengths(matrix: &BlockMatrix<f32>, about: &Nodes, held: &[bool]) {
+    let n = matrix.b * matrix.nodes();
+    let m = if matrix.b == 2 { 3 } else { 6 };
+    assert_eq!(held.len(), n);
+    assert_eq!(about.motions.len(), n * m);
+    assert_eq!(about.coordinates.len(), n);
+    assert!(about.bodies.is_empty() || about.bodies.len() == matrix.nodes());
+}
 
 /// Smoothed aggregation for elasticity [Vaněk, Mandel & Brezina 1996], in single precision.
 #[derive(Clone, Debug)]
 pub struct Multigrid {
-    levels: Vec<Level>,
+    pub(super) levels: Vec<Level>,
     coarsest: Coarsest,
     work: Vec<Work>,
     settings: Settings,
     exponent: i32,
-    spectrum: f64,
     /// Stored numbers of all levels, and of the finest.
     entries: [usize; 2],
     b: Vec<f32>,
     x: Vec<f32>,
 }
 
-fn failure(reason: &'static str) -> Error {
-    Error::Multigrid { reason }
-}
-
 impl Multigrid {
-    /// Builds all levels. The motions of `about` are zeroed at `held` unknowns, which must be held
-    /// in the matrix too.
+    /// Builds all levels. The motions of `about` count as zero at `held` unknowns, which must be
+    /// held in the matrix too.
     ///
     /// # Errors
     /// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, the levels
@@ -60,95 +52,68 @@ impl Multigrid {
     /// # Panics
     /// If an argument has another length.
     pub fn new(
-        mut matrix: BlockMatrix<f32>,
-        mut about: Nodes,
+        matrix: BlockMatrix<f32>,
+        about: Nodes,
         held: &[bool],
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let n = matrix.b * matrix.nodes();
-        let m = if matrix.b == 2 { 3 } else { 6 };
-        assert_eq!(held.len(), n);
-        assert_eq!(about.motions.len(), n * m);
-        assert_eq!(about.coordinates.len(), n);
-        assert!(about.bodies.is_empty() || about.bodies.len() == matrix.nodes());
-        let settings = Settings {
-            degree: settings.degree.clamp(1, 4),
-            ..*settings
+        check_lengths(&matrix, &about, held);
+        let n = held.len();
+        let (exponent, finest) = (matrix.exponent, matrix.values.len());
+        let all: Vec<bool> = held.iter().zip(&matrix.held).map(|(a, b)| a | b).collect();
+        let made = if n <= DENSE {
+            Levels::new(matrix, about, stop)?
+        } else {
+            let made = level(matrix, &about, &all, settings.spectrum, stop)?;
+            let mut coarse = made.coarse;
+            coarse.replace_dead(&made.tentative.dead);
+            let next = made.aggregates.coarse(&about, made.tentative.coarse);
+            drop(about);
+            let mut below = Levels::new(coarse, next, stop)?;
+            below.list.insert(0, made.level);
+            below.entries += finest;
+            below
         };
-        let exponent = matrix.exponent;
-        let finest = matrix.values.len();
-        let mut entries = 0;
-        let rows = about.motions.chunks_exact_mut(m);
-        for ((row, &held), &absent) in rows.zip(held).zip(&matrix.held) {
-            if held || absent {
-                row.fill(0.0);
-            }
+        let mut whole = Self::empty(n, exponent, finest, settings);
+        whole.replace(made.list, made.coarsest, made.entries);
+        Ok(whole)
+    }
+
+    /// For `n` unknowns, without levels.
+    pub(super) fn empty(n: usize, exponent: i32, finest: usize, settings: &Settings) -> Self {
+        Self {
+            levels: Vec::new(),
+            coarsest: Coarsest::none(),
+            work: Vec::new(),
+            settings: Settings {
+                degree: settings.degree.clamp(1, 4),
+                ..*settings
+            },
+            exponent,
+            entries: [0, finest],
+            b: vec![0.0; n],
+            x: vec![0.0; n],
         }
-        let running = || {
-            let stopped = stop.load(Ordering::Relaxed);
-            if stopped {
-                Err(Error::Interrupted)
-            } else {
-                Ok(())
-            }
-        };
-        let mut levels: Vec<Level> = Vec::new();
-        while matrix.b * matrix.nodes() > DENSE && levels.len() < MOST_LEVELS {
-            running()?;
-            let inverse = inverse_diagonal(&matrix)
-                .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
-            let known = settings.spectrum.filter(|_| levels.is_empty());
-            let spectrum = known
-                .or_else(|| bound(&matrix, &inverse))
-                .filter(|bound| *bound > 0.0 && bound.is_finite())
-                .ok_or(failure(
-                    "the spectrum of a level is not positive and finite",
-                ))?;
-            running()?;
-            let aggregates = Aggregates::new(&matrix, &about);
-            let unknowns = matrix.b * matrix.nodes();
-            if aggregates.count() * m * 3 > unknowns * 2 {
-                return Err(failure(
-                    "the nodes of a level are not coupled to one another",
-                ));
-            }
-            let tentative = Tentative::new(&aggregates, &about.motions, matrix.b, m);
-            running()?;
-            let omega = OMEGA / spectrum;
-            let p = Prolongation::new(&matrix, &inverse, &aggregates, &tentative, &about, omega, m);
-            running()?;
-            let mut coarse = galerkin(&matrix, &p);
-            coarse.replace_dead(&tentative.dead);
-            about = aggregates.coarse(&about, tentative.coarse);
-            entries += matrix.values.len();
-            levels.push(Level::new(matrix, inverse, spectrum, p));
-            matrix = coarse;
-        }
-        running()?;
-        if matrix.b * matrix.nodes() > 4 * DENSE {
-            return Err(failure("the levels do not become coarser"));
-        }
-        entries += matrix.values.len();
-        let coarsest = Coarsest::new(&matrix, stop)?;
-        let count = levels.len();
-        let work = (1..=count)
+    }
+
+    /// Takes other levels.
+    pub(super) fn replace(&mut self, levels: Vec<Level>, coarsest: Coarsest, entries: usize) {
+        let inner = self.settings.cycle == Cycle::K;
+        self.work = (1..=levels.len())
             .map(|k| match levels.get(k) {
-                Some(level) => Work::new(level.x.len(), settings.cycle == Cycle::K),
+                Some(level) => Work::new(level.x.len(), inner),
                 None => Work::new(coarsest.unknowns(), false),
             })
             .collect();
-        Ok(Self {
-            spectrum: levels.first().map_or(1.0, |level| level.spectrum),
-            levels,
-            coarsest,
-            work,
-            settings,
-            exponent,
-            entries: [entries, finest],
-            b: vec![0.0; n],
-            x: vec![0.0; n],
-        })
+        self.levels = levels;
+        self.coarsest = coarsest;
+        self.entries[0] = entries;
+    }
+
+    /// Changes the degree of the smoother.
+    pub fn set_degree(&mut self, degree: usize) {
+        self.settings.degree = degree.clamp(1, 4);
     }
 
     /// `x ≈ A⁻¹ b`.
@@ -195,7 +160,7 @@ impl Multigrid {
     /// Rayleigh quotient or move it towards one.
     #[must_use]
     pub fn spectrum(&self) -> f64 {
-        self.spectrum
+        self.levels.first().map_or(1.0, |level| level.spectrum)
     }
 
     /// Number of levels, with the coarsest.
@@ -218,28 +183,5 @@ impl Multigrid {
             + self.work.iter().map(Work::bytes).sum::<usize>()
             + self.coarsest.bytes()
             + 4 * (self.b.len() + self.x.len())
-    }
-}
-
-impl BlockMatrix<f32> {
-    /// Gives unknowns without a column of `T` the mean diagonal of their node: their rows and
-    /// columns are zero.
-    fn replace_dead(&mut self, dead: &[bool]) {
-        let b = self.b;
-        let size = b * b;
-        let own: Vec<usize> = (0..self.nodes())
-            .into_par_iter()
-            .map(|i| self.diagonal(i))
-            .collect();
-        for (&at, dead) in own.iter().zip(dead.chunks_exact(b)) {
-            if !dead.contains(&true) {
-                continue;
-            }
-            let block = &mut self.values[at * size..(at + 1) * size];
-            let largest = (0..b).map(|l| block[l * b + l]).fold(0.0, f32::max);
-            for l in (0..b).filter(|&l| dead[l]) {
-                block[l * b + l] = if largest > 0.0 { largest } else { 1.0 };
-            }
-        }
     }
 }

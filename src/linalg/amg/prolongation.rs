@@ -13,6 +13,7 @@ use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};
 use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
 
@@ -50,41 +51,46 @@ impl Prolongation {
         self.coarse_start.len() - 1
     }
 
-    /// Smooths `T` once, with `omega` relative to the diagonal blocks. `about` are the nodes of
-    /// the fine level.
-    pub(super) fn new(
-        matrix: &BlockMatrix<f32>,
-        inverse: &[f32],
-        aggregates: &Aggregates,
-        tentative: &Tentative,
-        about: &Nodes,
-        omega: f64,
-        m: usize,
-    ) -> Self {
+    /// Smooths `T` once.
+    pub(super) fn new(of: &Smoothed<'_>, m: usize) -> Self {
+        let (matrix, aggregates) = (of.matrix, of.aggregates);
         let (b, nodes) = (matrix.b, matrix.nodes());
         let start = starts(matrix, aggregates);
         let blocks = start[nodes] as usize;
-        let mut column = vec![0; blocks];
-        let mut values = vec![0.0; blocks * b * m + PADDING];
-        // The row of T of each node.
-        let mut place = vec![ABSENT; nodes];
-        for (k, &i) in aggregates.members.iter().enumerate() {
-            place[i as usize] = narrow(k);
-        }
-        let columns = cut(&mut column, nodes, |i| start[i] as usize);
-        let parts = cut(&mut values, nodes, |i| start[i] as usize * b * m);
+        let mut made = Self {
+            b,
+            m,
+            column: vec![0; blocks],
+            values: zeros(blocks * b * m + PADDING),
+            coarse_start: Vec::new(),
+            coarse_blocks: Vec::new(),
+            start,
+        };
+        made.smooth(of, None);
+        let fine: Vec<u32> = (0..nodes)
+            .flat_map(|i| std::iter::repeat_n(narrow(i), made.row(i).len()))
+            .collect();
+        let (coarse_start, places) = by_group(&made.column, aggregates.count());
+        made.coarse_start = coarse_start;
+        made.coarse_blocks = places.iter().map(|&at| [fine[at as usize], at]).collect();
+        made
+    }
+
+    /// Computes the rows of `needed` nodes, or all.
+    pub(super) fn smooth(&mut self, of: &Smoothed<'_>, needed: Option<&[bool]>) {
+        let (b, m, nodes) = (self.b, self.m, of.matrix.nodes());
+        let start = &self.start;
+        let columns = cut(&mut self.column, nodes, |i| start[i] as usize);
+        let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * m);
         let tasks = columns.into_par_iter().zip(parts).enumerate();
         tasks.for_each_init(
-            || Slots::new(aggregates.count()),
+            || Slots::new(of.aggregates.count()),
             |slots, (task, (columns, values))| {
-                let smooth = Smooth {
-                    matrix,
-                    inverse,
-                    aggregates,
-                    place: &place,
-                    tentative,
-                    about,
-                    omega: f32::rounded(omega),
+                let rows = Rows {
+                    of,
+                    omega: f32::rounded(of.omega),
+                    start,
+                    needed,
                     m,
                     task,
                     slots,
@@ -92,27 +98,26 @@ impl Prolongation {
                     values,
                 };
                 match b {
-                    2 => widest(Sized::<2>(smooth)),
-                    3 => widest(Sized::<3>(smooth)),
-                    _ => widest(Sized::<6>(smooth)),
+                    2 => widest(SizedRows::<2>(rows)),
+                    3 => widest(SizedRows::<3>(rows)),
+                    _ => widest(SizedRows::<6>(rows)),
                 }
             },
         );
-        let fine: Vec<u32> = (0..nodes)
-            .flat_map(|i| std::iter::repeat_n(narrow(i), (start[i + 1] - start[i]) as usize))
-            .collect();
-        let (coarse_start, places) = by_group(&column, aggregates.count());
-        let coarse_blocks = places.iter().map(|&at| [fine[at as usize], at]).collect();
-        Self {
-            b,
-            m,
-            start,
-            column,
-            values,
-            coarse_start,
-            coarse_blocks,
-        }
     }
+}
+
+/// What `P` is made of.
+pub(super) struct Smoothed<'a> {
+    pub(super) matrix: &'a BlockMatrix<f32>,
+    /// Inverses of the diagonal blocks.
+    pub(super) inverse: &'a [f32],
+    pub(super) aggregates: &'a Aggregates,
+    pub(super) tentative: &'a Tentative,
+    /// The nodes of the fine level.
+    pub(super) about: &'a Nodes,
+    /// `ω`, relative to the diagonal blocks.
+    pub(super) omega: f64,
 }
 
 /// Start of each row of `P`: the aggregates of the neighbours of each node.
@@ -144,14 +149,11 @@ fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
 }
 
 /// The rows of one task.
-struct Smooth<'a> {
-    matrix: &'a BlockMatrix<f32>,
-    inverse: &'a [f32],
-    aggregates: &'a Aggregates,
-    place: &'a [u32],
-    tentative: &'a Tentative,
-    about: &'a Nodes,
+struct Rows<'a> {
+    of: &'a Smoothed<'a>,
     omega: f32,
+    start: &'a [u32],
+    needed: Option<&'a [bool]>,
     m: usize,
     task: usize,
     slots: &'a mut Slots,
@@ -159,25 +161,39 @@ struct Smooth<'a> {
     values: &'a mut [f32],
 }
 
-struct Sized<'a, const B: usize>(Smooth<'a>);
+struct SizedRows<'a, const B: usize>(Rows<'a>);
 
-impl<const B: usize> Work for Sized<'_, B> {
+impl<const B: usize> Work for SizedRows<'_, B> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
-        let Smooth { matrix, m, .. } = self.0;
-        let (mut columns, mut values) = (self.0.columns, self.0.values);
-        let slots = self.0.slots;
-        let of_node = &self.0.aggregates.of_node;
-        let motions = &self.0.about.motions;
-        let (of_members, _) = self.0.tentative.rows.as_chunks::<B>();
+        let Rows {
+            of,
+            omega,
+            start,
+            needed,
+            m,
+            task,
+            slots,
+            mut columns,
+            mut values,
+        } = self.0;
+        let (matrix, tentative) = (of.matrix, of.tentative);
+        let (of_node, place) = (&of.aggregates.of_node, &of.aggregates.place);
+        let (of_members, _) = tentative.rows.as_chunks::<B>();
         let mut sums: Vec<[[f32; LANES]; B]> = Vec::new();
-        for i in self.0.task * ROWS..matrix.nodes().min((self.0.task + 1) * ROWS) {
+        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+            if needed.is_some_and(|needed| !needed[i]) {
+                let blocks = (start[i + 1] - start[i]) as usize;
+                columns = &mut columns[blocks..];
+                values = &mut values[blocks * B * m..];
+                continue;
+            }
             sums.clear();
             // A T, a row of blocks.
             for at in matrix.row(i) {
                 let j = matrix.column[at] as usize;
-                let weak = j != i && !self.0.aggregates.coupled[at];
+                let weak = j != i && !of.aggregates.coupled[at];
                 let aggregate = of_node[if weak { i } else { j }];
                 if aggregate == ABSENT {
                     continue;
@@ -188,9 +204,9 @@ impl<const B: usize> Work for Sized<'_, B> {
                 }
                 let block = &matrix.values[at * B * B..][..B * B];
                 let rows = if weak {
-                    &self.0.tentative.extended(aggregate, j, motions)
+                    &tentative.extended(aggregate, j, &of.about.motions)
                 } else {
-                    &of_members[self.0.place[j] as usize]
+                    &of_members[place[j] as usize]
                 };
                 let mut sum = sums[slot];
                 for l in 0..B {
@@ -203,7 +219,7 @@ impl<const B: usize> Work for Sized<'_, B> {
                 sums[slot] = sum;
             }
             // T − ω D⁻¹ (A T).
-            let inverse = &self.0.inverse[i * B * B..][..B * B];
+            let inverse = &of.inverse[i * B * B..][..B * B];
             let (own, later) = columns.split_at_mut(slots.columns.len());
             own.copy_from_slice(&slots.columns);
             columns = later;
@@ -213,10 +229,10 @@ impl<const B: usize> Work for Sized<'_, B> {
                 for l in 0..B {
                     let mut row = [0.0; LANES];
                     if aggregate == of_node[i] {
-                        row = of_members[self.0.place[i] as usize][l];
+                        row = of_members[place[i] as usize][l];
                     }
                     for c in 0..B {
-                        let factor = -(self.0.omega * inverse[c * B + l]);
+                        let factor = -(omega * inverse[c * B + l]);
                         for e in 0..LANES {
                             row[e] = sum[c][e].times_plus::<FMA>(factor, row[e]);
                         }

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::real::Real;
+use crate::linalg::sparse::csc::narrow;
 
 /// Numbers of a row of `T`, six or fewer near-null vectors and zeros.
 pub(super) const LANES: usize = 8;
@@ -26,37 +27,87 @@ pub(super) struct Tentative {
 const TASK: usize = 64;
 
 impl Tentative {
-    /// `vectors` are `b × m` by rows for each node.
-    pub(super) fn new(aggregates: &Aggregates, vectors: &[f64], b: usize, m: usize) -> Self {
+    /// `vectors` are `b × m` by rows for each node; they count as zero at `held` unknowns.
+    pub(super) fn new(
+        aggregates: &Aggregates,
+        vectors: &[f64],
+        held: &[bool],
+        b: usize,
+        m: usize,
+    ) -> Self {
         let count = aggregates.count();
-        let parts: Vec<Self> = (0..count.div_ceil(TASK))
-            .into_par_iter()
-            .map(|task| {
-                let mut part = Self {
-                    rows: Vec::new(),
-                    coarse: Vec::new(),
-                    dead: Vec::new(),
-                    m,
-                };
-                for g in task * TASK..count.min((task + 1) * TASK) {
-                    let range = aggregates.start[g] as usize..aggregates.start[g + 1] as usize;
-                    part.aggregate(&aggregates.members[range], vectors, b, m);
-                }
-                part
-            })
-            .collect();
+        let all: Vec<u32> = (0..narrow(count)).collect();
         let mut whole = Self {
             rows: Vec::with_capacity(aggregates.members.len() * b),
             coarse: Vec::with_capacity(count * m * m),
             dead: Vec::with_capacity(count * m),
             m,
         };
-        for part in parts {
+        for part in Self::parts(&all, aggregates, vectors, held, b, m) {
             whole.rows.extend(part.rows);
             whole.coarse.extend(part.coarse);
             whole.dead.extend(part.dead);
         }
         whole
+    }
+
+    /// Makes the rows of some aggregates anew, for other `held` unknowns.
+    pub(super) fn update(
+        &mut self,
+        which: &[u32],
+        aggregates: &Aggregates,
+        vectors: &[f64],
+        held: &[bool],
+        b: usize,
+    ) {
+        let m = self.m;
+        let parts = Self::parts(which, aggregates, vectors, held, b, m);
+        for (of, part) in which.chunks(TASK).zip(parts) {
+            let mut rows = &part.rows[..];
+            let all = part
+                .coarse
+                .chunks_exact(m * m)
+                .zip(part.dead.chunks_exact(m));
+            for (&g, (coarse, dead)) in of.iter().zip(all) {
+                let g = g as usize;
+                let first = b * aggregates.start[g] as usize;
+                let (own, later) = rows.split_at(b * aggregates.members_of(g).len());
+                rows = later;
+                self.rows[first..first + own.len()].copy_from_slice(own);
+                self.coarse[g * m * m..(g + 1) * m * m].copy_from_slice(coarse);
+                self.dead[g * m..(g + 1) * m].copy_from_slice(dead);
+            }
+        }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.rows.as_slice()) + 8 * self.coarse.len() + self.dead.len()
+    }
+
+    /// The parts of some aggregates, in tasks of [`TASK`].
+    fn parts(
+        which: &[u32],
+        aggregates: &Aggregates,
+        vectors: &[f64],
+        held: &[bool],
+        b: usize,
+        m: usize,
+    ) -> Vec<Self> {
+        which
+            .par_chunks(TASK)
+            .map(|which| {
+                let mut part = Self {
+                    rows: Vec::new(),
+                    coarse: Vec::new(),
+                    dead: Vec::new(),
+                    m,
+                };
+                for &g in which {
+                    part.aggregate(aggregates.members_of(g as usize), vectors, held, b, m);
+                }
+                part
+            })
+            .collect()
     }
 
     /// The rows of `T` that node `j` would have in another aggregate: `B_j C⁻¹`. `vectors` are
@@ -88,16 +139,16 @@ impl Tentative {
     }
 
     /// Gram and Schmidt in the rows of `members`, in double precision.
-    fn aggregate(&mut self, members: &[u32], vectors: &[f64], b: usize, m: usize) {
+    fn aggregate(&mut self, members: &[u32], vectors: &[f64], held: &[bool], b: usize, m: usize) {
         /// A vector that loses all but this part to the earlier ones depends on them.
         const DEPENDENT: f64 = 1e-7;
         let count = members.len() * b;
-        let rows = members
+        let unknowns = members
             .iter()
-            .flat_map(|&i| vectors[i as usize * b * m..][..b * m].chunks_exact(m));
+            .flat_map(|&i| i as usize * b..(i as usize + 1) * b);
         let mut columns = vec![0.0; m * count];
-        for (r, row) in rows.enumerate() {
-            for (c, &value) in row.iter().enumerate() {
+        for (r, at) in unknowns.enumerate().filter(|&(_, at)| !held[at]) {
+            for (c, &value) in vectors[at * m..(at + 1) * m].iter().enumerate() {
                 columns[c * count + r] = value;
             }
         }

@@ -34,7 +34,8 @@ RUST = (
 # The same within a folder; modules named together must not use each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "compensated packed pages power_of_two random_signs real small union",
+        "compensated packed power_of_two random_signs real small union",
+        "pages",
         "dense gmres jacobi least_squares parallel",
         "conjugate_gradients flexible_gmres lu nonnegative verified_cholesky",
         "sparse",
@@ -47,11 +48,12 @@ RUST_SIBLINGS = {
         "aggregates coarsest connected inverse_diagonal slots spectrum",
         "changed_rows tentative",
         "prolongation",
-        "galerkin",
+        "galerkin node_rows",
         "transfer",
         "level",
-        "cycle",
+        "cycle hierarchy",
         "multigrid",
+        "following",
     ),
     "linalg/sparse": (
         "blocks csc ordering",

@@ -1,0 +1,296 @@
+//! A preconditioner that follows changes at a few nodes: the statuses of contacts.
+//!
+//! The aggregates are chosen once, without a change. A change at a node then reaches the motions
+//! of its aggregate, the rows of `P` beside this aggregate, and the blocks of `Pᵀ A P` of the
+//! aggregates about them. All else keeps its bits, and what is computed anew has the bits of a
+//! set-up from the start. Coarser levels are small: they are made again.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::linalg::amg::aggregates::Aggregates;
+use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
+use crate::linalg::amg::galerkin;
+use crate::linalg::amg::hierarchy::{DENSE, Levels, Made, failure, level, omega, running};
+use crate::linalg::amg::inverse_diagonal::invert_node;
+use crate::linalg::amg::level::Level;
+use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
+use crate::linalg::amg::node_rows::NodeRows;
+use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::prolongation::Smoothed;
+use crate::linalg::amg::settings::Settings;
+use crate::linalg::amg::tentative::Tentative;
+
+/// Multigrid whose matrix changes at some nodes.
+#[derive(Debug)]
+pub struct Following {
+    b: usize,
+    rows: NodeRows,
+    about: Nodes,
+    held: Vec<bool>,
+    /// Springs of the nodes of `rows`, in the units of the matrix before it was scaled.
+    springs: Vec<f64>,
+    finest: Finest,
+    multigrid: Multigrid,
+    ready: bool,
+}
+
+/// The finest level.
+#[derive(Debug)]
+enum Finest {
+    /// Few unknowns, which the coarsest level has all.
+    Small(BlockMatrix<f32>),
+    /// The level itself is with the others.
+    Large(Box<Kept>),
+}
+
+/// What is left of the set-up of the finest level.
+#[derive(Debug)]
+struct Kept {
+    aggregates: Aggregates,
+    tentative: Tentative,
+    /// The next matrix, with zeros for unknowns without a motion.
+    coarse: BlockMatrix<f32>,
+}
+
+impl Following {
+    /// `matrix` without held unknowns, but for those without a degree of freedom; `nodes` may
+    /// change. Nothing can be solved before [`Following::update`].
+    ///
+    /// # Errors
+    /// As [`Multigrid::new`].
+    ///
+    /// # Panics
+    /// If an argument has another length.
+    pub fn new(
+        mut matrix: BlockMatrix<f32>,
+        about: Nodes,
+        nodes: Vec<u32>,
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let held = matrix.held.clone();
+        check_lengths(&matrix, &about, &held);
+        let rows = NodeRows::new(&matrix, nodes);
+        let b = matrix.b;
+        let springs = vec![0.0; rows.nodes.len() * b * b];
+        for k in 0..rows.nodes.len() {
+            rows.write(k, &mut matrix, &held, &springs[..b * b]);
+        }
+        let (exponent, entries) = (matrix.exponent, matrix.values.len());
+        let mut multigrid = Multigrid::empty(held.len(), exponent, entries, settings);
+        let finest = if held.len() <= DENSE {
+            Finest::Small(matrix)
+        } else {
+            let Made {
+                level,
+                aggregates,
+                tentative,
+                coarse,
+            } = level(matrix, &about, &held, settings.spectrum, stop)?;
+            let none = Levels::none();
+            multigrid.replace(vec![level], none.coarsest, 0);
+            Finest::Large(Box::new(Kept {
+                aggregates,
+                tentative,
+                coarse,
+            }))
+        };
+        Ok(Self {
+            b,
+            rows,
+            about,
+            held,
+            springs,
+            finest,
+            multigrid,
+            ready: false,
+        })
+    }
+
+    /// Follows to `held` unknowns and to a spring at each of the nodes that may change, `b × b`
+    /// by columns. The bits do not depend on what was before. After an error this cannot be used.
+    ///
+    /// # Errors
+    /// As [`Multigrid::new`].
+    ///
+    /// # Panics
+    /// If an argument has another length.
+    pub fn update(
+        &mut self,
+        held: &[bool],
+        springs: &[f64],
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        assert_eq!(held.len(), self.held.len());
+        assert_eq!(springs.len(), self.springs.len());
+        let b = self.b;
+        let changed: Vec<usize> = (0..self.rows.nodes.len())
+            .filter(|&k| {
+                let i = b * self.rows.nodes[k] as usize;
+                let spring = b * b * k..b * b * (k + 1);
+                held[i..i + b] != self.held[i..i + b]
+                    || springs[spring.clone()] != self.springs[spring]
+            })
+            .collect();
+        if self.ready && changed.is_empty() {
+            return Ok(());
+        }
+        self.ready = false;
+        for &k in &changed {
+            let i = b * self.rows.nodes[k] as usize;
+            self.held[i..i + b].copy_from_slice(&held[i..i + b]);
+            let spring = b * b * k..b * b * (k + 1);
+            self.springs[spring.clone()].copy_from_slice(&springs[spring]);
+        }
+        let write = |matrix: &mut BlockMatrix<f32>| {
+            for &k in &changed {
+                self.rows
+                    .write(k, matrix, held, &springs[b * b * k..b * b * (k + 1)]);
+            }
+        };
+        match &mut self.finest {
+            Finest::Small(matrix) => {
+                write(matrix);
+                let made = Levels::new(matrix.clone(), self.about.clone(), stop)?;
+                self.multigrid
+                    .replace(made.list, made.coarsest, made.entries);
+            }
+            Finest::Large(kept) => {
+                let mut levels = std::mem::take(&mut self.multigrid.levels);
+                levels.truncate(1);
+                let finest = levels
+                    .first_mut()
+                    .ok_or(failure("the finest level is missing"))?;
+                write(&mut finest.matrix);
+                let nodes: Vec<u32> = changed.iter().map(|&k| self.rows.nodes[k]).collect();
+                kept.follow(finest, &nodes, &self.about, &self.held, stop)?;
+                let mut coarse = kept.coarse.clone();
+                coarse.replace_dead(&kept.tentative.dead);
+                let next = kept
+                    .aggregates
+                    .coarse(&self.about, kept.tentative.coarse.clone());
+                let below = Levels::new(coarse, next, stop)?;
+                let entries = below.entries + finest.matrix.values.len();
+                levels.extend(below.list);
+                self.multigrid.replace(levels, below.coarsest, entries);
+            }
+        }
+        self.ready = true;
+        Ok(())
+    }
+
+    /// `x ≈ A⁻¹ b`, as [`Multigrid::apply`], with a smoother of this degree.
+    ///
+    /// # Panics
+    /// If `b` or `x` has another length than the matrix.
+    pub fn apply(&mut self, degree: usize, b: &[f64], x: &mut [f64]) {
+        self.multigrid.set_degree(degree);
+        self.multigrid.apply(b, x);
+    }
+
+    /// Memory of all levels, and of what the next change needs.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let about = 8 * (self.about.motions.len() + self.about.coordinates.len());
+        let finest = match &self.finest {
+            Finest::Small(matrix) => matrix.bytes(),
+            Finest::Large(kept) => {
+                kept.coarse.bytes() + kept.tentative.bytes() + kept.aggregates.bytes()
+            }
+        };
+        self.multigrid.bytes() + self.rows.bytes() + 8 * self.springs.len() + about + finest
+    }
+}
+
+impl Kept {
+    /// Computes anew what depends on the rows of `nodes`, which the matrix has already.
+    fn follow(
+        &mut self,
+        finest: &mut Level,
+        nodes: &[u32],
+        about: &Nodes,
+        held: &[bool],
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        let (b, count) = (finest.matrix.b, finest.matrix.nodes());
+        for &i in nodes {
+            let own = i as usize * b * b;
+            let inverse = &mut finest.inverse[own..own + b * b];
+            if !invert_node(&finest.matrix, i as usize, inverse) {
+                return Err(failure("a diagonal entry is not positive, or not finite"));
+            }
+        }
+        let mut which: Vec<u32> = nodes
+            .iter()
+            .map(|&i| self.aggregates.of_node[i as usize])
+            .filter(|&g| g != ABSENT)
+            .collect();
+        which.sort_unstable();
+        which.dedup();
+        self.tentative
+            .update(&which, &self.aggregates, &about.motions, held, b);
+        running(stop)?;
+        // Rows of P: of nodes beside a changed row of T or of A.
+        let mut reached = Reached::new(count);
+        for &i in nodes {
+            reached.add(i);
+        }
+        for &g in &which {
+            for &i in self.aggregates.members_of(g as usize) {
+                reached.add(i);
+            }
+        }
+        reached.spread(&finest.matrix);
+        let of = Smoothed {
+            matrix: &finest.matrix,
+            inverse: &finest.inverse,
+            aggregates: &self.aggregates,
+            tentative: &self.tentative,
+            about,
+            omega: omega(finest.spectrum),
+        };
+        finest.p.smooth(&of, Some(&reached.is));
+        running(stop)?;
+        // Rows of A P: of nodes beside these.
+        reached.spread(&finest.matrix);
+        let mut coarse = vec![false; self.aggregates.count()];
+        for &i in &reached.list {
+            for &g in &finest.p.column[finest.p.row(i as usize)] {
+                coarse[g as usize] = true;
+            }
+        }
+        galerkin::update(&mut self.coarse, &finest.matrix, &finest.p, &coarse);
+        running(stop)
+    }
+}
+
+/// A growing set of nodes.
+struct Reached {
+    is: Vec<bool>,
+    list: Vec<u32>,
+}
+
+impl Reached {
+    fn new(nodes: usize) -> Self {
+        Self {
+            is: vec![false; nodes],
+            list: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, node: u32) {
+        if !std::mem::replace(&mut self.is[node as usize], true) {
+            self.list.push(node);
+        }
+    }
+
+    /// Adds the neighbours of all nodes.
+    fn spread(&mut self, matrix: &BlockMatrix<f32>) {
+        for k in 0..self.list.len() {
+            for at in matrix.row(self.list[k] as usize) {
+                self.add(matrix.column[at]);
+            }
+        }
+    }
+}

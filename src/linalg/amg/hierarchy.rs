@@ -1,0 +1,179 @@
+//! Set-up of the levels.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::amg::aggregates::Aggregates;
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::coarsest::Coarsest;
+use crate::linalg::amg::galerkin::galerkin;
+use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
+use crate::linalg::amg::level::Level;
+use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
+use crate::linalg::amg::spectrum::bound;
+use crate::linalg::amg::tentative::Tentative;
+
+/// At most so many unknowns are solved with a dense factor.
+pub(super) const DENSE: usize = 800;
+/// Each level has at most a third of the unknowns of the one before: nobody has a matrix with
+/// more levels.
+const MOST_LEVELS: usize = 30;
+/// `ω λ` of the smoothed prolongation.
+const OMEGA: f64 = 4.0 / 3.0;
+
+pub(super) fn failure(reason: &'static str) -> Error {
+    Error::Multigrid { reason }
+}
+
+/// Stops if `stop` is set.
+pub(super) fn running(stop: &AtomicBool) -> Result<(), Error> {
+    if stop.load(Ordering::Relaxed) {
+        Err(Error::Interrupted)
+    } else {
+        Ok(())
+    }
+}
+
+/// `ω` of a level, from the bound of its spectrum.
+pub(super) fn omega(spectrum: f64) -> f64 {
+    OMEGA / spectrum
+}
+
+/// A level, what it was made of, and the matrix of the next one.
+pub(super) struct Made {
+    pub(super) level: Level,
+    pub(super) aggregates: Aggregates,
+    pub(super) tentative: Tentative,
+    /// `Pᵀ A P`, with zeros for unknowns without a motion.
+    pub(super) coarse: BlockMatrix<f32>,
+}
+
+/// Makes a level. The motions of `about` count as zero at `held` unknowns. `spectrum` is a bound
+/// of the eigenvalues of `D⁻¹ A`, if it is known.
+///
+/// # Errors
+/// [`Error::Multigrid`] if a diagonal is not positive, a number leaves the range, or the nodes
+/// are not coupled; [`Error::Interrupted`] if `stop` is set.
+pub(super) fn level(
+    matrix: BlockMatrix<f32>,
+    about: &Nodes,
+    held: &[bool],
+    spectrum: Option<f64>,
+    stop: &AtomicBool,
+) -> Result<Made, Error> {
+    running(stop)?;
+    let inverse = inverse_diagonal(&matrix)
+        .ok_or(failure("a diagonal entry is not positive, or not finite"))?;
+    let spectrum = spectrum
+        .or_else(|| bound(&matrix, &inverse))
+        .filter(|bound| *bound > 0.0 && bound.is_finite())
+        .ok_or(failure(
+            "the spectrum of a level is not positive and finite",
+        ))?;
+    running(stop)?;
+    let aggregates = Aggregates::new(&matrix, about);
+    let unknowns = matrix.b * matrix.nodes();
+    let m = about.motions.len() / unknowns;
+    if aggregates.count() * m * 3 > unknowns * 2 {
+        return Err(failure(
+            "the nodes of a level are not coupled to one another",
+        ));
+    }
+    let tentative = Tentative::new(&aggregates, &about.motions, held, matrix.b, m);
+    running(stop)?;
+    let of = Smoothed {
+        matrix: &matrix,
+        inverse: &inverse,
+        aggregates: &aggregates,
+        tentative: &tentative,
+        about,
+        omega: omega(spectrum),
+    };
+    let p = Prolongation::new(&of, m);
+    running(stop)?;
+    let coarse = galerkin(&matrix, &p);
+    Ok(Made {
+        level: Level::new(matrix, inverse, spectrum, p),
+        aggregates,
+        tentative,
+        coarse,
+    })
+}
+
+/// The levels of a matrix, and the factor of the last one.
+pub(super) struct Levels {
+    pub(super) list: Vec<Level>,
+    pub(super) coarsest: Coarsest,
+    /// Stored numbers of all matrices.
+    pub(super) entries: usize,
+}
+
+impl Levels {
+    /// Without a level; nothing can be solved.
+    pub(super) fn none() -> Self {
+        Self {
+            list: Vec::new(),
+            coarsest: Coarsest::none(),
+            entries: 0,
+        }
+    }
+
+    /// Makes levels until a dense factor is small.
+    ///
+    /// # Errors
+    /// As [`level`]; [`Error::Multigrid`] also if the levels do not become coarser, or the
+    /// coarsest is not positive definite.
+    pub(super) fn new(
+        mut matrix: BlockMatrix<f32>,
+        mut about: Nodes,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let mut list = Vec::new();
+        let mut entries = 0;
+        while matrix.b * matrix.nodes() > DENSE && list.len() < MOST_LEVELS {
+            let held = vec![false; matrix.b * matrix.nodes()];
+            let made = level(matrix, &about, &held, None, stop)?;
+            matrix = made.coarse;
+            matrix.replace_dead(&made.tentative.dead);
+            about = made.aggregates.coarse(&about, made.tentative.coarse);
+            entries += made.level.matrix.values.len();
+            list.push(made.level);
+        }
+        running(stop)?;
+        if matrix.b * matrix.nodes() > 4 * DENSE {
+            return Err(failure("the levels do not become coarser"));
+        }
+        entries += matrix.values.len();
+        Ok(Self {
+            list,
+            coarsest: Coarsest::new(&matrix, stop)?,
+            entries,
+        })
+    }
+}
+
+impl BlockMatrix<f32> {
+    /// Gives unknowns without a column of `T` the mean diagonal of their node: their rows and
+    /// columns are zero.
+    pub(super) fn replace_dead(&mut self, dead: &[bool]) {
+        let b = self.b;
+        let size = b * b;
+        let own: Vec<usize> = (0..self.nodes())
+            .into_par_iter()
+            .map(|i| self.diagonal(i))
+            .collect();
+        for (&at, dead) in own.iter().zip(dead.chunks_exact(b)) {
+            if !dead.contains(&true) {
+                continue;
+            }
+            let block = &mut self.values[at * size..(at + 1) * size];
+            let largest = (0..b).map(|l| block[l * b + l]).fold(0.0, f32::max);
+            for l in (0..b).filter(|&l| dead[l]) {
+                block[l * b + l] = if largest > 0.0 { largest } else { 1.0 };
+            }
+        }
+    }
+}

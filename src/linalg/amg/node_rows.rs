@@ -1,0 +1,90 @@
+//! Rows of a few nodes, which unknowns that are held, and springs, change.
+
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::power_of_two::times_two_to;
+use crate::linalg::real::Real;
+use crate::linalg::sparse::csc::narrow;
+
+/// The rows of some nodes while nothing is held.
+#[derive(Clone, Debug)]
+pub(super) struct NodeRows {
+    pub(super) nodes: Vec<u32>,
+    /// Start of each row in `mirror`.
+    start: Vec<usize>,
+    /// Place of the mirror image of each block in the matrix.
+    mirror: Vec<u32>,
+    /// Each block by columns.
+    values: Vec<f32>,
+}
+
+impl NodeRows {
+    pub(super) fn new(matrix: &BlockMatrix<f32>, nodes: Vec<u32>) -> Self {
+        let (b, size) = (matrix.b, matrix.b * matrix.b);
+        let mut among = vec![false; matrix.nodes()];
+        for &i in &nodes {
+            among[i as usize] = true;
+        }
+        let (mut start, mut mirror, mut values) = (vec![0], Vec::new(), Vec::new());
+        for &i in &nodes {
+            for at in matrix.row(i as usize) {
+                let j = matrix.column[at];
+                let other = matrix.place(j as usize, i as usize);
+                // Two mirror images may differ by rounding: rows of both nodes take one.
+                let from = if among[j as usize] && j < i {
+                    other
+                } else {
+                    at
+                };
+                let block = &matrix.values[from * size..(from + 1) * size];
+                mirror.push(narrow(other));
+                values.extend((0..size).map(|k| {
+                    let transposed = k % b * b + k / b;
+                    block[if from == at { k } else { transposed }]
+                }));
+            }
+            start.push(mirror.len());
+        }
+        Self {
+            nodes,
+            start,
+            mirror,
+            values,
+        }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        4 * (self.nodes.len() + self.mirror.len() + self.values.len()) + 8 * self.start.len()
+    }
+
+    /// Writes row `k` and its mirror image: with `spring`, by columns and in the units of the
+    /// matrix, and with the diagonal alone at `held` unknowns.
+    pub(super) fn write(
+        &self,
+        k: usize,
+        matrix: &mut BlockMatrix<f32>,
+        held: &[bool],
+        spring: &[f64],
+    ) {
+        let (b, size) = (matrix.b, matrix.b * matrix.b);
+        let i = self.nodes[k] as usize;
+        for (n, at) in (self.start[k]..self.start[k + 1]).zip(matrix.row(i)) {
+            let j = matrix.column[at] as usize;
+            let mirror = self.mirror[n] as usize;
+            for (entry, &base) in self.values[n * size..(n + 1) * size].iter().enumerate() {
+                let (c, r) = (entry / b, entry % b);
+                let mut value = base;
+                if i == j {
+                    let add = times_two_to(spring[entry], -matrix.exponent);
+                    value += f32::rounded(add);
+                }
+                if (held[b * i + r] || held[b * j + c]) && !(i == j && r == c) {
+                    value = 0.0;
+                }
+                matrix.values[at * size + entry] = value;
+                if i != j {
+                    matrix.values[mirror * size + r * b + c] = value;
+                }
+            }
+        }
+    }
+}
