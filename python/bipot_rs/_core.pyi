@@ -311,6 +311,19 @@ def follow(
     that ended it.
     """
 
+def bodies(
+    stiffness: _Csr,
+    places: _Floats,
+    by_node: bool,
+    num_threads: int | None = None,
+) -> tuple[_Floats, _Indices, _Floats, _Floats, _Floats, _Indices, _Indices]:
+    """The bodies of `K`, from the coordinates of its degrees of freedom.
+
+    By degree of freedom the force of a dilation, which is zero inside a body, and the body; by
+    body the work of shears, the least and the greatest coordinates, and the number of
+    degrees of freedom, of all and of those without a support.
+    """
+
 def keep_heap() -> None:
     """Keeps memory that is freed: for a process that is all ours."""
 

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::linalg::pages::zeros;
 use crate::linalg::parallel::{axpy, dot, largest, map, map2, norm};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
@@ -66,7 +67,7 @@ pub fn solve(
             }
             precondition(&space.basis[space.basis.len() - 1], &mut z);
             let direction = rounded(&mut z);
-            let mut w = vec![0.0; b.len()];
+            let mut w = zeros(b.len());
             apply(&z, &mut w);
             found.products += 1;
             let grows = space.extend(direction, w);
@@ -97,7 +98,7 @@ pub fn solve(
 fn rounded(z: &mut [f64]) -> Direction {
     let size = largest(z);
     let [first, second] = factors(if size.is_finite() { -exponent(size) } else { 0 });
-    let mut direction = vec![0.0; z.len()];
+    let mut direction: Direction = zeros(z.len());
     map2(&mut direction, z, |_, z: f64| {
         f32::rounded(z * first * second)
     });

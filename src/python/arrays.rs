@@ -5,6 +5,7 @@ use numpy::ndarray::Array2;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
@@ -21,6 +22,9 @@ pub(super) enum Indices<'py> {
     Narrow(PyReadonlyArray1<'py, i32>),
     Wide(PyReadonlyArray1<'py, i64>),
 }
+
+/// Row pointers, column indices and values of a matrix in CSR form.
+pub(super) type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
 /// Friction coefficients: one for each contact, or one for each tangent.
 #[derive(FromPyObject)]
@@ -80,11 +84,22 @@ pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Resul
 
 /// Indices as `usize`.
 pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
-    fn convert<T: Copy>(values: &[T]) -> Option<Vec<usize>>
+    fn convert<T: Copy + Sync>(values: &[T]) -> Option<Vec<usize>>
     where
         usize: TryFrom<T>,
     {
-        values.iter().map(|&i| usize::try_from(i).ok()).collect()
+        /// Entries of one task.
+        const TASK: usize = 1 << 16;
+        let mut wide = vec![0; values.len()];
+        let parts = wide.par_chunks_mut(TASK).zip(values.par_chunks(TASK));
+        let whole = parts.map(|(wide, values)| {
+            wide.iter_mut().zip(values).all(|(wide, &value)| {
+                let found = usize::try_from(value).ok();
+                *wide = found.unwrap_or_default();
+                found.is_some()
+            })
+        });
+        whole.reduce(|| true, |a, b| a & b).then_some(wide)
     }
     match array {
         Indices::Narrow(array) => convert(array.as_slice()?),

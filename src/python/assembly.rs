@@ -2,15 +2,17 @@
 
 use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
+use crate::assembly::inspection::{self, Rows};
 use crate::assembly::pattern::{Index, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::Error;
-use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Csr as GivenCsr, Indices, Matrix, Vector};
 use crate::python::interrupt;
 
 /// Nodes of cells `(c, cells)`, of 32 or 64 bits.
@@ -175,4 +177,100 @@ pub(super) fn sum_of_cells<'py>(
         _ => sum::<3>(&cells, matrices, stop),
     })?;
     Ok(found.into_arrays(py))
+}
+
+/// Forces of a dilation and bodies by degree of freedom; by body the work of shears, least and
+/// greatest coordinates, and numbers of all and of free degrees of freedom.
+type BodiesOutput<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<i64>>,
+);
+
+/// The bodies of K, their surfaces and their stiffness.
+#[pyfunction]
+#[pyo3(signature = (stiffness, places, by_node, num_threads=None))]
+pub(super) fn bodies<'py>(
+    py: Python<'py>,
+    stiffness: GivenCsr<'py>,
+    places: Matrix<'py>,
+    by_node: bool,
+    num_threads: Option<usize>,
+) -> PyResult<BodiesOutput<'py>> {
+    if places.as_array().ncols() == 2 {
+        bodies_in::<2>(py, &stiffness, &places, by_node, num_threads)
+    } else {
+        bodies_in::<3>(py, &stiffness, &places, by_node, num_threads)
+    }
+}
+
+fn bodies_in<'py, const D: usize>(
+    py: Python<'py>,
+    (pointer, index, values): &GivenCsr<'py>,
+    places: &Matrix<'py>,
+    by_node: bool,
+    num_threads: Option<usize>,
+) -> PyResult<BodiesOutput<'py>> {
+    let places = arrays::rows::<D>(places)?;
+    let values = values.as_slice()?;
+    let found = match (pointer, index) {
+        (Indices::Narrow(pointer), Indices::Narrow(index)) => {
+            let k = Rows {
+                pointer: pointer.as_slice()?,
+                index: index.as_slice()?,
+                values,
+                by_node,
+            };
+            checked(&k, places.len())?;
+            interrupt::run(py, num_threads, |_| Ok(inspection::bodies(k, places)))?
+        }
+        (Indices::Wide(pointer), Indices::Wide(index)) => {
+            let k = Rows {
+                pointer: pointer.as_slice()?,
+                index: index.as_slice()?,
+                values,
+                by_node,
+            };
+            checked(&k, places.len())?;
+            interrupt::run(py, num_threads, |_| Ok(inspection::bodies(k, places)))?
+        }
+        _ => {
+            return Err(PyValueError::new_err(
+                "pointers and indices of K have different types",
+            ));
+        }
+    };
+    Ok((
+        arrays::from_vec(py, found.outward),
+        PyArray1::from_vec(py, found.body),
+        arrays::from_vec(py, found.work),
+        arrays::from_rows(py, &found.low)?,
+        arrays::from_rows(py, &found.high)?,
+        PyArray1::from_vec(py, found.all),
+        PyArray1::from_vec(py, found.free),
+    ))
+}
+
+/// Refuses rows that are not those of `n` degrees of freedom.
+fn checked<I: Copy>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
+where
+    usize: TryFrom<I>,
+{
+    let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
+    arrays::length("row pointers of K", k.pointer.len(), n + 1)?;
+    arrays::length("values of K", k.values.len(), k.index.len())?;
+    let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));
+    let last = k
+        .pointer
+        .last()
+        .is_some_and(|&last| at(last) == k.index.len());
+    if rise && last && k.index.iter().all(|&j| at(j) < n) {
+        Ok(())
+    } else {
+        Err(Error::SparseStructure { what: "K", row: 0 })
+    }
 }

@@ -15,13 +15,10 @@ use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::path::stepping::State;
-use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::memory::{self, Budget};
-
-/// Row pointers, column indices and values of a matrix in CSR form.
-pub(super) type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
 /// The same arrays as results.
 type CsrOutput<'py> = (

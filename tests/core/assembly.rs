@@ -13,11 +13,14 @@ use std::sync::atomic::AtomicBool;
 use bipot_rs::Error;
 use bipot_rs::assembly::cells::Cells;
 use bipot_rs::assembly::element::{Law, Reference};
+use bipot_rs::assembly::inspection::{self, Rows};
 use bipot_rs::assembly::pattern::Pattern;
 use bipot_rs::assembly::stiffness::{Elastic, sum_of_cells};
 use bipot_rs::threads;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+
+use crate::common::elasticity::Grid;
 
 static GO: AtomicBool = AtomicBool::new(false);
 
@@ -282,4 +285,64 @@ fn it_can_be_interrupted() {
     }
     .values(&Pattern::new(&mesh.cells), &AtomicBool::new(true));
     assert_eq!(found, Err(Error::Interrupted));
+}
+
+/// A dilation and shears of two blocks of `E` = 1, from K alone: the work of each is the modulus
+/// times the volume, and forces of the dilation act on the surface only.
+#[test]
+fn k_shows_bodies_their_surfaces_and_their_moduli() {
+    let (poisson, cells) = (0.3, 4);
+    let block = Grid {
+        held: false,
+        ..Grid::cube(cells)
+    };
+    let one = block.assemble();
+    let both = one.clone().beside(&one, 100.0);
+    let (nodes, _) = both.coordinates.as_chunks::<3>();
+    let places: Vec<[f64; 3]> = nodes.iter().flat_map(|x| [*x; 3]).collect();
+    let found = inspection::bodies(
+        Rows {
+            pointer: &both.col_ptr[..],
+            index: &both.row_idx,
+            values: &both.values,
+            by_node: true,
+        },
+        &places,
+    );
+    // Sums of 1e3 terms of size 1e2.
+    let close = |a: f64, b: f64| (a - b).abs() <= 1e-11 * b.abs();
+    let volume = (cells * cells * cells) as f64;
+    let shear = 0.5 / (1.0 + poisson);
+    assert_eq!(found.work.len(), 2);
+    for body in 0..2 {
+        assert!(close(found.work[body], 6.0 * shear * volume), "{found:?}");
+        assert_eq!(found.all[body], one.n() as i64);
+        assert_eq!(found.free[body], one.n() as i64);
+        assert!(close(
+            found.high[body][2] - found.low[body][2],
+            cells as f64
+        ));
+    }
+    let mut work = 0.0;
+    for (dof, &force) in found.outward.iter().enumerate() {
+        let (node, component) = (dof / 3, dof % 3);
+        let first = usize::from(node >= one.nodes()) * one.nodes();
+        assert_eq!(found.body[dof], i64::from(first > 0));
+        let own = one.coordinates[3 * (node - first) + component];
+        let outer = if own == 0.0 {
+            -1.0
+        } else {
+            f64::from(u8::from(own >= cells as f64))
+        };
+        // The force of a face points outwards and is zero elsewhere.
+        assert!(
+            force * outer > 0.0 || (force == 0.0 && outer == 0.0),
+            "{dof}: {force}"
+        );
+        work += force * own;
+    }
+    assert!(
+        close(work, 2.0 * 3.0 * volume / (1.0 - 2.0 * poisson)),
+        "{work}"
+    );
 }

@@ -345,3 +345,38 @@ fn different_triangles_are_detected() {
     assert_eq!(k(&[0], &[0, 0, 1]), Ok(Symmetry::Rounded));
     assert_eq!(k(&[1, 0], &[0, 1, 2]), Ok(Symmetry::Exact));
 }
+
+/// Each task compares some columns; partners may belong to another one.
+#[test]
+fn a_missing_partner_is_detected_in_any_task() {
+    // A chain with a tiny entry between unknowns that are far apart.
+    let n: usize = 40_000;
+    let chain = |left_out: Option<(usize, usize)>, far: (usize, usize)| {
+        let (mut start, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+        for j in 0..n {
+            let mut column = vec![j];
+            column.extend(j.checked_sub(1));
+            column.extend((j + 1 < n).then_some(j + 1));
+            column.extend((j == far.0).then_some(far.1));
+            column.extend((j == far.1).then_some(far.0));
+            column.sort_unstable();
+            for i in column.into_iter().filter(|&i| Some((i, j)) != left_out) {
+                rows.push(i);
+                values.push(if i == j { 2.0 } else { 1e-14 });
+            }
+            start.push(rows.len());
+        }
+        let k = Symmetric::new(n, &start, &rows, &values).unwrap();
+        k.check_symmetry()
+    };
+    for threads in [1, 2] {
+        bipot_rs::threads::pool(threads).unwrap().install(|| {
+            for far in [(3, 39_990), (16_000, 17_000), (20_000, 39_999), (5, 8)] {
+                assert_eq!(chain(None, far), Ok(Symmetry::Exact));
+                for left_out in [far, (far.1, far.0), (16_384, 16_383), (16_383, 16_384)] {
+                    assert_eq!(chain(Some(left_out), far), Ok(Symmetry::Rounded));
+                }
+            }
+        });
+    }
+}

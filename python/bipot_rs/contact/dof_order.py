@@ -298,22 +298,19 @@ def _unlike_contacts(
     pointers = np.asarray(contact[0], np.int64)[::d]
     columns = np.asarray(contact[1], np.int64)
     other = next(one for one in ORDERS if one != order)
+    # The different columns of each contact, ascending.
+    of_contact = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+    contacts, columns = np.divmod(np.unique(of_contact * n + columns), n)
+    # Not: contacts of several nodes, or with prescribed components.
+    whole = np.flatnonzero(np.bincount(contacts, minlength=len(pointers) - 1) == d)
+    own = columns[np.isin(contacts, whole)].reshape(-1, d)
 
-    def of_one_node(of: Ints, order: str) -> bool:
-        node, component = of % (n // d), of // (n // d)
-        if order == "node":
-            node, component = of // d, of % d
-        return len(set(node.tolist())) == 1 and len(set(component.tolist())) == d
+    def of_one_node(order: str) -> Bools:
+        node = own // d if order == "node" else own % (n // d)
+        return np.asarray((node == node[:, :1]).all(axis=1))
 
-    wrong, right = [], 0
-    for i, (first, last) in enumerate(pairwise(pointers.tolist())):
-        of = np.unique(columns[first:last])
-        if len(of) != d:
-            continue  # contact of several nodes, or with prescribed components
-        if of_one_node(of, order):
-            right += 1
-        elif of_one_node(of, other):
-            wrong.append(i)
+    fits = of_one_node(order)
+    wrong, right = whole[~fits & of_one_node(other)], int(fits.sum())
     if len(wrong) <= right:
         return None
     shown = "the rigid translations of K" if known == "K" else known
@@ -345,22 +342,27 @@ def magnitude(K: Any) -> Any:
     return csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
 
 
-def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> Any:
-    """Some rows of K, without a copy of their entries."""
+def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Any, slice]:
+    """Some rows of K, in the range of columns that they have."""
     from scipy.sparse import csr_array
 
     inside = slice(pointers[first], pointers[last])
     start = pointers[first : last + 1] - pointers[first]
-    shape = (last - first, len(pointers) - 1)
-    return csr_array((parts[2][inside], parts[1][inside], start), shape=shape)
+    index = parts[1][inside]
+    low = min(first, int(index.min(initial=first)))
+    high = max(last, int(index.max(initial=last - 1)) + 1)
+    shape = (last - first, high - low)
+    return csr_array((parts[2][inside], index - low, start), shape=shape), slice(
+        low, high
+    )
 
 
 def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, Bools]:
     """Relative sum of each row, and whether it has only a diagonal entry."""
-    K = _slice(parts, pointers, first, last)
+    K, columns = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
     size = magnitude(K) @ ones
-    own = np.abs(K.diagonal(first))
+    own = np.abs(K.diagonal(first - columns.start))
     left = np.abs(K @ ones) / np.where(size > 0, size, 1.0)
     return left, size <= own
 
@@ -380,19 +382,20 @@ def _rows(
     Returns the numbers of the rows, the remainder of translations, whether all components
     are present, and the remainder of rotations, NaN if it cannot be checked.
     """
-    K = _slice(parts, pointers, first, last)
+    K, columns = _slice(parts, pointers, first, last)
     size_of = magnitude(K)
+    own_component, component = component[first:last], component[columns]
     unit = (component[:, None] == np.arange(d)).astype(float)
     sums, sizes = K @ unit, size_of @ unit
     size = size_of @ np.ones(len(component))
     present = sizes > _PRESENT * size[:, None]
-    judged = free[first:last] & (component[first:last] >= 0) & (size > 0)
+    judged = free[first:last] & (own_component >= 0) & (size > 0)
     judged &= size_of @ (component < 0).astype(float) == 0
     moved = np.where(present, np.abs(sums) / np.where(present, sizes, 1.0), 0.0)
     turned = np.full(last - first, np.nan)
     if places is not None:
-        x = np.where(np.isfinite(places), places, 0.0)
-        here = x[first:last]
+        x = np.where(np.isfinite(places[columns]), places[columns], 0.0)
+        here = x[first - columns.start : last - columns.start]
 
         def turning(of: int, axis: int) -> tuple[Floats, Floats]:
             """``Σ K (x_j - x_i)`` over a component, and the size of its terms."""

@@ -880,8 +880,9 @@ class ContactProblem:
                 said.append(misplaced)
             elif places is not None:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    outward = remarks.surfaces(stiffness, places, d)
-                    known = remarks.strength(stiffness, places, d)
+                    found = remarks.looked_at(stiffness, places, d)
+                if found is not None:
+                    outward, known = found
         said += remarks.at_start(
             self._contact,
             gap,

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
@@ -24,10 +24,6 @@ from bipot_rs.contact.solution import Step
 
 # Rounding of coordinates in mesh files, relative to the size of the problem.
 _ROUNDING = 1e-9
-# The sum of a row is below this part of its entries if no support was written into it.
-_FREE = 1e-2
-# Forces below this part of their terms are rounding: the node is inside a body.
-_WITHIN = 1e-6
 # Below this cosine a normal points the wrong way. A normal towards the closest point may
 # differ from that of the surface.
 _AWAY = -0.5
@@ -81,7 +77,7 @@ def at_start(
     points, places
         Coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``.
     outward : (n,) or None
-        Forces of `surfaces`.
+        Forces of `looked_at`.
     """
     yield from _penetrating(gap[:, 0], points, places)
     if outward is not None and len(gap):
@@ -117,28 +113,34 @@ def _penetrating(
     )
 
 
-def surfaces(stiffness: Csr, places: Floats, d: int) -> Floats | None:
-    """Forces ``(n,)`` that point outwards at the surface of the bodies, and are zero inside.
+def looked_at(stiffness: Csr, places: Floats, d: int) -> tuple[Floats, Strength] | None:
+    """Surfaces and stiffness of the bodies, from the coordinates and K.
 
-    They are also zero in rows of supports within K. None if the coordinates do not show
-    the order of the degrees of freedom.
+    Returns
+    -------
+    outward : (n,)
+        Forces that point outwards at the surface of the bodies, and are zero inside and in
+        rows of supports within K.
+    strength
+        Stiffness of each body.
+
+    None if the coordinates do not show the order of the degrees of freedom.
     """
     order = dof_order.told_by(places, d)
-    if order is None:
+    if order is None or not len(places):
         return None
-    n = len(places)
-    component = dof_order.components(order, n, d)
     x = places - places.mean(axis=0)
-    x = x / (float(np.abs(x).max(initial=0.0)) or 1.0)
-    unit = (component[:, None] == np.arange(d)).astype(float)
-    field = x[np.arange(n), component]
-    K = stiffness.matrix
-    size_of = dof_order.magnitude(K)
-    sums, sizes = K @ unit, size_of @ np.ones(n)
-    free = np.abs(sums).max(axis=1, initial=0.0) <= _FREE * sizes
-    found = K @ field - (sums * x).sum(axis=1)
-    found[~free | (np.abs(found) <= _WITHIN * (size_of @ np.abs(field)))] = 0.0
-    return np.asarray(found, np.float64)
+    side = float(np.abs(x).max(initial=0.0)) or 1.0
+    x /= side
+    outward, body, work, low, high, every, free = _core.bodies(
+        stiffness.parts, x, order == "node"
+    )
+    modulus = _YOUNG * work / (d * (d - 1))
+    thin = (high - low).min(axis=1)
+    known = (2 * free > every) & (thin > 0) & (modulus > 0)
+    force = np.full(len(work), np.nan)
+    force[known] = modulus[known] / thin[known] * side
+    return outward, Strength(body, force)
 
 
 def _into(
@@ -171,49 +173,6 @@ def _into(
             f"the body, first at contact {wrong[0]}: a normal must point from the obstacle to "
             "the body, and B must give the displacement of the body minus that of the obstacle"
         )
-
-
-def strength(stiffness: Csr, places: Floats, d: int) -> Strength | None:
-    """Stiffness of each body, from the coordinates and K."""
-    from scipy.sparse.csgraph import connected_components
-
-    order = dof_order.told_by(places, d)
-    if order is None or not len(places):
-        return None
-    n = len(places)
-    component = dof_order.components(order, n, d)
-    K = stiffness.matrix
-    count, body = connected_components(K, directed=False)
-    # All components of a node belong to one body, even if K does not couple them.
-    first = np.full(n // d, count)
-    node = dof_order.node_of(order, n, d)
-    np.minimum.at(first, node, body)
-    body = first[node]
-    x = places - places.mean(axis=0)
-    side = float(np.abs(x).max(initial=0.0)) or 1.0
-    x = x / side
-    unit = (component[:, None] == np.arange(d)).astype(float)
-    sums = K @ unit
-    sizes = dof_order.magnitude(K) @ np.ones(n)
-    free = np.abs(sums).max(axis=1) <= _FREE * sizes
-    work = np.zeros(count)
-    for a, b in permutations(range(d), 2):
-        field = unit[:, a] * x[:, b]
-        own = free & (component == a)
-        local = K @ field**2 - 2 * field * (K @ field) + field**2 * sums[:, a]
-        work += np.bincount(body[own], -0.5 * local[own], count)
-    modulus = _YOUNG * work / (d * (d - 1))
-    low, high = np.full((count, d), np.inf), np.full((count, d), -np.inf)
-    np.minimum.at(low, body, x)
-    np.maximum.at(high, body, x)
-    thin = (high - low).min(axis=1)
-    enough = 2 * np.bincount(body[free], minlength=count) > np.bincount(
-        body, minlength=count
-    )
-    known = enough & (thin > 0) & (modulus > 0)
-    force = np.full(count, np.nan)
-    force[known] = modulus[known] / thin[known] * side
-    return Strength(body.astype(np.int64), force)
 
 
 def of_path(

@@ -115,33 +115,11 @@ impl BlockMatrix<f64> {
                 dof[at as usize] = narrow(i);
             }
         }
-        let (start, column) = pattern(k, place, &dof, b);
-        let mut values = zeros(column.len() * b * b + PADDING);
-        let parts = cut(&mut values, nodes, |i| start[i] as usize * b * b);
-        parts.into_par_iter().enumerate().for_each(|(task, part)| {
-            for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-                let row = start[i] as usize..start[i + 1] as usize;
-                let from = (row.start - start[task * ROWS] as usize) * b * b;
-                let columns = &column[row];
-                for (r, &dof) in dof[b * i..b * (i + 1)].iter().enumerate() {
-                    if dof == ABSENT {
-                        continue;
-                    }
-                    // Rows come in the order of the nodes in most matrices.
-                    let mut at = 0;
-                    for (j, value) in k.column(dof as usize) {
-                        if place[j] == ABSENT {
-                            continue;
-                        }
-                        let (node, c) = (place[j] / narrow(b), place[j] as usize % b);
-                        if columns.get(at) != Some(&node) {
-                            at = columns.partition_point(|&j| j < node);
-                        }
-                        part[from + at * b * b + c * b + r] = value;
-                    }
-                }
-            }
-        });
+        let (start, column, values) = match b {
+            2 => blocks::<2>(k, place, &dof),
+            3 => blocks::<3>(k, place, &dof),
+            _ => blocks::<6>(k, place, &dof),
+        };
         let held = dof.iter().map(|&dof| dof == ABSENT).collect();
         let mut matrix = Self {
             b,
@@ -276,9 +254,49 @@ pub(super) fn cut<T>(
         .collect()
 }
 
+/// Starts, columns and values of the rows of blocks.
+fn blocks<const B: usize>(
+    k: &Symmetric<'_>,
+    place: &[u32],
+    dof: &[u32],
+) -> (Vec<u32>, Vec<u32>, Vec<f64>) {
+    let (nodes, size) = (dof.len() / B, B * B);
+    let (start, column) = pattern::<B>(k, place, dof);
+    let mut values = zeros(column.len() * size + PADDING);
+    let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
+    parts.into_par_iter().enumerate().for_each(|(task, part)| {
+        for i in task * ROWS..nodes.min((task + 1) * ROWS) {
+            let row = start[i] as usize..start[i + 1] as usize;
+            let from = (row.start - start[task * ROWS] as usize) * size;
+            let columns = &column[row];
+            for (r, &dof) in dof[B * i..B * (i + 1)].iter().enumerate() {
+                if dof == ABSENT {
+                    continue;
+                }
+                // Columns come in the order of the nodes in most matrices.
+                let mut at = 0;
+                for (j, value) in k.column(dof as usize) {
+                    if place[j] == ABSENT {
+                        continue;
+                    }
+                    let (node, c) = (place[j] / narrow(B), place[j] as usize % B);
+                    if columns.get(at) != Some(&node) {
+                        at += 1;
+                    }
+                    if columns.get(at) != Some(&node) {
+                        at = columns.partition_point(|&j| j < node);
+                    }
+                    part[from + at * size + c * B + r] = value;
+                }
+            }
+        }
+    });
+    (start, column, values)
+}
+
 /// Starts and columns of the rows of blocks.
-fn pattern(k: &Symmetric<'_>, place: &[u32], dof: &[u32], b: usize) -> (Vec<u32>, Vec<u32>) {
-    let nodes = dof.len() / b;
+fn pattern<const B: usize>(k: &Symmetric<'_>, place: &[u32], dof: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let nodes = dof.len() / B;
     let parts: Vec<(Vec<u32>, Vec<u32>)> = (0..nodes.div_ceil(ROWS))
         .into_par_iter()
         .map(|task| {
@@ -286,12 +304,12 @@ fn pattern(k: &Symmetric<'_>, place: &[u32], dof: &[u32], b: usize) -> (Vec<u32>
             for i in task * ROWS..nodes.min((task + 1) * ROWS) {
                 row.clear();
                 row.push(narrow(i));
-                for &dof in &dof[b * i..b * (i + 1)] {
+                for &dof in &dof[B * i..B * (i + 1)] {
                     if dof == ABSENT {
                         continue;
                     }
                     for (j, _) in k.column(dof as usize) {
-                        let node = place[j] / narrow(b);
+                        let node = place[j] / narrow(B);
                         // The components of a node usually follow one another.
                         if place[j] != ABSENT && row.last() != Some(&node) {
                             row.push(node);

@@ -246,22 +246,52 @@ impl<'a> Symmetric<'a> {
     /// Whether each pair is stored and bitwise equal, as after assembly: one pass over half of
     /// the entries.
     fn is_exact(&self) -> bool {
-        // As in `pairs`; the cursor of a column has passed its upper entries when its turn
-        // comes.
-        let mut cursor = self.col_ptr[..self.n].to_vec();
-        (0..self.n).all(|j| {
-            (cursor[j]..self.col_ptr[j + 1]).all(|at| {
-                let i = self.row_idx[at];
-                if i <= j {
-                    return i == j;
+        /// Columns in one task, at least: each has a cursor for every column.
+        const LEAST: usize = 1 << 14;
+        let columns = self.n.div_ceil(2 * rayon::current_num_threads()).max(LEAST);
+        let tasks = (0..self.n.div_ceil(columns)).into_par_iter();
+        // Entries with their partners, of the columns of each task.
+        let paired = tasks.map(|task| {
+            let first = task * columns;
+            // As in `pairs`; the cursor of a column has passed its upper entries when its turn
+            // comes.
+            let mut cursor = vec![usize::MAX; self.n];
+            let mut paired = 0;
+            for j in first..self.n.min(first + columns) {
+                for at in self.from(&mut cursor, j, first)..self.col_ptr[j + 1] {
+                    let i = self.row_idx[at];
+                    if i == j {
+                        paired += 1;
+                        continue;
+                    }
+                    let partner = self.from(&mut cursor, i, first);
+                    cursor[i] = partner + 1;
+                    if i < j
+                        || partner >= self.col_ptr[i + 1]
+                        || self.row_idx[partner] != j
+                        || self.values[partner].to_bits() != self.values[at].to_bits()
+                    {
+                        return None;
+                    }
+                    paired += 2;
                 }
-                let partner = cursor[i];
-                cursor[i] += 1;
-                partner < self.col_ptr[i + 1]
-                    && self.row_idx[partner] == j
-                    && self.values[partner].to_bits() == self.values[at].to_bits()
-            })
-        })
+            }
+            Some(paired)
+        });
+        // An upper entry of a later task may lack its partner.
+        let whole = paired.try_reduce(|| 0, |a, b| Some(a + b));
+        whole == Some(self.values.len())
+    }
+
+    /// The cursor of column `j`, at first at its first entry from row `first` on.
+    #[inline]
+    fn from(&self, cursor: &mut [usize], j: usize, first: usize) -> usize {
+        if cursor[j] == usize::MAX {
+            let column = self.col_ptr[j]..self.col_ptr[j + 1];
+            let before = self.row_idx[column.clone()].partition_point(|&i| i < first);
+            cursor[j] = column.start + before;
+        }
+        cursor[j]
     }
 
     /// Number of the connected component of each row, from 0 in the order of first appearance.

@@ -65,7 +65,7 @@ RUST_SIBLINGS = {
         "multifrontal",
         "reach solves",
     ),
-    "assembly": ("cells element shapes", "pattern", "sum", "stiffness"),
+    "assembly": ("cells element inspection shapes", "pattern", "sum", "stiffness"),
     "law": (
         "cone second_order sliding",
         "alart_curnier bipotential elliptic one_node",

@@ -1,0 +1,162 @@
+//! What the entries of K say of the bodies: where their surfaces are, and how stiff they are.
+//!
+//! K times a displacement that is linear in the coordinates gives the forces that hold this
+//! strain: on the surface for a dilation, and their work is the modulus for a shear. All sums
+//! are of differences of coordinates, `Σ_j K_ij (x_j − x_i)`, which cannot cancel where rows add
+//! up to zero.
+
+use rayon::prelude::*;
+
+use crate::linalg::sparse::csc::narrow;
+use crate::linalg::union::Union;
+
+/// The sum of a row is below this part of its entries if no support was written into it.
+const FREE: f64 = 1e-2;
+/// Forces below this part of their terms are rounding: the node is inside a body.
+const WITHIN: f64 = 1e-6;
+
+/// Rows of one task.
+const ROWS: usize = 4096;
+
+/// K by rows, of `D` degrees of freedom for each node.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a, I> {
+    pub pointer: &'a [I],
+    pub index: &'a [I],
+    pub values: &'a [f64],
+    /// Whether the degrees of freedom are numbered node by node, else component by component.
+    pub by_node: bool,
+}
+
+/// The bodies of K: nodes that its entries couple.
+#[derive(Clone, Debug, Default)]
+pub struct Bodies<const D: usize> {
+    /// For each degree of freedom the force of a dilation, which points outwards; zero inside,
+    /// and in rows of supports.
+    pub outward: Vec<f64>,
+    /// The body of each degree of freedom.
+    pub body: Vec<i64>,
+    /// For each body the work of all shears of size one in free rows.
+    pub work: Vec<f64>,
+    /// Least and greatest coordinates of each body.
+    pub low: Vec<[f64; D]>,
+    pub high: Vec<[f64; D]>,
+    /// Degrees of freedom of each body, and those whose row has no support.
+    pub all: Vec<i64>,
+    pub free: Vec<i64>,
+}
+
+/// What a row says.
+struct Row {
+    outward: f64,
+    shear: f64,
+    free: bool,
+}
+
+/// Looks at all rows. `places` are the coordinates of each degree of freedom.
+///
+/// # Panics
+/// If `places` is shorter than K, or an index is not one of K.
+#[must_use]
+pub fn bodies<I, const D: usize>(k: Rows<'_, I>, places: &[[f64; D]]) -> Bodies<D>
+where
+    I: Copy + Sync,
+    usize: TryFrom<I>,
+{
+    let n = places.len();
+    let count = n / D;
+    let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
+    let split = |dof: usize| {
+        if k.by_node {
+            (dof / D, dof % D)
+        } else {
+            (dof % count, dof / count)
+        }
+    };
+    let entries = |i: usize| {
+        let row = at(k.pointer[i])..at(k.pointer[i + 1]);
+        let columns = k.index[row.clone()].iter().map(|&j| at(j));
+        columns.zip(&k.values[row])
+    };
+    let rows: Vec<Vec<Row>> = (0..n.div_ceil(ROWS))
+        .into_par_iter()
+        .map(|task| {
+            let rows = task * ROWS..n.min((task + 1) * ROWS);
+            let rows = rows.map(|i| row(places, i, entries(i), |dof| split(dof).1));
+            rows.collect()
+        })
+        .collect();
+    let mut sets = Union::new(count);
+    for i in 0..n {
+        let own = split(i).0;
+        let mut last = own;
+        for (j, &value) in entries(i) {
+            let node = split(j).0;
+            if node != last && node > own && value != 0.0 {
+                sets.join(own, node);
+                last = node;
+            }
+        }
+    }
+    let mut number = vec![u32::MAX; count];
+    let mut found = Bodies::default();
+    for node in 0..count {
+        let leader = sets.leader(node);
+        if number[leader] == u32::MAX {
+            number[leader] = narrow(found.work.len());
+            found.work.push(0.0);
+            found.low.push([f64::INFINITY; D]);
+            found.high.push([f64::NEG_INFINITY; D]);
+            found.all.push(0);
+            found.free.push(0);
+        }
+        number[node] = number[leader];
+    }
+    found.outward.reserve_exact(n);
+    found.body.reserve_exact(n);
+    for (i, row) in rows.into_iter().flatten().enumerate() {
+        let body = number[split(i).0] as usize;
+        found.outward.push(row.outward);
+        found.body.push(i64::from(number[split(i).0]));
+        found.all[body] += 1;
+        if row.free {
+            found.free[body] += 1;
+            found.work[body] -= 0.5 * row.shear;
+        }
+        for (l, &x) in places[i].iter().enumerate() {
+            found.low[body][l] = found.low[body][l].min(x);
+            found.high[body][l] = found.high[body][l].max(x);
+        }
+    }
+    found
+}
+
+fn row<'a, const D: usize>(
+    places: &[[f64; D]],
+    i: usize,
+    entries: impl Iterator<Item = (usize, &'a f64)>,
+    component: impl Fn(usize) -> usize,
+) -> Row {
+    let (own, here) = (component(i), places[i]);
+    let (mut sums, mut size) = ([0.0; D], 0.0);
+    let (mut force, mut terms, mut shear) = (0.0, 0.0, 0.0);
+    for (j, &value) in entries {
+        let (a, x) = (component(j), &places[j]);
+        sums[a] += value;
+        size += value.abs();
+        force += value * (x[a] - here[a]);
+        terms += value.abs() * x[a].abs();
+        if a == own {
+            for b in (0..D).filter(|&b| b != a) {
+                shear += value * (x[b] - here[b]).powi(2);
+            }
+        }
+    }
+    let free = sums.iter().all(|sum| sum.abs() <= FREE * size);
+    let inside = !free || force.abs() <= WITHIN * terms;
+    Row {
+        outward: if inside { 0.0 } else { force },
+        shear,
+        free,
+    }
+}
