@@ -99,6 +99,7 @@ bench-full: $(STAMP)
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/scaling.py
 	$(PY) benches/scale.py
+	$(PY) benches/beside_petsc.py
 	$(PY) benches/skipped_work.py
 	$(PY) benches/criterion_tables.py
 	$(PY) benches/assembly.py

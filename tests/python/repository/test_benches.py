@@ -8,9 +8,11 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import beside_petsc
 import compare_tractions
 import criterion_tables
 import fclib
+import iterative_file
 import numpy as np
 import pytest
 import scaling
@@ -18,6 +20,7 @@ import speed_against_error
 import tables
 import whole_job
 from peers import commands
+from scipy import sparse
 
 PAGE = """before | kept |
 <!-- one, written by benches/one.py -->
@@ -177,7 +180,8 @@ def test_statuses_on_a_border_are_not_compared() -> None:
 def test_a_peer_without_its_package_names_it(repository: Path) -> None:
     peers = repository / "benches" / "peers"
     # An isolated Python sees neither package.
-    for script, package in (("getfem", "getfem"), ("siconos", "siconos")):
+    needs = {"getfem": "getfem", "siconos": "siconos", "petsc": "petsc4py"}
+    for script, package in needs.items():
         code = "import sys, runpy; sys.path.insert(0, %r); sys.modules[%r] = None; "
         code += "sys.argv = ['x', 'sheared_cube', '3']; "
         code += "runpy.run_path(%r, run_name='__main__')"
@@ -196,6 +200,38 @@ def test_a_peer_that_no_python_has_is_missing() -> None:
     peer = commands.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
     assert peer.python is None
     assert peer.missing == "no Python here has no_such_package and numpy"
+
+
+def test_without_petsc_one_sentence_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["bench"])
+    monkeypatch.setattr(beside_petsc, "which", lambda _: None)
+    beside_petsc.main()
+    assert capsys.readouterr().out == ("Not compared with PETSc: there is no mpirun.\n")
+
+
+def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
+    """The rows of two ranks together, for displacements of the last load step."""
+    case, load = iterative_file.assembled((2, 3, 2))
+    path, model = tmp_path / "slabs.npz", case.model
+    dofs = iterative_file.write_slabs(path, case, load, 2)
+    u = np.random.default_rng(1).standard_normal(model.n)
+    u[model.fixed] = case.prescribed[-1]
+    imbalance, v = [], []
+    with np.load(path) as slabs:
+        for rank in range(2):
+            names = ("data", "indices", "indptr", "forces", "contacts")
+            *csr, forces, contacts = (slabs[f"{name}.{rank}"] for name in names)
+            K = sparse.csr_array(tuple(csr), shape=(forces.shape[1], len(dofs)))
+            first = sum(map(len, imbalance))
+            imbalance.append(K @ u[dofs] - forces[-1])
+            v.append(u[dofs][first + contacts[:, None] + np.arange(3)])
+    expected = (model.K @ u)[dofs]
+    # Sums of some 80 terms in another order.
+    tolerance = 1e-13 * abs(model.K).sum(axis=1).max()
+    np.testing.assert_allclose(np.concatenate(imbalance), expected, atol=tolerance)
+    np.testing.assert_array_equal(np.concatenate(v).ravel(), model.B @ u)
 
 
 def test_rows_measured_again_replace_the_old_ones() -> None:
