@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::assembly::cells::Cells;
+use crate::linalg::pages::zeros;
 
 /// Rows shorter than this are not worth a task of their own.
 const LEAST_ROWS: usize = 1024;
@@ -57,7 +58,7 @@ impl Pattern {
         for row in 0..nodes {
             start[row + 1] += start[row];
         }
-        let mut column = vec![0; start[nodes]];
+        let mut column = zeros(start[nodes]);
         let bounds: Vec<usize> = start.iter().copied().step_by(rows).collect();
         parts(&mut column, &bounds)
             .into_par_iter()
@@ -118,7 +119,7 @@ impl Pattern {
                     *end = I::of(D * D * self.start[node] + (k + 1) * length);
                 }
             });
-        let mut index = vec![I::default(); D * D * self.blocks()];
+        let mut index: Vec<I> = zeros(D * D * self.blocks());
         let bounds: Vec<usize> = (0..nodes)
             .step_by(rows)
             .map(|node| D * D * self.start[node])

@@ -10,6 +10,7 @@ use crate::assembly::pattern::Pattern;
 use crate::assembly::shapes::shapes;
 use crate::assembly::sum::add;
 use crate::error::Error;
+use crate::linalg::pages::zeros;
 
 /// Numbers of the matrices of cells that a thread makes before it adds them: 1 MB, which stays
 /// in its cache.
@@ -43,7 +44,7 @@ impl<const D: usize> Elastic<'_, D> {
     pub fn values(&self, pattern: &Pattern, stop: &AtomicBool) -> Result<Vec<f64>, Error> {
         self.check()?;
         let (cells, size) = (self.cells, (D * self.cells.corners()).pow(2));
-        let mut values = vec![0.0; D * D * pattern.blocks()];
+        let mut values = zeros(D * D * pattern.blocks());
         let chunk = (BUFFER / size.max(1)).max(1) * rayon::current_num_threads();
         // Shared matrices may take a quarter of the memory of the values.
         let most = (cells.count() / 2).min(values.len() / (4 * size.max(1)));
@@ -180,7 +181,7 @@ pub fn sum_of_cells<const D: usize>(
             found: matrices.len(),
         });
     }
-    let mut values = vec![0.0; D * D * pattern.blocks()];
+    let mut values = zeros(D * D * pattern.blocks());
     let of = |cell: usize| &matrices[cell * size..][..size];
     sum::<D>(cells, pattern, of, &mut values, stop)?;
     Ok(values)

@@ -1,11 +1,9 @@
 //! Memory pages of the system. Each page costs a fault at its first access: two microseconds
 //! for four kilobytes, and little more for a large page of two megabytes.
 
-use crate::linalg::real::Real;
-
 /// A vector of zeros that the system may put on large pages. With small pages, the first access
 /// to a gigabyte takes a second.
-pub(crate) fn zeros<T: Real>(len: usize) -> Vec<T> {
+pub(crate) fn zeros<T: Clone + Default>(len: usize) -> Vec<T> {
     /// Smaller vectors gain nothing from large pages.
     #[cfg(target_os = "linux")]
     const LARGE: usize = 1 << 22;

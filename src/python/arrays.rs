@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::linalg::pages::zeros;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 
 /// A C-contiguous vector of `f64`.
@@ -90,7 +91,7 @@ pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<u
     {
         /// Entries of one task.
         const TASK: usize = 1 << 16;
-        let mut wide = vec![0; values.len()];
+        let mut wide = zeros(values.len());
         let parts = wide.par_chunks_mut(TASK).zip(values.par_chunks(TASK));
         let whole = parts.map(|(wide, values)| {
             wide.iter_mut().zip(values).all(|(wide, &value)| {

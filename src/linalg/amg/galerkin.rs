@@ -115,7 +115,7 @@ fn times_prolongation(
         start[i + 1] += start[i];
     }
     let blocks = start[nodes] as usize;
-    let mut column = vec![0; blocks];
+    let mut column = zeros(blocks);
     let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |i| start[i] as usize);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
@@ -344,7 +344,7 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
         .map(|g| upper_start[g] + lower_start[g] - narrow(g))
         .collect();
     let blocks = start[nodes] as usize;
-    let mut column = vec![0; blocks];
+    let mut column = zeros(blocks);
     let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |g| start[g] as usize);
     let parts = cut(&mut values, nodes, |g| start[g] as usize * size);

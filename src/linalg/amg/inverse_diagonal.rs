@@ -3,12 +3,13 @@
 use rayon::prelude::*;
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
+use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 
 /// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.
 pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
     let b = matrix.b;
-    let mut inverse = vec![0.0; matrix.nodes() * b * b];
+    let mut inverse = zeros(matrix.nodes() * b * b);
     let valid = inverse
         .par_chunks_mut(ROWS * b * b)
         .enumerate()

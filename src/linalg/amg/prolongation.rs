@@ -60,7 +60,7 @@ impl Prolongation {
         let mut made = Self {
             b,
             m,
-            column: vec![0; blocks],
+            column: zeros(blocks),
             values: zeros(blocks * b * m + PADDING),
             coarse_start: Vec::new(),
             coarse_blocks: Vec::new(),

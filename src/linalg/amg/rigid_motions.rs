@@ -2,6 +2,8 @@
 
 use rayon::prelude::*;
 
+use crate::linalg::pages::zeros;
+
 /// Nodes of one task.
 const NODES: usize = 4096;
 
@@ -31,7 +33,7 @@ pub fn rigid_motions(coordinates: &[f64], b: usize) -> Vec<f64> {
     let m = 3 * (b - 1);
     // Rotations in the planes of these axes.
     let planes = [(0, 1), (1, 2), (2, 0)];
-    let mut vectors = vec![0.0; coordinates.len() * m];
+    let mut vectors = zeros(coordinates.len() * m);
     vectors
         .par_chunks_mut(NODES * b * m)
         .zip(coordinates.par_chunks(NODES * b))

@@ -34,8 +34,7 @@ RUST = (
 # The same within a folder; modules named together must not use each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "compensated packed power_of_two random_signs real small union",
-        "pages",
+        "compensated packed pages power_of_two random_signs real small union",
         "dense gmres jacobi least_squares parallel",
         "conjugate_gradients flexible_gmres lu nonnegative verified_cholesky",
         "sparse",
