@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
@@ -263,11 +263,9 @@ def write_path(
         A file cannot be written.
     """
     if not isinstance(problem, ContactProblem):
-        raise TypeError(
-            f"problem is a {type(problem).__name__}, expected a ContactProblem"
-        )
+        raise mistyped("problem", problem, "a ContactProblem")
     if not isinstance(result, Result):
-        raise TypeError(f"result is a {type(result).__name__}, expected a Result")
+        raise mistyped("result", result, "a Result")
     before = result.start
     base, given, paths = place(stem, "stem"), dict(info or {}), []
     for k, step in enumerate(result):
@@ -591,9 +589,7 @@ def _stored(
 ) -> Vectors:
     """Arrays of a solution or guess, checked against its problem."""
     if not isinstance(known, (Solution, Vectors)):
-        raise TypeError(
-            f"{what} is a {type(known).__name__}, expected a Solution or Vectors"
-        )
+        raise mistyped(what, known, "a Solution or Vectors")
     if isinstance(problem, GlobalProblem):
         shape, n, count = problem.w.shape, len(problem.f), None
     else:

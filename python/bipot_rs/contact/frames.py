@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import floats, vectors
 
 
 def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
@@ -16,10 +16,8 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
     normal, and made orthogonal to it: with n = z they are x and y. With ``axis (3,)``, in
     space, t1 is this direction made orthogonal to the normal, and t2 = n × t1.
     """
-    n = floats("normals", normals, ndim=2)
+    n = vectors("normals", normals)
     dim = n.shape[1]
-    if dim not in (2, 3):
-        raise ValueError(f"normals has shape {n.shape}, expected (n_c, 2) or (n_c, 3)")
     size = np.abs(n).max(axis=1)
     if not (size > 0).all():
         raise ValueError(

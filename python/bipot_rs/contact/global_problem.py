@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import RATIO, csr, floats, friction
+from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.solution import Solution
@@ -61,12 +61,8 @@ class GlobalProblem:
         n = mass.shape[0]
         if mass.shape != (n, n):
             raise ValueError(f"M has shape {mass.shape}, expected a square matrix")
-        self.w = floats("w", w, ndim=2)
+        self.w = vectors("w", w)
         contacts, d = self.w.shape
-        if d not in (2, 3):
-            raise ValueError(
-                f"w has shape {self.w.shape}, expected (n_c, 2) or (n_c, 3)"
-            )
         if contact.shape != (n, d * contacts):
             raise ValueError(
                 f"H has shape {contact.shape}, expected {(n, d * contacts)}: as many rows "

@@ -23,6 +23,7 @@ from bipot_rs._lib.validation import (
     positive,
     settings,
     threads,
+    vectors,
 )
 from bipot_rs.contact import existence, rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
@@ -84,10 +85,8 @@ class ReducedProblem:
         *,
         rigid: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
-        free = floats("q", q, ndim=2)
+        free = vectors("q", q)
         contacts, d = free.shape
-        if d not in (2, 3):
-            raise ValueError(f"q has shape {free.shape}, expected (n_c, 2) or (n_c, 3)")
         size = contacts * d
         parts = _islands(W, contacts, d)
         if rigid is None:

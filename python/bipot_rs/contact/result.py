@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.solution import Step, recover
@@ -188,12 +189,8 @@ class Result(Sequence[Step]):
         TypeError, ValueError
             ``group`` has the wrong type, shape or values.
         """
-        number = np.asarray(group)
+        number = integers("group", group)
         contacts = self._shape[0]
-        if number.dtype.kind not in "iu":
-            raise TypeError(
-                f"group has entries of type {number.dtype}, expected integers"
-            )
         if number.shape != (contacts,):
             raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
         if (number < 0).any():

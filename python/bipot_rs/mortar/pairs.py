@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats, number, shown
+from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
 from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, whole
@@ -408,9 +408,7 @@ def _columns(
 
 
 def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
-    found = np.asarray(value)
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    found = integers(what, value)
     if found.shape != shape:
         raise ValueError(f"{what} has shape {found.shape}, expected {shape}")
     if found.size and not (found.min() >= 0 and found.max() < n):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.plots import style
@@ -85,9 +86,7 @@ def deformed(
     units = units_of(result, units)
     found: Any = one_step(result, step)
     if not hasattr(found, "displacement"):
-        raise TypeError(
-            f"result is a {type(found).__name__}, expected a Result or one of its steps"
-        )
+        raise mistyped("result", found, "a Result or one of its steps")
     for name, value in (("scale", scale), ("near", near)):
         if value is not None and not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
@@ -139,9 +138,7 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
         return given, known
     model, case = model_of(given)
     if model is None:
-        raise TypeError(
-            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
-        )
+        raise mistyped("model", given, "a Model, a Case or a ModelResult")
     return model, case
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import meant
+from bipot_rs._lib.messages import meant, mistyped
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.result import Result
@@ -107,10 +107,8 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
         return given
     model, _ = model_of(given)
     if model is None:
-        raise TypeError(
-            f"contacts is a {type(given).__name__}, expected a mapping with x, frame, "
-            "area, mu, or the model"
-        )
+        expected = "a mapping with x, frame, area, mu, or the model"
+        raise mistyped("contacts", given, expected)
     from bipot_rs.fem.contact_surface import surface_labels
 
     names = {"x": "points", "frame": "frame", "area": "area", "mu": "mu"}
@@ -138,9 +136,8 @@ def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
     known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
     if not isinstance(known, Mapping):
-        raise TypeError(
-            f"units is a {type(known).__name__}, expected a mapping from length, force "
-            "and stress to their names"
+        raise mistyped(
+            "units", known, "a mapping from length, force and stress to their names"
         )
     if said := inconsistent(known):
         raise ValueError(f"units: {said}")
@@ -150,7 +147,7 @@ def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
 def steps_of(found: Any) -> Result:
     """The `Result` itself; an error if it is something else, or has no steps."""
     if not isinstance(found, Result):
-        raise TypeError(f"result is a {type(found).__name__}, expected a Result")
+        raise mistyped("result", found, "a Result")
     if not len(found):
         raise ValueError(f"result has no steps to draw: {found.message}")
     return found

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs.files.export import library
 from bipot_rs.plots import style
@@ -76,9 +77,7 @@ def surface3d(
         )
     given, (model, _) = model, model_of(model)
     if model is None:
-        raise TypeError(
-            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
-        )
+        raise mistyped("model", given, "a Model, a Case or a ModelResult")
     if model.dim != 3:
         raise ValueError("model has two dimensions, expected three")
     seen = look(result, step, contacts=model, units=units)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
@@ -94,9 +95,7 @@ class Functionals:
         slack: float = 1e-9,
     ) -> None:
         if not isinstance(problem, ContactProblem):
-            raise TypeError(
-                f"problem is a {type(problem).__name__}, expected a ContactProblem"
-            )
+            raise mistyped("problem", problem, "a ContactProblem")
         n, contacts, d = problem._shape
         fixed = problem._fixed
         stiffness = csr("K", K)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs._lib.validation import by_contact, coulomb, floats, positive
+from bipot_rs._lib.validation import by_contact, coulomb, floats, positive, vectors
 from bipot_rs.contact.projection import project
 from bipot_rs.theory.convex import (
     dot,
@@ -301,11 +301,7 @@ class Start:
     def __init__(
         self, reaction: ArrayLike, displacement: ArrayLike, gap: ArrayLike
     ) -> None:
-        found = floats("reaction", reaction, ndim=2)
-        if found.shape[1] not in (2, 3):
-            raise ValueError(
-                f"reaction has shape {found.shape}, expected (n_c, 2) or (n_c, 3)"
-            )
+        found = vectors("reaction", reaction)
         object.__setattr__(self, "reaction", found)
         shape = found.shape
         moved = floats("displacement", displacement, shape=shape)
