@@ -190,11 +190,7 @@ def write(
         stored.append(answer)
         answer = None
     # Through a file of Python, as in `export.write_result`.
-    with (
-        aside(target) as draft,
-        draft.open("w+b") as raw,
-        h5py.File(raw, "w") as file,
-    ):
+    with aside(target) as draft, draft.open("w+b") as raw, h5py.File(raw, "w") as file:
         if isinstance(problem, GlobalProblem):
             group = file.create_group("fclib_global")
             group["spacedim"] = _int32(problem.w.shape[1])

@@ -235,10 +235,7 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
     least, most = mu.min(axis=1), mu.max(axis=1)
     apart = least != most
     for wrong, expected in (
-        (
-            apart & (least == 0),
-            "two positive numbers, or two zeros",
-        ),
+        (apart & (least == 0), "two positive numbers, or two zeros"),
         (
             apart & ((least < _LEAST) | (most > _MOST)),
             f"numbers from {_LEAST:g} to {_MOST:g} if they differ",

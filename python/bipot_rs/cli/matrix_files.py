@@ -555,11 +555,7 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
 
 
 def _listed(
-    table: Table,
-    nodes: Ints,
-    listed: _Nodes,
-    dim: int,
-    has: Bools | None = None,
+    table: Table, nodes: Ints, listed: _Nodes, dim: int, has: Bools | None = None
 ) -> Floats:
     place = {int(label): row for row, label in enumerate(listed.labels)}
     found = np.zeros((len(nodes), dim))

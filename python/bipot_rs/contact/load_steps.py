@@ -252,10 +252,7 @@ def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> li
 
 
 def _same_path(
-    start: Result | Step,
-    first: int,
-    loads: list[Loads] | None,
-    gaps: Floats | None,
+    start: Result | Step, first: int, loads: list[Loads] | None, gaps: Floats | None
 ) -> None:
     """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
     last = reached(start)

@@ -352,10 +352,7 @@ class ReducedProblem:
         return near and _core.assess(self._core, solution.reaction) == "others exist"
 
     def _solution(
-        self,
-        raw: dict[str, Any],
-        method: str,
-        max_seconds: float | None = None,
+        self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):

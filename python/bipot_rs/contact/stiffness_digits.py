@@ -211,10 +211,7 @@ class Digits:
 
 
 def checked(
-    rtol: Any,
-    places: Floats | None,
-    d: int,
-    bodies: Mapping[str, int] | None,
+    rtol: Any, places: Floats | None, d: int, bodies: Mapping[str, int] | None
 ) -> Digits:
     """Check ``stiffness_rtol`` of `ContactProblem`."""
     value = number("stiffness_rtol", rtol)

@@ -182,10 +182,7 @@ def of_problem(
     )
     dofs = counted(n, "degree") + " of freedom"
     return f"ContactProblem: {dofs}, {places(contacts, d)}", [
-        (
-            "bodies",
-            f"{stats['bodies']}, {fixed} prescribed degrees of freedom, {held}",
-        ),
+        ("bodies", f"{stats['bodies']}, {fixed} prescribed degrees of freedom, {held}"),
         ("gap", gaps(gap)),
         ("friction", friction(np.asarray(arrays["mu"]))),
         ("memory", memory),
@@ -259,10 +256,7 @@ def of_result(result: Any) -> Summary:
         ("contacts", met),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
         ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
-        (
-            "residual",
-            f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}",
-        ),
+        ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (
             "cost",
             f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",

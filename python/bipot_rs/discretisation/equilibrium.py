@@ -21,11 +21,7 @@ from bipot_rs.discretisation.simplices import Simplices, pairs
 
 
 def moments(
-    cells: Simplices,
-    stress: Floats,
-    body_force: Floats,
-    given: Floats,
-    known: Bools,
+    cells: Simplices, stress: Floats, body_force: Floats, given: Floats, known: Bools
 ) -> Floats:
     """Moments ``∫_F φ_i t_F`` of tractions that satisfy (P), ``(facets, d nodes, d)``.
 

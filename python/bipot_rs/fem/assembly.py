@@ -19,12 +19,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.boundary import (
-    Spring,
-    Symmetry,
-    plane_of,
-    spring_stiffness,
-)
+from bipot_rs.fem.boundary import Spring, Symmetry, plane_of, spring_stiffness
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
@@ -35,10 +30,7 @@ from bipot_rs.fem.contact import (
 )
 from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
-from bipot_rs.fem.stress_recovery import (
-    Initial,
-    initial_forces,
-)
+from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.obstacle.motion import Motion
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are

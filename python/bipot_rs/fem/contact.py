@@ -307,10 +307,7 @@ def _rigid(
 
 
 def _weighted(
-    bodies: Sequence[Body],
-    offset: Sequence[int],
-    n: int,
-    contact: Contact,
+    bodies: Sequence[Body], offset: Sequence[int], n: int, contact: Contact
 ) -> Meeting:
     """Contacts for ``pairing="mortar"`` and ``pairing="nodes"``."""
     what = f"contact on {contact.surface!r}"

@@ -118,9 +118,7 @@ def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str
     return {name: _mesh(where, file, name, check=check) for name in volumes}
 
 
-def read_cells(
-    path: str | os.PathLike[str],
-) -> tuple[Floats, list[tuple[str, Ints]]]:
+def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, Ints]]]:
     """Read points ``(m, d)`` and cells by kind from any file of meshio, such as STL.
 
     Raises

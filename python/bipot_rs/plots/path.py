@@ -298,10 +298,7 @@ def force_displacement(
 
 
 def dissipation(
-    result: Any,
-    *,
-    units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
+    result: Any, *, units: Mapping[str, str] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Work of friction in each step, and accumulated from the beginning of the path.
 
