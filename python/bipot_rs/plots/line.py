@@ -63,10 +63,6 @@ def tractions(
     ax
         Axes to draw into; default those of a new figure, ``ax.figure``.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     TypeError, ValueError

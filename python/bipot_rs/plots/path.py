@@ -59,10 +59,6 @@ def resultants(
         A `Result`.
     where, contacts, units, ax
         As in `tractions`. Without frames, components are added.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     units = units_of(result, units)
     path, known = steps_of(result), contacts_of(result, contacts)
@@ -191,10 +187,6 @@ def status_shares(
         A `Result`.
     where, contacts, ax
         As in `tractions`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     path = steps_of(result)
     known = contacts_of(path, contacts)
@@ -258,10 +250,6 @@ def force_displacement(
     where, contacts, units, ax
         As in `resultants`.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     TypeError, ValueError
@@ -308,10 +296,6 @@ def dissipation(
         A `Result`.
     units, ax
         As in `tractions`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     path, units = steps_of(result), units_of(result, units)
     lost = path.dissipation
