@@ -203,10 +203,12 @@ def write(
             _write_matrix(group.create_group("W"), problem.W)
             named = {"q": problem.q, "mu": problem.mu}
             if problem.rigid is not None:
+                from scipy.sparse import csc_array
+
                 modes, named["s"] = problem.rigid
                 count = len(named["s"])
                 _write_matrix(group.create_group("V"), modes)
-                _write_matrix(group.create_group("R"), _zero(count))
+                _write_matrix(group.create_group("R"), csc_array((count, count)))
         vectors = group.create_group("vectors")
         for name, array in named.items():
             vectors[name] = array.ravel()
@@ -646,12 +648,6 @@ def _int32(value: int) -> NDArray[np.int32]:
             "integers of FCLIB"
         )
     return np.array([value], np.int32)
-
-
-def _zero(count: int) -> Any:
-    from scipy.sparse import csc_array
-
-    return csc_array((count, count))
 
 
 def _write_matrix(group: Any, matrix: Any) -> None:

@@ -373,7 +373,7 @@ def _market(path: Path) -> Any:
 
 def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     """Read lines ``node, component, node, component, value``."""
-    from scipy.sparse import coo_array
+    from scipy.sparse import coo_array, diags
 
     entries, values = [], []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -414,14 +414,8 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     there = np.unique(row[apart] * n + column[apart])
     if not np.isin(there, column[apart] * n + row[apart]).any():
         # The file has one triangle, in an order of rows that the labels do not show.
-        K = K + K.T - _diagonal(K)
+        K = K + K.T - diags(K.diagonal(), format="csr")
     return K, _Dofs(n, known, "")
-
-
-def _diagonal(K: Any) -> Any:
-    from scipy.sparse import diags
-
-    return diags(K.diagonal(), format="csr")
 
 
 def _once(
@@ -490,7 +484,7 @@ def _contacts(
     gap = np.array(
         [
             found if np.isfinite(found) else known
-            for found, known in zip(_optional(table, "gap"), distance, strict=True)
+            for found, known in zip(table.numbers("gap", np.nan), distance, strict=True)
         ]
     )
     data, row, column_ = [], [], []
@@ -518,11 +512,6 @@ def _contacts(
         "points": points,
         "nodes": nodes,
     }
-
-
-def _optional(table: Table, name: str) -> Floats:
-    """A column; not a number where it is missing or blank."""
-    return table.numbers(name, np.nan)
 
 
 def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:

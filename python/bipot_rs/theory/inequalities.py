@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number, vectors
+from bipot_rs.contact.existence import dense
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
 
@@ -201,8 +202,7 @@ class Response:
             zero if reaction is None else floats("reaction", reaction, shape=shape)
         )
         self.offset = zero if offset is None else floats("offset", offset, shape=shape)
-        W = problem.W.toarray() if hasattr(problem.W, "toarray") else problem.W
-        self._W: Floats = np.asarray(W, np.float64)
+        self._W = dense(problem.W)
         size = self._W.shape[0]
         self._R, self._e = np.empty((size, 0)), np.empty(0)
         if problem.rigid is not None:
