@@ -80,7 +80,18 @@ class GlobalProblem:
         If a diagonal entry is zero, it is relative to the larger of the two entries.
         `ReducedProblem.asymmetry` is relative to the largest entry of ``W`` instead.
         """
-        return _asymmetry(self._mass)
+        matrix = self._mass
+        difference = abs(matrix - matrix.T).tocoo()
+        if not difference.nnz:
+            return 0.0
+        # Two roots: the product of two diagonals may overflow.
+        root = np.sqrt(np.abs(matrix.diagonal()))
+        scale = root[difference.row] * root[difference.col]
+        larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
+        at = scale == 0
+        scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
+        known = difference.data > 0
+        return float((difference.data[known] / scale[known]).max(initial=0.0))
 
     @property
     def stats(self) -> Mapping[str, Any]:
@@ -244,20 +255,6 @@ class _Lu:
     def velocity(self, r: Floats, _: Floats) -> Floats:
         right = self._contact @ r.ravel() + self._f
         return np.asarray(self._factor.solve(right), np.float64)
-
-
-def _asymmetry(matrix: Any) -> float:
-    difference = abs(matrix - matrix.T).tocoo()
-    if not difference.nnz:
-        return 0.0
-    # Two roots: the product of two diagonals may overflow.
-    root = np.sqrt(np.abs(matrix.diagonal()))
-    scale = root[difference.row] * root[difference.col]
-    larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
-    at = scale == 0
-    scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
-    known = difference.data > 0
-    return float((difference.data[known] / scale[known]).max(initial=0.0))
 
 
 def _condition(matrix: Any, factor: Any) -> float:

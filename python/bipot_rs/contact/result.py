@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, SupportsIndex, overload
 
@@ -103,9 +103,6 @@ class Result(Sequence[Step]):
     def __getitem__(self, k: slice) -> tuple[Step, ...]: ...
     def __getitem__(self, k: Any) -> Any:
         return self.steps[k]
-
-    def __iter__(self) -> Iterator[Step]:
-        return iter(self.steps)
 
     def __repr__(self) -> str:
         contacts = len(self.status[-1]) if self.steps else 0

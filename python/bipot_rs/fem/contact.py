@@ -182,15 +182,6 @@ def _clearances(
     return lambda places: np.zeros(len(places)), nodal
 
 
-def _for_pairs(
-    contact: Contact, body: Body
-) -> ArrayLike | Callable[[Floats], ArrayLike]:
-    """Clearance in the form of `pairs`: an array has a value for each node of the body."""
-    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
-        return contact.clearance
-    return _clearances(contact, body)[1]
-
-
 def gaps_onwards(
     bodies: Sequence[Body],
     contact: Contact,
@@ -324,13 +315,17 @@ def _weighted(
         if contact.against is not None:
             what = f"surfaces {both(contact)}"
             o = _other(bodies, b, contact.against[0])
+            clearance = contact.clearance
+            if not callable(clearance) and np.ndim(clearance) > 0:
+                # `pairs` takes one number for each node of the body.
+                clearance = _clearances(contact, body)[1]
             found = pairs(
                 body.points,
                 ours,
                 bodies[o].points,
                 _facets_outward(bodies[o], contact.against[1]),
                 method=contact.pairing,
-                clearance=_for_pairs(contact, body),
+                clearance=clearance,
                 axis=contact.axis,
                 dofs_slave=numbers(b),
                 dofs_master=numbers(o),

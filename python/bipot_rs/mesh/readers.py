@@ -37,13 +37,8 @@ from bipot_rs.mesh.quality import check_mesh
 
 # Kinds of cells that may be facets: dimension and number of corners.
 _FACETS = {
-    "line": (1, 2),
-    "line3": (1, 2),
-    "triangle": (2, 3),
-    "triangle6": (2, 3),
-    "quad": (2, 4),
-    "quad8": (2, 4),
-    "quad9": (2, 4),
+    kind.facet.vtk: (kind.dim - 1, len(kind.facet.linear().doflocs))
+    for kind in OF_VTK.values()
 }
 _IGNORED = ("vertex",)
 # Up to this number of different values, integer cell data count as groups.

@@ -88,6 +88,11 @@ class Surface:
         (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, flat)
         return np.asarray((a * d - b * c) @ shapes)
 
+    def node_areas(self) -> Floats:
+        """∫ N_i over all facets at the nodes, ``(n,)``; zero except at corners."""
+        whole, nodes = self.whole().ravel(), len(self.points)
+        return np.asarray(np.bincount(self.corners.ravel(), whole, minlength=nodes))
+
     def node_normals(self) -> Floats:
         """Outward normals times area at the nodes, ``(n, d)``; zero except at corners."""
         total = np.zeros_like(self.points)

@@ -260,9 +260,7 @@ def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None
 def _normals(slave: Surface, node: Ints) -> Floats:
     """Normals from the obstacle towards the slave, at slave nodes."""
     normals = -slave.node_normals()[node]
-    size = np.bincount(
-        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
-    )[node]
+    size = slave.node_areas()[node]
     # The mean normal of opposite facets is rounding.
     thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
     if thin.any():
@@ -330,9 +328,7 @@ def _nodes(
             f"facets_slave has facets of the kind {slave.kind.name}, whose corners have zero "
             "or negative areas: use method='mortar', or linear facets"
         )
-    area = np.bincount(
-        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
-    )
+    area = slave.node_areas()
     node = np.flatnonzero(area > 0)
     normals = slave.node_normals()[node]
     length = np.linalg.norm(normals, axis=1)

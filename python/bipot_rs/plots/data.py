@@ -132,6 +132,14 @@ def model_of(given: Any) -> tuple[Any, Any]:
     return (None, None) if case is None else (case.model, case)
 
 
+def drawn_model(given: Any) -> tuple[Any, Any]:
+    """As `model_of`; a `TypeError` if there is no model."""
+    model, case = model_of(given)
+    if model is None:
+        raise mistyped("model", given, "a Model, a Case or a ModelResult")
+    return model, case
+
+
 def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
     known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units

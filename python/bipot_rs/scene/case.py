@@ -109,11 +109,13 @@ class Case:
             A body can move without deforming supports or contacts; the message says
             which body and how.
         """
+        if engine is None:
+            engine = "auto" if self.scene is None else self.scene.solver.engine
         try:
             return self.model.problem(
                 num_threads=num_threads,
                 on_forecast=on_forecast,
-                engine=self._engine() if engine is None else engine,
+                engine=engine,
                 steps=self._steps(),
             )
         except FloatingBodyError as error:
@@ -125,9 +127,6 @@ class Case:
             named = FloatingBodyError("; ".join(problems))
             named.dof = error.dof
             raise named from None
-
-    def _engine(self) -> str:
-        return "auto" if self.scene is None else self.scene.solver.engine
 
     def _steps(self) -> int:
         """About as many load steps as the path takes."""
