@@ -22,13 +22,6 @@ if TYPE_CHECKING:
 Reached = tuple[dict[str, Any], "Step"]
 
 
-def labels(scene: Scene | None) -> dict[str, str]:
-    """Title and units of the scene, as attributes of the result file."""
-    if scene is None:
-        return {}
-    return {"title": scene.title, "units": json.dumps(scene.units.model_dump())}
-
-
 def contacts(case: Case) -> dict[str, Any]:
     """Arrays of ``/contacts``."""
     model = case.model
@@ -151,13 +144,17 @@ class Output:
         """Write result.h5."""
         from bipot_rs.files.export import write_result
 
+        labels: dict[str, str] = {}
+        if self.scene is not None:
+            units = json.dumps(self.scene.units.model_dump())
+            labels = {"title": self.scene.title, "units": units}
         with self._file(RESULT) as path:
             write_result(
                 path,
                 self._contacts(),
                 self._steps(),
                 complete=complete,
-                attributes={**labels(self.scene), **attributes},
+                attributes={**labels, **attributes},
             )
 
     def _contacts(self) -> dict[str, Any]:

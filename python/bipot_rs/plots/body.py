@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from bipot_rs.fem.assembly import Assembly
+    from bipot_rs.scene.case import Case
 
 # Largest drawn displacement and longest arrow, relative to the size of the bodies.
 _DEFORMED, _ARROW = 0.05, 0.12
@@ -136,22 +137,19 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
     return drawn_model(given)
 
 
-def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
+def _at_rest(case: Case, result: Any, found: Any, step: int) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
-    number = number_of(result, step)
-    whole: Floats | None
     if getattr(found, "s", None) is not None:
-        whole = case.stress_at_rest(found)
-    elif number is not None:
-        whole = case.stress_at_rest(number.index)
-    else:
-        whole = case.stress_at_rest(0)
-        if whole is not None:
-            raise ValueError(
-                "result is a single step, but the model has initial strains, which depend "
-                "on its number: pass the Result and step=, or at_rest="
-            )
-    return whole
+        return case.stress_at_rest(found)
+    number = number_of(result, step)
+    if number is not None:
+        return case.stress_at_rest(number[0])
+    if case.stress_at_rest(0) is not None:
+        raise ValueError(
+            "result is a single step, but the model has initial strains, which depend "
+            "on its number: pass the Result and step=, or at_rest="
+        )
+    return None
 
 
 def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:

@@ -172,28 +172,20 @@ def one_step(found: Any, step: int) -> Solution:
     return solution
 
 
-@dataclass(frozen=True)
-class StepNumber:
-    """Index of a step, from 0, on the whole path, and the number of steps."""
-
-    index: int
-    count: int
-
-
-def number_of(found: Any, step: int) -> StepNumber | None:
-    """Number of a step of a `Result`; None for a single step."""
+def number_of(found: Any, step: int) -> tuple[int, int] | None:
+    """Index of a step of a `Result` on the whole path, and its length; None for a step."""
     if not isinstance(found, Result):
         return None
     count = found._first + len(found)
-    return StepNumber((step if step < 0 else found._first + step) % count, count)
+    return (step if step < 0 else found._first + step) % count, count
 
 
 def said_of(found: Any, step: int) -> str:
     """``load step 3 of 8``; empty for a path of one step."""
     number = number_of(found, step)
-    if number is None or number.count == 1:
+    if number is None or number[1] == 1:
         return ""
-    return f"load step {number.index + 1} of {number.count}"
+    return f"load step {number[0] + 1} of {number[1]}"
 
 
 def look(
@@ -308,7 +300,8 @@ def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
             f"where is {name!r}, but the surfaces of the contacts are not known: pass the "
             "model as contacts=, or a mask as where="
         )
-    mine = [k for k, one in enumerate(names) if one in (name, *_numbered(name, names))]
+    wanted = {name, *(f"{name} {k}" for k in range(len(names)))}
+    mine = [k for k, one in enumerate(names) if one in wanted]
     chosen = np.flatnonzero(np.isin(known["surface"], mine))
     if not chosen.size:
         raise ValueError(
@@ -316,7 +309,3 @@ def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
             f"{', '.join(names)}{meant(name, names)}"
         )
     return chosen
-
-
-def _numbered(name: str, names: Sequence[str]) -> list[str]:
-    return [f"{name} {k}" for k in range(len(names)) if f"{name} {k}" in names]

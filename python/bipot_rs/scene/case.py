@@ -300,11 +300,9 @@ class Case:
         """Path parameter of the scene at the end of step ``k`` of a result."""
         if step.s is None:
             return float(self.parameter[k])
-        if self.scene is None or self.scene.path.parameter is None:
+        if self.scene is None:
             return step.s
-        path = self.scene.path
-        amplitude = path.amplitude[self.scene.path.parameter]
-        return float(amplitude.at(np.array([step.s]), path.count())[0])
+        return float(_parameter(self.scene.path, np.array([step.s]))[0])
 
     def loaded(self, result: Sequence[Step]) -> list[Step]:
         """Add the loads to steps read from a file, which does not store them."""

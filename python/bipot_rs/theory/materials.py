@@ -194,13 +194,9 @@ def uzawa(
     found = [y]
     for _ in range(positive("iterations", iterations)):
         x = floats("strain(y)", strain(y), shape=y.shape)
-        y = material.prox_at(_predictor(y, step, x), x, step)
+        y = material.prox_at(y + (step[..., None] if step.ndim else step) * x, x, step)
         found.append(y)
     return np.array(found)
-
-
-def _predictor(y: Floats, r: Floats, x: Floats) -> Floats:
-    return y + (r[..., None] if r.ndim else r) * x
 
 
 def positive_step(r: ArrayLike) -> Floats:
