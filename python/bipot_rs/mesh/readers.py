@@ -288,12 +288,6 @@ def _no_cells(path: Path) -> str:
     )
 
 
-def _names(found: Mapping[str, Any], what: str) -> str:
-    if not found:
-        return f"it has no named {what}"
-    return "it has " + ", ".join(repr(name) for name in sorted(found))
-
-
 def _mesh(
     path: Path, file: Content, group: str | Sequence[str] | None, *, check: bool
 ) -> Any:
@@ -304,11 +298,12 @@ def _mesh(
             f"the mesh {path} has no cells of a 2D or 3D body, "
             + (_counts(file.blocks) or "and no other cells")
         )
+    known = ", ".join(map(repr, sorted(volumes))) or "no named volume"
     wanted = [group] if isinstance(group, str) else list(group or [])
     for name in wanted:
         if name not in volumes:
             raise ValueError(
-                f"the mesh {path} has no volume {name!r}; {_names(volumes, 'volume')}"
+                f"the mesh {path} has no volume {name!r}; it has {known}"
                 + (_no_cells(path) if top == 2 and np.ptp(file.points[:, 2]) else "")
             )
     chosen = []
