@@ -40,7 +40,7 @@ from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact import dof_order
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
@@ -436,8 +436,6 @@ def _once(
 def _contacts(
     table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None
 ) -> dict[str, Any]:
-    from scipy.sparse import coo_array
-
     axes = _AXES[:dim]
     own = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
     others = ["other"] if own == ["node"] else [f"other_{a}" for a in axes]
@@ -487,24 +485,9 @@ def _contacts(
             for found, known in zip(table.numbers("gap", np.nan), distance, strict=True)
         ]
     )
-    data, row, column_ = [], [], []
-    for side, sign in ((first, 1.0), (second, -1.0)):
-        if side is None:
-            continue
-        has = side[:, 0] >= 0
-        rows = np.arange(dim * len(table)).reshape(-1, dim, 1)[has]
-        data.append((sign * frame[has]).ravel())
-        row.append(np.broadcast_to(rows, (len(rows), dim, dim)).ravel())
-        column_.append(
-            np.broadcast_to(side[has][:, None, :], (len(rows), dim, dim)).ravel()
-        )
-    entries = np.concatenate(row), np.concatenate(column_)
-    B = coo_array(
-        (np.concatenate(data), entries), shape=(dim * len(table), dofs.count)
-    ).tocsr()
-    B.eliminate_zeros()
+    sides = [first] if second is None else [first, second]
     return {
-        "B": B,
+        "B": operator(frame, sides, dofs.count),
         "gap": gap,
         "mu": mu,
         "area": area,
