@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
@@ -190,11 +190,7 @@ def write(
         stored.append(answer)
         answer = None
     # Through a file of Python, as in `export.write_result`.
-    with (
-        aside(target) as draft,
-        draft.open("w+b") as raw,
-        h5py.File(raw, "w") as file,
-    ):
+    with aside(target) as draft, draft.open("w+b") as raw, h5py.File(raw, "w") as file:
         if isinstance(problem, GlobalProblem):
             group = file.create_group("fclib_global")
             group["spacedim"] = _int32(problem.w.shape[1])
@@ -207,10 +203,12 @@ def write(
             _write_matrix(group.create_group("W"), problem.W)
             named = {"q": problem.q, "mu": problem.mu}
             if problem.rigid is not None:
+                from scipy.sparse import csc_array
+
                 modes, named["s"] = problem.rigid
                 count = len(named["s"])
                 _write_matrix(group.create_group("V"), modes)
-                _write_matrix(group.create_group("R"), _zero(count))
+                _write_matrix(group.create_group("R"), csc_array((count, count)))
         vectors = group.create_group("vectors")
         for name, array in named.items():
             vectors[name] = array.ravel()
@@ -263,11 +261,9 @@ def write_path(
         A file cannot be written.
     """
     if not isinstance(problem, ContactProblem):
-        raise TypeError(
-            f"problem is a {type(problem).__name__}, expected a ContactProblem"
-        )
+        raise mistyped("problem", problem, "a ContactProblem")
     if not isinstance(result, Result):
-        raise TypeError(f"result is a {type(result).__name__}, expected a Result")
+        raise mistyped("result", result, "a Result")
     before = result.start
     base, given, paths = place(stem, "stem"), dict(info or {}), []
     for k, step in enumerate(result):
@@ -591,9 +587,7 @@ def _stored(
 ) -> Vectors:
     """Arrays of a solution or guess, checked against its problem."""
     if not isinstance(known, (Solution, Vectors)):
-        raise TypeError(
-            f"{what} is a {type(known).__name__}, expected a Solution or Vectors"
-        )
+        raise mistyped(what, known, "a Solution or Vectors")
     if isinstance(problem, GlobalProblem):
         shape, n, count = problem.w.shape, len(problem.f), None
     else:
@@ -654,12 +648,6 @@ def _int32(value: int) -> NDArray[np.int32]:
             "integers of FCLIB"
         )
     return np.array([value], np.int32)
-
-
-def _zero(count: int) -> Any:
-    from scipy.sparse import csc_array
-
-    return csc_array((count, count))
 
 
 def _write_matrix(group: Any, matrix: Any) -> None:

@@ -20,6 +20,11 @@ def place(x: Iterable[float]) -> str:
     return "(" + ", ".join(f"{c:g}" for c in x) + ")"
 
 
+def mistyped(what: str, value: object, expected: str) -> TypeError:
+    """Error of an argument ``what`` of a wrong type; ``expected`` is the end of the message."""
+    return TypeError(f"{what} is a {type(value).__name__}, expected {expected}")
+
+
 def printable(text: str) -> str:
     """``text`` on one line, unprintable characters escaped: file names may contain them."""
     return "".join(

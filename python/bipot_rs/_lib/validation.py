@@ -78,6 +78,24 @@ def floats(
     return array
 
 
+def vectors(what: str, value: Any, *, rows: str = "n_c", copy: bool = True) -> Floats:
+    """Vectors of two or three components, one for each row."""
+    found = floats(what, value, ndim=2, copy=copy)
+    if found.shape[1] not in (2, 3):
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected ({rows}, 2) or ({rows}, 3)"
+        )
+    return found
+
+
+def integers(what: str, value: Any) -> NDArray[Any]:
+    """An array of integers."""
+    found = np.asarray(value)
+    if found.dtype.kind not in "iu":
+        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    return found
+
+
 def _hides(rows: Sequence[Any]) -> bool:
     """Whether a row has masked entries, which `numpy.asarray` would unmask."""
     return any(isinstance(row, np.ma.MaskedArray) and row.mask.any() for row in rows)
@@ -217,10 +235,7 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
     least, most = mu.min(axis=1), mu.max(axis=1)
     apart = least != most
     for wrong, expected in (
-        (
-            apart & (least == 0),
-            "two positive numbers, or two zeros",
-        ),
+        (apart & (least == 0), "two positive numbers, or two zeros"),
         (
             apart & ((least < _LEAST) | (most > _MOST)),
             f"numbers from {_LEAST:g} to {_MOST:g} if they differ",
@@ -246,8 +261,7 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
         )
     if found.size == 0:
         return np.empty(0, np.int64)
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    integers(what, found)
     if found.ndim != 1:
         raise ValueError(f"{what} has {counted(found.ndim, 'dimension')}, expected 1")
     outside = (found < 0) | (found >= limit)

@@ -17,13 +17,7 @@ from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
 from bipot_rs.cli.commands.run import ENOUGH, Job, Request
-from bipot_rs.cli.exit_codes import (
-    BAD_INPUT,
-    FAULT,
-    INTERRUPTED,
-    NO_ANSWER,
-    SOLVED,
-)
+from bipot_rs.cli.exit_codes import BAD_INPUT, FAULT, INTERRUPTED, NO_ANSWER, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
 from bipot_rs.cli.runner import MISTAKES, outcome
@@ -429,11 +423,7 @@ def new(
 
 
 @app.command()
-def check(
-    scene: _Scene,
-    settings: _Settings = None,
-    json: _Json = False,
-) -> None:
+def check(scene: _Scene, settings: _Settings = None, json: _Json = False) -> None:
     """Check a scene: report its mistakes, its size, memory and time. Does not solve."""
     from bipot_rs.cli.commands.check import check as check_scene
 
@@ -502,8 +492,7 @@ def plot(
     step: Annotated[
         int | None,
         typer.Option(
-            metavar="K",
-            help="Load step to draw, counted from 1. Default: the last.",
+            metavar="K", help="Load step to draw, counted from 1. Default: the last."
         ),
     ] = None,
     scene: Annotated[

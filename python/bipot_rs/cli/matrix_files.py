@@ -40,7 +40,7 @@ from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact import dof_order
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
@@ -373,7 +373,7 @@ def _market(path: Path) -> Any:
 
 def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     """Read lines ``node, component, node, component, value``."""
-    from scipy.sparse import coo_array
+    from scipy.sparse import coo_array, diags
 
     entries, values = [], []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -414,14 +414,8 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     there = np.unique(row[apart] * n + column[apart])
     if not np.isin(there, column[apart] * n + row[apart]).any():
         # The file has one triangle, in an order of rows that the labels do not show.
-        K = K + K.T - _diagonal(K)
+        K = K + K.T - diags(K.diagonal(), format="csr")
     return K, _Dofs(n, known, "")
-
-
-def _diagonal(K: Any) -> Any:
-    from scipy.sparse import diags
-
-    return diags(K.diagonal(), format="csr")
 
 
 def _once(
@@ -442,8 +436,6 @@ def _once(
 def _contacts(
     table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None
 ) -> dict[str, Any]:
-    from scipy.sparse import coo_array
-
     axes = _AXES[:dim]
     own = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
     others = ["other"] if own == ["node"] else [f"other_{a}" for a in axes]
@@ -490,27 +482,12 @@ def _contacts(
     gap = np.array(
         [
             found if np.isfinite(found) else known
-            for found, known in zip(_optional(table, "gap"), distance, strict=True)
+            for found, known in zip(table.numbers("gap", np.nan), distance, strict=True)
         ]
     )
-    data, row, column_ = [], [], []
-    for side, sign in ((first, 1.0), (second, -1.0)):
-        if side is None:
-            continue
-        has = side[:, 0] >= 0
-        rows = np.arange(dim * len(table)).reshape(-1, dim, 1)[has]
-        data.append((sign * frame[has]).ravel())
-        row.append(np.broadcast_to(rows, (len(rows), dim, dim)).ravel())
-        column_.append(
-            np.broadcast_to(side[has][:, None, :], (len(rows), dim, dim)).ravel()
-        )
-    entries = np.concatenate(row), np.concatenate(column_)
-    B = coo_array(
-        (np.concatenate(data), entries), shape=(dim * len(table), dofs.count)
-    ).tocsr()
-    B.eliminate_zeros()
+    sides = [first] if second is None else [first, second]
     return {
-        "B": B,
+        "B": operator(frame, sides, dofs.count),
         "gap": gap,
         "mu": mu,
         "area": area,
@@ -518,11 +495,6 @@ def _contacts(
         "points": points,
         "nodes": nodes,
     }
-
-
-def _optional(table: Table, name: str) -> Floats:
-    """A column; not a number where it is missing or blank."""
-    return table.numbers(name, np.nan)
 
 
 def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
@@ -555,11 +527,7 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
 
 
 def _listed(
-    table: Table,
-    nodes: Ints,
-    listed: _Nodes,
-    dim: int,
-    has: Bools | None = None,
+    table: Table, nodes: Ints, listed: _Nodes, dim: int, has: Bools | None = None
 ) -> Floats:
     place = {int(label): row for row, label in enumerate(listed.labels)}
     found = np.zeros((len(nodes), dim))

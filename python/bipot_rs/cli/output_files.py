@@ -21,32 +21,6 @@ if TYPE_CHECKING:
 # The row of a load step, and the step.
 Reached = tuple[dict[str, Any], "Step"]
 
-_FIELDS = (
-    "reaction",
-    "relative_displacement",
-    "slip",
-    "status",
-    "residual",
-    "tolerance",
-    "iterations",
-    "work",
-    "rigid_motion",
-    "bipotential_gap",
-    "gap",
-    "seconds",
-    "s",
-    "ahead",
-    "working_set",
-    "working_motion",
-)
-
-
-def labels(scene: Scene | None) -> dict[str, str]:
-    """Title and units of the scene, as attributes of the result file."""
-    if scene is None:
-        return {}
-    return {"title": scene.title, "units": json.dumps(scene.units.model_dump())}
-
 
 def contacts(case: Case) -> dict[str, Any]:
     """Arrays of ``/contacts``."""
@@ -99,7 +73,10 @@ class Output:
                 path,
                 case.model,
                 steps,
-                [_of_cells(self._error(k)) for k in range(len(steps))],
+                (
+                    {"error": one.cells, "error_density": one.density} if one else {}
+                    for one in map(self._error, range(len(steps)))
+                ),
                 at_rest=lambda k: case.stress_at_rest(
                     k if steps[k].s is None else steps[k]
                 ),
@@ -167,13 +144,17 @@ class Output:
         """Write result.h5."""
         from bipot_rs.files.export import write_result
 
+        labels: dict[str, str] = {}
+        if self.scene is not None:
+            units = json.dumps(self.scene.units.model_dump())
+            labels = {"title": self.scene.title, "units": units}
         with self._file(RESULT) as path:
             write_result(
                 path,
                 self._contacts(),
                 self._steps(),
                 complete=complete,
-                attributes={**labels(self.scene), **attributes},
+                attributes={**labels, **attributes},
             )
 
     def _contacts(self) -> dict[str, Any]:
@@ -185,27 +166,16 @@ class Output:
 
     def _steps(self) -> list[dict[str, Any]]:
         """The fields of each step, as `bipot_rs.load` reads them."""
+        from bipot_rs.contact.step_record import record_of
+
+        # The history would be larger than all the rest.
         return [
-            {name: getattr(step, name) for name in _FIELDS}
-            | {
-                "load": row["load"],
-                "outcome": str(step.outcome),
-                "displacement": step.displacement,
-            }
-            | dict(step.stats)
-            | _of_step(self._error(k))
+            record_of(step, row["load"]) | {"history": None} | _of_step(self._error(k))
             for k, (row, step) in enumerate(self.reached)
         ]
 
     def _error(self, k: int) -> DiscretisationError | None:
         return self.errors[k] if k < len(self.errors) else None
-
-
-def _of_cells(found: DiscretisationError | None) -> dict[str, Any]:
-    """Element fields of a step for ParaView."""
-    if found is None:
-        return {}
-    return {"error": found.cells, "error_density": found.density}
 
 
 def _of_step(found: DiscretisationError | None) -> dict[str, Any]:

@@ -444,11 +444,7 @@ def _trend(solution: Solution) -> str:
 
 
 def _cures(
-    tried: Tried,
-    solution: Solution,
-    causes: list[Finding],
-    v: Floats,
-    scale: Floats,
+    tried: Tried, solution: Solution, causes: list[Finding], v: Floats, scale: Floats
 ) -> Iterator[str]:
     yield from (finding.cure for finding in causes if finding.cure)
     if not any(finding.alone for finding in causes):

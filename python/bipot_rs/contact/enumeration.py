@@ -39,9 +39,6 @@ class Answers(Sequence[Solution]):
     def __getitem__(self, k: Any) -> Any:
         return self._solutions[k]
 
-    def __iter__(self) -> Iterator[Solution]:
-        return iter(self._solutions)
-
     def __repr__(self) -> str:
         known = "all there are" if self.complete else "there may be others"
         return f"Answers({len(self)} found, {known})"

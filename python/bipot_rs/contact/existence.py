@@ -13,7 +13,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.existence_by_friction import holds
+from bipot_rs.contact.existence_by_friction import holds, polygon
 
 # Sides of the polygon inside the disc of slip, in space. It covers 98 % of the radius.
 _FACETS = 16
@@ -246,16 +246,11 @@ def _inside(p: _Scaled) -> Floats | None:
     span[p.kept] = U
     free = np.zeros(contacts * d)
     free[p.kept] = p.q / size
-    sides = np.array([[1.0], [-1.0]])
-    reach = 1.0
-    if d == 3:
-        angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
-        sides = np.column_stack([np.cos(angle), np.sin(angle)])
-        reach = 1 / np.cos(np.pi / _FACETS)
+    sides, inner = polygon(d - 1, _FACETS)
     rows, right = [], []
     span3, free2 = span.reshape(contacts, d, -1), free.reshape(contacts, d)
     for side in sides:
-        across = reach * p.mu[:, None] * side
+        across = 1 / inner * p.mu[:, None] * side
         rows.append(np.einsum("ik,ikj->ij", across, span3[:, 1:]) - span3[:, 0])
         right.append(free2[:, 0] - np.sum(across * free2[:, 1:], axis=1))
     A = np.vstack(rows)

@@ -128,12 +128,7 @@ def _shared(
     ):
         return False
     ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
-    sides = np.array([[1.0], [-1.0]])
-    inner = 1.0
-    if tangential == 2:
-        angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
-        sides = np.column_stack([np.cos(angle), np.sin(angle)])
-        inner = float(np.cos(np.pi / _FACETS))
+    sides, inner = polygon(tangential, _FACETS)
     start = x0[:free].reshape(-1, tangential)
     change = ways[:free].reshape(len(rubbing), tangential, -1)
     rows = np.einsum("sj,ija->sia", sides, change)
@@ -146,6 +141,15 @@ def _shared(
         return False
     g = start + change @ found.x[:-1]
     return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
+
+
+def polygon(tangential: int, facets: int) -> tuple[Floats, float]:
+    """Normals ``(sides, tangential)`` of a polygon in the unit disc, and its inner radius."""
+    if tangential == 1:
+        return np.array([[1.0], [-1.0]]), 1.0
+    angle = 2 * np.pi * np.arange(facets) / facets
+    sides = np.column_stack([np.cos(angle), np.sin(angle)])
+    return sides, float(np.cos(np.pi / facets))
 
 
 def _within(columns: Floats, load: Floats) -> bool:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats, vectors
 
 
 def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
@@ -16,10 +19,8 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
     normal, and made orthogonal to it: with n = z they are x and y. With ``axis (3,)``, in
     space, t1 is this direction made orthogonal to the normal, and t2 = n × t1.
     """
-    n = floats("normals", normals, ndim=2)
+    n = vectors("normals", normals)
     dim = n.shape[1]
-    if dim not in (2, 3):
-        raise ValueError(f"normals has shape {n.shape}, expected (n_c, 2) or (n_c, 3)")
     size = np.abs(n).max(axis=1)
     if not (size > 0).all():
         raise ValueError(
@@ -44,6 +45,29 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
                 t = t - np.sum(t * frame[:, j], axis=1, keepdims=True) * frame[:, j]
         frame[:, k] = t / np.linalg.norm(t, axis=1, keepdims=True)
     return frame
+
+
+def operator(frame: Floats, sides: Sequence[Ints], n: int) -> Any:
+    """B of (2), CSR ``(d n_c, n)``: one node minus another, in the frames of the contacts.
+
+    ``sides`` holds the degrees of freedom ``(n_c, d)`` of the nodes and, if any, of their
+    partners; a first one below zero means that there is no partner.
+    """
+    from scipy.sparse import coo_array
+
+    count, dim = frame.shape[:2]
+    rows = np.arange(dim * count).reshape(count, dim, 1)
+    data, row, column = [], [], []
+    for side, sign in zip(sides, (1.0, -1.0), strict=False):
+        has = side[:, 0] >= 0
+        blocks = sign * frame[has]
+        data.append(blocks.ravel())
+        row.append(np.broadcast_to(rows[has], blocks.shape).ravel())
+        column.append(np.broadcast_to(side[has][:, None], blocks.shape).ravel())
+    entries = np.concatenate(data), (np.concatenate(row), np.concatenate(column))
+    B = coo_array(entries, shape=(dim * count, n)).tocsr()
+    B.eliminate_zeros()
+    return B
 
 
 def _along(frame: Floats, axis: ArrayLike) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import RATIO, csr, floats, friction
+from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.solution import Solution
@@ -61,12 +61,8 @@ class GlobalProblem:
         n = mass.shape[0]
         if mass.shape != (n, n):
             raise ValueError(f"M has shape {mass.shape}, expected a square matrix")
-        self.w = floats("w", w, ndim=2)
+        self.w = vectors("w", w)
         contacts, d = self.w.shape
-        if d not in (2, 3):
-            raise ValueError(
-                f"w has shape {self.w.shape}, expected (n_c, 2) or (n_c, 3)"
-            )
         if contact.shape != (n, d * contacts):
             raise ValueError(
                 f"H has shape {contact.shape}, expected {(n, d * contacts)}: as many rows "
@@ -84,7 +80,18 @@ class GlobalProblem:
         If a diagonal entry is zero, it is relative to the larger of the two entries.
         `ReducedProblem.asymmetry` is relative to the largest entry of ``W`` instead.
         """
-        return _asymmetry(self._mass)
+        matrix = self._mass
+        difference = abs(matrix - matrix.T).tocoo()
+        if not difference.nnz:
+            return 0.0
+        # Two roots: the product of two diagonals may overflow.
+        root = np.sqrt(np.abs(matrix.diagonal()))
+        scale = root[difference.row] * root[difference.col]
+        larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
+        at = scale == 0
+        scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
+        known = difference.data > 0
+        return float((difference.data[known] / scale[known]).max(initial=0.0))
 
     @property
     def stats(self) -> Mapping[str, Any]:
@@ -248,20 +255,6 @@ class _Lu:
     def velocity(self, r: Floats, _: Floats) -> Floats:
         right = self._contact @ r.ravel() + self._f
         return np.asarray(self._factor.solve(right), np.float64)
-
-
-def _asymmetry(matrix: Any) -> float:
-    difference = abs(matrix - matrix.T).tocoo()
-    if not difference.nnz:
-        return 0.0
-    # Two roots: the product of two diagonals may overflow.
-    root = np.sqrt(np.abs(matrix.diagonal()))
-    scale = root[difference.row] * root[difference.col]
-    larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
-    at = scale == 0
-    scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
-    known = difference.data > 0
-    return float((difference.data[known] / scale[known]).max(initial=0.0))
 
 
 def _condition(matrix: Any, factor: Any) -> float:

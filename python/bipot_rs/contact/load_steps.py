@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
@@ -194,9 +194,7 @@ def check_case(k: int, case: Any) -> None:
     keys = ("load", "prescribed", "gap", "mu", "start")
     expected = f"{', '.join(keys[:-1])} or {keys[-1]}"
     if not isinstance(case, Mapping):
-        raise TypeError(
-            f"case {k} is a {type(case).__name__}, expected a mapping with {expected}"
-        )
+        raise mistyped(f"case {k}", case, f"a mapping with {expected}")
     unknown = sorted(set(map(str, case)) - set(keys))
     if unknown:
         raise TypeError(f"case {k} has {unknown[0]!r}, expected {expected}")
@@ -220,9 +218,7 @@ def reached(start: Result | Step | None) -> Step | None:
         return start[-1] if len(start) else start.start
     if start is None or isinstance(start, Step):
         return start
-    raise TypeError(
-        f"start is a {type(start).__name__}, expected a Result or one of its steps"
-    )
+    raise mistyped("start", start, "a Result or one of its steps")
 
 
 def _done(start: Result | Step, count: int, given: bool) -> int:
@@ -256,10 +252,7 @@ def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> li
 
 
 def _same_path(
-    start: Result | Step,
-    first: int,
-    loads: list[Loads] | None,
-    gaps: Floats | None,
+    start: Result | Step, first: int, loads: list[Loads] | None, gaps: Floats | None
 ) -> None:
     """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
     last = reached(start)

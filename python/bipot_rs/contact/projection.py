@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats, friction
+from bipot_rs._lib.validation import floats, friction, vectors
 
 
 def project(
@@ -49,9 +49,7 @@ def project(
     >>> [bp.Status(s).name for s in status]
     ['STICK', 'SLIP', 'OPEN']
     """
-    points = floats("tau", tau, ndim=2, copy=False)
-    if points.shape[1] not in (2, 3):
-        raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
+    points = vectors("tau", tau, copy=False)
     coefficients = friction(mu, *points.shape)
     start = None if base is None else floats("base", base, shape=points.shape)
     if start is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from bipot_rs._lib.validation import (
     positive,
     settings,
     threads,
+    vectors,
 )
 from bipot_rs.contact import existence, rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
@@ -84,10 +86,8 @@ class ReducedProblem:
         *,
         rigid: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
-        free = floats("q", q, ndim=2)
+        free = vectors("q", q)
         contacts, d = free.shape
-        if d not in (2, 3):
-            raise ValueError(f"q has shape {free.shape}, expected (n_c, 2) or (n_c, 3)")
         size = contacts * d
         parts = _islands(W, contacts, d)
         if rigid is None:
@@ -109,7 +109,8 @@ class ReducedProblem:
         self._core = _core.Reduced(parts, free, self.mu, modes, force)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (self.W, self.q, self.mu, self.rigid)
+        again = partial(ReducedProblem, rigid=self.rigid)
+        return again, (self.W, self.q, self.mu)
 
     def __repr__(self) -> str:
         return f"ReducedProblem({summary.places(*self.q.shape)})"
@@ -127,8 +128,7 @@ class ReducedProblem:
             W += f"sparse, {counted(self.W.nnz, 'entry')}"
         else:
             W += f"dense, {summary.size(8.0 * rows**2)}"
-        count = 0 if self.rigid is None else len(self.rigid[1])
-        held = counted(count, "motion") if count else "none"
+        held = counted(self._motions, "motion") if self._motions else "none"
         return f"ReducedProblem: {summary.places(*self.q.shape)}", [
             ("W", W),
             ("q", summary.gaps(self.q[:, 0])),
@@ -145,6 +145,11 @@ class ReducedProblem:
         """
         return self._core.asymmetry
 
+    @property
+    def _motions(self) -> int:
+        """Number of rigid motions."""
+        return 0 if self.rigid is None else len(self.rigid[1])
+
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
         """Residual η of (13) at the reactions ``r (n_c, d)``, the same for all methods.
 
@@ -158,8 +163,7 @@ class ReducedProblem:
             ``r`` is not ``(n_c, d)`` or ``a`` is not ``(k,)``, or a number is not finite.
         """
         reaction = floats("r", r, shape=self.q.shape)
-        count = 0 if self.rigid is None else len(self.rigid[1])
-        rigid = None if a is None else floats("a", a, shape=(count,))
+        rigid = None if a is None else floats("a", a, shape=(self._motions,))
         return self._core.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
@@ -187,7 +191,7 @@ class ReducedProblem:
             raise ValueError(
                 f"reactions has shape {found.shape}, expected (k, *{self.q.shape})"
             )
-        rigid = np.zeros(0 if self.rigid is None else len(self.rigid[1]))
+        rigid = np.zeros(self._motions)
         rows = found.reshape(-1, self.q.shape[1])
         raw = _core.error_bounds(self._core, rows, len(found), rigid)
         return [from_core(bound) for bound in raw]
@@ -229,10 +233,10 @@ class ReducedProblem:
         if isinstance(start, Solution):
             reaction = floats("start", start.reaction, shape=self.q.shape)
             rigid = start.rigid_motion
-            count = 0 if self.rigid is None else len(self.rigid[1])
-            if rigid is not None and len(rigid) != count:
+            if rigid is not None and len(rigid) != self._motions:
                 raise ValueError(
-                    f"start has {counted(len(rigid), 'rigid motion')}, expected {count}"
+                    f"start has {counted(len(rigid), 'rigid motion')}, expected "
+                    f"{self._motions}"
                 )
         elif start is not None:
             reaction = floats("start", start, shape=self.q.shape)
@@ -353,10 +357,7 @@ class ReducedProblem:
         return near and _core.assess(self._core, solution.reaction) == "others exist"
 
     def _solution(
-        self,
-        raw: dict[str, Any],
-        method: str,
-        max_seconds: float | None = None,
+        self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):
@@ -367,9 +368,7 @@ class ReducedProblem:
             method=method,
             max_seconds=max_seconds,
             mu=self.mu,
-            W=lambda: np.asarray(
-                self.W.toarray() if hasattr(self.W, "toarray") else self.W, float
-            ),
+            W=lambda: existence.dense(self.W),
             modes=lambda: (
                 np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
             ),
@@ -380,11 +379,6 @@ class ReducedProblem:
             _words=words,
             _problem=_ReducedInquiry(self._core, tried),
         )
-
-
-def _again(W: Any, q: Floats, mu: Floats, rigid: Any) -> ReducedProblem:
-    """Make a problem from its pickle."""
-    return ReducedProblem(W, q, mu, rigid=rigid)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, SupportsIndex, overload
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.solution import Step, recover
@@ -103,9 +104,6 @@ class Result(Sequence[Step]):
     def __getitem__(self, k: Any) -> Any:
         return self.steps[k]
 
-    def __iter__(self) -> Iterator[Step]:
-        return iter(self.steps)
-
     def __repr__(self) -> str:
         contacts = len(self.status[-1]) if self.steps else 0
         return (
@@ -188,12 +186,8 @@ class Result(Sequence[Step]):
         TypeError, ValueError
             ``group`` has the wrong type, shape or values.
         """
-        number = np.asarray(group)
+        number = integers("group", group)
         contacts = self._shape[0]
-        if number.dtype.kind not in "iu":
-            raise TypeError(
-                f"group has entries of type {number.dtype}, expected integers"
-            )
         if number.shape != (contacts,):
             raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
         if (number < 0).any():

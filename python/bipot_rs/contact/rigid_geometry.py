@@ -37,15 +37,11 @@ def directions(places: Floats, d: int) -> Ints:
     found = np.full(n, UNKNOWN, np.int64)
     plain = first[count == d]
     found[order[plain[:, None] + np.arange(d)]] = np.arange(d)
+    own = np.append(np.arange(d), [ABOUT + axis for axis in axes_of(d)])
     for at, of in zip(first[count != d], count[count != d], strict=True):
         for node in _nodes(order[at : at + of], d):
-            found[node] = _of_node(len(node), d)
+            found[node] = own[: len(node)]
     return found
-
-
-def _of_node(count: int, d: int) -> Ints:
-    about = np.arange(ABOUT, ABOUT + 3) if d == 3 else np.array([ABOUT + 2])
-    return np.concatenate([np.arange(d), about])[:count]
 
 
 def _nodes(dofs: Ints, d: int) -> list[Ints]:

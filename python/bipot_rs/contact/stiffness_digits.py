@@ -141,10 +141,7 @@ class Digits:
         each row: ``e`` is the difference of the displacements in a row from the closest
         rigid motion. The result is some tens for a mesh that resolves bending.
         """
-        pointers, columns, values = parts
-        K = sparse.csr_array((values, columns, pointers), shape=(len(u), len(u)))
-        K = sparse.csr_array(sparse.tril(K))
-        K = sparse.csr_array(K + sparse.csr_array(sparse.triu(K.T, 1)))
+        K = _of_triangle(parts)
         K.sort_indices()
         energy = float(u @ (K @ u))
         size = np.abs(u)
@@ -211,10 +208,7 @@ class Digits:
 
 
 def checked(
-    rtol: Any,
-    places: Floats | None,
-    d: int,
-    bodies: Mapping[str, int] | None,
+    rtol: Any, places: Floats | None, d: int, bodies: Mapping[str, int] | None
 ) -> Digits:
     """Check ``stiffness_rtol`` of `ContactProblem`."""
     value = number("stiffness_rtol", rtol)
@@ -532,6 +526,15 @@ def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
     return sparse.csr_array((data, (row, column)), shape=shape)
 
 
+def _of_triangle(parts: Parts) -> Any:
+    """Symmetric matrix from the lower triangle of a matrix by rows."""
+    pointers, columns, values = parts
+    n = len(pointers) - 1
+    low = sparse.tril(sparse.csr_array((values, columns, pointers), shape=(n, n)))
+    low = sparse.csr_array(low)
+    return sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))
+
+
 def said_of_indefinite(
     parts: Parts, fixed: Ints, dof: int, digits: Digits | None
 ) -> str:
@@ -548,13 +551,9 @@ def said_of_indefinite(
     digits
         The error of K that the caller gave, or None.
     """
-    pointers, columns, values = parts
-    n = len(pointers) - 1
-    low = sparse.csr_array(
-        sparse.tril(sparse.csr_array((values, columns, pointers), (n, n)))
-    )
-    free = np.setdiff1d(np.arange(n), fixed)
-    K = sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))[free][:, free]
+    K = _of_triangle(parts)
+    free = np.setdiff1d(np.arange(K.shape[0]), fixed)
+    K = K[free][:, free]
     _, label = connected_components(K, directed=False)
     at = int(np.searchsorted(free, dof))
     body = (

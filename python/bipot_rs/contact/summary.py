@@ -156,45 +156,36 @@ def of_problem(
 ) -> Summary:
     """Summary of a `ContactProblem`."""
     n, contacts, d = shape
-    left = stats["rigid_motions"]
-    held = "supports hold them"
-    if left:
-        held = f"{counted(left, 'rigid motion')} held by contact alone"
     gap = np.asarray(arrays["gap"])
-    gap = gap[:, 0] if gap.ndim > 1 else gap
-    if not stats["bytes_factor"] and stats["engine"] != "direct":
-        return (
-            f"ContactProblem: {counted(n, 'degree')} of freedom, {places(contacts, d)}",
-            [
-                ("supports", f"{fixed} prescribed degrees of freedom"),
-                ("gap", gaps(gap)),
-                ("friction", friction(np.asarray(arrays["mu"]))),
-                ("engine", f"{stats['engine']}: {stats['engine_reason']}"),
-                ("memory", f"stiffness {size(stats['bytes_stiffness'])}"),
-                *(("remark", said) for said in remarks),
-            ],
-        )
-    factor = counted(stats["nnz_factor"], "entry")
-    kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
-    memory = (
-        f"factor {kept} ({factor}), W {size(stats['bytes_compliance'])}, "
-        f"at most {size(stats['bytes_peak'])}"
-    )
-    dofs = counted(n, "degree") + " of freedom"
-    return f"ContactProblem: {dofs}, {places(contacts, d)}", [
-        (
-            "bodies",
-            f"{stats['bodies']}, {fixed} prescribed degrees of freedom, {held}",
-        ),
-        ("gap", gaps(gap)),
+    dofs = f"{fixed} prescribed degrees of freedom"
+    common = [
+        ("gap", gaps(gap[:, 0] if gap.ndim > 1 else gap)),
         ("friction", friction(np.asarray(arrays["mu"]))),
-        ("memory", memory),
-        (
-            "condensed in",
-            f"{seconds(stats['seconds_condense'])}, ordering by {stats['ordering']}",
-        ),
-        *(("remark", said) for said in remarks),
     ]
+    if not stats["bytes_factor"] and stats["engine"] != "direct":
+        rows = [
+            ("supports", dofs),
+            *common,
+            ("engine", f"{stats['engine']}: {stats['engine_reason']}"),
+            ("memory", f"stiffness {size(stats['bytes_stiffness'])}"),
+        ]
+    else:
+        left = counted(stats["rigid_motions"], "rigid motion")
+        held = f"{left} held by contact alone"
+        if not stats["rigid_motions"]:
+            held = "supports hold them"
+        kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
+        factor = f"factor {kept} ({counted(stats['nnz_factor'], 'entry')})"
+        W, peak = size(stats["bytes_compliance"]), size(stats["bytes_peak"])
+        took = seconds(stats["seconds_condense"])
+        rows = [
+            ("bodies", f"{stats['bodies']}, {dofs}, {held}"),
+            *common,
+            ("memory", f"{factor}, W {W}, at most {peak}"),
+            ("condensed in", f"{took}, ordering by {stats['ordering']}"),
+        ]
+    title = f"{counted(n, 'degree')} of freedom, {places(contacts, d)}"
+    return f"ContactProblem: {title}", [*rows, *(("remark", said) for said in remarks)]
 
 
 def of_solution(solution: Any) -> Summary:
@@ -259,10 +250,7 @@ def of_result(result: Any) -> Summary:
         ("contacts", met),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
         ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
-        (
-            "residual",
-            f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}",
-        ),
+        ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (
             "cost",
             f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation.simplices import Simplices
 from bipot_rs.fem.assembly import Assembly
@@ -144,9 +145,9 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
         ours.contact.ravel(), np.repeat(area / dim, dim), minlength=len(model.gap)
     )
     if (node_area == 0).any():
-        place = ", ".join(f"{x:g}" for x in model.points[np.argmin(node_area)])
+        where = place(model.points[np.argmin(node_area)])
         raise ValueError(
-            f"the contact node at ({place}) belongs to no facet whose nodes are all contacts, "
+            f"the contact node at {where} belongs to no facet whose nodes are all contacts, "
             "so that its force acts on no area: extend the contact surface"
         )
     pairs = [ours.contact[:, list(pair)] for pair in combinations(range(dim), 2)]

@@ -16,16 +16,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.discretisation.simplices import Simplices, pairs
 
 
 def moments(
-    cells: Simplices,
-    stress: Floats,
-    body_force: Floats,
-    given: Floats,
-    known: Bools,
+    cells: Simplices, stress: Floats, body_force: Floats, given: Floats, known: Bools
 ) -> Floats:
     """Moments ``∫_F φ_i t_F`` of tractions that satisfy (P), ``(facets, d nodes, d)``.
 
@@ -148,8 +145,8 @@ def _check(cells: Simplices, asked: Floats, found: Floats) -> None:
     bad = np.abs(left).max(axis=2)
     worst = np.unravel_index(int(np.argmax(bad)), bad.shape)
     if bad[worst] > 1e-6 * terms.max():
-        place = ", ".join(f"{x:g}" for x in cells.points[cells.corners[worst]])
+        where = place(cells.points[cells.corners[worst]])
         raise ValueError(
-            f"no tractions balance the forces at the node at ({place}): a displacement is "
+            f"no tractions balance the forces at the node at {where}: a displacement is "
             "prescribed at this node, but on no whole facet with this node; support a facet"
         )

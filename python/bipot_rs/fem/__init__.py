@@ -49,40 +49,16 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.contact.frames": ("frames",),
-        "bipot_rs.fem.assembly": (
-            "Assembly",
-            "Model",
-            "Support",
-            "assemble",
-            "build",
-        ),
+        "bipot_rs.fem.assembly": ("Assembly", "Model", "Support", "assemble", "build"),
         "bipot_rs.fem.body": ("Body",),
-        "bipot_rs.fem.boundary": (
-            "Spring",
-            "Symmetry",
-            "surface",
-            "with_surfaces",
-        ),
+        "bipot_rs.fem.boundary": ("Spring", "Symmetry", "surface", "with_surfaces"),
         "bipot_rs.fem.contact": ("Contact",),
         "bipot_rs.fem.elasticity": ("stiffness",),
-        "bipot_rs.fem.materials": (
-            "Material",
-            "Orthotropic",
-        ),
-        "bipot_rs.fem.stress_recovery": (
-            "stress",
-            "thermal",
-            "von_mises",
-        ),
-        "bipot_rs.mesh.boxes": (
-            "FACES",
-            "box",
-        ),
+        "bipot_rs.fem.materials": ("Material", "Orthotropic"),
+        "bipot_rs.fem.stress_recovery": ("stress", "thermal", "von_mises"),
+        "bipot_rs.mesh.boxes": ("FACES", "box"),
         "bipot_rs.mesh.elements": ("second_order",),
         "bipot_rs.mesh.quality": ("check_mesh",),
-        "bipot_rs.mesh.readers": (
-            "read_mesh",
-            "read_meshes",
-        ),
+        "bipot_rs.mesh.readers": ("read_mesh", "read_meshes"),
     },
 )

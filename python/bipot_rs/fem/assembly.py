@@ -15,16 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from bipot_rs._lib.messages import counted, place
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.boundary import (
-    Spring,
-    Symmetry,
-    plane_of,
-    spring_stiffness,
-)
+from bipot_rs.fem.boundary import Spring, Symmetry, plane_of, spring_stiffness
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
@@ -34,11 +29,8 @@ from bipot_rs.fem.contact import (
     relative_displacement,
 )
 from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells
-from bipot_rs.fem.inclined_supports import HeldNodes, Planes, planes
-from bipot_rs.fem.stress_recovery import (
-    Initial,
-    initial_forces,
-)
+from bipot_rs.fem.inclined_supports import Planes, planes
+from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.obstacle.motion import Motion
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
@@ -254,13 +246,8 @@ class Assembly:
 
         ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
         """
-        held = (
-            None
-            if self.inclined is None
-            else HeldNodes(self.inclined, self.fixed, self.nodes)
-        )
         return ContactProblem._on_inclined_supports(
-            held,
+            self.inclined,
             self.K,
             self.B,
             gap=self.gap,
@@ -441,7 +428,7 @@ class Assembly:
                     )
                 at[row] = moved
         if self.inclined is not None:
-            self.inclined.refuse(np.nan_to_num(at), self.nodes)
+            self.inclined.prescribed(at[self.fixed])
         return at[self.fixed]
 
 
@@ -533,7 +520,8 @@ def assemble(
     B, K = relative_displacement(found, n), _stacked(matrices)
     free = np.ones(n)
     free[fixed] = 0.0
-    inclined, bare = _inclined(bodies, offset, mirrors, free == 0), None
+    points = np.concatenate([body.points for body in bodies])
+    inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
     moving = gaps_of_steps(found, dim)
     if inclined is not None:
         if dim == 3:
@@ -567,7 +555,7 @@ def assemble(
         support_dofs=tuple(support_dofs),
         dim=dim,
         moving=moving,
-        nodes=np.concatenate([body.points for body in bodies]),
+        nodes=points,
         symmetries=len(straight),
         springs=tuple(springs),
         inclined=inclined,
@@ -598,7 +586,8 @@ def _inclined(
     bodies: Sequence[Body],
     offset: Sequence[int],
     mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
-    fixed: Bools,
+    fixed: Ints,
+    points: Floats,
 ) -> Planes | None:
     """Planes of symmetry that are not normal to an axis."""
     groups = []
@@ -607,7 +596,7 @@ def _inclined(
             b = body_index(bodies, symmetry.body)
             nodes = bodies[b].nodes(symmetry.surface)
             groups.append((offset[b] + bodies[b].dim * nodes, normal))
-    return planes(groups, fixed, bodies[0].dim)
+    return planes(groups, fixed, points)
 
 
 def _stacked(blocks: Sequence[Any]) -> Any:

@@ -188,23 +188,20 @@ class Body:
 
     def volume_cells(self, volume: str) -> Ints:
         """Cells of a named volume; `ValueError` lists the known names."""
-        known = self.mesh.subdomains or {}
-        if volume not in known:
-            raise ValueError(
-                f"body {self.name!r} has no volume {volume!r}"
-                + instead(volume, sorted(known), "its mesh has no named volume")
-            )
-        return np.asarray(known[volume], dtype=np.int64)
+        return self._members("volume", volume, self.mesh.subdomains)
 
     def facets(self, surface: str) -> Ints:
         """Facets of a named surface; `ValueError` lists the known names."""
-        known = self.mesh.boundaries or {}
-        if surface not in known:
+        return self._members("surface", surface, self.mesh.boundaries)
+
+    def _members(self, kind: str, name: str, sets: Mapping[str, Any] | None) -> Ints:
+        known = sets or {}
+        if name not in known:
             raise ValueError(
-                f"body {self.name!r} has no surface {surface!r}"
-                + instead(surface, sorted(known), "its mesh has no named surface")
+                f"body {self.name!r} has no {kind} {name!r}"
+                + instead(name, sorted(known), f"its mesh has no named {kind}")
             )
-        return np.asarray(known[surface], dtype=np.int64)
+        return np.asarray(known[name], dtype=np.int64)
 
     def surface(self, name: str) -> Quadrature:
         """Quadrature on the facets of a named surface."""

@@ -13,7 +13,7 @@ from scipy import sparse
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.frames import frames, operator
 from bipot_rs.fem.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import turned_outward
 from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
@@ -182,15 +182,6 @@ def _clearances(
     return lambda places: np.zeros(len(places)), nodal
 
 
-def _for_pairs(
-    contact: Contact, body: Body
-) -> ArrayLike | Callable[[Floats], ArrayLike]:
-    """Clearance in the form of `pairs`: an array has a value for each node of the body."""
-    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
-        return contact.clearance
-    return _clearances(contact, body)[1]
-
-
 def gaps_onwards(
     bodies: Sequence[Body],
     contact: Contact,
@@ -307,10 +298,7 @@ def _rigid(
 
 
 def _weighted(
-    bodies: Sequence[Body],
-    offset: Sequence[int],
-    n: int,
-    contact: Contact,
+    bodies: Sequence[Body], offset: Sequence[int], n: int, contact: Contact
 ) -> Meeting:
     """Contacts for ``pairing="mortar"`` and ``pairing="nodes"``."""
     what = f"contact on {contact.surface!r}"
@@ -327,13 +315,17 @@ def _weighted(
         if contact.against is not None:
             what = f"surfaces {both(contact)}"
             o = _other(bodies, b, contact.against[0])
+            clearance = contact.clearance
+            if not callable(clearance) and np.ndim(clearance) > 0:
+                # `pairs` takes one number for each node of the body.
+                clearance = _clearances(contact, body)[1]
             found = pairs(
                 body.points,
                 ours,
                 bodies[o].points,
                 _facets_outward(bodies[o], contact.against[1]),
                 method=contact.pairing,
-                clearance=_for_pairs(contact, body),
+                clearance=clearance,
                 axis=contact.axis,
                 dofs_slave=numbers(b),
                 dofs_master=numbers(o),
@@ -471,10 +463,11 @@ def relative_displacement(found: Sequence[Meeting], n: int) -> Any:
     """B of (2), contact after contact."""
     if not found:
         return sparse.csr_array((0, n))
-    own = [
-        _of_nodes(one.frame, one.dofs, n) if one.rows is None else one.rows
-        for one in found
-    ]
+    own = []
+    for one in found:
+        # A partner of -1 stays negative in its first component.
+        sides = [first[:, None] + np.arange(one.frame.shape[1]) for first in one.dofs.T]
+        own.append(operator(one.frame, sides, n) if one.rows is None else one.rows)
     # The empty first block allows for no contacts.
     return sparse.csr_array(sparse.vstack([sparse.csr_array((0, n)), *own], "csr"))
 
@@ -551,23 +544,6 @@ def _nearest(ours: Floats, theirs: Floats) -> Ints:
     for mine, other in zip(ours.T, theirs.T, strict=True):
         distance += np.subtract.outer(mine, other) ** 2
     return np.asarray(distance.argmin(axis=1), dtype=np.int64)
-
-
-def _of_nodes(frame: Floats, dofs: Ints, n: int) -> Any:
-    """Rows of B: node minus partner, in the frame of the contact."""
-    count, dim = frame.shape[:2]
-    rows = np.arange(dim * count).reshape(count, dim, 1)
-    data, row, column = [], [], []
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        has = dofs[:, side] >= 0
-        columns = dofs[has, side, None, None] + np.arange(dim)
-        data.append((sign * frame[has]).ravel())
-        row.append(np.broadcast_to(rows[has], (has.sum(), dim, dim)).ravel())
-        column.append(np.broadcast_to(columns, (has.sum(), dim, dim)).ravel())
-    triplets = (np.concatenate(data), (np.concatenate(row), np.concatenate(column)))
-    B = sparse.coo_array(triplets, shape=(dim * count, n)).tocsr()
-    B.eliminate_zeros()
-    return B
 
 
 def body_index(bodies: Sequence[Body], name: str) -> int:

@@ -9,18 +9,6 @@ import numpy as np
 from bipot_rs._lib.types import Ints
 from bipot_rs.fem.assembly import Assembly
 
-# VTK name and number of corners, by dimension and number of nodes. The nodes are the
-# corners, the midpoints of the edges in their order, and the centre.
-_KINDS = {
-    (2, 2): ("line", 2),
-    (2, 3): ("line3", 2),
-    (3, 3): ("triangle", 3),
-    (3, 4): ("quad", 4),
-    (3, 6): ("triangle6", 3),
-    (3, 8): ("quad8", 4),
-    (3, 9): ("quad9", 4),
-}
-
 
 def surface_names(model: Assembly) -> list[str]:
     """Names of the contact surfaces, ``"body.surface"``; equal names get a number."""
@@ -73,8 +61,7 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
             inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
             corners[inside_out] = corners[inside_out][:, _mirrored(corners.shape[1])]
         alone[corners.ravel()] = False
-        kind, _ = _KINDS[model.dim, corners.shape[1]]
-        found.setdefault(kind, []).append(corners)
+        found.setdefault(body.kind.facet.vtk, []).append(corners)
     cells = [(kind, np.concatenate(parts)) for kind, parts in found.items()]
     rest = np.flatnonzero(alone)[:, None]
     if len(rest):
@@ -83,8 +70,11 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
 
 
 def _mirrored(nodes: int) -> list[int]:
-    """Order of the nodes that reverses the orientation of a facet."""
-    _, corners = _KINDS[3, nodes]
+    """Order of the nodes that reverses the orientation of a facet in space.
+
+    Nodes are the corners, the midpoints of the edges in their order, and the centre.
+    """
+    corners = 3 if nodes in (3, 6) else 4
     around = [0, *range(corners - 1, 0, -1)]
     # The edges in reverse, starting from the last.
     edges = range(2 * corners - 1, corners - 1, -1) if nodes > corners else ()

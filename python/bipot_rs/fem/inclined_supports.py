@@ -31,7 +31,7 @@ _GONE = 1e-14
 
 @dataclass(frozen=True)
 class Planes:
-    """Planes in which nodes stay, as matrices.
+    """Planes in which nodes stay, as matrices; the `Held` of a contact problem.
 
     Attributes
     ----------
@@ -42,11 +42,17 @@ class Planes:
     given : sparse (m, n)
         The weighted sums of prescribed components that must be zero, a row for each node
         and plane.
+    fixed : (fixed,)
+        Prescribed degrees of freedom.
+    nodes : (nodes, d)
+        Positions of all nodes [m].
     """
 
     normals: Any = field(repr=False)
     within: Any = field(repr=False)
     given: Any = field(repr=False)
+    fixed: Ints = field(repr=False)
+    nodes: Floats = field(repr=False)
 
     def stiffness(self, K: Any) -> Any:
         """``P K P + Q A Qᵀ``, bitwise symmetric if K is."""
@@ -111,48 +117,25 @@ class Planes:
             return force
         return np.asarray(self.within @ force, np.float64)
 
-    def refuse(self, prescribed: Floats, nodes: Floats) -> None:
-        """Refuse prescribed displacements ``(n,)`` that leave the planes."""
+    def prescribed(self, values: Floats) -> None:
+        """Refuse displacements ``(fixed,)`` that leave the planes."""
+        prescribed = np.zeros(self.nodes.size)
+        prescribed[self.fixed] = values
         off = np.abs(self.given @ prescribed)
         size = (self.given != 0) @ np.abs(prescribed)
         wrong = off > _SAME * size
         if wrong.any():
-            row = int(np.argmax(wrong))
+            row, dim = int(np.argmax(wrong)), self.nodes.shape[1]
             dof = int(self.given.indices[self.given.indptr[row]])
             raise ValueError(
-                f"supports move the node at {place(nodes[dof // nodes.shape[1]])} by "
+                f"supports move the node at {place(self.nodes[dof // dim])} by "
                 f"{off[row]:g} across its plane of symmetry: prescribe components whose "
                 "sum lies in the plane"
             )
 
 
-@dataclass(frozen=True)
-class HeldNodes:
-    """`Planes` with the interface `loading.Held` of a contact problem."""
-
-    planes: Planes
-    fixed: Ints
-    nodes: Floats = field(repr=False)
-
-    def stiffness(self, K: Any) -> Any:
-        """`Planes.stiffness`."""
-        return self.planes.stiffness(K)
-
-    def load(self, force: Floats) -> Floats:
-        """`Planes.load`."""
-        return self.planes.load(force)
-
-    def prescribed(self, values: Floats) -> None:
-        """`Planes.refuse` for the values at ``fixed``."""
-        at = np.zeros(self.nodes.size)
-        at[self.fixed] = values
-        self.planes.refuse(at, self.nodes)
-
-
 def planes(
-    groups: Iterable[tuple[Ints, Floats]],
-    fixed: Bools,
-    dim: int,
+    groups: Iterable[tuple[Ints, Floats]], fixed: Ints, nodes: Floats
 ) -> Planes | None:
     """Combine the planes of all nodes; None without any.
 
@@ -161,11 +144,12 @@ def planes(
     groups
         First degrees of freedom of nodes ``(m,)``, and the unit normal ``(d,)`` of their
         plane.
-    fixed
-        ``(n,)``, whether each degree of freedom is prescribed.
-    dim
-        2 or 3.
+    fixed, nodes
+        As in `Planes`.
     """
+    dim = nodes.shape[1]
+    prescribed = np.zeros(nodes.size, np.bool_)
+    prescribed[fixed] = True
     at: dict[int, list[Floats]] = {}
     for first, normal in groups:
         for dof in first.tolist():
@@ -175,7 +159,7 @@ def planes(
     columns, given = [], []
     for dof, own in at.items():
         normals = np.array(own)
-        held = fixed[dof : dof + dim]
+        held = prescribed[dof : dof + dim]
         given += [(dof, row) for row in np.where(held, normals, 0.0) if row.any()]
         # Prescribed components are zero along the normals: the others stay free.
         left = np.where(held, 0.0, normals)
@@ -183,20 +167,13 @@ def planes(
         columns += [(dof, row) for row in directions[size > _SAME]]
 
     def stacked(rows: list[tuple[int, Floats]]) -> Any:
-        entries = (
-            np.array([row for _, row in rows]).ravel(),
-            (
-                np.repeat(np.arange(len(rows)), dim),
-                (
-                    np.array([dof for dof, _ in rows], np.int64)[:, None]
-                    + np.arange(dim)
-                ).ravel(),
-            ),
-        )
-        found = sparse.csr_array(entries, shape=(len(rows), len(fixed)))
+        data = np.array([row for _, row in rows]).ravel()
+        dofs = np.array([dof for dof, _ in rows], np.int64)[:, None] + np.arange(dim)
+        entries = data, (np.repeat(np.arange(len(rows)), dim), dofs.ravel())
+        found = sparse.csr_array(entries, shape=(len(rows), nodes.size))
         found.eliminate_zeros()
         return found
 
     Q = sparse.csr_array(stacked(columns).T)
-    P = sparse.csr_array(sparse.diags_array(np.ones(len(fixed))) - Q @ Q.T)
-    return Planes(normals=Q, within=P, given=stacked(given))
+    P = sparse.csr_array(sparse.diags_array(np.ones(nodes.size)) - Q @ Q.T)
+    return Planes(Q, P, stacked(given), fixed, nodes)

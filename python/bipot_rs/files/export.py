@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.optional import missing
 
 FORMAT = "bipot-result"
@@ -257,9 +258,7 @@ def place(path: Any, what: str = "path") -> Path:
     try:
         return Path(os.fsdecode(path))
     except TypeError:
-        raise TypeError(
-            f"{what} is a {type(path).__name__}, expected the name of a file"
-        ) from None
+        raise mistyped(what, path, "the name of a file") from None
 
 
 @contextmanager

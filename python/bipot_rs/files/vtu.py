@@ -57,9 +57,7 @@ class Grid:
     """
 
     def __init__(
-        self,
-        points: Floats,
-        cells: Sequence[tuple[str, NDArray[np.integer[Any]]]],
+        self, points: Floats, cells: Sequence[tuple[str, NDArray[np.integer[Any]]]]
     ) -> None:
         for kind, _ in cells:
             if kind not in KINDS:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,7 +20,8 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import without
 from bipot_rs._lib.strict_numbers import real, whole
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Ints
+from bipot_rs.mesh.content import Content
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -60,31 +61,6 @@ _FACES |= {
 }
 
 
-@dataclass
-class Inp:
-    """The content of a file.
-
-    Attributes
-    ----------
-    points : (nodes, 3)
-    blocks : list of (kind, (cells, nodes), shell)
-        Kind of cells in VTK's names, and whether they are shells.
-    cell_sets : name to one array of cells for each block
-    node_sets : name to nodes
-    surfaces : name to corners ``(corners,)`` of each face
-        Surfaces defined by nodes are in `node_sets`.
-    free : name to one array of cells for each block
-        Surfaces that consist of all boundary faces of these cells.
-    """
-
-    points: Floats
-    blocks: list[tuple[str, Ints, bool]]
-    cell_sets: dict[str, list[Ints]] = field(default_factory=dict)
-    node_sets: dict[str, Ints] = field(default_factory=dict)
-    surfaces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)
-    free: dict[str, list[Ints]] = field(default_factory=dict)
-
-
 # Keywords that create or move nodes or cells, so that the lists are not complete.
 _MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 
@@ -97,15 +73,16 @@ class _Section:
     rows: list[tuple[int, list[str]]]
 
 
-def read(path: Path) -> Inp:
+def read(path: Path) -> Content:
     """Read a file; keywords that do not concern the mesh are ignored.
 
     Raises
     ------
     ValueError
-        A line is invalid or not supported; the message gives its number.
+        A line is invalid or not supported; the message gives its number. The file has
+        shells but no solids.
     """
-    return _Reader(path).inp
+    return _Reader(path).content
 
 
 class _Reader:
@@ -116,7 +93,8 @@ class _Reader:
         self.node: dict[int, int] = {}
         self.places: list[list[float]] = []
         self.cell: dict[int, tuple[int, int]] = {}
-        self.blocks: list[tuple[str, Ints, bool]] = []
+        self.blocks: list[tuple[str, Ints]] = []
+        self.shells = False
         self.nodes_of: dict[Key, list[int]] = {}
         self.cells_of: dict[Key, list[int]] = {}
         self.name: dict[Key, str] = {}
@@ -171,13 +149,18 @@ class _Reader:
         points = np.zeros((len(self.places), 3))
         for row, place in zip(points, self.places, strict=True):
             row[: len(place)] = place
-        self.inp = Inp(
+        if self.shells and not any(kind in _SOLIDS.values() for kind, _ in self.blocks):
+            raise ValueError(
+                f"the mesh {path} has shells but no solids: use CPE or CPS cells in 2D, or "
+                "solid cells"
+            )
+        self.content = Content(
             points,
             self.blocks,
-            self._named(self.cells_of, self._by_block),
-            self._named(self.nodes_of, self._places),
-            {self._called(k, self.faces): v for k, v in self.faces.items()},
-            self._named(self.free, self._by_block),
+            sets=self._named(self.cells_of, self._by_block),
+            free=self._named(self.free, self._by_block),
+            node_sets=self._named(self.nodes_of, self._places),
+            faces={self._called(k, self.faces): v for k, v in self.faces.items()},
         )
 
     def _named(
@@ -311,7 +294,8 @@ class _Reader:
             if number in self.cell:
                 raise self._error(section.line, f"defines cell {number} a second time")
             self.cell[number] = (len(self.blocks), k)
-        self.blocks.append((kind, numbers, bool(_SHELL.fullmatch(name))))
+        self.blocks.append((kind, numbers))
+        self.shells |= bool(_SHELL.fullmatch(name))
         if "ELSET" in section.parameters:
             self._add(self.cells_of, section.parameters["ELSET"], table[:, 0].tolist())
 
@@ -385,29 +369,19 @@ class _Reader:
         self.name.setdefault(self._key(name), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                own = self._known(self.nodes_of, row[0])
-                if own is None and self._is(row[0], self.node):
-                    own = [whole(row[0])]
-                if own is None:
-                    raise self._error(
-                        line, f"uses nodes {row[0]!r} that are not defined"
-                    )
+                own = self._members(line, row[0], "nodes", self.nodes_of, self.node)
                 self._add(self.nodes_of, name, own)
             return
         faces = self.faces.setdefault(self._key(name), [])
         for line, row in section.rows:
-            cells = self._known(self.cells_of, row[0])
-            if cells is None and self._is(row[0], self.cell):
-                cells = [whole(row[0])]
-            if cells is None:
-                raise self._error(line, f"uses cells {row[0]!r} that are not defined")
+            cells = self._members(line, row[0], "cells", self.cells_of, self.cell)
             label = row[1].upper() if len(row) > 1 else ""
             if not label:
                 self.free.setdefault(self._key(name), []).extend(cells)
                 continue
             for number in cells:
                 block, k = self.cell[number]
-                kind, nodes, _ = self.blocks[block]
+                kind, nodes = self.blocks[block]
                 sides = _FACES.get(kind, "").split()
                 if not re.fullmatch(r"S[1-6]", label) or int(label[1]) > len(sides):
                     raise self._error(
@@ -429,8 +403,21 @@ class _Reader:
             )
         return range(first, last + 1, step)
 
-    def _is(self, word: str, known: Mapping[int, object]) -> bool:
-        return bool(_NUMBER.fullmatch(word)) and whole(word) in known
+    def _members(
+        self,
+        line: int,
+        word: str,
+        what: str,
+        sets: dict[Key, list[int]],
+        known: Mapping[int, object],
+    ) -> list[int]:
+        """Numbers of a set, or the one number that stands in place of a name."""
+        found = self._known(sets, word)
+        if found is None and _NUMBER.fullmatch(word) and whole(word) in known:
+            found = [whole(word)]
+        if found is None:
+            raise self._error(line, f"uses {what} {word!r} that are not defined")
+        return found
 
     def _by_block(self, numbers: list[int]) -> list[Ints]:
         own: list[list[int]] = [[] for _ in self.blocks]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.validation import floats
-from bipot_rs.mesh.elements import KINDS
+from bipot_rs.mesh.elements import KINDS, keep_topology
 
 _CELLS = {kind.shape: kind.mesh for kind in KINDS.values() if kind.degree == 1}
 # Faces of a box, (axis, end); the last axis points up.
@@ -70,7 +70,6 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
             for name, (axis, end) in FACES[dim].items()
         }
     )
-    # Names do not change the topology: keep it, since it takes longer than assembling K.
-    known = vars(named)
-    known.update({key: value for key, value in vars(mesh).items() if key not in known})
+    # The topology takes longer than assembling K.
+    keep_topology(named, mesh)
     return named

@@ -294,9 +294,13 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
             "has a different node there: merge double nodes, or mesh so that cells conform"
         )
     mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
-    # Keep the topology: it does not depend on positions.
-    mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
+    keep_topology(mesh, bare)
     return mesh, number
+
+
+def keep_topology(mesh: Any, known: Any) -> None:
+    """Give a mesh the topology of another: it does not depend on positions and names."""
+    vars(mesh).update({k: v for k, v in vars(known).items() if k not in vars(mesh)})
 
 
 def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
@@ -305,12 +309,7 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
     With ``serendipity=True`` quadrilaterals get 8 nodes instead of 9, hexahedra 20
     instead of 27.
     """
-    kind = KINDS.get(type(mesh))
-    if kind is None or kind.degree != 1:
-        raise ValueError(
-            f"mesh is a {type(mesh).__name__}, expected a mesh of first order: "
-            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == 1)
-        )
+    kind = _of_order(mesh, 1, "first")
     wanted = [k for k in KINDS.values() if k.shape == kind.shape and k.degree == 2]
     target = wanted[-1] if serendipity else wanted[0]
     bare: Any = target.mesh(mesh.p, mesh.t)
@@ -326,18 +325,23 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
     p[:, cell_nodes(bare).T] = np.einsum("dct,ck->dkt", mesh.p[:, mesh.t], phi)
     p[:, : mesh.p.shape[1]] = mesh.p
     made: Any = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
-    made.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(made)})
+    keep_topology(made, bare)
     return made
+
+
+def _of_order(mesh: Any, degree: int, order: str) -> Kind:
+    kind = KINDS.get(type(mesh))
+    if kind is None or kind.degree != degree:
+        raise ValueError(
+            f"mesh is a {type(mesh).__name__}, expected a mesh of {order} order: "
+            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == degree)
+        )
+    return kind
 
 
 def first_order(mesh: Any) -> Any:
     """Convert a mesh to first order: only corners remain; names are kept."""
-    kind = KINDS.get(type(mesh))
-    if kind is None or kind.degree != 2:
-        raise ValueError(
-            f"mesh is a {type(mesh).__name__}, expected a mesh of second order: "
-            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == 2)
-        )
+    kind = _of_order(mesh, 2, "second")
     (target,) = (k for k in KINDS.values() if k.shape == kind.shape and k.degree == 1)
     # Corners come first.
     corners = mesh.p[:, : int(mesh.t.max()) + 1]

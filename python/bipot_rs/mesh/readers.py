@@ -19,7 +19,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, field
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
@@ -32,45 +31,19 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
-from bipot_rs.mesh.elements import OF_VTK, facet_nodes, make_mesh
+from bipot_rs.mesh.content import Content
+from bipot_rs.mesh.elements import OF_VTK, facet_nodes, keep_topology, make_mesh
 from bipot_rs.mesh.quality import check_mesh
 
 # Kinds of cells that may be facets: dimension and number of corners.
 _FACETS = {
-    "line": (1, 2),
-    "line3": (1, 2),
-    "triangle": (2, 3),
-    "triangle6": (2, 3),
-    "quad": (2, 4),
-    "quad8": (2, 4),
-    "quad9": (2, 4),
+    kind.facet.vtk: (kind.dim - 1, len(kind.facet.linear().doflocs))
+    for kind in OF_VTK.values()
 }
 _IGNORED = ("vertex",)
 # Up to this number of different values, integer cell data count as groups.
 _GROUPS = 64
 _SUFFIXES = (".msh", ".inp", ".vtu")
-
-
-@dataclass
-class _File:
-    """The content of a file: cells in blocks, and sets.
-
-    Attributes
-    ----------
-    points : (places, 3)
-    blocks : list of (kind, (cells, nodes))
-    sets : name to one array of cells for each block
-    free : as ``sets``; the set means all boundary facets of these cells
-    node_sets : name to indices of points
-    faces : name to corners of each face
-    """
-
-    points: Floats
-    blocks: list[tuple[str, Ints]]
-    sets: dict[str, list[Ints]] = field(default_factory=dict)
-    free: dict[str, list[Ints]] = field(default_factory=dict)
-    node_sets: dict[str, Ints] = field(default_factory=dict)
-    faces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)
 
 
 def read_mesh(
@@ -118,9 +91,7 @@ def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str
     return {name: _mesh(where, file, name, check=check) for name in volumes}
 
 
-def read_cells(
-    path: str | os.PathLike[str],
-) -> tuple[Floats, list[tuple[str, Ints]]]:
+def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, Ints]]]:
     """Read points ``(m, d)`` and cells by kind from any file of meshio, such as STL.
 
     Raises
@@ -148,7 +119,7 @@ def read_cells(
     return np.asarray(mesh.points, np.float64), cells
 
 
-def _open(path: Path) -> _File:
+def _open(path: Path) -> Content:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(
@@ -160,7 +131,7 @@ def _open(path: Path) -> _File:
     if not path.stat().st_size:
         raise ValueError(f"the mesh {path} is empty")
     if suffix == ".inp":
-        return _of_inp(path)
+        return abaqus.read(path)
     _complete(path, suffix)
     with unmarked(path) as source:
         return _of_meshio(path, suffix, source)
@@ -178,26 +149,6 @@ def _complete(path: Path, suffix: str) -> None:
         raise ValueError(f"the mesh {path} is incomplete: it has no {end}")
 
 
-def _of_inp(path: Path) -> _File:
-    found = abaqus.read(path)
-    plane = max((_dimension(kind) for kind, _, _ in found.blocks), default=0) == 2
-    if plane and any(
-        _dimension(kind) == 2 and shell for kind, _, shell in found.blocks
-    ):
-        raise ValueError(
-            f"the mesh {path} has shells but no solids: use CPE or CPS cells in 2D, or "
-            "solid cells"
-        )
-    return _File(
-        found.points,
-        [(kind, nodes) for kind, nodes, _ in found.blocks],
-        found.cell_sets,
-        found.free,
-        found.node_sets,
-        found.surfaces,
-    )
-
-
 def _meshio(path: Path) -> Any:
     try:
         return import_module("meshio")
@@ -211,7 +162,7 @@ def _meshio(path: Path) -> Any:
         ) from None
 
 
-def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
+def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     """Read ``source`` with meshio; messages name ``path``."""
     meshio = _meshio(path)
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
@@ -238,7 +189,7 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
             )
     points = np.zeros((len(read.points), 3))
     points[:, : np.shape(read.points)[1]] = read.points
-    file = _File(points, blocks)
+    file = Content(points, blocks)
     if suffix == ".msh":
         _add_groups(source, file, read)
     else:
@@ -261,7 +212,7 @@ def _numbers(part: Any) -> Ints:
     return np.zeros(0, np.int64) if part is None else np.asarray(part, dtype=np.int64)
 
 
-def _add_groups(path: Path, file: _File, read: Any) -> None:
+def _add_groups(path: Path, file: Content, read: Any) -> None:
     """Add sets from the physical groups of gmsh."""
     named = gmsh_groups.names(path)
     entities = gmsh_groups.of_entities(path)
@@ -284,11 +235,11 @@ def _add_groups(path: Path, file: _File, read: Any) -> None:
         file.sets[name] = [np.union1d(*p) for p in zip(known, parts, strict=True)]
 
 
-def _none(file: _File) -> list[Ints]:
+def _none(file: Content) -> list[Ints]:
     return [np.zeros(0, np.int64) for _ in file.blocks]
 
 
-def _add_tags(file: _File, read: Any) -> None:
+def _add_tags(file: Content, read: Any) -> None:
     """Add sets from integer cell data, if there is no set of the same name."""
     for key, parts in read.cell_data.items():
         if key.startswith("gmsh:") or not all(
@@ -314,7 +265,7 @@ def _dimension(kind: str) -> int:
     return 0 if kind in _IGNORED else 3
 
 
-def _volumes(file: _File) -> dict[str, list[Ints]]:
+def _volumes(file: Content) -> dict[str, list[Ints]]:
     top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
     found = {}
     for name, parts in file.sets.items():
@@ -337,14 +288,8 @@ def _no_cells(path: Path) -> str:
     )
 
 
-def _names(found: Mapping[str, Any], what: str) -> str:
-    if not found:
-        return f"it has no named {what}"
-    return "it has " + ", ".join(repr(name) for name in sorted(found))
-
-
 def _mesh(
-    path: Path, file: _File, group: str | Sequence[str] | None, *, check: bool
+    path: Path, file: Content, group: str | Sequence[str] | None, *, check: bool
 ) -> Any:
     top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
     volumes = _volumes(file)
@@ -353,11 +298,12 @@ def _mesh(
             f"the mesh {path} has no cells of a 2D or 3D body, "
             + (_counts(file.blocks) or "and no other cells")
         )
+    known = ", ".join(map(repr, sorted(volumes))) or "no named volume"
     wanted = [group] if isinstance(group, str) else list(group or [])
     for name in wanted:
         if name not in volumes:
             raise ValueError(
-                f"the mesh {path} has no volume {name!r}; {_names(volumes, 'volume')}"
+                f"the mesh {path} has no volume {name!r}; it has {known}"
                 + (_no_cells(path) if top == 2 and np.ptp(file.points[:, 2]) else "")
             )
     chosen = []
@@ -387,9 +333,7 @@ def _mesh(
     named = mesh.with_boundaries(boundaries) if boundaries else mesh
     if subdomains:
         named = named.with_subdomains(subdomains)
-    # Names do not change the topology: keep it.
-    known = vars(named)
-    known.update({key: value for key, value in vars(mesh).items() if key not in known})
+    keep_topology(named, mesh)
     if check:
         check_mesh(named, f"the mesh {path}")
     return named
@@ -402,7 +346,7 @@ def _counts(blocks: Sequence[tuple[str, Ints]]) -> str:
     return ", ".join(f"{n} of kind {kind}" for kind, n in total.items() if n)
 
 
-def _global(file: _File, parts: Sequence[Ints]) -> Ints:
+def _global(file: Content, parts: Sequence[Ints]) -> Ints:
     """Indices of cells of blocks in the sequence of all blocks."""
     starts = np.cumsum([0, *(len(nodes) for _, nodes in file.blocks)])
     flat = [part + start for part, start in zip(parts, starts[:-1], strict=True)]
@@ -411,7 +355,7 @@ def _global(file: _File, parts: Sequence[Ints]) -> Ints:
 
 def _cells(
     path: Path,
-    file: _File,
+    file: Content,
     chosen: Sequence[np.ndarray[Any, np.dtype[np.bool_]]],
     volumes: Mapping[str, Sequence[Ints]],
 ) -> tuple[str, Ints, Ints]:
@@ -487,7 +431,7 @@ def _made(path: Path, kind: str, points: Floats, cells: Ints) -> tuple[Any, Ints
 
 
 def _surfaces(
-    file: _File, mesh: Any, node: Ints, top: int, index: Ints
+    file: Content, mesh: Any, node: Ints, top: int, index: Ints
 ) -> dict[str, Ints]:
     """Boundary facets by name."""
     border = np.asarray(mesh.boundary_facets(), dtype=np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
 
@@ -88,6 +88,11 @@ class Surface:
         (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, flat)
         return np.asarray((a * d - b * c) @ shapes)
 
+    def node_areas(self) -> Floats:
+        """∫ N_i over all facets at the nodes, ``(n,)``; zero except at corners."""
+        whole, nodes = self.whole().ravel(), len(self.points)
+        return np.asarray(np.bincount(self.corners.ravel(), whole, minlength=nodes))
+
     def node_normals(self) -> Floats:
         """Outward normals times area at the nodes, ``(n, d)``; zero except at corners."""
         total = np.zeros_like(self.points)
@@ -118,10 +123,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
         area, are folded, or have normals opposite to those of their neighbours. The
         message gives the index of the facet.
     """
-    what = f"points{side}"
-    x = floats(what, points, ndim=2)
-    if x.shape[1] not in (2, 3):
-        raise ValueError(f"{what} has shape {x.shape}, expected (n, 2) or (n, 3)")
+    x = vectors(f"points{side}", points, rows="n")
     name = f"facets{side}"
     nodes = _facets(name, facets, len(x))
     kind = kind_of(name, x.shape[1], nodes.shape[1])
@@ -165,9 +167,7 @@ def turned_outward(points: Floats, facets: Ints, normals: Floats) -> Ints:
 
 
 def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
-    found = np.asarray(facets)
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"{name} has entries of type {found.dtype}, expected integers")
+    found = integers(name, facets)
     if found.ndim != 2 or not len(found):
         raise ValueError(
             f"{name} has shape {found.shape}, expected (facets, nodes of a facet)"

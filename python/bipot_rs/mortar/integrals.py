@@ -527,8 +527,7 @@ def _kept(slave: Surface, covered: Floats) -> Any:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)
-    size = np.bincount(corners, slave.whole().ravel(), minlength=nodes)
-    kept = (part > 0) & (part >= _JOINED * size)
+    kept = (part > 0) & (part >= _JOINED * slave.node_areas())
     bare = (covered.sum(axis=1) > 0) & ~kept[slave.corners].any(axis=1)
     kept[slave.corners[bare, covered[bare].argmax(axis=1)]] = True
     return kept

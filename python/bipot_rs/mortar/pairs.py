@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats, number, shown
+from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
 from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, whole
@@ -260,9 +260,7 @@ def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None
 def _normals(slave: Surface, node: Ints) -> Floats:
     """Normals from the obstacle towards the slave, at slave nodes."""
     normals = -slave.node_normals()[node]
-    size = np.bincount(
-        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
-    )[node]
+    size = slave.node_areas()[node]
     # The mean normal of opposite facets is rounding.
     thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
     if thin.any():
@@ -330,9 +328,7 @@ def _nodes(
             f"facets_slave has facets of the kind {slave.kind.name}, whose corners have zero "
             "or negative areas: use method='mortar', or linear facets"
         )
-    area = np.bincount(
-        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
-    )
+    area = slave.node_areas()
     node = np.flatnonzero(area > 0)
     normals = slave.node_normals()[node]
     length = np.linalg.norm(normals, axis=1)
@@ -408,9 +404,7 @@ def _columns(
 
 
 def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
-    found = np.asarray(value)
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    found = integers(what, value)
     if found.shape != shape:
         raise ValueError(f"{what} has shape {found.shape}, expected {shape}")
     if found.size and not (found.min() >= 0 and found.max() < n):

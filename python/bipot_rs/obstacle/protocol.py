@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import floats, vectors
 
 
 class Closest(NamedTuple):
@@ -41,10 +41,11 @@ class Obstacle(Protocol):
 
 def taken(points: object, dim: int | None) -> Floats:
     """Check the points ``(n, d)`` that are passed to an obstacle."""
+    if dim is None:
+        return vectors("points", points, rows="n", copy=False)
     found = floats("points", points, ndim=2, copy=False)
-    if found.shape[1] not in ((2, 3) if dim is None else (dim,)):
-        wished = "(n, 2) or (n, 3)" if dim is None else f"(n, {dim})"
-        raise ValueError(f"points has shape {found.shape}, expected {wished}")
+    if found.shape[1] != dim:
+        raise ValueError(f"points has shape {found.shape}, expected (n, {dim})")
     return found
 
 

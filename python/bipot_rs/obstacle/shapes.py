@@ -82,11 +82,7 @@ class Sphere:
     inside: bool = False
 
     def __post_init__(self) -> None:
-        centre = floats("centre of the sphere", self.centre, ndim=1)
-        if len(centre) not in (2, 3):
-            raise ValueError(
-                f"centre of the sphere has shape {centre.shape}, expected (2,) or (3,)"
-            )
+        _place("centre of the sphere", self.centre)
         _positive("radius of the sphere", self.radius)
 
     @property
@@ -123,11 +119,7 @@ class Cylinder:
     inside: bool = False
 
     def __post_init__(self) -> None:
-        point = floats("point of the cylinder", self.point, ndim=1)
-        if len(point) not in (2, 3):
-            raise ValueError(
-                f"point of the cylinder has shape {point.shape}, expected (2,) or (3,)"
-            )
+        point = _place("point of the cylinder", self.point)
         if (self.axis is None) != (len(point) == 2):
             raise ValueError(
                 "axis of the cylinder is missing"
@@ -541,6 +533,13 @@ def _seen(
     found = ask(obstacle, seen, outward)
     towards = found.normal if motion is None else motion.forwards(found.normal, state)
     return found.distance, towards, points - found.distance[:, None] * towards
+
+
+def _place(what: str, value: ArrayLike) -> Floats:
+    found = floats(what, value, ndim=1)
+    if len(found) not in (2, 3):
+        raise ValueError(f"{what} has shape {found.shape}, expected (2,) or (3,)")
+    return found
 
 
 def _positive(what: str, value: float) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
 from bipot_rs.obstacle.protocol import Closest, length, taken
 
@@ -69,18 +69,9 @@ class Surface:
     def __init__(
         self, points: ArrayLike, facets: ArrayLike, *, flipped: bool = False
     ) -> None:
-        x = floats("points of the surface", points, ndim=2)
+        x = vectors("points of the surface", points, rows="m")
         d = x.shape[1]
-        if d not in (2, 3):
-            raise ValueError(
-                f"points of the surface has shape {x.shape}, expected (m, 2) or (m, 3)"
-            )
-        corners = np.asarray(facets)
-        if corners.dtype.kind not in "iu":
-            raise TypeError(
-                f"facets of the surface has entries of type {corners.dtype}, expected "
-                "integers"
-            )
+        corners = integers("facets of the surface", facets)
         if corners.ndim != 2 or corners.shape[1] != d or not len(corners):
             raise ValueError(
                 f"facets of the surface has shape {corners.shape}, expected (k, {d}) "

@@ -192,7 +192,8 @@ def _chain(x: Floats) -> Ints:
                 "the contacts do not lie on one line: select those of a line by where="
             )
         return _greedy(x, links)
-    return np.array(_walk(links, _end(links)))
+    end = next(k for k, near in enumerate(links) if len(near) == 1)
+    return np.array(_walk(links, end))
 
 
 def _tree(x: Floats) -> list[list[int]]:
@@ -211,10 +212,6 @@ def _tree(x: Floats) -> list[list[int]]:
         links[at].append(int(nearest[at]))
         links[nearest[at]].append(at)
     return links
-
-
-def _end(links: Sequence[Sequence[int]]) -> int:
-    return next(k for k, near in enumerate(links) if len(near) == 1)
 
 
 def _walk(links: Sequence[Sequence[int]], start: int) -> list[int]:

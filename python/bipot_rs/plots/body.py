@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.plots import style
 from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
-from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
+from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from bipot_rs.fem.assembly import Assembly
+    from bipot_rs.scene.case import Case
 
 # Largest drawn displacement and longest arrow, relative to the size of the bodies.
 _DEFORMED, _ARROW = 0.05, 0.12
@@ -85,27 +87,23 @@ def deformed(
     units = units_of(result, units)
     found: Any = one_step(result, step)
     if not hasattr(found, "displacement"):
-        raise TypeError(
-            f"result is a {type(found).__name__}, expected a Result or one of its steps"
-        )
+        raise mistyped("result", found, "a Result or one of its steps")
     for name, value in (("scale", scale), ("near", near)):
         if value is not None and not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
-    from bipot_rs.fem.stress_recovery import stress, von_mises
+    from bipot_rs.fem.paraview import cell_fields
 
     u = found.displacement
     if u.shape != (model.n,):
         raise ValueError(
             f"result has displacements of shape {u.shape}, the model ({model.n},)"
         )
-    ends = [*model.offset[1:], model.n]
-    bodies = zip(model.bodies, model.offset, ends, strict=True)
-    tensors = np.concatenate([stress(b, u[i:j], space=True) for b, i, j in bodies])
     if at_rest is None and case is not None:
         at_rest = _at_rest(case, result, found, step)
     if at_rest is not None:
-        tensors = tensors + floats("at_rest", at_rest, shape=tensors.shape)
-    mises = von_mises(tensors)
+        cells = sum(len(corners) for _, corners in model.cells)
+        at_rest = floats("at_rest", at_rest, shape=(cells, 3, 3))
+    mises = cell_fields(model, u, at_rest)["von_mises"]
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
     own = ax is None
     ax = style.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
@@ -123,8 +121,7 @@ def deformed(
     if longest:
         said.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
     style.note(ax, ", ".join([*said, *filter(None, [said_of(result, step)])]))
-    for name in "xyz"[: model.dim]:
-        style.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
+    style.name_axes(ax, model.dim, units.get("length"))
     return ax
 
 
@@ -137,30 +134,22 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
             return known.model, known
     elif known is not None and known.model is given:
         return given, known
-    model, case = model_of(given)
-    if model is None:
-        raise TypeError(
-            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
-        )
-    return model, case
+    return drawn_model(given)
 
 
-def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
+def _at_rest(case: Case, result: Any, found: Any, step: int) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
-    number = number_of(result, step)
-    whole: Floats | None
     if getattr(found, "s", None) is not None:
-        whole = case.stress_at_rest(found)
-    elif number is not None:
-        whole = case.stress_at_rest(number.index)
-    else:
-        whole = case.stress_at_rest(0)
-        if whole is not None:
-            raise ValueError(
-                "result is a single step, but the model has initial strains, which depend "
-                "on its number: pass the Result and step=, or at_rest="
-            )
-    return whole
+        return case.stress_at_rest(found)
+    number = number_of(result, step)
+    if number is not None:
+        return case.stress_at_rest(number[0])
+    if case.stress_at_rest(0) is not None:
+        raise ValueError(
+            "result is a single step, but the model has initial strains, which depend "
+            "on its number: pass the Result and step=, or at_rest="
+        )
+    return None
 
 
 def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:

@@ -33,10 +33,6 @@ def convergence(
     ax
         As in `tractions`.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     ValueError

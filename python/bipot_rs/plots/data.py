@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import meant
+from bipot_rs._lib.messages import meant, mistyped
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.result import Result
@@ -107,10 +107,8 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
         return given
     model, _ = model_of(given)
     if model is None:
-        raise TypeError(
-            f"contacts is a {type(given).__name__}, expected a mapping with x, frame, "
-            "area, mu, or the model"
-        )
+        expected = "a mapping with x, frame, area, mu, or the model"
+        raise mistyped("contacts", given, expected)
     from bipot_rs.fem.contact_surface import surface_labels
 
     names = {"x": "points", "frame": "frame", "area": "area", "mu": "mu"}
@@ -134,13 +132,20 @@ def model_of(given: Any) -> tuple[Any, Any]:
     return (None, None) if case is None else (case.model, case)
 
 
+def drawn_model(given: Any) -> tuple[Any, Any]:
+    """As `model_of`; a `TypeError` if there is no model."""
+    model, case = model_of(given)
+    if model is None:
+        raise mistyped("model", given, "a Model, a Case or a ModelResult")
+    return model, case
+
+
 def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
     known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
     if not isinstance(known, Mapping):
-        raise TypeError(
-            f"units is a {type(known).__name__}, expected a mapping from length, force "
-            "and stress to their names"
+        raise mistyped(
+            "units", known, "a mapping from length, force and stress to their names"
         )
     if said := inconsistent(known):
         raise ValueError(f"units: {said}")
@@ -150,7 +155,7 @@ def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
 def steps_of(found: Any) -> Result:
     """The `Result` itself; an error if it is something else, or has no steps."""
     if not isinstance(found, Result):
-        raise TypeError(f"result is a {type(found).__name__}, expected a Result")
+        raise mistyped("result", found, "a Result")
     if not len(found):
         raise ValueError(f"result has no steps to draw: {found.message}")
     return found
@@ -167,28 +172,20 @@ def one_step(found: Any, step: int) -> Solution:
     return solution
 
 
-@dataclass(frozen=True)
-class StepNumber:
-    """Index of a step, from 0, on the whole path, and the number of steps."""
-
-    index: int
-    count: int
-
-
-def number_of(found: Any, step: int) -> StepNumber | None:
-    """Number of a step of a `Result`; None for a single step."""
+def number_of(found: Any, step: int) -> tuple[int, int] | None:
+    """Index of a step of a `Result` on the whole path, and its length; None for a step."""
     if not isinstance(found, Result):
         return None
     count = found._first + len(found)
-    return StepNumber((step if step < 0 else found._first + step) % count, count)
+    return (step if step < 0 else found._first + step) % count, count
 
 
 def said_of(found: Any, step: int) -> str:
     """``load step 3 of 8``; empty for a path of one step."""
     number = number_of(found, step)
-    if number is None or number.count == 1:
+    if number is None or number[1] == 1:
         return ""
-    return f"load step {number.index + 1} of {number.count}"
+    return f"load step {number[0] + 1} of {number[1]}"
 
 
 def look(
@@ -303,7 +300,8 @@ def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
             f"where is {name!r}, but the surfaces of the contacts are not known: pass the "
             "model as contacts=, or a mask as where="
         )
-    mine = [k for k, one in enumerate(names) if one in (name, *_numbered(name, names))]
+    wanted = {name, *(f"{name} {k}" for k in range(len(names)))}
+    mine = [k for k, one in enumerate(names) if one in wanted]
     chosen = np.flatnonzero(np.isin(known["surface"], mine))
     if not chosen.size:
         raise ValueError(
@@ -311,7 +309,3 @@ def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
             f"{', '.join(names)}{meant(name, names)}"
         )
     return chosen
-
-
-def _numbered(name: str, names: Sequence[str]) -> list[str]:
-    return [f"{name} {k}" for k in range(len(names)) if f"{name} {k}" in names]

@@ -63,10 +63,6 @@ def tractions(
     ax
         Axes to draw into; default those of a new figure, ``ax.figure``.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     TypeError, ValueError
@@ -177,12 +173,7 @@ def _legend(
         handles = [h for both in zip(_padded(kinds), zones, strict=True) for h in both]
         style.legend_above(ax, handles=handles, title=seen.said)
         return
-    from matplotlib.lines import Line2D
-
-    whose = [
-        Line2D([], [], color=style.cycle(k), lw=2, label=name)
-        for k, (name, _) in enumerate(lines)
-    ]
+    whose = style.surface_handles(name for name, _ in lines)
     rows = max(3, len(whose))
     columns = [*_padded(whose, rows), *_padded(kinds, rows), *_padded(zones, rows)]
     style.legend_above(ax, handles=columns, title=seen.said)

@@ -59,10 +59,6 @@ def resultants(
         A `Result`.
     where, contacts, units, ax
         As in `tractions`. Without frames, components are added.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     units = units_of(result, units)
     path, known = steps_of(result), contacts_of(result, contacts)
@@ -160,10 +156,7 @@ def _name_surfaces(names: Sequence[str], ax: Any, curved: bool, limited: bool) -
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    whose = [
-        Line2D([], [], color=canvas.cycle(k), lw=2, label=name)
-        for k, name in enumerate(names)
-    ]
+    whose = canvas.surface_handles(names)
     looks = (("-", "normal"), ("--", "tangential"))
     if curved:
         looks = (("-", "Σ normal"), ("--", "tangential, curved: Σ of sizes"))
@@ -191,10 +184,6 @@ def status_shares(
         A `Result`.
     where, contacts, ax
         As in `tractions`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     path = steps_of(result)
     known = contacts_of(path, contacts)
@@ -258,19 +247,15 @@ def force_displacement(
     where, contacts, units, ax
         As in `resultants`.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     TypeError, ValueError
         A wrong argument, or unknown frames; the message names them.
     """
     path, units = steps_of(result), units_of(result, units)
-    _, drag, limit, main = _forces(path, where, contacts)
+    chosen, frame, mu = _chosen(path, where, contacts_of(path, contacts))
+    _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
     if displacement is None:
-        chosen, frame, _ = _chosen(path, where, contacts_of(path, contacts))
         v = path.relative_displacement[:, chosen, 1:]
         if frame is not None:
             v = np.einsum("sck,ckd->scd", v, frame[:, 1:])
@@ -298,10 +283,7 @@ def force_displacement(
 
 
 def dissipation(
-    result: Any,
-    *,
-    units: Mapping[str, str] | None = None,
-    ax: Axes | None = None,
+    result: Any, *, units: Mapping[str, str] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Work of friction in each step, and accumulated from the beginning of the path.
 
@@ -311,10 +293,6 @@ def dissipation(
         A `Result`.
     units, ax
         As in `tractions`.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     path, units = steps_of(result), units_of(result, units)
     lost = path.dissipation
@@ -355,22 +333,15 @@ def _chosen(
     return chosen, frame, mu
 
 
-def _forces(
-    path: Result, where: ArrayLike | str | None, contacts: Given | None
-) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """Normal and tangential force ``(steps,)``, the friction limit, and the direction.
-
-    The direction of the tangential force is a unit vector, in global components if frames
-    are known, else along t1, t2.
-    """
-    chosen, frame, mu = _chosen(path, where, contacts_of(path, contacts))
-    return sums(path.reaction[:, chosen], frame, mu)
-
-
 def sums(
     reaction: Floats, frame: Floats | None, mu: Floats | None
 ) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """As `_forces`, from reactions ``(steps, n_c, d)``; no limit if normals differ."""
+    """Normal and tangential force ``(steps,)``, the friction limit, and the direction.
+
+    From reactions ``(steps, n_c, d)``; no limit if normals differ. The direction of the
+    tangential force is a unit vector, in global components if frames are known, else along
+    t1, t2.
+    """
     parallel = True
     if frame is None:
         press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)

@@ -173,6 +173,4 @@ def _clouds(figure: Any, seen: Contacts) -> None:
     for ax in panels:
         box_in_space(x, ax, zoom=0.72)
         ax.tick_params(labelsize="small")
-        for axis in "xyz":
-            length = seen.units.get("length")
-            style.name_axis(getattr(ax, f"{axis}axis"), axis, length)
+        style.name_axes(ax, 3, seen.units.get("length"))

@@ -12,7 +12,7 @@ from bipot_rs.files.export import library
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
 from bipot_rs.plots.boundary_facets import corners_of, skin
-from bipot_rs.plots.data import Contacts, look, model_of
+from bipot_rs.plots.data import Contacts, drawn_model, look
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 
@@ -74,11 +74,7 @@ def surface3d(
         raise ValueError(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}, status"
         )
-    given, (model, _) = model, model_of(model)
-    if model is None:
-        raise TypeError(
-            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
-        )
+    model, _ = drawn_model(model)
     if model.dim != 3:
         raise ValueError("model has two dimensions, expected three")
     seen = look(result, step, contacts=model, units=units)
@@ -146,9 +142,7 @@ def _matplotlib(
         else:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
-    for axis in "xyz":
-        length = seen.units.get("length")
-        style.name_axis(getattr(ax, f"{axis}axis"), axis, length)
+    style.name_axes(ax, 3, seen.units.get("length"))
     return ax
 
 

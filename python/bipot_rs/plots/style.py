@@ -6,7 +6,7 @@ the process. Colours can be distinguished without red and green, and in grey by 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,6 +85,12 @@ def name_axis(axis: Any, name: str, unit: str | None) -> None:
     axis.set_label_text(label(name, unit))
 
 
+def name_axes(ax: Any, dim: int, unit: str | None) -> None:
+    """Label the axes of coordinates."""
+    for name in "xyz"[:dim]:
+        name_axis(getattr(ax, f"{name}axis"), name, unit)
+
+
 def colour_bar(
     image: Any, ax: Any, name: str, unit: str | None, *, extend: str = "neither"
 ) -> Any:
@@ -121,6 +127,15 @@ def work_unit(units: Units) -> str | None:
 def cycle(k: int) -> str:
     """Colour of surface number ``k``."""
     return _CYCLE[k % len(_CYCLE)]
+
+
+def surface_handles(names: Iterable[str]) -> list[Any]:
+    """Lines for a legend, in the colour of each surface."""
+    from matplotlib.lines import Line2D
+
+    return [
+        Line2D([], [], color=cycle(k), lw=2, label=name) for k, name in enumerate(names)
+    ]
 
 
 def fit(ax: Any) -> None:

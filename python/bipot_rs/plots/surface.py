@@ -76,10 +76,6 @@ def surface_map(
         Whether arrows show the direction; shear is that on the body that has the
         contacts. Default: for shear and slip, if the frames are known.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
     Raises
     ------
     TypeError, ValueError
@@ -185,10 +181,6 @@ def status_map(
         As in `surface_map`; in 2D several surfaces have separate rows.
     step
         Step of a result; default the last one, in 2D all.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     last = -1 if step is None else step
     seen = look(result, last, contacts=contacts, where=where, units=units)
@@ -265,10 +257,6 @@ def slip(
     ----------
     result, step, along, where, contacts, units, ax
         As in `tractions`; in 3D ``along`` draws a line instead of arrows.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
     own, ax = ax is None, style.axes_of(ax)

@@ -64,9 +64,7 @@ class _Mistake(ValueError):
 
 def _known(body: Body) -> Known:
     return Known(
-        body.dim,
-        sorted(body.mesh.boundaries or {}),
-        sorted(body.mesh.subdomains or {}),
+        body.dim, sorted(body.mesh.boundaries or {}), sorted(body.mesh.subdomains or {})
     )
 
 

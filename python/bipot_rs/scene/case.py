@@ -109,11 +109,13 @@ class Case:
             A body can move without deforming supports or contacts; the message says
             which body and how.
         """
+        if engine is None:
+            engine = "auto" if self.scene is None else self.scene.solver.engine
         try:
             return self.model.problem(
                 num_threads=num_threads,
                 on_forecast=on_forecast,
-                engine=self._engine() if engine is None else engine,
+                engine=engine,
                 steps=self._steps(),
             )
         except FloatingBodyError as error:
@@ -125,9 +127,6 @@ class Case:
             named = FloatingBodyError("; ".join(problems))
             named.dof = error.dof
             raise named from None
-
-    def _engine(self) -> str:
-        return "auto" if self.scene is None else self.scene.solver.engine
 
     def _steps(self) -> int:
         """About as many load steps as the path takes."""
@@ -301,11 +300,9 @@ class Case:
         """Path parameter of the scene at the end of step ``k`` of a result."""
         if step.s is None:
             return float(self.parameter[k])
-        if self.scene is None or self.scene.path.parameter is None:
+        if self.scene is None:
             return step.s
-        path = self.scene.path
-        amplitude = path.amplitude[self.scene.path.parameter]
-        return float(amplitude.at(np.array([step.s]), path.count())[0])
+        return float(_parameter(self.scene.path, np.array([step.s]))[0])
 
     def loaded(self, result: Sequence[Step]) -> list[Step]:
         """Add the loads to steps read from a file, which does not store them."""

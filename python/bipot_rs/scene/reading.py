@@ -127,27 +127,19 @@ def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
         contradict each other, a contact without nodes.
     """
     try:
-        return _case(scene, meshed)
+        model = assembly.assemble(
+            meshed,
+            contacts(scene),
+            supports(scene),
+            symmetries=symmetries(scene),
+            springs=springs(scene),
+        )
+        loads = tuple(_loads(scene, meshed, model))
+        return along(scene, model, loads, np.arange(1.0, scene.path.count() + 1))
     except SceneError:
         raise
     except ValueError as error:
         raise SceneError(scene.title, [str(error)]) from error
-
-
-def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
-    model = assembly.assemble(
-        meshed,
-        contacts(scene),
-        supports(scene),
-        symmetries=symmetries(scene),
-        springs=springs(scene),
-    )
-    return along(
-        scene,
-        model,
-        tuple(_loads(scene, meshed, model)),
-        np.arange(1.0, scene.path.count() + 1),
-    )
 
 
 def _loads(scene: Scene, meshed: Sequence[Body], model: Assembly) -> Iterator[Load]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
@@ -94,9 +95,7 @@ class Functionals:
         slack: float = 1e-9,
     ) -> None:
         if not isinstance(problem, ContactProblem):
-            raise TypeError(
-                f"problem is a {type(problem).__name__}, expected a ContactProblem"
-            )
+            raise mistyped("problem", problem, "a ContactProblem")
         n, contacts, d = problem._shape
         fixed = problem._fixed
         stiffness = csr("K", K)
@@ -279,8 +278,9 @@ class Functionals:
         """
         u, reaction = self._admissible(du), floats("dr", dr, shape=self._shape)
         moved = self._relative(u)
-        finite = self._finite(moved, reaction)
         v, r = moved + self.offset, self._before + reaction
+        at_start = self._before * moved + reaction * self.offset
+        finite = at_start.sum(axis=1) + self._mu * r[:, 0] * self._slip(v)
         size = self._reach + (abs(self._contact) @ np.abs(u)).max(initial=0.0)
         size += np.abs(self.offset).max(initial=0.0)
         outside = v[:, 0] < -self._slack * size
@@ -399,12 +399,6 @@ class Functionals:
         slack = self._slack * force
         limit = self._mu * np.maximum(r[:, 0], 0.0) + slack / self._by.min(axis=1)
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
-
-    def _finite(self, moved: Floats, reaction: Floats) -> Floats:
-        slip = self._slip(moved + self.offset)
-        r_n = self._before[:, 0] + reaction[:, 0]
-        at_start = self._before * moved + reaction * self.offset
-        return np.asarray(at_start.sum(axis=1) + self._mu * r_n * slip, np.float64)
 
 
 def _matrix(problem: ContactProblem) -> Any:

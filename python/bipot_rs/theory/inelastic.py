@@ -292,7 +292,9 @@ class Truss:
             size = np.abs(C.T) @ np.abs(N) + np.abs(load)
             if held is not None:
                 r, _ = self._held(held[0], at, held[1])
-                value += float(np.sum(r * self._reach(held, at, r))) / (2 * rho)
+                # The Moreau envelope of the support function: ‖x‖² - ‖x - r‖².
+                x = held[0] - rho * self.relative_displacement(at)
+                value += float(np.sum(r * (2 * x - r))) / (2 * rho)
                 slope = slope - B.T @ r.ravel()
                 size = size + np.abs(B.T) @ np.abs(r).ravel()
             return value, slope, size
@@ -319,11 +321,3 @@ class Truss:
             u = u + step
             value, slope, size = new
         return u
-
-    def _reach(self, held: tuple[Floats, Floats], u: Floats, r: Floats) -> Floats:
-        """``2 x - r`` with ``x`` before projection: ``r·(2 x - r)`` is ``2ρ`` times the energy.
-
-        It is the Moreau envelope of the support function: ``‖x‖² - ‖x - r‖² = r·(2 x - r)``.
-        """
-        x = held[0] - self._rho * self.relative_displacement(u)
-        return np.asarray(2 * x - r)

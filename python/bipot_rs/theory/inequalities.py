@@ -18,8 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import coulomb, floats, number
+from bipot_rs._lib.validation import coulomb, floats, number, vectors
+from bipot_rs.contact.existence import dense
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
 
@@ -192,9 +194,7 @@ class Response:
         offset: ArrayLike | None = None,
     ) -> None:
         if not isinstance(problem, ReducedProblem):
-            raise TypeError(
-                f"problem is a {type(problem).__name__}, expected a ReducedProblem"
-            )
+            raise mistyped("problem", problem, "a ReducedProblem")
         self.problem = problem
         shape = problem.q.shape
         zero = np.zeros(shape)
@@ -202,8 +202,7 @@ class Response:
             zero if reaction is None else floats("reaction", reaction, shape=shape)
         )
         self.offset = zero if offset is None else floats("offset", offset, shape=shape)
-        W = problem.W.toarray() if hasattr(problem.W, "toarray") else problem.W
-        self._W: Floats = np.asarray(W, np.float64)
+        self._W = dense(problem.W)
         size = self._W.shape[0]
         self._R, self._e = np.empty((size, 0)), np.empty(0)
         if problem.rigid is not None:
@@ -350,9 +349,7 @@ _ROUNDING = 1e-8
 
 
 def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    force = floats("t", t, ndim=2)
-    if force.shape[1] not in (2, 3):
-        raise ValueError(f"t has shape {force.shape}, expected (n_c, 2) or (n_c, 3)")
+    force = vectors("t", t)
     moved = floats("v", v, shape=force.shape)
     return force, moved, coulomb(mu, len(force))
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs._lib.validation import by_contact, floats, integer, number
+from bipot_rs._lib.validation import by_contact, floats, integer, number, vectors
 from bipot_rs.contact.projection import project
 from bipot_rs.contact.result import Result
 from bipot_rs.theory.convex import (
@@ -62,10 +62,8 @@ def normal_and_gap(
     ValueError
         The points of a pair coincide up to rounding, and no normal is given.
     """
-    x_a = floats("body", body, ndim=2)
+    x_a = vectors("body", body)
     x_b = floats("obstacle", obstacle, shape=x_a.shape)
-    if x_a.shape[1] not in (2, 3):
-        raise ValueError(f"body has shape {x_a.shape}, expected (n_c, 2) or (n_c, 3)")
     between = x_a - x_b
     if normal is not None:
         n = floats("normal", normal, shape=x_a.shape)

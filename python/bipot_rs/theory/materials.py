@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs._lib.validation import by_contact, coulomb, floats, positive
+from bipot_rs._lib.validation import by_contact, coulomb, floats, positive, vectors
 from bipot_rs.contact.projection import project
 from bipot_rs.theory.convex import (
     dot,
@@ -194,13 +194,9 @@ def uzawa(
     found = [y]
     for _ in range(positive("iterations", iterations)):
         x = floats("strain(y)", strain(y), shape=y.shape)
-        y = material.prox_at(_predictor(y, step, x), x, step)
+        y = material.prox_at(y + (step[..., None] if step.ndim else step) * x, x, step)
         found.append(y)
     return np.array(found)
-
-
-def _predictor(y: Floats, r: Floats, x: Floats) -> Floats:
-    return y + (r[..., None] if r.ndim else r) * x
 
 
 def positive_step(r: ArrayLike) -> Floats:
@@ -301,11 +297,7 @@ class Start:
     def __init__(
         self, reaction: ArrayLike, displacement: ArrayLike, gap: ArrayLike
     ) -> None:
-        found = floats("reaction", reaction, ndim=2)
-        if found.shape[1] not in (2, 3):
-            raise ValueError(
-                f"reaction has shape {found.shape}, expected (n_c, 2) or (n_c, 3)"
-            )
+        found = vectors("reaction", reaction)
         object.__setattr__(self, "reaction", found)
         shape = found.shape
         moved = floats("displacement", displacement, shape=shape)

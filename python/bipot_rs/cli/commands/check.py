@@ -47,12 +47,11 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     remarks = [said for said in case.remarks() if said not in floating]
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
-    cost = cost_forecast.cost(counts) if counts else []
-    seconds = (
-        {"seconds": cost_forecast.seconds(counts, cost_forecast.cores())}
-        if counts
-        else {}
-    )
+    cost, forecast = [], None
+    if counts:
+        cost = cost_forecast.cost(counts)
+        seconds = cost_forecast.seconds(counts, cost_forecast.cores())
+        forecast = counts | {"seconds": seconds}
     return {
         "title": scene.title,
         "bodies": len(model.bodies),
@@ -60,7 +59,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         "prescribed": len(model.fixed),
         "contacts": len(model.gap),
         "steps": steps,
-        "forecast": counts | seconds if counts else None,
+        "forecast": forecast,
         "floating": "; ".join(floating) or None,
         "remarks": remarks,
         "lines": [

@@ -10,13 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from bipot_rs._lib.messages import counted, printable
-from bipot_rs.cli.exit_codes import (
-    BAD_INPUT,
-    NO_ANSWER,
-    NOT_CONVERGED,
-    SOLVED,
-    worst,
-)
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.runner import Runner
@@ -31,10 +25,7 @@ _STATUS = {
     UNREADABLE: BAD_INPUT,
 }
 # The matrix of each form, and the size that its asymmetry is relative to.
-_MATRICES = {
-    "local": ("W", "its largest entry"),
-    "global": ("M", "√|M_ii M_jj|"),
-}
+_MATRICES = {"local": ("W", "its largest entry"), "global": ("M", "√|M_ii M_jj|")}
 
 
 @dataclass(frozen=True)

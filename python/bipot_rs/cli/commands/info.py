@@ -276,20 +276,19 @@ def _scene(name: str) -> dict[str, Any]:
         )
         if entries
     ]
+    touching = [
+        f"{one.on} against {one.against or 'a plane'}, mu {one.mu}"
+        for one in scene.contact
+    ]
     parameter = scene.path.parameter or "step number"
     lines = [
         f"{name}: a scene, {scene.title or 'without a title'}",
         f"  units     {units or 'not named'}",
         "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
-        "  contacts  " + ", ".join(_touch(contact) for contact in scene.contact),
+        f"  contacts  {', '.join(touching)}",
         f"  loads     {', '.join(loads) or 'none'}",
         f"  path      {counted(steps, 'load step')}, parameter: {parameter}",
         f"  solver    {scene.solver.method}, tol {scene.solver.tol}",
         f"  next      bipot check {name}, bipot run {name}",
     ]
     return found | {"lines": lines}
-
-
-def _touch(contact: Any) -> str:
-    other = "a plane" if contact.against is None else contact.against
-    return f"{contact.on} against {other}, mu {contact.mu}"

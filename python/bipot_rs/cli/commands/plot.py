@@ -203,8 +203,8 @@ def draw(
             f"--contact is {contact!r}, but {path} has no names of surfaces: an earlier "
             "version wrote it, or its problem was given as arrays"
         )
-    title, units = _labels(attributes)
-    result.units = units or result.units
+    title = str(attributes.get("title", ""))
+    result.units = json.loads(attributes.get("units") or "{}") or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
     case = _case(path, attributes, scene, settings) if kind in BODIES else None
     try:
@@ -255,9 +255,3 @@ def _case(
             "give its scene with --scene, and its settings with --set"
         )
     return assemble(found, bodies(found))
-
-
-def _labels(attributes: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
-    """Title and names of units, if the file has them."""
-    units = attributes.get("units", "")
-    return str(attributes.get("title", "")), json.loads(units) if units else {}

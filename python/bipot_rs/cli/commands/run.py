@@ -34,11 +34,7 @@ if TYPE_CHECKING:
 ENOUGH = "discretisation"
 # Every run needs these. They are imported while signals wait, and before the clocks of
 # the phases start.
-_NEEDED = (
-    "bipot_rs.fem.paraview",
-    "bipot_rs.cli.report",
-    "bipot_rs.files.csv_tables",
-)
+_NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report", "bipot_rs.files.csv_tables")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 

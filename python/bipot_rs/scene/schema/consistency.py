@@ -288,7 +288,8 @@ def _contacts(
                     f"{place}.against: should be a surface of another body, "
                     f"got {contact.against!r}"
                 )
-        yield from _pairing(place, contact)
+        if contact.other is None and contact.pairing == "nodes":
+            yield f"{place}.pairing: should be 'match' or 'mortar' for a rigid obstacle"
         if contact.plane is not None:
             yield from _plane(f"{place}.plane", contact.plane, dim)
         for key, vector in (
@@ -309,11 +310,6 @@ def _no_obstacle(name: str, scene: Scene) -> str:
         )
     hint = f"define it as [obstacle.{name}]"
     return _unknown("obstacle", name, scene.obstacle, hint)
-
-
-def _pairing(place: str, contact: Touch) -> Iterator[str]:
-    if contact.other is None and contact.pairing == "nodes":
-        yield f"{place}.pairing: should be 'match' or 'mortar' for a rigid obstacle"
 
 
 def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[str]:
@@ -372,25 +368,21 @@ def _axis(place: str, axis: Sequence[float] | None, dim: int | None) -> Iterator
 
 
 def _friction(place: str, contact: Touch, dim: int) -> Iterator[str]:
-    if isinstance(contact.mu, list):
-        yield from _elliptic(place, contact.mu, contact.axis, dim)
-    elif contact.axis is not None:
-        yield f"{place}.axis: needs two numbers in mu, got one"
-
-
-def _elliptic(
-    path: str, mu: Sequence[float], axis: Sequence[float] | None, dim: int
-) -> Iterator[str]:
+    mu, axis = contact.mu, contact.axis
+    if not isinstance(mu, list):
+        if axis is not None:
+            yield f"{place}.axis: needs two numbers in mu, got one"
+        return
     if dim == 2:
-        yield f"{path}.mu: has two numbers, expected one: the scene has two dimensions"
+        yield f"{place}.mu: has two numbers, expected one: the scene has two dimensions"
     elif axis is None:
-        yield f"{path}.axis: is missing; it is the direction of the first number of mu"
+        yield f"{place}.axis: is missing; it is the direction of the first number of mu"
     elif not any(axis):
-        yield f"{path}.axis: should not be zero"
+        yield f"{place}.axis: should not be zero"
     if not min(mu) * RATIO >= max(mu):
         yield (
-            f"{path}.mu: should be two positive numbers within a factor of {RATIO:g} of "
-            f"each other, or two zeros, got {list(mu)}"
+            f"{place}.mu: should be two positive numbers within a factor of {RATIO:g} of "
+            f"each other, or two zeros, got {mu}"
         )
 
 

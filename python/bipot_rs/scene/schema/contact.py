@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.scene.schema.mesh import Within
 from bipot_rs.scene.schema.table import (
-    KIND,
     Component,
     Components,
+    OneOrList,
     Table,
     Varying,
     Vector,
@@ -21,13 +21,6 @@ from bipot_rs.scene.schema.table import (
 
 _Coefficient = Annotated[float, Field(ge=0)]
 _Pair = Annotated[list[_Coefficient], Field(min_length=2, max_length=2)]
-
-
-Friction = Annotated[
-    Annotated[_Coefficient, Tag(f"{KIND}number")]
-    | Annotated[_Pair, Tag(f"{KIND}pair")],
-    Discriminator(lambda v: KIND + ("pair" if isinstance(v, list) else "number")),
-]
 
 
 class Plane(Table):
@@ -143,7 +136,7 @@ class Touch(Table):
     """
 
     on: str
-    mu: Friction
+    mu: OneOrList[_Coefficient, _Pair]
     axis: Vector | None = None
     plane: Plane | None = None
     against: str | None = None

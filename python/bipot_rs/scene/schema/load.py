@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field
 
 from bipot_rs.scene.schema.mesh import Within
 from bipot_rs.scene.schema.table import (
-    KIND,
     Component,
     Components,
+    OneOrList,
     Table,
+    Triple,
     Varying,
     Vector,
 )
 
 _Stiffness = Annotated[float, Field(ge=0)]
-_ONE_OR_MORE = Discriminator(
-    lambda v: KIND + ("more" if isinstance(v, list) else "one")
-)
+_Stiffnesses = Annotated[list[_Stiffness], Field(min_length=2, max_length=3)]
 
 
 class Prescribed(Components):
@@ -43,17 +42,7 @@ class Foundation(Table):
     """
 
     on: str
-    stiffness: (
-        Annotated[
-            Annotated[_Stiffness, Tag(f"{KIND}one")]
-            | Annotated[
-                Annotated[list[_Stiffness], Field(min_length=2, max_length=3)],
-                Tag(f"{KIND}more"),
-            ],
-            _ONE_OR_MORE,
-        ]
-        | None
-    ) = None
+    stiffness: OneOrList[_Stiffness, _Stiffnesses] | None = None
     normal: _Stiffness | None = None
     tangential: _Stiffness | None = None
 
@@ -87,17 +76,7 @@ class InitialStrain(Table):
     """
 
     on: str
-    expansion: (
-        Annotated[
-            Annotated[float, Tag(f"{KIND}one")]
-            | Annotated[
-                Annotated[list[float], Field(min_length=3, max_length=3)],
-                Tag(f"{KIND}more"),
-            ],
-            _ONE_OR_MORE,
-        ]
-        | None
-    ) = None
+    expansion: OneOrList[float, Triple] | None = None
     temperature: Component | None = None
     tensor: Annotated[list[Vector], Field(min_length=2, max_length=3)] | None = None
     amplitude: str | None = None

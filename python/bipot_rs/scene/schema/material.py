@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field
 
 from bipot_rs.fem import materials
-from bipot_rs.scene.schema.table import KIND, Table, Vector
+from bipot_rs.scene.schema.table import OneOrList, Table, Triple, Vector
 
 _Modulus = Annotated[float, Field(gt=0)]
+_Moduli = Annotated[list[_Modulus], Field(min_length=3, max_length=3)]
 _Ratio = Annotated[float, Field(gt=-1, lt=0.5)]
-
-
-_ONE_OR_THREE = Discriminator(
-    lambda v: KIND + ("three" if isinstance(v, list) else "one")
-)
 
 
 class Elastic(Table):
@@ -27,23 +23,9 @@ class Elastic(Table):
     coordinates.
     """
 
-    young: Annotated[
-        Annotated[_Modulus, Tag(f"{KIND}one")]
-        | Annotated[
-            Annotated[list[_Modulus], Field(min_length=3, max_length=3)],
-            Tag(f"{KIND}three"),
-        ],
-        _ONE_OR_THREE,
-    ]
-    poisson: Annotated[
-        Annotated[_Ratio, Tag(f"{KIND}one")]
-        | Annotated[
-            Annotated[list[float], Field(min_length=3, max_length=3)],
-            Tag(f"{KIND}three"),
-        ],
-        _ONE_OR_THREE,
-    ]
-    shear: Annotated[list[_Modulus], Field(min_length=3, max_length=3)] | None = None
+    young: OneOrList[_Modulus, _Moduli]
+    poisson: OneOrList[_Ratio, Triple]
+    shear: _Moduli | None = None
     axes: Annotated[list[Vector], Field(min_length=2, max_length=3)] | None = None
 
     def made(

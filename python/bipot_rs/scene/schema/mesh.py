@@ -13,7 +13,15 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.scene.schema.table import KIND, MOST, Range, Table, Vector, wrap
+from bipot_rs.scene.schema.table import (
+    KIND,
+    MOST,
+    OneOrList,
+    Range,
+    Table,
+    Vector,
+    wrap,
+)
 
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
@@ -149,10 +157,6 @@ class Place(Table):
 
 
 _Names = Annotated[list[str], Field(min_length=1)]
-Names = Annotated[
-    Annotated[str, Tag(f"{KIND}name")] | Annotated[_Names, Tag(f"{KIND}names")],
-    Discriminator(lambda v: KIND + ("names" if isinstance(v, list) else "name")),
-]
 ByVolume = Annotated[
     Annotated[str, Tag(f"{KIND}one")] | Annotated[dict[str, str], Tag(f"{KIND}many")],
     Discriminator(lambda v: KIND + ("many" if isinstance(v, dict) else "one")),
@@ -169,7 +173,7 @@ class MeshFile(Table):
     """
 
     file: str
-    group: Names | None = None
+    group: OneOrList[str, _Names] | None = None
     order: Literal[1, 2] | None = None
 
 

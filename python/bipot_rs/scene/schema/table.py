@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, TypeAlias, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 AXES = ("x", "y", "z")
 # Cells along an axis, and load steps: a larger number is a typing error.
@@ -30,10 +30,16 @@ def wrap(key: str) -> BeforeValidator:
 
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
-
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 # Names of the members of a union begin with this. Key paths of messages leave them out.
 KIND = "|"
+One = TypeVar("One")
+Several = TypeVar("Several")
+OneOrList: TypeAlias = Annotated[
+    Annotated[One, Tag(f"{KIND}one")] | Annotated[Several, Tag(f"{KIND}list")],
+    Discriminator(lambda v: KIND + ("list" if isinstance(v, list) else "one")),
+]
 
 
 class Varying(Table):
