@@ -31,7 +31,14 @@ demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture an
 	@echo "for ParaView:         $(CURDIR)/$(DEMO)/result.pvd"
 
 .PHONY: test
-test: checks rust-lint rust-test python-lint types python-test ## install, then every check: Rust, Python, types, documents
+test: checks $(STAMP) ## install, then every check: Rust, Python, types, documents
+	# A compilation ends on one core, and mypy never uses more.
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target rust-test python-checks
+	@$(MAKE) --no-print-directory python-test
+
+.PHONY: python-checks
+python-checks:
+	@$(MAKE) --no-print-directory python-lint types
 
 # The dependencies are those of `make demo`, compiled once; our own crate is compiled with
 # checks of overflow and assertions. clippy compiles it, so that linting costs nothing more.
@@ -39,7 +46,8 @@ CHECKED := --release --locked --features python-dependencies \
 	--config 'profile.release.package.bipot_rs.opt-level=1' \
 	--config 'profile.release.package.bipot_rs.debug-assertions=true' \
 	--config 'profile.release.package.bipot_rs.overflow-checks=true'
-LINTED := RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS='-Dwarnings'
+# Without the job slots of make: cargo counts the cores itself.
+LINTED := env -u MAKEFLAGS RUSTC_WORKSPACE_WRAPPER=clippy-driver CLIPPY_ARGS='-Dwarnings'
 
 .PHONY: rust-lint
 rust-lint: checks $(STAMP)
@@ -99,6 +107,7 @@ bench-full: $(STAMP)
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/scaling.py
 	$(PY) benches/scale.py
+	$(PY) benches/iterations.py
 	$(PY) benches/beside_petsc.py
 	$(PY) benches/skipped_work.py
 	$(PY) benches/criterion_tables.py

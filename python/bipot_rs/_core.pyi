@@ -316,7 +316,15 @@ def bodies(
     places: _Floats,
     by_node: bool,
     num_threads: int | None = None,
-) -> tuple[_Floats, _Indices, _Floats, _Floats, _Floats, _Indices, _Indices]:
+) -> tuple[
+    _Floats,
+    NDArray[np.int64],
+    _Floats,
+    _Floats,
+    _Floats,
+    NDArray[np.int64],
+    NDArray[np.int64],
+]:
     """The bodies of `K`, from the coordinates of its degrees of freedom.
 
     By degree of freedom the force of a dilation, which is zero inside a body, and the body; by

@@ -174,8 +174,10 @@ impl<'p, const D: usize> Newton<'p, D> {
     pub fn run(mut self, begin: Begin<'_, D>) -> Result<Solved<D>, Error> {
         let problem = self.problem;
         let tol = self.settings.tol;
-        let prescribed = vec![[0.0; D]; problem.contacts()];
+        let mut prescribed = vec![[0.0; D]; problem.contacts()];
         let mut point = self.point(begin.y, &prescribed, begin.force, begin.offset);
+        // Whether the imbalance is that of a fresh product, not of a sum of corrections.
+        let mut fresh = true;
         let mut statuses: Option<Vec<Status>> = None;
         let mut recent: Vec<f64> = Vec::new();
         let mut best: Option<(f64, usize, Point<D>, Judged<D>)> = None;
@@ -199,6 +201,12 @@ impl<'p, const D: usize> Newton<'p, D> {
             if !first && (changed == 0 || judged.converged(tol)) {
                 let terms = problem.terms(&point.y);
                 judged = judge(problem, &reduced, &point, begin.force, Some(&terms));
+            }
+            if !fresh && judged.converged(tol) {
+                let y = std::mem::take(&mut point.y);
+                point = self.point(y, &prescribed, begin.force, begin.offset);
+                fresh = true;
+                continue;
             }
             if !first {
                 #[expect(clippy::cast_precision_loss, reason = "a count of products")]
@@ -237,24 +245,15 @@ impl<'p, const D: usize> Newton<'p, D> {
                 outcome = ended;
                 break;
             }
-            let Some((dy, moved)) = self.correction(&tangent, &now, &point, wanted)? else {
+            let Some(correction) = self.correction(&tangent, &now, &point, wanted)? else {
                 reason = Reason::Multigrid;
                 break;
             };
-            let dr_prescribed = tangent.prescribed_reactions(&point.r, &dy, &moved);
-            let share = if first || changed == 0 {
-                1.0
-            } else {
-                let change = Change {
-                    r: self.reaction_change(&moved, &dr_prescribed),
-                    v: problem.frames.at_contacts(&dy),
-                };
-                search(&reduced, &point, &change, &recent)
-            };
-            let mut y = std::mem::take(&mut point.y);
-            axpy(share, &dy, &mut y);
-            let prescribed = prescribed_part(problem, &point.r, &dr_prescribed, share);
-            point = self.point(y, &prescribed, begin.force, begin.offset);
+            let recent_merits = (!first && changed > 0).then_some(&recent[..]);
+            let taken = self.taken(&tangent, &reduced, &point, &correction, recent_merits);
+            prescribed = taken.prescribed;
+            point = self.moved(point, &correction, taken.share, &prescribed, begin.offset);
+            fresh = false;
             self.steps += 1;
             recent.push(merit(&reduced, &point.r, &point.v));
             statuses = Some(now);
@@ -328,6 +327,27 @@ impl<'p, const D: usize> Newton<'p, D> {
         near
     }
 
+    /// How much of a correction is taken: all of it without `recent` merits.
+    fn taken(
+        &self,
+        tangent: &Tangent<'_, D>,
+        reduced: &Reduced<D>,
+        point: &Point<D>,
+        (dy, moved): &Correction,
+        recent: Option<&[f64]>,
+    ) -> Taken<D> {
+        let of_prescribed = tangent.prescribed_reactions(&point.r, dy, moved);
+        let share = recent.map_or(1.0, |recent| {
+            let change = Change {
+                r: self.reaction_change(moved, &of_prescribed),
+                v: self.problem.frames.at_contacts(dy),
+            };
+            search(reduced, point, &change, recent)
+        });
+        let prescribed = prescribed_part(self.problem, &point.r, &of_prescribed, share);
+        Taken { share, prescribed }
+    }
+
     /// The point with unknowns `y`. `prescribed` are reactions along prescribed components.
     fn point(
         &mut self,
@@ -336,20 +356,42 @@ impl<'p, const D: usize> Newton<'p, D> {
         force: &[f64],
         offset: &[[f64; D]],
     ) -> Point<D> {
-        let problem = self.problem;
         let mut e = vec![0.0; y.len()];
-        problem.product(&y, &mut self.work, &mut e);
+        self.problem.product(&y, &mut self.work, &mut e);
         axpy(-1.0, force, &mut e);
-        let mut v = problem.frames.at_contacts(&y);
+        self.at_contacts(y, e, prescribed, offset)
+    }
+
+    /// The point after a share of a correction.
+    fn moved(
+        &self,
+        point: Point<D>,
+        (dy, moved): &Correction,
+        share: f64,
+        prescribed: &[[f64; D]],
+        offset: &[[f64; D]],
+    ) -> Point<D> {
+        let (mut y, mut e) = (point.y, point.e);
+        axpy(share, dy, &mut y);
+        axpy(share, moved, &mut e);
+        self.at_contacts(y, e, prescribed, offset)
+    }
+
+    /// The point with these unknowns and this imbalance.
+    fn at_contacts(
+        &self,
+        y: Vec<f64>,
+        e: Vec<f64>,
+        prescribed: &[[f64; D]],
+        offset: &[[f64; D]],
+    ) -> Point<D> {
+        let frames = &self.problem.frames;
+        let (mut v, mut r) = (frames.at_contacts(&y), frames.at_contacts(&e));
         for (v, offset) in v.as_flattened_mut().iter_mut().zip(offset.as_flattened()) {
             *v += offset;
         }
-        let mut r = problem.frames.at_contacts(&e);
-        for (r, more) in r
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(prescribed.as_flattened())
-        {
+        let reactions = r.as_flattened_mut().iter_mut();
+        for (r, more) in reactions.zip(prescribed.as_flattened()) {
             *r += more;
         }
         Point { y, e, r, v }
@@ -479,6 +521,13 @@ fn prescribed_part<const D: usize>(
 
 /// `dy` and `A dy` of a Newton step.
 type Correction = (Vec<f64>, Vec<f64>);
+
+/// The share of a correction that is taken, and the reactions along prescribed components after
+/// it.
+struct Taken<const D: usize> {
+    share: f64,
+    prescribed: Vec<[f64; D]>,
+}
 
 /// A full Newton step at the contacts.
 struct Change<const D: usize> {

@@ -13,7 +13,7 @@ use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::rigid_motions;
-use crate::linalg::small::Block;
+use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::frames::{Frame, Frames};
 use crate::primal::interface::Interface;
@@ -262,6 +262,31 @@ impl<const D: usize> Primal<D> {
         self.stiffness.matrix.product(work, out);
         self.clear_prescribed(out);
         self.frames.forces_to_local(out);
+    }
+
+    /// `Tᵀ K T y` for a `y` that is zero but at the nodes of contacts, by the rows of `K` at the
+    /// nodes that these move.
+    #[must_use]
+    pub fn product_of_contacts(&self, y: &[f64]) -> Vec<f64> {
+        let mut u = y.to_vec();
+        self.frames.to_displacements(&mut u);
+        let mut out = vec![0.0; y.len()];
+        let nodes = self.frames.list.iter().map(|frame| frame.node);
+        for node in nodes.filter(|&node| node != usize::MAX) {
+            let own = Vector::<D>::from_column_slice(&u[D * node..D * (node + 1)]);
+            if own.iter().all(|&value| value == 0.0) {
+                continue;
+            }
+            for (other, block) in self.stiffness.matrix.blocks_of_row(node) {
+                let force = Block::<D>::from_column_slice(block).tr_mul(&own);
+                for (out, force) in out[D * other..].iter_mut().zip(force.iter()) {
+                    *out += force;
+                }
+            }
+        }
+        self.clear_prescribed(&mut out);
+        self.frames.forces_to_local(&mut out);
+        out
     }
 
     /// `|Tᵀ| |K| |T y|`: the size of the terms of [`Primal::product`].

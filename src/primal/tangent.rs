@@ -95,8 +95,8 @@ impl<'p, const D: usize> Tangent<'p, D> {
     /// The right side for the unknown part of `dy`, from `e = A y − f`.
     #[must_use]
     pub(super) fn right_side(&self, e: &[f64]) -> Vec<f64> {
-        let mut moved = vec![0.0; e.len()];
-        self.product(&self.known, &mut Vec::new(), &mut moved);
+        let mut moved = self.problem.product_of_contacts(&self.known);
+        self.add_laws(&self.known, &mut moved);
         let mut right: Vec<f64> = e.iter().zip(&moved).map(|(e, a)| -e - a).collect();
         for one in &self.sliding {
             for k in (1..D).filter(|&k| one.free[k]) {
@@ -110,6 +110,11 @@ impl<'p, const D: usize> Tangent<'p, D> {
     /// `J x` in the rows that are not held; `x` may be anything at the held places.
     pub(super) fn product(&self, x: &[f64], work: &mut Vec<f64>, out: &mut [f64]) {
         self.problem.product(x, work, out);
+        self.add_laws(x, out);
+    }
+
+    /// Adds what the laws of sliding contacts add to `A x`.
+    fn add_laws(&self, x: &[f64], out: &mut [f64]) {
         for one in &self.sliding {
             let own = one.at..one.at + D;
             let dv = Vector::<D>::from_column_slice(&x[own.clone()]);

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
-use crate::assembly::inspection::{self, Rows};
+use crate::assembly::inspection::{self, Bodies, Rows};
 use crate::assembly::pattern::{Index, Pattern};
 use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::Error;
@@ -219,24 +219,12 @@ fn bodies_in<'py, const D: usize>(
     let values = values.as_slice()?;
     let found = match (pointer, index) {
         (Indices::Narrow(pointer), Indices::Narrow(index)) => {
-            let k = Rows {
-                pointer: pointer.as_slice()?,
-                index: index.as_slice()?,
-                values,
-                by_node,
-            };
-            checked(&k, places.len())?;
-            interrupt::run(py, num_threads, |_| Ok(inspection::bodies(k, places)))?
+            let k = rows(pointer.as_slice()?, index.as_slice()?, values, by_node);
+            interrupt::run(py, num_threads, |_| looked_at(&k, places))?
         }
         (Indices::Wide(pointer), Indices::Wide(index)) => {
-            let k = Rows {
-                pointer: pointer.as_slice()?,
-                index: index.as_slice()?,
-                values,
-                by_node,
-            };
-            checked(&k, places.len())?;
-            interrupt::run(py, num_threads, |_| Ok(inspection::bodies(k, places)))?
+            let k = rows(pointer.as_slice()?, index.as_slice()?, values, by_node);
+            interrupt::run(py, num_threads, |_| looked_at(&k, places))?
         }
         _ => {
             return Err(PyValueError::new_err(
@@ -255,11 +243,29 @@ fn bodies_in<'py, const D: usize>(
     ))
 }
 
-/// Refuses rows that are not those of `n` degrees of freedom.
-fn checked<I: Copy>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
+const fn rows<'a, I>(
+    pointer: &'a [I],
+    index: &'a [I],
+    values: &'a [f64],
+    by_node: bool,
+) -> Rows<'a, I> {
+    Rows {
+        pointer,
+        index,
+        values,
+        by_node,
+    }
+}
+
+/// The bodies of K, after its rows have been checked.
+fn looked_at<I: Copy + Sync, const D: usize>(
+    k: &Rows<'_, I>,
+    places: &[[f64; D]],
+) -> Result<Bodies<D>, Error>
 where
     usize: TryFrom<I>,
 {
+    let n = places.len();
     let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
     arrays::length("row pointers of K", k.pointer.len(), n + 1)?;
     arrays::length("values of K", k.values.len(), k.index.len())?;
@@ -269,7 +275,7 @@ where
         .last()
         .is_some_and(|&last| at(last) == k.index.len());
     if rise && last && k.index.iter().all(|&j| at(j) < n) {
-        Ok(())
+        Ok(inspection::bodies(*k, places))
     } else {
         Err(Error::SparseStructure { what: "K", row: 0 })
     }
