@@ -23,7 +23,7 @@ import tables
 SHEET = "scale.csv"
 # Cells along x, y and z.
 SMALL = [(n, n, n) for n in (12, 15, 18, 21, 24, 28, 31, 36)]
-LARGE = [(40, 40, 40), (70, 70, 19), (100, 100, 18), (70, 70, 70)]
+LARGE = [(40, 40, 40), (70, 70, 19), (100, 100, 18), (70, 70, 70), (100, 100, 100)]
 QUICK = [(6, 6, 6), (9, 9, 9)]
 # The direct engine above this number of unknowns takes minutes.
 MOST_DIRECT = 220_000

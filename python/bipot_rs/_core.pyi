@@ -19,6 +19,7 @@ __all__ = [
     "answers",
     "assess",
     "assess_step",
+    "bodies",
     "build_profile",
     "error_bound_of_step",
     "error_bounds",

@@ -187,7 +187,7 @@ impl<const D: usize> Primal<D> {
     #[must_use]
     pub fn bytes(&self) -> (usize, usize) {
         /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision.
-        const HIERARCHY: f64 = 0.7;
+        const HIERARCHY: f64 = 1.1;
         /// Vectors of GMRES, in double and in single precision, and of the Newton steps.
         const VECTORS: usize = 40 * 12;
         let own = self.stiffness.matrix.bytes();

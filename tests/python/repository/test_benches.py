@@ -12,6 +12,7 @@ import beside_petsc
 import compare_tractions
 import criterion_tables
 import fclib
+import iterations
 import iterative_file
 import numpy as np
 import pytest
@@ -209,6 +210,14 @@ def test_without_petsc_one_sentence_says_so(
     monkeypatch.setattr(beside_petsc, "which", lambda _: None)
     beside_petsc.main()
     assert capsys.readouterr().out == ("Not compared with PETSc: there is no mpirun.\n")
+
+
+def test_a_row_of_iterations_counts_those_of_the_iterative_engine() -> None:
+    one = iterations.row("two blocks", "small", iterations.blocks(6, 4, 10.0))
+    assert one["solved by"] == "iterative"
+    assert one["residual"] <= iterations.TOL
+    assert 0 < one["steps"] < one["Krylov"]
+    assert one["contacts"] == 49
 
 
 def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
