@@ -61,7 +61,8 @@ def blocks(upper, lower, contrast, shear=1.0):
         )
     m.support("lower.bottom", x=0.0, y=0.0, z=0.0)
     m.support("upper.top", x=m.times(5e-4 * shear, "shear"), y=0.0, z=-1e-3)
-    m.contact("upper.bottom", against="lower.top", mu=0.3)
+    pairing = "match" if upper == lower else "mortar"
+    m.contact("upper.bottom", against="lower.top", mu=0.3, pairing=pairing)
     m.path(shear=[0.0, 1.0])
     return m
 

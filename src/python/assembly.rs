@@ -267,6 +267,7 @@ where
 {
     let n = places.len();
     let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
+    arrays::length("coordinates", n, n / D * D)?;
     arrays::length("row pointers of K", k.pointer.len(), n + 1)?;
     arrays::length("values of K", k.values.len(), k.index.len())?;
     let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));

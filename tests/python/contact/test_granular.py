@@ -78,6 +78,7 @@ def test_heaps_converge_or_report_that_they_do_not() -> None:
     assert sum(solution.converged for solution in found) >= 6
 
 
+@pytest.mark.verify
 def test_a_time_limit_ends_a_path() -> None:
     W, q = grains.heaps(11).step()
     problem = bp.ReducedProblem(W, q, 0.3)

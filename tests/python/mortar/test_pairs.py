@@ -474,6 +474,7 @@ def test_a_coarse_facet_on_a_fine_mesh(
         assert sum(boxes) <= 600 * facets
 
 
+@pytest.mark.verify
 def test_layers_are_found_among_many_facets() -> None:
     """One facet below a fine mesh: inside, at its edge, and covering only part of a facet."""
     slave = sheet(4, 1, up=False, low=-0.5, high=1.5)

@@ -213,7 +213,7 @@ def test_without_petsc_one_sentence_says_so(
 
 
 def test_a_row_of_iterations_counts_those_of_the_iterative_engine() -> None:
-    one = iterations.row("two blocks", "small", iterations.blocks(6, 4, 10.0))
+    one = iterations.row("two blocks", "small", iterations.blocks(6, 6, 10.0))
     assert one["solved by"] == "iterative"
     assert one["residual"] <= iterations.TOL
     assert 0 < one["steps"] < one["Krylov"]

@@ -59,6 +59,7 @@ def test_a9_cattaneo_mindlin_line() -> None:
     refined("a9")
 
 
+@pytest.mark.verify
 def test_a10_mindlin_sphere() -> None:
     refined("a10")
 
@@ -105,6 +106,7 @@ def test_finer_meshes(name: str) -> None:
     refined(name, fine=True)
 
 
+@pytest.mark.verify
 def test_the_page_has_every_line() -> None:
     """All but the lines of the finest meshes and of random problems, in order."""
     written = iter(PAGE.read_text(encoding="utf-8").splitlines())

@@ -211,6 +211,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             _core.error_bound_of_step,
             [condensed, LOAD, NONE, None, GAP, GAP, NONE],
         ),
+        "bodies": (_core.bodies, [EYE, np.eye(4)[:, :2].copy(), True]),
         "forward_errors": (_core.forward_errors, [held, GAP, NONE]),
         "forward_errors, floating": (
             _core.forward_errors,
