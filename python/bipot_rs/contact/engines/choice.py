@@ -14,14 +14,17 @@ METHODS = ("auto", "newton")
 
 # In space, from this number of free degrees of freedom on, the first load step takes less
 # time by iteration (benches/results/scale.csv).
-LEAST = 20_000
+LEAST = 15_000
 # A direct condensation takes as long as one iterative step for so many free degrees of
 # freedom: its work grows with their square, that of a step in proportion.
-PER_STEP = 10_000
+PER_STEP = 1_500
+# From this number of contacts on, a step of the direct engine, whose work grows with the
+# cube of that number, takes longer than an iterative one.
+MANY_CONTACTS = 1_000
 
 # Work of an iterative load step for each degree of freedom [flop], in the units in which
 # the direct engine does 20 Gflop/s on a core.
-STEP_FLOPS = 8e5
+STEP_FLOPS = 2e5
 
 # Model of the memory of the direct engine in space: the factor of a cube of 10⁶ degrees of
 # freedom, and its growth; W takes 72 bytes for each pair of contacts.
@@ -50,8 +53,10 @@ def choose(
     ('direct', '12000 free degrees of freedom are few')
     >>> choose(148_000, 1369, 2, 8e9)
     ('iterative', 'a factorisation would take longer than 2 load steps')
-    >>> choose(148_000, 1369, 100, 8e9)
-    ('direct', 'one factorisation serves 100 load steps')
+    >>> choose(148_000, 1369, 200, 8e9)
+    ('iterative', 'with 1369 contacts a direct load step takes longer')
+    >>> choose(148_000, 400, 200, 8e9)
+    ('direct', 'one factorisation serves 200 load steps')
     >>> choose(1_060_000, 5041, 100, 8e9)
     ('iterative', 'the factor would take 33.2 GB of 8 GB')
     """
@@ -66,4 +71,6 @@ def choose(
     plural = "load step" if steps == 1 else "load steps"
     if steps * PER_STEP <= free:
         return "iterative", f"a factorisation would take longer than {steps} {plural}"
+    if contacts >= MANY_CONTACTS:
+        return "iterative", f"with {contacts} contacts a direct load step takes longer"
     return "direct", f"one factorisation serves {steps} {plural}"

@@ -10,8 +10,9 @@ from pressed_in_space import arrays
 
 def test_long_paths_and_small_problems_are_direct() -> None:
     assert choice.choose(choice.LEAST - 1, 500, 1, None)[0] == "direct"
-    assert choice.choose(choice.LEAST, 500, 2, None)[0] == "iterative"
-    assert choice.choose(choice.LEAST, 500, 3, None)[0] == "direct"
+    assert choice.choose(choice.LEAST, 500, 10, None)[0] == "iterative"
+    assert choice.choose(choice.LEAST, 500, 11, None)[0] == "direct"
+    assert choice.choose(choice.LEAST, 1000, 11, None)[0] == "iterative"
 
 
 def test_a_factor_that_does_not_fit_is_not_made() -> None:
