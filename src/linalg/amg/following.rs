@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
+use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
 use crate::linalg::amg::hierarchy::{DENSE, Levels, Made, failure, level, omega, running};
 use crate::linalg::amg::inverse_diagonal::invert_node;
@@ -88,8 +89,7 @@ impl Following {
                 tentative,
                 coarse,
             } = level(matrix, &about, &held, settings.spectrum, stop)?;
-            let none = Levels::none();
-            multigrid.replace(vec![level], none.coarsest, 0);
+            multigrid.replace(vec![level], Coarsest::none(), 0);
             Finest::Large(Box::new(Kept {
                 aggregates,
                 tentative,

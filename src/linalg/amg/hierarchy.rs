@@ -112,15 +112,6 @@ pub(super) struct Levels {
 }
 
 impl Levels {
-    /// Without a level; nothing can be solved.
-    pub(super) fn none() -> Self {
-        Self {
-            list: Vec::new(),
-            coarsest: Coarsest::none(),
-            entries: 0,
-        }
-    }
-
     /// Makes levels until a dense factor is small.
     ///
     /// # Errors
