@@ -5,7 +5,8 @@
     python benches/iterations.py --quick
 
 Each problem has two load steps and a residual of 1e-10. Iterations are the same on every
-machine; seconds are those of the load path, without mesh and assembly. Tetrahedra of an
+machine; seconds are those of the load path, without mesh and assembly; without
+coordinates the search for near-null vectors counts too. Tetrahedra of an
 unstructured mesh need the package gmsh; without it these rows are left out. Rewrites the
 table of `benches/README.md` and `results/iterations.csv`.
 """
@@ -23,6 +24,8 @@ import bipot_rs as bp
 
 SHEET = "iterations.csv"
 TOL = 1e-10
+# The kind of problems that are given as K and B alone.
+BARE = "no coordinates"
 HEAD = tables.columns(
     "kind | problem | unknowns | contacts | solved by | steps | Krylov | residual | s"
 )
@@ -111,6 +114,11 @@ def families(quick, folder):
     cells = {"cell": "tetrahedron"}
     yield "cells", f"tetrahedra {n}³", lambda: cube(n, **cells)
     half = n // 2
+    sizes = (n // 2, n) if quick else (24, n)
+    for size in sizes:
+        yield BARE, f"{size}³", lambda n=size: cube(n)
+    yield BARE, f"tetrahedra {n}³", lambda: cube(n, **cells)
+    yield BARE, f"second order {half}³", lambda: cube(half, order=2)
     yield "cells", f"second order {half}³", lambda: cube(half, order=2)
     for flat in (5, 20):
         name = f"{n}³, cells 1:1:{1 / flat:g}"
@@ -135,12 +143,30 @@ def families(quick, folder):
         yield "two blocks", "2 × 60×60×30, E 10:1", lambda: blocks(60, 60, 10.0)
 
 
+def bare(case):
+    """The arrays of a model as another program has them, without coordinates."""
+    model = case.model
+    return bp.ContactProblem(
+        model.K,
+        model.B,
+        gap=model.gap,
+        mu=model.mu,
+        fixed=model.fixed,
+        engine="iterative",
+    )
+
+
 def row(kind, name, model):
     """Solve one problem."""
     case = model.assemble()
-    problem = case.problem(engine="iterative")
     began = time.perf_counter()
-    result = case.solve(problem, tol=TOL)
+    if kind == BARE:
+        problem = bare(case)
+        result = problem.solve(prescribed=case.prescribed, tol=TOL)
+    else:
+        problem = case.problem(engine="iterative")
+        began = time.perf_counter()
+        result = case.solve(problem, tol=TOL)
     seconds = time.perf_counter() - began
     replaced = not all("krylov" in step.stats for step in result)
     return {

@@ -1,5 +1,6 @@
 //! The degrees of freedom of each node, as blocks of the stiffness.
 
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::sparse::csc::narrow;
 
@@ -15,12 +16,16 @@ pub struct Nodes {
 
 impl Nodes {
     /// Groups `n` degrees of freedom into nodes of `D` components. They are numbered by nodes,
-    /// `D node + component`, or, if `places` shows it, by components,
+    /// `D node + component`, or, if `places` or the rows of `contact` show it, by components,
     /// `n / D component + node`.
     ///
     /// # Errors
     /// [`Error::NotIterative`] for another numbering.
-    pub fn new<const D: usize>(n: usize, places: Option<&[[f64; 3]]>) -> Result<Self, Error> {
+    pub fn new<const D: usize>(
+        n: usize,
+        places: Option<&[[f64; 3]]>,
+        contact: &OwnedMatrix,
+    ) -> Result<Self, Error> {
         let refused = |reason| Err(Error::NotIterative { reason });
         if !n.is_multiple_of(D) {
             return refused("the number of degrees of freedom is not a multiple of the dimension");
@@ -29,7 +34,14 @@ impl Nodes {
         let by_node = |dof: usize| (dof / D, dof % D);
         let by_component = |dof: usize| (dof % count, dof / count);
         let Some(places) = places else {
-            return Ok(Self::of::<D>(count, by_node, None));
+            // A contact has few nodes, each with all components.
+            let by_nodes = nodes_of_contacts::<D>(contact, |dof| by_node(dof).0);
+            let by_components = nodes_of_contacts::<D>(contact, |dof| by_component(dof).0);
+            return Ok(if by_components < by_nodes {
+                Self::of::<D>(count, by_component, None)
+            } else {
+                Self::of::<D>(count, by_node, None)
+            });
         };
         let together = |of: &dyn Fn(usize) -> (usize, usize)| {
             let mut first = vec![None; count];
@@ -86,4 +98,20 @@ impl Nodes {
     pub fn scatter(&self, blocks: &[f64]) -> Vec<f64> {
         self.place.iter().map(|&at| blocks[at as usize]).collect()
     }
+}
+
+/// The number of nodes of the rows of each contact, added over all contacts.
+fn nodes_of_contacts<const D: usize>(
+    contact: &OwnedMatrix,
+    node: impl Fn(usize) -> usize,
+) -> usize {
+    let contacts = (contact.pointer.len() - 1) / D;
+    let of_contact = |i: usize| {
+        let rows = (D * i..D * (i + 1)).flat_map(|row| contact.entries(row));
+        let mut nodes: Vec<usize> = rows.map(|(dof, _)| node(dof)).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.len()
+    };
+    (0..contacts).map(of_contact).sum()
 }

@@ -12,7 +12,8 @@ use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::rigid_motions::rigid_motions;
+use crate::linalg::amg::rigid_motions::{rigid_motions, translations};
+use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::frames::{Frame, Frames};
@@ -45,6 +46,8 @@ pub struct Stiffness {
     pub spectrum: Option<f64>,
     /// The matrix in single precision that gave the bound, for the first hierarchy.
     single: Mutex<Option<BlockMatrix<f32>>>,
+    /// Near-null vectors if there are no coordinates.
+    motions: Option<Vec<f64>>,
 }
 
 impl Stiffness {
@@ -58,7 +61,10 @@ impl Stiffness {
     pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::Nodes {
         let coordinates = self.nodes.coordinates.clone().unwrap_or_default();
         amg::nodes::Nodes {
-            motions: rigid_motions(&coordinates, self.matrix.block_size()),
+            motions: match &self.motions {
+                Some(motions) => motions.clone(),
+                None => rigid_motions(&coordinates, self.matrix.block_size()),
+            },
             coordinates,
             bodies,
         }
@@ -83,10 +89,12 @@ impl<const D: usize> Primal<D> {
     /// Checks the arrays and copies `K` into blocks.
     ///
     /// # Errors
-    /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`].
+    /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`],
+    /// [`Error::Interrupted`].
     pub fn new(
         given: &ProblemArrays<D>,
         elliptic: Option<&EllipticScaling>,
+        stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let n = given.stiffness.n();
         given.contact.check("B", D * given.gap.len(), n)?;
@@ -98,7 +106,8 @@ impl<const D: usize> Primal<D> {
             check_length("coordinates", places.len(), n)?;
             check_finite("coordinates", places.as_flattened())?;
         }
-        let nodes = Nodes::new::<D>(n, given.places)?;
+        let contact = given.contact.select(Some);
+        let nodes = Nodes::new::<D>(n, given.places, &contact)?;
         narrow(given.stiffness.row_idx().len());
         let mut free = vec![false; n];
         let mut place = nodes.place.clone();
@@ -110,19 +119,20 @@ impl<const D: usize> Primal<D> {
             }
         }
         let matrix = BlockMatrix::new(&given.stiffness, &place, nodes.count, D);
-        let Some(at) = &nodes.coordinates else {
-            return Err(Error::NotIterative {
-                reason: "the coordinates of the degrees of freedom are not given",
-            });
-        };
-        let contact = given.contact.select(Some);
-        let motions = Motions {
-            values: &rigid_motions(at, D),
-            bodies: &matrix.connected(),
-        };
-        supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
+        let bodies = matrix.connected();
+        if let Some(at) = &nodes.coordinates {
+            let motions = Motions {
+                values: &rigid_motions(at, D),
+                bodies: &bodies,
+            };
+            supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
+        }
         let single = matrix.to_single();
         let spectrum = Multigrid::spectrum_of(&single);
+        let motions = match &nodes.coordinates {
+            Some(_) => None,
+            None => Some(motions_of(&matrix, &single, bodies, spectrum, stop)?),
+        };
         let stiffness = Stiffness {
             matrix,
             nodes,
@@ -132,6 +142,7 @@ impl<const D: usize> Primal<D> {
             position,
             spectrum,
             single: Mutex::new(Some(single)),
+            motions,
         };
         Self::of(
             Arc::new(stiffness),
@@ -408,6 +419,33 @@ impl<const D: usize> Primal<D> {
         self.clear_prescribed(&mut y);
         self.frames.to_local(&mut y);
         y
+    }
+}
+
+/// Near-null vectors from `K` alone. Supports must hold each body: whether contact can hold one,
+/// only its rigid motions tell.
+fn motions_of(
+    matrix: &BlockMatrix<f64>,
+    single: &BlockMatrix<f32>,
+    bodies: Vec<u32>,
+    spectrum: Option<f64>,
+    stop: &AtomicBool,
+) -> Result<Vec<f64>, Error> {
+    let mut about = amg::nodes::Nodes {
+        motions: translations(matrix.nodes(), matrix.block_size()),
+        coordinates: Vec::new(),
+        bodies,
+    };
+    let settings = amg::settings::Settings {
+        spectrum,
+        ..amg::settings::Settings::default()
+    };
+    match complete(&mut about, matrix, single, &settings, stop) {
+        Ok(()) => Ok(about.motions),
+        Err(Error::Multigrid { .. }) => Err(Error::NotIterative {
+            reason: "without coordinates, supports do not seem to hold each body: give coordinates",
+        }),
+        Err(other) => Err(other),
     }
 }
 

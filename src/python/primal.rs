@@ -50,7 +50,11 @@ struct Arguments<'a> {
 }
 
 impl Arguments<'_> {
-    fn make<const D: usize>(self, gap: &[[f64; D]]) -> Result<Arc<Primal<D>>, Error> {
+    fn make<const D: usize>(
+        self,
+        gap: &[[f64; D]],
+        stop: &AtomicBool,
+    ) -> Result<Arc<Primal<D>>, Error> {
         let (k, b) = (&self.stiffness, &self.contact);
         let n = k.pointer.len().saturating_sub(1);
         let given = ProblemArrays {
@@ -67,7 +71,7 @@ impl Arguments<'_> {
             known: None,
             budget: Budget::default(),
         };
-        Primal::new(&given, self.elliptic.as_ref()).map(Arc::new)
+        Primal::new(&given, self.elliptic.as_ref(), stop).map(Arc::new)
     }
 }
 
@@ -103,10 +107,14 @@ impl PyPrimal {
         };
         let kind = if plane {
             let gap = arrays::rows::<2>(&gap)?;
-            AnyPrimal::Two(interrupt::run(py, num_threads, |_| asked.make(gap))?)
+            AnyPrimal::Two(interrupt::run(py, num_threads, |stop| {
+                asked.make(gap, stop)
+            })?)
         } else {
             let gap = arrays::rows::<3>(&gap)?;
-            AnyPrimal::Three(interrupt::run(py, num_threads, |_| asked.make(gap))?)
+            AnyPrimal::Three(interrupt::run(py, num_threads, |stop| {
+                asked.make(gap, stop)
+            })?)
         };
         Ok(Self {
             kind,

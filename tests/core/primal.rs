@@ -185,7 +185,9 @@ impl Blocks {
 
     fn primal(&self) -> Vec<PrimalStep<3>> {
         let never = AtomicBool::new(false);
-        let problem = self.arrays(|arrays| Primal::new(&arrays, None)).unwrap();
+        let problem = self
+            .arrays(|arrays| Primal::new(&arrays, None, &AtomicBool::new(false)))
+            .unwrap();
         let mut path = PrimalPath::default();
         let mut advance = |(load, prescribed): (Vec<f64>, Vec<f64>)| {
             let made = path
@@ -341,7 +343,7 @@ fn a_contact_needs_a_node_of_its_own() {
     }
     blocks.gap.push([0.0; 3]);
     let refused = blocks
-        .arrays(|arrays| Primal::new(&arrays, None))
+        .arrays(|arrays| Primal::new(&arrays, None, &AtomicBool::new(false)))
         .unwrap_err();
     assert!(matches!(refused, Error::NotIterative { .. }), "{refused}");
 }

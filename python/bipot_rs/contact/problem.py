@@ -169,10 +169,10 @@ class ContactProblem:
     engine
         ``"direct"`` factors ``K`` and condenses it onto the contacts. ``"iterative"`` solves
         in the displacements with a multigrid preconditioner: time and memory grow in
-        proportion to the entries of ``K``, but nothing that needs ``W`` is available. It
-        needs ``coordinates``. ``"auto"`` chooses at the first load path by a forecast of
-        time and memory; ``stats["engine"]`` and ``stats["engine_reason"]`` say which and
-        why. A step that the iterative engine cannot solve is solved by the direct one, if
+        proportion to the entries of ``K``, but nothing that needs ``W`` is available.
+        Without ``coordinates`` it takes more iterations, and supports must hold each body.
+        ``"auto"`` chooses at the first load path by a forecast of time and memory;
+        ``stats["engine"]`` and ``stats["engine_reason"]`` say which and why. A step that the iterative engine cannot solve is solved by the direct one, if
         its factor fits into memory.
 
     Raises

@@ -53,7 +53,8 @@ impl Aggregates {
         let d = about.coordinates.len() / self.of_node.len().max(1);
         let count = self.count();
         let mut coordinates = vec![0.0; count * d];
-        let centres = coordinates.par_chunks_mut(d).enumerate();
+        // Without coordinates there is no chunk.
+        let centres = coordinates.par_chunks_mut(d.max(1)).enumerate();
         centres.with_min_len(1 << 10).for_each(|(g, centre)| {
             let own = self.members_of(g);
             #[expect(clippy::cast_precision_loss, reason = "a count of members")]

@@ -2,7 +2,7 @@
 //!
 //! [`BlockMatrix`](block_matrix::BlockMatrix) holds the stiffness by nodes,
 //! [`rigid_motions`](rigid_motions::rigid_motions) gives the near-null vectors of its
-//! [`Nodes`](nodes::Nodes), and
+//! [`Nodes`](nodes::Nodes), [`soft_motions`] completes them where no coordinates are known, and
 //! [`Multigrid`](multigrid::Multigrid) is the preconditioner. Set-up, level by level:
 //!
 //! 1. [`inverse_diagonal`], [`spectrum`]: the smoother, block Jacobi with Chebyshev polynomials;
@@ -36,6 +36,7 @@ mod prolongation;
 pub mod rigid_motions;
 pub mod settings;
 mod slots;
+pub mod soft_motions;
 mod spectrum;
 mod tentative;
 mod transfer;

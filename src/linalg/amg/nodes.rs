@@ -6,8 +6,8 @@ pub struct Nodes {
     /// Near-null vectors, `b × m` by rows for each node, as
     /// [`rigid_motions`](super::rigid_motions::rigid_motions) gives them.
     pub motions: Vec<f64>,
-    /// Coordinates of each node. Along long cells coupled nodes are far from each other, and
-    /// their coupling is weak.
+    /// Coordinates of each node, or none. Along long cells coupled nodes are far from each other,
+    /// and their coupling is weak; without coordinates all couplings count alike.
     pub coordinates: Vec<f64>,
     /// The body of each node, so that each body has coarse motions of its own; empty if all
     /// nodes belong to one.

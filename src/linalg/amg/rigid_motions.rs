@@ -54,3 +54,16 @@ pub fn rigid_motions(coordinates: &[f64], b: usize) -> Vec<f64> {
         });
     vectors
 }
+
+/// The form of [`rigid_motions`] without coordinates: rotations are zero.
+#[must_use]
+pub fn translations(nodes: usize, b: usize) -> Vec<f64> {
+    let m = 3 * (b - 1);
+    let mut vectors = zeros(nodes * b * m);
+    for rows in vectors.chunks_exact_mut(b * m) {
+        for c in 0..b {
+            rows[c * m + c] = 1.0;
+        }
+    }
+    vectors
+}

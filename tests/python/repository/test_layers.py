@@ -52,7 +52,7 @@ RUST_SIBLINGS = {
         "level",
         "cycle hierarchy",
         "multigrid",
-        "following",
+        "following soft_motions",
     ),
     "linalg/sparse": (
         "blocks csc ordering",

@@ -179,6 +179,68 @@ def test_degrees_of_freedom_by_components() -> None:
     assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
 
 
+class TestWithoutCoordinates:
+    """Nodes and near-null vectors come from K and B."""
+
+    @pytest.mark.parametrize("n", [6, 12])
+    def test_the_answer_and_the_work(self, n: int) -> None:
+        known, prescribed = arrays(n)
+        direct = bp.ContactProblem(**known, engine="direct").solve(
+            prescribed=prescribed, tol=1e-12
+        )
+        del known["coordinates"]
+        ours = bp.ContactProblem(**known, engine="iterative").solve(
+            prescribed=prescribed, tol=1e-12
+        )
+        r = direct.reaction
+        assert np.abs(ours.reaction - r).max() <= CLOSE * r.max()
+        np.testing.assert_array_equal(ours.status, direct.status)
+        # With coordinates 90 are enough; the vectors that replace the rotations are rough.
+        assert sum(step.stats["krylov"] for step in ours) <= 150
+
+    def test_degrees_of_freedom_by_components(self) -> None:
+        known, prescribed = arrays()
+        n = known["K"].shape[0]
+        order = np.arange(n).reshape(-1, 3).T.ravel()
+        other = {
+            "K": known["K"].tocsr()[order][:, order],
+            "B": known["B"].tocsr()[:, order],
+            "fixed": np.argsort(order)[known["fixed"]],
+            "gap": known["gap"],
+            "mu": known["mu"],
+        }
+        a, b = (
+            bp.ContactProblem(**given, engine="iterative").solve(prescribed=prescribed)
+            for given in (known, other)
+        )
+        assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
+
+    def test_a_body_without_supports_is_refused(self) -> None:
+        """Whether contact holds it, only its rigid motions tell."""
+        known, _ = arrays()
+        del known["coordinates"], known["fixed"]
+        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
+            bp.ContactProblem(**known, engine="iterative")
+
+    def test_a_body_that_can_turn_is_refused(self) -> None:
+        """Two nodes are held: the body turns about the line through them."""
+        known, _ = arrays(6)
+        del known["coordinates"]
+        known["fixed"] = known["fixed"].reshape(-1, 3)[:2].ravel()
+        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
+            bp.ContactProblem(**known, engine="iterative")
+
+    def test_the_unit_of_the_stiffness_does_not_matter(self) -> None:
+        reference = None
+        for factor in (1.0, 2.0**-60, 1e30):
+            known, prescribed = arrays(factor=factor)
+            del known["coordinates"]
+            problem = bp.ContactProblem(**known, engine="iterative")
+            r = problem.solve(prescribed=prescribed).reaction / factor
+            reference = r if reference is None else reference
+            assert np.abs(r - reference).max() <= CLOSE * np.abs(reference).max()
+
+
 def test_a_path_continues_and_survives_a_pickle() -> None:
     known, prescribed = arrays()
     problem = bp.ContactProblem(**known, engine="iterative")
@@ -303,12 +365,6 @@ def test_few_digits_of_a_floating_body_are_no_springs() -> None:
 
 class TestRefusals:
     """Each names the reason and the way out."""
-
-    def test_without_coordinates(self) -> None:
-        known, _ = arrays()
-        del known["coordinates"]
-        with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
-            bp.ContactProblem(**known, engine="iterative")
 
     def test_other_methods(self) -> None:
         known, prescribed = arrays()

@@ -1,0 +1,100 @@
+//! Near-null vectors from the matrix alone, where no coordinates give the rotations.
+//!
+//! Multigrid with the translations as its only motions removes what these represent. What is left
+//! of irregular vectors after a few cycles are the motions that it cannot remove: they become
+//! near-null vectors in addition [Brezina et al. 2005].
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::linalg::amg::block_matrix::BlockMatrix;
+use crate::linalg::amg::multigrid::Multigrid;
+use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::settings::Settings;
+use crate::linalg::conjugate_gradients;
+use crate::linalg::parallel::{axpy, largest, map};
+use crate::linalg::random_signs::random_signs;
+
+/// Cycles for each vector: more do not save iterations later.
+const CYCLES: usize = 6;
+
+/// Products of the check that nothing is free to move, and the residual that it must reach. A
+/// free motion has a part of about one in an irregular vector of `n` plus and minus ones, whose
+/// norm is `√n`: that part of the residual stays.
+const MOST: usize = 300;
+const SMALL: f64 = 1e-9;
+
+/// Replaces the rotations among the motions of `about`, which are zero, by motions that the
+/// translations do not represent. `single` is `matrix` in single precision.
+///
+/// # Errors
+/// As [`Multigrid::new`]; [`Error::Multigrid`] too if the equations cannot be solved, such as
+/// those of a body that is free to move.
+pub fn complete(
+    about: &mut Nodes,
+    matrix: &BlockMatrix<f64>,
+    single: &BlockMatrix<f32>,
+    settings: &Settings,
+    stop: &AtomicBool,
+) -> Result<(), Error> {
+    let held = matrix.held();
+    let (b, n) = (matrix.block_size(), held.len());
+    let m = about.motions.len() / n.max(1);
+    let cycle = |about: &Nodes| Multigrid::new(single.clone(), about.clone(), held, settings, stop);
+    let free = |seed| {
+        let mut x = random_signs(n, seed);
+        clear(held, &mut x);
+        x
+    };
+    let mut multigrid = cycle(about)?;
+    let (mut product, mut change) = (vec![0.0; n], vec![0.0; n]);
+    for k in b..m {
+        let mut x = free(k as u64);
+        for _ in 0..CYCLES {
+            matrix.product(&x, &mut product);
+            clear(held, &mut product);
+            multigrid.apply(&product, &mut change);
+            clear(held, &mut change);
+            axpy(-1.0, &change, &mut x);
+            // No unit of K or of the vector may leave the range of numbers.
+            let size = largest(&x);
+            if size > 0.0 {
+                map(&mut x, |x| x / size);
+            }
+        }
+        for (row, x) in about.motions.chunks_exact_mut(m).zip(x) {
+            row[k] = x;
+        }
+    }
+    drop(multigrid);
+    let mut multigrid = cycle(about)?;
+    let found = conjugate_gradients::solve(
+        |x, out| {
+            matrix.product(x, out);
+            clear(held, out);
+        },
+        |r, z| {
+            multigrid.apply(r, z);
+            clear(held, z);
+        },
+        &free(0),
+        SMALL,
+        MOST,
+        stop,
+    )?;
+    if found.reached {
+        Ok(())
+    } else {
+        Err(Error::Multigrid {
+            reason: "the equations of the supported bodies are not solved",
+        })
+    }
+}
+
+fn clear(held: &[bool], values: &mut [f64]) {
+    for (value, &held) in values.iter_mut().zip(held) {
+        if held {
+            *value = 0.0;
+        }
+    }
+}
