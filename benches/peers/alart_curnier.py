@@ -8,7 +8,7 @@ LEAST_SLIP = 1e-6
 MOST_HALVINGS = 6
 # Relative residual of a linear system while more than `MANY` of the statuses change, while
 # some do, and after.
-MANY, COARSE, MIDDLE, FINE = 0.002, 1e-3, 1e-5, 1e-8
+MANY, COARSE, MIDDLE, FINE = 0.002, 1e-2, 1e-5, 1e-8
 
 
 class Law:

@@ -171,6 +171,10 @@ impl<const D: usize> Primal<D> {
         let compliance = Arc::new(node_compliance(&stiffness, &frames)?);
         let join = frames.join();
         let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &frames)));
+        if join && let Ok(mut single) = stiffness.single.lock() {
+            // Only the hierarchy of one body would take it.
+            *single = None;
+        }
         Ok(Self {
             stiffness,
             contact,
