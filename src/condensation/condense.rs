@@ -34,9 +34,9 @@ const FEW: usize = 16;
 
 /// The arrays of a contact problem, borrowed from the caller.
 #[derive(Debug)]
-pub struct ProblemArrays<'a, const D: usize> {
+pub struct ProblemArrays<'a, const D: usize, I = usize> {
     /// Symmetric positive semidefinite stiffness, both triangles; the lower one is read.
-    pub stiffness: Symmetric<'a>,
+    pub stiffness: Symmetric<'a, I>,
     /// `B`, with one row for each component of each contact.
     pub contact: Rows<'a>,
     /// Gap by components.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::error::Error;
 use crate::linalg::compensated::Sum;
-use crate::linalg::sparse::csc::{Symmetric, Symmetry, mix};
+use crate::linalg::sparse::csc::{Index, Symmetric, Symmetry, mix};
 
 /// A borrowed matrix by rows; indices need not be sorted.
 #[derive(Clone, Copy, Debug)]
@@ -412,7 +412,11 @@ fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
 
 /// Columns of a symmetric matrix at `fixed`, with the rows that are not fixed.
 #[must_use]
-pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> OwnedMatrix {
+pub fn columns<I: Index>(
+    k: &Symmetric<I>,
+    fixed: &[usize],
+    position: &[Option<usize>],
+) -> OwnedMatrix {
     let mut out = OwnedMatrix::default();
     for &j in fixed {
         for (i, value) in k.column(j).filter(|&(i, _)| position[i].is_none()) {

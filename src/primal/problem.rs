@@ -15,7 +15,7 @@ use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::{rigid_motions, translations};
 use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::small::{Block, Vector};
-use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::csc::{Index, narrow};
 use crate::primal::frames::{Frame, Frames};
 use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
@@ -91,8 +91,8 @@ impl<const D: usize> Primal<D> {
     /// # Errors
     /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`],
     /// [`Error::Interrupted`].
-    pub fn new(
-        given: &ProblemArrays<D>,
+    pub fn new<I: Index>(
+        given: &ProblemArrays<D, I>,
         elliptic: Option<&EllipticScaling>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
@@ -125,7 +125,7 @@ impl<const D: usize> Primal<D> {
                 values: &rigid_motions(at, D),
                 bodies: &bodies,
             };
-            supports::check::<D>(&given.stiffness, &contact, &nodes, motions, &position)?;
+            supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?;
         }
         let single = matrix.to_single();
         let spectrum = Multigrid::spectrum_of(&single);

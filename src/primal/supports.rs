@@ -9,7 +9,7 @@ use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::jacobi::orthogonalise;
 use crate::linalg::small::norm;
-use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::primal::nodes::Nodes;
 
 /// A force of a rigid motion below this part of its terms is rounding: no spring resists it.
@@ -42,8 +42,8 @@ type Columns = Vec<Vec<f64>>;
 ///
 /// # Errors
 /// [`Error::NotIterative`].
-pub(super) fn check<const D: usize>(
-    stiffness: &Symmetric<'_>,
+pub(super) fn check<const D: usize, I: Index>(
+    stiffness: &Symmetric<'_, I>,
     contact: &OwnedMatrix,
     nodes: &Nodes,
     motions: Motions<'_>,
@@ -120,9 +120,9 @@ fn single_nodes<const D: usize>(bodies: &[u32], m: usize) -> Vec<Columns> {
 }
 
 /// A prescribed degree of freedom holds the bodies that it is coupled with.
-fn prescribed<'a>(
+fn prescribed<'a, I: Index>(
     alone: &mut [Columns],
-    stiffness: &Symmetric<'_>,
+    stiffness: &Symmetric<'_, I>,
     position: &[Option<usize>],
     of: impl Fn(usize) -> &'a [f64],
     body: impl Fn(usize) -> usize,
@@ -184,8 +184,8 @@ fn contacts<'a>(
 ///
 /// # Errors
 /// [`Error::NotIterative`] if forces are neither rounding nor those of a spring.
-fn springs<'a>(
-    stiffness: &Symmetric<'_>,
+fn springs<'a, I: Index>(
+    stiffness: &Symmetric<'_, I>,
     m: usize,
     of: impl Fn(usize) -> &'a [f64] + Copy + Sync,
     wanted: impl Fn(usize) -> bool + Sync,
@@ -207,8 +207,8 @@ fn springs<'a>(
 
 /// The forces of the motions in a row of `K`, relative to their terms; `None` if all of them
 /// are rounding.
-fn spring<'a>(
-    stiffness: &Symmetric<'_>,
+fn spring<'a, I: Index>(
+    stiffness: &Symmetric<'_, I>,
     dof: usize,
     m: usize,
     of: impl Fn(usize) -> &'a [f64],

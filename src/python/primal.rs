@@ -10,7 +10,7 @@ use crate::condensation::condense::ProblemArrays;
 use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::path::stepping::State;
 use crate::primal::newton::Reason;
 use crate::primal::path::{PrimalPath, PrimalStep};
@@ -39,9 +39,17 @@ pub(super) struct PyPrimal {
     num_threads: Option<usize>,
 }
 
+/// The indices of `K`, in the bits of the caller if that can be.
+enum Columns<'a> {
+    Narrow(&'a [i32]),
+    Wide(Vec<usize>),
+}
+
 /// The arguments that do not depend on the dimension.
 struct Arguments<'a> {
-    stiffness: CsrArrays<'a>,
+    pointer: Vec<usize>,
+    columns: Columns<'a>,
+    values: &'a [f64],
     contact: CsrArrays<'a>,
     mu: Vec<f64>,
     elliptic: Option<EllipticScaling>,
@@ -55,10 +63,22 @@ impl Arguments<'_> {
         gap: &[[f64; D]],
         stop: &AtomicBool,
     ) -> Result<Arc<Primal<D>>, Error> {
-        let (k, b) = (&self.stiffness, &self.contact);
-        let n = k.pointer.len().saturating_sub(1);
+        match &self.columns {
+            Columns::Narrow(columns) => self.made_of(columns, gap, stop),
+            Columns::Wide(columns) => self.made_of(columns, gap, stop),
+        }
+    }
+
+    fn made_of<const D: usize, I: Index>(
+        &self,
+        columns: &[I],
+        gap: &[[f64; D]],
+        stop: &AtomicBool,
+    ) -> Result<Arc<Primal<D>>, Error> {
+        let b = &self.contact;
+        let n = self.pointer.len().saturating_sub(1);
         let given = ProblemArrays {
-            stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+            stiffness: Symmetric::new(n, &self.pointer, columns, self.values)?,
             contact: Rows {
                 row_ptr: &b.pointer,
                 columns: &b.index,
@@ -98,7 +118,12 @@ impl PyPrimal {
             mu.friction::<3>()?
         };
         let asked = Arguments {
-            stiffness: CsrArrays::new(&stiffness, "K")?,
+            pointer: arrays::indices(&stiffness.0, "K")?,
+            columns: match &stiffness.1 {
+                Indices::Narrow(columns) => Columns::Narrow(columns.as_slice()?),
+                columns @ Indices::Wide(_) => Columns::Wide(arrays::indices(columns, "K")?),
+            },
+            values: stiffness.2.as_slice()?,
             contact: CsrArrays::new(&contact, "B")?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu,

@@ -6,7 +6,7 @@ use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
-use crate::linalg::sparse::csc::{Symmetric, narrow};
+use crate::linalg::sparse::csc::{Index, Symmetric, narrow};
 
 /// The place of an unknown that no node has, and of a component that no unknown has.
 pub const ABSENT: u32 = u32::MAX;
@@ -107,7 +107,7 @@ impl BlockMatrix<f64> {
     /// # Panics
     /// If `place` has not one entry for each row of `k`, or names a node that does not exist.
     #[must_use]
-    pub fn new(k: &Symmetric<'_>, place: &[u32], nodes: usize, b: usize) -> Self {
+    pub fn new<I: Index>(k: &Symmetric<'_, I>, place: &[u32], nodes: usize, b: usize) -> Self {
         assert_eq!(place.len(), k.n());
         let mut dof = vec![ABSENT; nodes * b];
         for (i, &at) in place.iter().enumerate() {
@@ -116,9 +116,9 @@ impl BlockMatrix<f64> {
             }
         }
         let (start, column, values) = match b {
-            2 => blocks::<2>(k, place, &dof),
-            3 => blocks::<3>(k, place, &dof),
-            _ => blocks::<6>(k, place, &dof),
+            2 => blocks::<2, I>(k, place, &dof),
+            3 => blocks::<3, I>(k, place, &dof),
+            _ => blocks::<6, I>(k, place, &dof),
         };
         let held = dof.iter().map(|&dof| dof == ABSENT).collect();
         let mut matrix = Self {
@@ -134,7 +134,7 @@ impl BlockMatrix<f64> {
     }
 
     /// Gives absent unknowns the mean diagonal of their node, else of the whole matrix.
-    fn fill_absent(&mut self, k: &Symmetric<'_>) {
+    fn fill_absent<I: Index>(&mut self, k: &Symmetric<'_, I>) {
         let b = self.b;
         if !self.held.contains(&true) {
             return;
@@ -255,13 +255,13 @@ pub(super) fn cut<T>(
 }
 
 /// Starts, columns and values of the rows of blocks.
-fn blocks<const B: usize>(
-    k: &Symmetric<'_>,
+fn blocks<const B: usize, I: Index>(
+    k: &Symmetric<'_, I>,
     place: &[u32],
     dof: &[u32],
 ) -> (Vec<u32>, Vec<u32>, Vec<f64>) {
     let (nodes, size) = (dof.len() / B, B * B);
-    let (start, column) = pattern::<B>(k, place, dof);
+    let (start, column) = pattern::<B, I>(k, place, dof);
     let mut values = zeros(column.len() * size + PADDING);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
     parts.into_par_iter().enumerate().for_each(|(task, part)| {
@@ -295,7 +295,11 @@ fn blocks<const B: usize>(
 }
 
 /// Starts and columns of the rows of blocks.
-fn pattern<const B: usize>(k: &Symmetric<'_>, place: &[u32], dof: &[u32]) -> (Vec<u32>, Vec<u32>) {
+fn pattern<const B: usize, I: Index>(
+    k: &Symmetric<'_, I>,
+    place: &[u32],
+    dof: &[u32],
+) -> (Vec<u32>, Vec<u32>) {
     let nodes = dof.len() / B;
     let parts: Vec<(Vec<u32>, Vec<u32>)> = (0..nodes.div_ceil(ROWS))
         .into_par_iter()

@@ -20,17 +20,39 @@ pub enum Symmetry {
     Rounded,
 }
 
+/// An index of the caller, who may have 32 bits for each: a copy as `usize` would take as much
+/// memory as the values.
+pub trait Index: Copy + Ord + Send + Sync {
+    fn at(self) -> usize;
+}
+
+impl Index for usize {
+    #[inline]
+    fn at(self) -> usize {
+        self
+    }
+}
+
+impl Index for i32 {
+    /// A negative one becomes so large that it is out of every range.
+    #[inline]
+    #[expect(clippy::cast_sign_loss, reason = "out of every range")]
+    fn at(self) -> usize {
+        self as usize
+    }
+}
+
 /// A symmetric `n × n` matrix by columns, with both triangles and ascending row indices in each
 /// column. Because it is symmetric, CSR arrays are valid too.
 #[derive(Clone, Copy, Debug)]
-pub struct Symmetric<'a> {
+pub struct Symmetric<'a, I = usize> {
     n: usize,
     col_ptr: &'a [usize],
-    row_idx: &'a [usize],
+    row_idx: &'a [I],
     values: &'a [f64],
 }
 
-impl<'a> Symmetric<'a> {
+impl<'a, I: Index> Symmetric<'a, I> {
     /// Checks structure and finiteness, once.
     ///
     /// # Errors
@@ -40,7 +62,7 @@ impl<'a> Symmetric<'a> {
     pub fn new(
         n: usize,
         col_ptr: &'a [usize],
-        row_idx: &'a [usize],
+        row_idx: &'a [I],
         values: &'a [f64],
     ) -> Result<Self, Error> {
         let shape = |what, expected, found| {
@@ -70,14 +92,16 @@ impl<'a> Symmetric<'a> {
             let later = rows.iter().skip(1);
             let rise = rows.iter().zip(later).filter(|(a, b)| a >= b).count() == 0;
             let finite = values[start..end].iter().filter(|v| !v.is_finite()).count() == 0;
-            if rise && finite && rows.last().is_none_or(|&i| i < n) {
+            // Rising and signed: the first tells of a negative one.
+            let ends = [rows.first(), rows.last()];
+            if rise && finite && ends.iter().all(|end| end.is_none_or(|i| i.at() < n)) {
                 continue;
             }
-            if let Some(at) = rows.iter().position(|&i| i >= n) {
+            if let Some(at) = rows.iter().position(|i| i.at() >= n) {
                 return Err(Error::IndexRange {
                     what: "row indices of K",
                     position: start + at,
-                    found: rows[at],
+                    found: rows[at].at(),
                     limit: n,
                 });
             }
@@ -87,7 +111,7 @@ impl<'a> Symmetric<'a> {
             if let Some(at) = values[start..end].iter().position(|v| !v.is_finite()) {
                 return Err(Error::EntryNotFinite {
                     what: "K",
-                    row: rows[at],
+                    row: rows[at].at(),
                     column: j,
                     value: values[start + at],
                 });
@@ -106,11 +130,7 @@ impl<'a> Symmetric<'a> {
 
     /// A matrix made here from a checked one: a second check would take as long as a large part
     /// of the analysis.
-    pub(crate) fn of_checked(
-        col_ptr: &'a [usize],
-        row_idx: &'a [usize],
-        values: &'a [f64],
-    ) -> Self {
+    pub(crate) fn of_checked(col_ptr: &'a [usize], row_idx: &'a [I], values: &'a [f64]) -> Self {
         let n = col_ptr.len() - 1;
         debug_assert!(Self::new(n, col_ptr, row_idx, values).is_ok());
         Self {
@@ -135,7 +155,7 @@ impl<'a> Symmetric<'a> {
 
     /// The row of each stored entry.
     #[must_use]
-    pub fn row_idx(&self) -> &'a [usize] {
+    pub fn row_idx(&self) -> &'a [I] {
         self.row_idx
     }
 
@@ -146,11 +166,11 @@ impl<'a> Symmetric<'a> {
     }
 
     /// Rows and values of column `j`.
-    pub fn column(&self, j: usize) -> impl Iterator<Item = (usize, f64)> + use<'a> {
+    pub fn column(&self, j: usize) -> impl Iterator<Item = (usize, f64)> + use<'a, I> {
         let range = self.col_ptr[j]..self.col_ptr[j + 1];
         self.row_idx[range.clone()]
             .iter()
-            .copied()
+            .map(|i| i.at())
             .zip(self.values[range].iter().copied())
     }
 
@@ -166,7 +186,7 @@ impl<'a> Symmetric<'a> {
     pub(crate) fn position(&self, i: usize, j: usize) -> Option<usize> {
         let start = self.col_ptr[j];
         self.row_idx[start..self.col_ptr[j + 1]]
-            .binary_search(&i)
+            .binary_search_by_key(&i, |row| row.at())
             .ok()
             .map(|at| start + at)
     }
@@ -179,15 +199,16 @@ impl<'a> Symmetric<'a> {
         let mut cursor = self.col_ptr[..self.n].to_vec();
         for j in 0..self.n {
             for at in self.col_ptr[j]..self.col_ptr[j + 1] {
-                let i = self.row_idx[at];
+                let i = self.row_idx[at].at();
                 if i <= j {
                     continue;
                 }
-                while cursor[i] < self.col_ptr[i + 1] && self.row_idx[cursor[i]] < j {
-                    visit(i, self.row_idx[cursor[i]], None, Some(cursor[i]));
+                while cursor[i] < self.col_ptr[i + 1] && self.row_idx[cursor[i]].at() < j {
+                    visit(i, self.row_idx[cursor[i]].at(), None, Some(cursor[i]));
                     cursor[i] += 1;
                 }
-                let partner = (cursor[i] < self.col_ptr[i + 1] && self.row_idx[cursor[i]] == j)
+                let partner = (cursor[i] < self.col_ptr[i + 1]
+                    && self.row_idx[cursor[i]].at() == j)
                     .then_some(cursor[i]);
                 visit(i, j, Some(at), partner);
                 cursor[i] += usize::from(partner.is_some());
@@ -195,10 +216,10 @@ impl<'a> Symmetric<'a> {
         }
         for (i, &from) in cursor.iter().enumerate() {
             for at in from..self.col_ptr[i + 1] {
-                if self.row_idx[at] >= i {
+                if self.row_idx[at].at() >= i {
                     break;
                 }
-                visit(i, self.row_idx[at], None, Some(at));
+                visit(i, self.row_idx[at].at(), None, Some(at));
             }
         }
     }
@@ -259,7 +280,7 @@ impl<'a> Symmetric<'a> {
             let mut paired = 0;
             for j in first..self.n.min(first + columns) {
                 for at in self.from(&mut cursor, j, first)..self.col_ptr[j + 1] {
-                    let i = self.row_idx[at];
+                    let i = self.row_idx[at].at();
                     if i == j {
                         paired += 1;
                         continue;
@@ -268,7 +289,7 @@ impl<'a> Symmetric<'a> {
                     cursor[i] = partner + 1;
                     if i < j
                         || partner >= self.col_ptr[i + 1]
-                        || self.row_idx[partner] != j
+                        || self.row_idx[partner].at() != j
                         || self.values[partner].to_bits() != self.values[at].to_bits()
                     {
                         return None;
@@ -288,7 +309,7 @@ impl<'a> Symmetric<'a> {
     fn from(&self, cursor: &mut [usize], j: usize, first: usize) -> usize {
         if cursor[j] == usize::MAX {
             let column = self.col_ptr[j]..self.col_ptr[j + 1];
-            let before = self.row_idx[column.clone()].partition_point(|&i| i < first);
+            let before = self.row_idx[column.clone()].partition_point(|i| i.at() < first);
             cursor[j] = column.start + before;
         }
         cursor[j]
@@ -301,10 +322,10 @@ impl<'a> Symmetric<'a> {
         let mut sets = Union::new(self.n);
         for j in 0..self.n {
             let (start, end) = (self.col_ptr[j], self.col_ptr[j + 1]);
-            let above = self.row_idx[start..end].partition_point(|&i| i <= j);
+            let above = self.row_idx[start..end].partition_point(|i| i.at() <= j);
             for at in start + above..end {
                 if self.values[at] != 0.0 {
-                    sets.join(j, self.row_idx[at]);
+                    sets.join(j, self.row_idx[at].at());
                 }
             }
         }
