@@ -10,7 +10,6 @@ the larger sizes alone. Rewrites the tables of `benches/README.md` and `results/
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import tables
+from peers.commands import as_installed
 
 SHEET = "scale.csv"
 # Cells along x, y and z.
@@ -64,7 +64,7 @@ shear = [0.0, 1.0]
 """
 
 
-def job(cells, engine, threads):
+def job(cells, engine, threads, environment):
     """One run in its own process: a row of the CSV file."""
     import bipot_rs as bp
 
@@ -83,7 +83,7 @@ def job(cells, engine, threads):
             capture_output=True,
             text=True,
             check=True,
-            env=os.environ | {"BIPOT_NUM_THREADS": str(threads)},
+            env=environment | {"BIPOT_NUM_THREADS": str(threads)},
         )
         wall = time.perf_counter() - started
         last = json.loads(ran.stdout.splitlines()[-1])
@@ -105,8 +105,9 @@ def job(cells, engine, threads):
     }
 
 
-def measured(sizes, rounds, threads):
+def measured(sizes, rounds, threads, environment):
     """Rows of all sizes, engines and rounds; engines run in turn."""
+    job(QUICK[0], "iterative", threads, environment)  # stores the compiled modules
     for cells in sizes:
         unknowns = 3 * np.prod([n + 1 for n in cells])
         engines = ["iterative"]
@@ -114,7 +115,7 @@ def measured(sizes, rounds, threads):
             engines += ["direct", "auto"]
         for round_ in range(rounds if unknowns < 150_000 else 1):
             for engine in engines:
-                row = job(cells, engine, threads) | {"round": round_}
+                row = job(cells, engine, threads, environment) | {"round": round_}
                 print(row, flush=True)
                 yield row
 
@@ -192,7 +193,9 @@ def main():
     else:
         sizes = QUICK if args.quick else [*SMALL, *LARGE]
         rounds = 1 if args.quick else ROUNDS
-        rows = list(measured(sizes, rounds, args.threads))
+        with tempfile.TemporaryDirectory() as compiled:
+            environment = as_installed(Path(compiled))
+            rows = list(measured(sizes, rounds, args.threads, environment))
     text = written(rows)
     print(text)
     tables.write_rows(folder / "results" / SHEET, rows)
