@@ -15,6 +15,8 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
+from bipot_rs._lib.validation import csr
+from bipot_rs.contact.remarks import looked_at
 from orders import CELLS, body, by_component
 
 YOUNG = 210e3
@@ -277,6 +279,31 @@ def test_the_softer_of_two_bodies_determines_the_remark() -> None:
     assert problem.solve(model.traction("b", "right", [1.0, 0.0])).remarks == ()
     (said,) = problem.solve(model.traction("a", "right", [1.0, 0.0])).remarks
     assert "degree of freedom 0" in said
+
+
+def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
+    """Their sums are the supports, not forces of the body."""
+    one = fem.Body(
+        "a", fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), fem.Material(210e3, 0.3)
+    )
+    whole = sparse.csr_array(fem.assemble([one], []).K)
+    places = np.repeat(one.points, 3, axis=0)
+    top = places[:, 2] == 1.0
+    bare = looked_at(csr("K", whole), places, 3)
+    held = looked_at(
+        csr("K", whole + sparse.diags_array(whole.diagonal() * top)), places, 3
+    )
+    assert bare is not None
+    assert held is not None
+    assert bare[0][top].any()
+    assert not held[0][top].any()
+    np.testing.assert_array_equal(held[0][~top], bare[0][~top])
+    # Shears of the rows that are left: less than those of all.
+    assert 0 < held[1].force[0] < bare[1].force[0]
+    springs = whole + sparse.diags_array(whole.diagonal())
+    nothing = looked_at(csr("K", springs), places, 3)
+    assert nothing is not None
+    assert np.isnan(nothing[1].force).all()
 
 
 def test_slip_beyond_the_extent_of_the_contacts() -> None:

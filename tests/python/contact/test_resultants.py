@@ -1,7 +1,9 @@
 """Resultant forces of contact surfaces, and their table and sentences."""
 
 import io
+from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from rich.console import Console
@@ -9,6 +11,7 @@ from rich.console import Console
 from bipot_rs.cli.progress import Progress
 from bipot_rs.cli.report import closing, print_table
 from bipot_rs.contact.resultants import resultants
+from pressed_in_space import pressed
 
 RANDOM = np.random.default_rng(8)
 
@@ -242,3 +245,17 @@ def test_a_path_of_unknown_length(capsys: pytest.CaptureFixture[str]) -> None:
     with Progress(6, None, quiet=False) as progress:
         progress.step(path(1)[0])
     assert capsys.readouterr().err.startswith("load step 1: load 0, open 1, slip 20")
+
+
+def test_paraview_has_the_forces_in_global_axes(tmp_path: Path) -> None:
+    """They are those that B transposed gives the nodes."""
+    case = pressed(3).assemble()
+    model, result = case.model, case.solve(case.problem())
+    result.write(tmp_path / "contacts.pvd")
+    at = model.contact_dofs[:, :1] + np.arange(3)
+    for k, step in enumerate(result):
+        force = meshio.read(tmp_path / f"contacts_{k:04}.vtu").point_data["force"]
+        nodal = (model.B.T @ step.reaction.ravel())[at]
+        # The same products, in another order.
+        np.testing.assert_allclose(force, nodal, atol=1e-14 * np.abs(nodal).max())
+        assert force[:, 0].any()

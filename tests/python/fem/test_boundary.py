@@ -100,6 +100,24 @@ def test_block_on_springs_in_contact() -> None:
     assert pressed > 6.0
 
 
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+def test_contact_areas_have_the_thickness_of_the_body(pairing: str) -> None:
+    """Two plane blocks, 2 m wide and half a metre thick: 1 m² of contact."""
+    axes = [np.linspace(0.0, 2.0, 5), np.linspace(0.0, 1.0, 3)]
+    upper = fem.Body("upper", fem.box(axes, "quadrilateral"), STEEL)
+    axes = [axes[0], axes[1] - 1.0]
+    lower = fem.Body("lower", fem.box(axes, "quadrilateral"), STEEL)
+    contact = fem.Contact(
+        "upper", "bottom", 0.2, against=("lower", "top"), pairing=pairing
+    )
+    model = fem.assemble([upper, lower], [contact])
+    # Sums of a few numbers.
+    assert model.area.sum() == pytest.approx(1.0, rel=1e-13)
+    on_a_plane = fem.Contact("lower", "bottom", 0.2, plane=((0, -1), (0, 1)))
+    model = fem.assemble([lower], [on_a_plane])
+    assert model.area.sum() == pytest.approx(1.0, rel=1e-13)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
 def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> None:
