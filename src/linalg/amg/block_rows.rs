@@ -7,6 +7,10 @@ use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::real::Real;
 
+/// Tasks that a thread takes at once, at most: rayon would give each of two threads a quarter of
+/// all, and one that comes late would be waited for.
+const TOGETHER: usize = 4;
+
 /// What becomes of the product `A x` in the rows of one task.
 trait Finish<T>: Send {
     /// `product` is row `i` of `A x`; `k` is its number in the task.
@@ -99,6 +103,7 @@ impl<T: Real> BlockMatrix<T> {
         assert_eq!(y.len(), x.len());
         y.par_chunks_mut(ROWS * self.b)
             .enumerate()
+            .with_max_len(TOGETHER)
             .for_each(|(task, y)| run(self, x, task, Store { y }));
     }
 }
@@ -126,6 +131,7 @@ pub(super) fn residual<T: Real>(matrix: &BlockMatrix<T>, x: &[T], b: &[T], y: &m
     y.par_chunks_mut(size)
         .zip(b.par_chunks(size))
         .enumerate()
+        .with_max_len(TOGETHER)
         .for_each(|(task, (y, b))| run(matrix, x, task, Subtract { b, y }));
 }
 
@@ -184,6 +190,7 @@ pub(super) fn step(
         .zip(b.par_chunks(size))
         .zip(inverse.par_chunks(size * matrix.b))
         .enumerate()
+        .with_max_len(TOGETHER)
         .for_each(|(task, (((y, d), b), inverse))| {
             let then = Step {
                 inverse,

@@ -82,29 +82,45 @@ impl Prolongation {
         let start = &self.start;
         let columns = cut(&mut self.column, nodes, |i| start[i] as usize);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * m);
-        let tasks = columns.into_par_iter().zip(parts).enumerate();
-        tasks.for_each_init(
-            || Slots::new(of.aggregates.count()),
-            |slots, (task, (columns, values))| {
-                let rows = Rows {
-                    of,
-                    omega: f32::rounded(of.omega),
-                    start,
-                    needed,
-                    m,
-                    task,
-                    slots,
-                    columns,
-                    values,
-                };
-                match b {
-                    2 => widest(SizedRows::<2>(rows)),
-                    3 => widest(SizedRows::<3>(rows)),
-                    _ => widest(SizedRows::<6>(rows)),
-                }
-            },
-        );
+        let wanted = |task: usize| any(needed, task * ROWS..nodes.min((task + 1) * ROWS));
+        let tasks = columns.into_iter().zip(parts).enumerate();
+        let tasks: Vec<_> = tasks.filter(|(task, _)| wanted(*task)).collect();
+        tasks
+            .into_par_iter()
+            .with_max_len(together(needed))
+            .for_each_init(
+                || Slots::new(of.aggregates.count()),
+                |slots, (task, (columns, values))| {
+                    let rows = Rows {
+                        of,
+                        omega: f32::rounded(of.omega),
+                        start,
+                        needed,
+                        m,
+                        task,
+                        slots,
+                        columns,
+                        values,
+                    };
+                    match b {
+                        2 => widest(SizedRows::<2>(rows)),
+                        3 => widest(SizedRows::<3>(rows)),
+                        _ => widest(SizedRows::<6>(rows)),
+                    }
+                },
+            );
     }
+}
+
+/// Whether one of these rows is needed; without a choice all are.
+pub(super) fn any(needed: Option<&[bool]>, rows: std::ops::Range<usize>) -> bool {
+    needed.is_none_or(|needed| needed[rows].contains(&true))
+}
+
+/// Tasks that a thread takes at once, at most. Few tasks have the rows of a change, and each of
+/// them is long.
+pub(super) fn together(needed: Option<&[bool]>) -> usize {
+    needed.map_or(usize::MAX, |_| 1)
 }
 
 /// What `P` is made of.
