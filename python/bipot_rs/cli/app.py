@@ -529,7 +529,15 @@ def plot(
 @app.command()
 def sweep(
     context: typer.Context,
-    scene: _Scene,
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENE",
+            help="Name of a shipped scene, or a TOML file. With --join: folders of parts, "
+            "or folders that hold them.",
+            autocompletion=_scenes_like,
+        ),
+    ],
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -548,7 +556,10 @@ def sweep(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for sweep.csv. Default: out/SCENE-sweep."),
+        typer.Option(
+            help="Folder for sweep.csv. Default: out/SCENE-sweep; with --join, the folder "
+            "that the parts are in."
+        ),
     ] = None,
     method: _OtherMethod = None,
     tol: Annotated[
@@ -560,6 +571,34 @@ def sweep(
             min=1, help="Processes with one thread each. Default: one per core."
         ),
     ] = None,
+    part: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Solve part I of N only, into the folder part-I-of-N of --out.",
+        ),
+    ] = None,
+    join: Annotated[
+        bool,
+        typer.Option(
+            "--join", help="Join the tables and results of parts; no solving."
+        ),
+    ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Solve the rows on the workers of this dask.distributed scheduler: "
+            "tcp://HOST:8786, or its scheduler file.",
+        ),
+    ] = None,
+    results: Annotated[
+        bool,
+        typer.Option(
+            "--results",
+            help="Write rows/NNNN/result.h5 of every row, not only of rows that fail.",
+        ),
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep finished rows and solve the others.")
     ] = False,
@@ -567,24 +606,54 @@ def sweep(
 ) -> None:
     """Solve a scene for all combinations of settings, in parallel. Writes sweep.csv.
 
-    A row that fails has its message in the table. Ctrl-C keeps the finished rows.
+    A row that fails has its message in the table, and the load steps before the failure
+    in rows/NNNN/result.h5. Ctrl-C keeps the finished rows.
     """
-    from bipot_rs.cli.commands.sweep import run as solve_all
+    others = {
+        "--set": settings,
+        "--range": ranges,
+        "--method": method,
+        "--tol": tol,
+        "--jobs": jobs,
+        "--part": part,
+        "--scheduler": scheduler,
+        "--results": results,
+        "--resume": resume,
+    }
+    fields = {"join": names} if join else {"scene": names[0]}
+    with _errors_reported(as_json=json, interrupts=context.obj, **fields):
+        if join:
+            from bipot_rs.cli.commands.sweep_join import run as join_all
 
-    folder = Path("out") / f"{Path(scene).stem}-sweep" if out is None else out
-    with _errors_reported(as_json=json, scene=scene, interrupts=context.obj):
-        status = solve_all(
-            scene,
-            settings or [],
-            ranges or [],
-            folder,
-            method,
-            tol,
+            for name, value in others.items():
+                if value:
+                    raise ValueError(f"{name} cannot be used with --join")
+            status = join_all([Path(one) for one in names], out, as_json=json)
+            raise typer.Exit(status)
+        from bipot_rs.cli.commands.sweep import Request as Study
+        from bipot_rs.cli.commands.sweep import run as solve_all
+        from bipot_rs.cli.study.part import part as read_part
+
+        if len(names) > 1:
+            raise ValueError(
+                f"SCENE is given {len(names)} times, expected once: {', '.join(names)}"
+            )
+        folder = Path("out") / f"{Path(names[0]).stem}-sweep" if out is None else out
+        request = Study(
+            scene=names[0],
+            settings=settings or [],
+            ranges=ranges or [],
+            folder=folder,
+            method=method,
+            tol=tol,
+            part=None if part is None else read_part(part),
+            results=results,
             jobs=jobs,
+            scheduler=scheduler,
             resume=resume,
             as_json=json,
         )
-        raise typer.Exit(status)
+        raise typer.Exit(solve_all(request))
 
 
 @app.command()

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.schema.root import Scene
+
+if TYPE_CHECKING:
+    from bipot_rs.scene.case import Case
 
 # Nodes of a cell of first and of second order, and number of cells that a cell of the
 # grid is divided into.
@@ -27,6 +31,33 @@ _ENTRY = 12
 # Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
 # as much on a server core; small bodies and old machines have less.
 RATE = 2e10
+
+
+class _Counted(Exception):
+    """Ends the condensation when its cost is known."""
+
+
+def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
+    """The cost of condensing, if it gets that far, and messages on floating bodies.
+
+    The geometry is checked first: the core may find a rigid motion only after its forecast.
+    """
+    from bipot_rs.contact.errors import FloatingBodyError
+    from bipot_rs.fem.inspection import unheld
+
+    found: dict[str, Any] = {}
+    floating = list(unheld(case.model, rough=True))
+
+    def stop(counts: Mapping[str, Any]) -> None:
+        found.update(counts)
+        raise _Counted
+
+    try:
+        with suppress(_Counted):
+            case.problem(on_forecast=stop)
+    except FloatingBodyError as error:
+        floating = floating or [str(error)]
+    return found, floating
 
 
 def work(counts: Mapping[str, Any]) -> float:
@@ -101,6 +132,15 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def peak(case: Case) -> float:
+    """Most bytes that solving takes: the assembly, and the forecast of `counts`.
+
+    The interpreter and its libraries are not included.
+    """
+    found, _ = counts(case)
+    return _entries(case.model.bodies) + float(found.get("bytes_peak", 0))
+
+
 def remarked(remarks: Sequence[str]) -> list[str]:
     """A line for each remark."""
     return [f"  remark    {remark}" for remark in remarks]
@@ -141,7 +181,7 @@ def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
     MemoryError
         The message has the bytes needed, and a mesh that would fit.
     """
-    needed = _assembly(scene) if meshed is None else _entries(meshed)
+    needed = assembly(scene) if meshed is None else _entries(meshed)
     free = available()
     if free is None or needed <= free:
         return
@@ -156,14 +196,16 @@ def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
     )
 
 
-def _assembly(scene: Scene) -> float:
-    """Least bytes of the assembly: the entries of all element matrices."""
+def assembly(scene: Scene) -> float:
+    """Least bytes of the assembly: the entries of all element matrices.
+
+    A mesh in a file counts as zero, because its size is not known before it is read.
+    """
     n = scene.mesh.n if scene.mesh else None
     total = 0.0
     for block in scene.body.values():
         cell = scene.cell(block)
         if cell is None or block.dim is None:
-            # A mesh in a file: the size is known after reading.
             continue
         axes = (block.x, block.y, block.z)
         cells = prod(len(axis.grid(n)) - 1 for axis in axes if axis is not None)

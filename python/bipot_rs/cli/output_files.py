@@ -35,6 +35,27 @@ def contacts(case: Case) -> dict[str, Any]:
     }
 
 
+def origin(
+    name: str,
+    settings: Sequence[str],
+    scene: Scene | None,
+    problem: ContactProblem | None,
+    message: str,
+) -> dict[str, Any]:
+    """Attributes of a result file: the scene, its settings, the engine, how it ended."""
+    found: dict[str, Any] = {
+        "scene": name,
+        "message": message,
+        "settings": json.dumps(settings),
+    }
+    if scene is not None and not scene.path.increments:
+        found["planned"] = scene.path.count()
+    if problem is not None:
+        solved = problem.stats
+        found |= {key: solved[key] for key in ("engine", "engine_reason")}
+    return found
+
+
 @dataclass(frozen=True)
 class Output:
     """Where the files of a run go, and what they hold.

@@ -42,6 +42,28 @@ def _of_the_system(error: BaseException | None) -> bool:
     return known or _of_the_system(error.__cause__)
 
 
+def recovered(reached: list[Reached]) -> str:
+    """Find the displacements; drop the load steps from the first one that has none.
+
+    Returns the message of that step, or "".
+    """
+    from bipot_rs.contact.errors import NotConvergedError
+    from bipot_rs.contact.solution import recover
+
+    steps = [step for _, step in reached]
+    try:
+        recover(steps)
+    except NotConvergedError:
+        # A block that fails has none: find them one by one, up to the first failure.
+        for k, step in enumerate(steps):
+            try:
+                recover([step])
+            except NotConvergedError as error:
+                del reached[k:]
+                return f"load step {k + 1}: {error}"
+    return ""
+
+
 class Runner(ABC):
     """One run of a command. The command defines `work`, `show` and `last_line`.
 
@@ -146,19 +168,6 @@ class Runner(ABC):
         self.interrupts.check()
 
     def recover(self, code: int, message: str) -> tuple[int, str]:
-        """Find the displacements; drop the load steps from the first one that has none."""
-        from bipot_rs.contact.errors import NotConvergedError
-        from bipot_rs.contact.solution import recover
-
-        steps = [step for _, step in self.reached]
-        try:
-            recover(steps)
-        except NotConvergedError:
-            # A block that fails has none: find them one by one, up to the first failure.
-            for k, step in enumerate(steps):
-                try:
-                    recover([step])
-                except NotConvergedError as error:
-                    del self.reached[k:]
-                    return NOT_CONVERGED, f"load step {k + 1}: {error}"
-        return code, message
+        """As `recovered`; returns how the run ends after that."""
+        lost = recovered(self.reached)
+        return (NOT_CONVERGED, lost) if lost else (code, message)

@@ -15,6 +15,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fclib
+from bipot_rs.cli import cost_forecast
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.commands.new import templates
 from bipot_rs.cli.commands.plot import kinds
@@ -85,13 +86,13 @@ def test_check_forecasts_a_run(bipot: Any) -> None:
 def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) -> None:
     """The forecast of the factorisation ends the work."""
     ended = []
-    original = checking._Counted
+    original = cost_forecast._Counted
 
     class Counted(original):  # type: ignore[misc, valid-type]
         def __init__(self) -> None:
             ended.append(1)
 
-    monkeypatch.setattr(checking, "_Counted", Counted)
+    monkeypatch.setattr(cost_forecast, "_Counted", Counted)
     assert checking.check("sheared_cube", ["mesh.n=4"])["dofs"] == 375
     assert ended == [1]
 

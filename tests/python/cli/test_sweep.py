@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from bipot_rs.cli.app import app
-from bipot_rs.cli.commands.sweep import rows, spaced, values
-from bipot_rs.cli.commands.sweep import write as write_table
+from bipot_rs.cli.study.axes import rows, spaced, values
+from bipot_rs.cli.study.table import write as write_table
 from bipot_rs.cli.worker_pool import Workers
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
@@ -187,6 +187,20 @@ def test_mistakes_of_all_rows_are_reported_before_any_work(
         assert not (tmp_path / "out" / "sheared_cube-sweep" / "sweep.csv").exists()
 
 
+def test_a_scheduler_needs_dask(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = [*SWEEP, "--scheduler", "tcp://localhost:8786"]
+    assert app([*command, "--jobs", "2"]) == 2
+    assert "--jobs cannot be used with --scheduler" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert app(command) == 2
+    told = capsys.readouterr().err
+    assert "not installed: run pip install 'bipot-rs[cluster]'" in told
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None:
     command = [
         *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
@@ -211,7 +225,8 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None
     told = [first, *more]
     done = table(tmp_path / "here")
     assert 1 <= len(told) <= len(done) < 6
-    assert [path.name for path in (tmp_path / "here").iterdir()] == ["sweep.csv"]
+    names = sorted(path.name for path in (tmp_path / "here").iterdir())
+    assert names == ["sweep.csv", "sweep.json"]
     # A finished row is not solved again: its seconds are unchanged.
     run = subprocess.run(
         [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 # Together they take a third of a second or more.
-HEAVY = ("h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem", "typer")
+HEAVY = (
+    *("distributed", "h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy"),
+    *("skfem", "typer"),
+)
 ARRAYS = """
 import numpy as np
 import bipot_rs as bp
@@ -49,7 +52,10 @@ def loaded(code: str, folder: Path) -> set[str]:
             ("pydantic", "scipy", "skfem", "typer"),
         ),
         (COMMAND.format(RUN), ("h5py", "pydantic", "scipy", "skfem", "typer")),
-        (COMMAND.format(RUN[:-1]), set(HEAVY) - {"matplotlib", "meshio"}),
+        (
+            COMMAND.format(RUN[:-1]),
+            set(HEAVY) - {"distributed", "matplotlib", "meshio"},
+        ),
     ],
     ids=[
         "import",

@@ -2,16 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from bipot_rs.scene.case import Case
-
-
-class _Counted(Exception):
-    """Ends the condensation when its cost is known."""
+from collections.abc import Sequence
+from typing import Any
 
 
 def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
@@ -43,7 +35,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     cost_forecast.fits(scene, meshed)
     case = assemble(scene, meshed)
     model = case.model
-    counts, floating = _counts(case)
+    counts, floating = cost_forecast.counts(case)
     remarks = [said for said in case.remarks() if said not in floating]
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
@@ -69,26 +61,3 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
             *cost_forecast.remarked(remarks),
         ],
     }
-
-
-def _counts(case: Case) -> tuple[dict[str, Any], list[str]]:
-    """The cost of condensing, if it gets that far, and messages on floating bodies.
-
-    The geometry is checked first: the core may find a rigid motion only after its forecast.
-    """
-    from bipot_rs.contact.errors import FloatingBodyError
-    from bipot_rs.fem.inspection import unheld
-
-    found: dict[str, Any] = {}
-    floating = list(unheld(case.model, rough=True))
-
-    def stop(counts: Mapping[str, Any]) -> None:
-        found.update(counts)
-        raise _Counted
-
-    try:
-        with suppress(_Counted):
-            case.problem(on_forecast=stop)
-    except FloatingBodyError as error:
-        floating = floating or [str(error)]
-    return found, floating

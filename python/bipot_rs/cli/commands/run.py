@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -15,7 +14,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted, later
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.output_files import Output
+from bipot_rs.cli.output_files import Output, origin
 from bipot_rs.cli.output_folder import RESULT, describe, draft_in, ours, replace
 from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.cli.progress import Progress, complain
@@ -300,17 +299,11 @@ class Job(Runner):
             return code, message
         if code == SOLVED and self.interrupts.came is not None:
             code, message = self.interrupted
-        solved = {} if self.problem is None else self.problem.stats
-        attributes = {
-            **{name: solved[name] for name in ("engine", "engine_reason") if solved},
-            "scene": request.scene or "",
-            "message": message,
-            "settings": json.dumps(request.settings),
-            **({} if self.count is None else {"planned": self.count}),
-            **stamp,
-        }
+        attributes = origin(
+            request.scene or "", request.settings, scene, self.problem, message
+        )
         with self._phase("write"):
-            out.result(complete=code == SOLVED, attributes=attributes)
+            out.result(complete=code == SOLVED, attributes={**attributes, **stamp})
         replace(draft, folder)
         self.kept = True
         if code != SOLVED:

@@ -1,361 +1,262 @@
 """``bipot sweep``: solve one scene with many settings in parallel, into one table.
 
-A row holds its settings, its outcome, and numbers of the last load step. The table is
-written after each row, so that an interrupted sweep can continue.
+The table is written after each row, so that an interrupted sweep can continue.
 """
 
 from __future__ import annotations
 
-import hashlib
-import itertools
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.cli.commands.info_sweep import read as table_of
-from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
+from bipot_rs.cli.cost_forecast import cores
+from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.output_folder import SWEEP, make
 from bipot_rs.cli.progress import Progress, complain, line
-from bipot_rs.cli.runner import outcome
-from bipot_rs.contact.status import STATUS_NAMES
-from bipot_rs.files import csv_tables
-
-# More rows are probably a mistake in a range.
-MOST = 100_000
-OUTCOMES = {
-    "solved": SOLVED,
-    "no answer": NO_ANSWER,
-    "not converged": NOT_CONVERGED,
-    "bad input": BAD_INPUT,
-    "lost": NOT_CONVERGED,
-}
-# The process of the row was killed. --resume tries only these rows again.
-_LOST = "lost"
-_OUTCOME_OF = {code: name for name, code in OUTCOMES.items() if name != _LOST}
-# Columns of every row, besides settings and forces of the contact surfaces.
-FIGURES = ("outcome", "steps", *STATUS_NAMES, "residual", "iterations")
-_LAST = ("seconds", "message", "digest")
-# Modules that each row needs.
-_NEEDED = (
-    "bipot_rs.cli.cost_forecast",
-    "bipot_rs.cli.report",
-    "bipot_rs.scene.reading",
+from bipot_rs.cli.study.folder import (
+    ROWS,
+    has_result,
+    record_of,
+    set_aside,
+    write_record,
 )
+from bipot_rs.cli.study.part import Part, deal
+from bipot_rs.cli.study.plan import Study, plan, written
+from bipot_rs.cli.study.row import Row, peak, solve, solve_as
+from bipot_rs.cli.study.table import LOST, OUTCOME_OF, OUTCOMES, earlier, write
+from bipot_rs.cli.worker_pool import Workers
+from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.scene.library import shipped
+
+if TYPE_CHECKING:
+    from bipot_rs.cli.study.cluster import Cluster
+
+# The number of a row, and its entries or why it was lost.
+Answers = Iterator[tuple[int, dict[str, Any] | str]]
 
 
-def values(setting: str) -> tuple[str, list[str]]:
-    """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes.
+@dataclass(frozen=True)
+class Request:
+    """Arguments of the command. ``method`` and ``tol`` None: those of the scene.
 
-    Raises
-    ------
-    ValueError
-        It is not of this form.
+    Attributes
+    ----------
+    folder
+        The folder of the study; that of a part is in it.
+    results
+        Write the result of every row, not only of those that fail.
+    jobs
+        Number of processes on this machine.
+    scheduler
+        Address of a dask scheduler, whose workers solve the rows.
     """
-    key, equals, text = setting.partition("=")
-    found, depth, quote = [""], 0, ""
-    for c in text:
-        if quote:
-            quote = "" if c == quote else quote
-        elif c in "\"'":
-            quote = c
-        elif c in "[{":
-            depth += 1
-        elif c in "]}":
-            depth -= 1
-        if c == "," and not depth and not quote:
-            found.append("")
-        else:
-            found[-1] += c
-    if not equals or not key.strip() or not all(value.strip() for value in found):
-        raise ValueError(
-            f"--set {setting}: expected KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
-        )
-    return key.strip(), [value.strip() for value in found]
+
+    scene: str
+    settings: Sequence[str]
+    ranges: Sequence[str]
+    folder: Path
+    method: str | None = None
+    tol: float | None = None
+    part: Part | None = None
+    results: bool = False
+    jobs: int | None = None
+    scheduler: str | None = None
+    resume: bool = False
+    as_json: bool = False
 
 
-def spaced(setting: str) -> tuple[str, list[str]]:
-    """Split ``KEY=FROM:TO:COUNT`` into the key and COUNT equally spaced values.
-
-    The values are integers if the ends are and the spacing allows it.
-
-    Raises
-    ------
-    ValueError
-        It is not of this form.
-    """
-    key, equals, text = setting.partition("=")
-    parts = text.split(":")
-
-    def problem(why: str) -> ValueError:
-        return ValueError(
-            f"--range {setting}: {why}; expected KEY=FROM:TO:COUNT, as in "
-            "contact.0.mu=0.1:0.5:3, which is 0.1, 0.3, 0.5"
-        )
-
-    if not equals or not key.strip():
-        raise problem("KEY is missing")
-    if len(parts) != 3:
-        raise problem(f"has {counted(len(parts), 'part')} instead of three")
-    try:
-        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
-    except ValueError:
-        raise problem("FROM and TO must be numbers, COUNT an integer") from None
-    if not (abs(low) < 1e300 and abs(high) < 1e300):
-        raise problem("a value is beyond 1e300")
-    if not 1 <= count <= MOST:
-        raise problem(f"COUNT is {count}, not between 1 and {MOST}")
-    if count == 1 and low != high:
-        raise ValueError(
-            f"--range {setting}: COUNT is 1, but FROM {low} and TO {high} differ"
-        )
-    step = (high - low) / max(count - 1, 1)
-    # The last value is TO itself, without rounding.
-    found = [low + k * step for k in range(count - 1)] + [high]
-    whole = all("." not in part and "e" not in part.lower() for part in parts[:2])
-    if whole and all(value == round(value) for value in found):
-        return key.strip(), [str(round(value)) for value in found]
-    # 0.30000000000000004 should be 0.3.
-    return key.strip(), [repr(float(f"{value:.15g}")) for value in found]
-
-
-def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
-    """All combinations of the values; the last key changes fastest.
-
-    Raises
-    ------
-    ValueError
-        A setting of the wrong form, a key twice, or too many rows.
-    """
-    axes = [values(s) for s in settings] + [spaced(s) for s in ranges]
-    names = [key for key, _ in axes]
-    for key in names:
-        if names.count(key) > 1:
-            raise ValueError(f"{key} is given {names.count(key)} times, expected once")
-    if not axes:
-        raise ValueError(
-            "nothing varies: give --set KEY=V1,V2,… or --range KEY=FROM:TO:COUNT"
-        )
-    count = 1
-    for _, found in axes:
-        count *= len(found)
-    if count > MOST:
-        raise ValueError(
-            f"the settings have {count} combinations, expected at most {MOST}"
-        )
-    product = itertools.product(*(found for _, found in axes))
-    return [dict(zip(names, one, strict=True)) for one in product]
-
-
-def solve(
-    scene: str, settings: Mapping[str, str], method: str | None, tol: float | None
-) -> dict[str, Any]:
-    """Solve one row. No files are written."""
-    from importlib import import_module
-    from time import perf_counter
-
-    from bipot_rs.contact.errors import BipotError
-
-    # Before the clock starts, so that the first row of a process is not slower.
-    for needed in _NEEDED:
-        import_module(needed)
-    started = perf_counter()
-    found: dict[str, Any] = {}
-    try:
-        found = _solved(scene, settings, method, tol)
-        code, message = SOLVED, ""
-    except (BipotError, ValueError, MemoryError) as error:
-        code, message = outcome(error)
-    seconds = round(perf_counter() - started, 6)
-    return {
-        "outcome": _OUTCOME_OF[code],
-        **found,
-        "seconds": seconds,
-        "message": message,
-    }
-
-
-def _solved(
-    name: str, settings: Mapping[str, str], method: str | None, tol: float | None
-) -> dict[str, Any]:
-    from bipot_rs.cli import cost_forecast
-    from bipot_rs.cli.report import forces
-    from bipot_rs.cli.report import row as of_step
-    from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.reading import assemble, read
-
-    scene = read(name, [f"{key}={value}" for key, value in settings.items()])
-    asked = scene.solver
-    tolerance = asked.tol if tol is None else tol
-    if isinstance(tolerance, str):
-        raise ValueError(f"tol is {tolerance!r}, expected a number in a sweep")
-    cost_forecast.fits(scene)
-    case = assemble(scene, bodies(scene))
-    result = case.solve(method=method, tol=tolerance)
-    end = len(result) - 1
-    last = of_step(end, case.step_parameter(end, result[-1]), result[-1])
-    return {
-        "steps": len(result),
-        **{name: last[name] for name in STATUS_NAMES},
-        "residual": float(result.residual.max()),
-        "iterations": int(result.iterations.sum()),
-        **forces(case.model, result[-1]),
-    }
-
-
-def digests(
-    scene: str,
-    asked: Sequence[Mapping[str, str]],
-    method: str | None,
-    tol: float | None,
-    ranges: Sequence[str] = (),
-) -> list[str]:
-    """A digest of everything that determines a row; empty where the scene has mistakes.
-
-    Raises
-    ------
-    SceneError
-        The scene of every row has mistakes; the error is that of the first row.
-    ValueError
-        One of ``ranges`` has fractions, but its key takes integers.
-    """
-    from bipot_rs.cli.resume import stamps
-    from bipot_rs.scene.library import SceneError
-    from bipot_rs.scene.reading import read
-
-    found, first = [], None
-    for settings in asked:
-        try:
-            whole = read(scene, [f"{k}={v}" for k, v in settings.items()])
-        except SceneError as error:
-            _whole(ranges, error.problems)
-            first = error if first is None else first
-            found.append("")
-            continue
-        known = stamps(
-            whole,
-            whole.solver.method if method is None else method,
-            whole.solver.tol if tol is None else tol,
-        )
-        text = json.dumps(known, sort_keys=True)
-        found.append(hashlib.sha256(text.encode()).hexdigest()[:16])
-    if first is not None and not any(found):
-        raise first
-    return found
-
-
-def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
-    """Refuse a range with fractions for a key that takes integers."""
-    for setting in ranges:
-        key, found = spaced(setting)
-        if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
-            shown = [f"{float(v):.6g}" for v in found[:4]]
-            shown += ["…"] if len(found) > len(shown) else []
-            raise ValueError(
-                f"--range {setting}: {key} takes integers, but this is "
-                f"{counted(len(found), 'value')}, {', '.join(shown)}: the third number is "
-                "the number of values, not their spacing"
-            )
-
-
-def earlier(
-    path: Path, asked: Sequence[Mapping[str, str]], known: Sequence[str]
-) -> dict[int, dict[str, Any]]:
-    """Rows that an earlier sweep has solved, by their number in this sweep."""
-    if not path.exists():
-        raise ValueError(f"cannot resume: there is no {path}")
-    try:
-        _, rows = table_of(path)
-    except ValueError as error:
-        raise ValueError(
-            f"cannot resume: {error}; run without --resume to solve all rows"
-        ) from None
-    done = {row.get("digest", ""): row for row in rows}
-    return {
-        k: {**done[digest], **settings}
-        for k, (settings, digest) in enumerate(zip(asked, known, strict=True))
-        if digest and done.get(digest, {}).get("outcome") in OUTCOMES.keys() - {_LOST}
-    }
-
-
-def write(
-    path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, Any]]
-) -> None:
-    """Write the table of the finished rows; it replaces an earlier one."""
-    names = [name for row in done.values() for name in row if " of " in name]
-    columns = ["row", *keys, *FIGURES, *dict.fromkeys(names), *_LAST]
-    table = ({**done[k], "row": k} for k in sorted(done))
-    csv_tables.write(path, columns, ([row.get(c) for c in columns] for row in table))
-
-
-def run(
-    scene: str,
-    settings: Sequence[str],
-    ranges: Sequence[str],
-    folder: Path,
-    method: str | None,
-    tol: float | None,
-    *,
-    jobs: int | None,
-    resume: bool,
-    as_json: bool,
-) -> int:
-    """Solve all combinations and write the table; returns the worst exit status.
+def run(request: Request) -> int:
+    """Solve the rows and write the table; returns the worst exit status.
 
     ``KeyboardInterrupt`` passes through; the finished rows are in the table.
     """
-    from bipot_rs.cli.cost_forecast import cores
-    from bipot_rs.cli.worker_pool import Workers
     from bipot_rs.contact.reduced import refuse_settings
 
-    asked = rows(settings, ranges)
-    keys = list(asked[0])
-    known = digests(scene, asked, method, tol, ranges)
-    refuse_settings(method or "auto", 1e-10 if tol is None else tol)
+    if request.jobs is not None and request.scheduler is not None:
+        raise ValueError(
+            "--jobs cannot be used with --scheduler: its workers are given"
+        )
+    say: Callable[[str], object] = (lambda _: None) if request.as_json else complain
+    tol = 1e-10 if request.tol is None else request.tol
+    study = plan(
+        request.scene, request.settings, request.ranges, request.method, request.tol
+    )
+    refuse_settings(request.method or "auto", tol)
+    mine, folder = list(range(len(study.rows))), request.folder
+    if request.part is not None:
+        mine = deal(study.costs, request.part.count)[request.part.number - 1]
+        folder /= request.part.folder
+    with _pool(request, say) as pool:
+        opened(folder)
+        done = _finished(request, study, folder, mine, say)
+        for before in set_aside(folder, done):
+            say(f"rows that are not part of this sweep are kept in {before}")
+        path = folder / SWEEP
+        write_record(folder, record_of(study, request.part, mine))
+        write(path, study.keys, done)
+        if done:
+            say(f"{len(done)} of {counted(len(mine), 'row')} are already finished")
+        left = [k for k in mine if k not in done]
+        asked = [_row(request, study, k, folder) for k in left]
+        with Progress(1, len(left), quiet=request.as_json, noun="rows") as progress:
+            for place, found in _answers(pool, study, asked, say):
+                k, settings = left[place], study.rows[left[place]]
+                if isinstance(found, str):
+                    found = {"outcome": LOST, "message": found}
+                done[k] = {**settings, **found, "digest": study.digests[k]}
+                write(path, study.keys, done)
+                if request.as_json:
+                    line(row=k, set=settings, **found)
+                text = f"{', '.join(written(settings))}: {found['outcome']}"
+                progress.advance(text, f"row {k + 1} of {len(study.rows)}: {text}")
+    message = summary(done, folder, request.part)
+    if request.part is not None:
+        message += f"; bipot sweep --join {request.folder} joins the parts"
+    return show(study.scene, study.keys, done, message, as_json=request.as_json)
+
+
+def opened(folder: Path) -> None:
+    """Make the folder of a study.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
     try:
         make(folder)
     except OSError as error:
         raise OSError(
             f"cannot write to the folder {folder}: {error}; --out DIR names another"
         ) from error
+
+
+def _finished(
+    request: Request,
+    study: Study,
+    folder: Path,
+    mine: Sequence[int],
+    say: Callable[[str], object],
+) -> dict[int, dict[str, Any]]:
+    """Rows of an earlier sweep that need not be solved again."""
+    if not request.resume:
+        return {}
     path = folder / SWEEP
-    done: dict[int, dict[str, Any]] = earlier(path, asked, known) if resume else {}
-    left = [k for k in range(len(asked)) if k not in done]
-    if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
-        # Rows of another sweep may be valuable.
-        before = path.with_name(f"{path.stem}-before{path.suffix}")
-        path.replace(before)
-        if not as_json:
-            complain(f"rows that are not part of this sweep are kept in {before}")
-    write(path, keys, done)
-    if done and not as_json:
-        complain(f"{len(done)} of {counted(len(asked), 'row')} are already finished")
-    several = min(cores() if jobs is None else jobs, max(len(left), 1))
-    arguments = [(scene, asked[k], method, tol) for k in left]
-    with (
-        Workers(solve, several) as workers,
-        Progress(1, len(left), quiet=as_json, noun="rows") as progress,
-    ):
-        for place, found in workers.map(arguments):
-            k = left[place]
-            if isinstance(found, str):
-                found = {"outcome": _LOST, "message": found}
-            done[k] = {**asked[k], **found, "digest": known[k]}
-            write(path, keys, done)
-            if as_json:
-                line(row=k, set=asked[k], **found)
-            text = ", ".join(f"{key}={value}" for key, value in asked[k].items())
-            text += f": {found['outcome']}"
-            progress.advance(text, f"row {k + 1} of {len(asked)}: {text}")
-    outcomes = [done[k]["outcome"] for k in sorted(done)]
-    solved = outcomes.count("solved")
-    message = f"{solved} of {counted(len(done), 'row')} solved; the table is {path}"
+    if request.part is not None and not path.exists():
+        # One script serves all parts of a job array, also those that never began.
+        say(f"there is no {path} to resume: all rows are solved")
+        return {}
+    found = earlier(path, study.rows, study.digests)
+    return {
+        k: row
+        for k, row in found.items()
+        if k in mine
+        and not (
+            request.results
+            and row["outcome"] == OUTCOME_OF[SOLVED]
+            and not has_result(folder, int(row["row"]))
+        )
+    }
+
+
+def _row(request: Request, study: Study, number: int, folder: Path) -> Row:
+    scene = study.scene
+    if request.scheduler is not None and scene not in shipped():
+        # Workers run in folders of their own.
+        scene = str(Path(scene).absolute())
+    return Row(
+        number,
+        scene,
+        study.rows[number],
+        study.method,
+        study.tol,
+        folder.absolute(),
+        request.results,
+    )
+
+
+def _pool(request: Request, say: Callable[[str], object]) -> Workers | Cluster:
+    """What solves the rows: processes of this machine, or a cluster."""
+    if request.scheduler is None:
+        return Workers(solve, cores() if request.jobs is None else request.jobs)
+    from bipot_rs.cli.study.cluster import Cluster
+
+    return Cluster(request.scheduler, say)
+
+
+def _answers(
+    pool: Workers | Cluster,
+    study: Study,
+    asked: Sequence[Row],
+    say: Callable[[str], object],
+) -> Answers:
+    if isinstance(pool, Workers):
+        return pool.map([(row,) for row in asked])
+    if not asked:
+        return iter(())
+    needs = None
+    if pool.declares_memory():
+        needs = _memory(pool, study, asked)
+    else:
+        say(
+            "no worker declares its memory, so that rows are not distributed by memory: "
+            'start workers with --resources "memory=BYTES"'
+        )
+    return pool.map(
+        solve_as, [(row, study.digests[row.number]) for row in asked], needs
+    )
+
+
+def _memory(cluster: Cluster, study: Study, asked: Sequence[Row]) -> list[float]:
+    """Bytes that each row takes, forecast by the cluster once for rows of equal sizes."""
+    first: dict[str, Row] = {}
+    for row in asked:
+        first.setdefault(study.shapes[row.number], row)
+    first.pop("", None)
+    # The forecast assembles the stiffness.
+    least = {shape: study.costs[row.number][0] for shape, row in first.items()}
+    found: dict[str, float] = {"": 0.0, **least}
+    shapes, rows = list(first), list(first.values())
+    arguments = [(row.scene, row.settings) for row in rows]
+    for place, bytes_needed in cluster.map(peak, arguments, list(least.values())):
+        # If the forecast fails, so does the row, and reports why.
+        if not isinstance(bytes_needed, str):
+            found[shapes[place]] = bytes_needed
+    return [found[study.shapes[row.number]] for row in asked]
+
+
+def summary(
+    done: Mapping[int, Mapping[str, Any]], folder: Path, part: Part | None = None
+) -> str:
+    """How many rows are solved, and where the table and the results are."""
+    solved = [k for k in done if done[k]["outcome"] == OUTCOME_OF[SOLVED]]
+    of = "" if part is None else f" of part {part}"
+    text = f"{len(solved)} of {counted(len(done), 'row')}{of} solved"
+    text += f"; the table is {folder / SWEEP}"
+    if any(has_result(folder, k) for k in done.keys() - solved):
+        text += f"; the load steps of rows that failed are in {folder / ROWS}"
+    return text
+
+
+def show(
+    scene: str,
+    keys: Sequence[str],
+    done: Mapping[int, Mapping[str, Any]],
+    message: str,
+    *,
+    as_json: bool,
+) -> int:
+    """Print the rows and the message; returns the worst exit status of the rows."""
+    outcomes = [row["outcome"] for row in done.values()]
     if as_json:
+        solved = outcomes.count(OUTCOME_OF[SOLVED])
         line(scene=scene, rows=len(done), solved=solved, message=message)
     else:
         _print(keys, done, message)
-    return worst(OUTCOMES[outcome] for outcome in outcomes)
+    # A part may have no rows.
+    return worst([SOLVED, *(OUTCOMES[outcome] for outcome in outcomes)])
 
 
 def _print(

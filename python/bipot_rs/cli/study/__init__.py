@@ -1,0 +1,1 @@
+"""Parameter studies: their rows, tables and parts, and what solves one row."""

@@ -1,0 +1,114 @@
+"""The rows of a study: all combinations of the values of ``--set`` and ``--range``."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from bipot_rs._lib.messages import counted
+
+# More rows are probably a mistake in a range.
+MOST = 100_000
+
+
+def values(setting: str) -> tuple[str, list[str]]:
+    """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes.
+
+    Raises
+    ------
+    ValueError
+        It is not of this form.
+    """
+    key, equals, text = setting.partition("=")
+    found, depth, quote = [""], 0, ""
+    for c in text:
+        if quote:
+            quote = "" if c == quote else quote
+        elif c in "\"'":
+            quote = c
+        elif c in "[{":
+            depth += 1
+        elif c in "]}":
+            depth -= 1
+        if c == "," and not depth and not quote:
+            found.append("")
+        else:
+            found[-1] += c
+    if not equals or not key.strip() or not all(value.strip() for value in found):
+        raise ValueError(
+            f"--set {setting}: expected KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
+        )
+    return key.strip(), [value.strip() for value in found]
+
+
+def spaced(setting: str) -> tuple[str, list[str]]:
+    """Split ``KEY=FROM:TO:COUNT`` into the key and COUNT equally spaced values.
+
+    The values are integers if the ends are and the spacing allows it.
+
+    Raises
+    ------
+    ValueError
+        It is not of this form.
+    """
+    key, equals, text = setting.partition("=")
+    parts = text.split(":")
+
+    def problem(why: str) -> ValueError:
+        return ValueError(
+            f"--range {setting}: {why}; expected KEY=FROM:TO:COUNT, as in "
+            "contact.0.mu=0.1:0.5:3, which is 0.1, 0.3, 0.5"
+        )
+
+    if not equals or not key.strip():
+        raise problem("KEY is missing")
+    if len(parts) != 3:
+        raise problem(f"has {counted(len(parts), 'part')} instead of three")
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise problem("FROM and TO must be numbers, COUNT an integer") from None
+    if not (abs(low) < 1e300 and abs(high) < 1e300):
+        raise problem("a value is beyond 1e300")
+    if not 1 <= count <= MOST:
+        raise problem(f"COUNT is {count}, not between 1 and {MOST}")
+    if count == 1 and low != high:
+        raise ValueError(
+            f"--range {setting}: COUNT is 1, but FROM {low} and TO {high} differ"
+        )
+    step = (high - low) / max(count - 1, 1)
+    # The last value is TO itself, without rounding.
+    found = [low + k * step for k in range(count - 1)] + [high]
+    whole = all("." not in part and "e" not in part.lower() for part in parts[:2])
+    if whole and all(value == round(value) for value in found):
+        return key.strip(), [str(round(value)) for value in found]
+    # 0.30000000000000004 should be 0.3.
+    return key.strip(), [repr(float(f"{value:.15g}")) for value in found]
+
+
+def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
+    """All combinations of the values; the last key changes fastest.
+
+    Raises
+    ------
+    ValueError
+        A setting of the wrong form, a key twice, or too many rows.
+    """
+    axes = [values(s) for s in settings] + [spaced(s) for s in ranges]
+    names = [key for key, _ in axes]
+    for key in names:
+        if names.count(key) > 1:
+            raise ValueError(f"{key} is given {names.count(key)} times, expected once")
+    if not axes:
+        raise ValueError(
+            "nothing varies: give --set KEY=V1,V2,… or --range KEY=FROM:TO:COUNT"
+        )
+    count = 1
+    for _, found in axes:
+        count *= len(found)
+    if count > MOST:
+        raise ValueError(
+            f"the settings have {count} combinations, expected at most {MOST}"
+        )
+    product = itertools.product(*(found for _, found in axes))
+    return [dict(zip(names, one, strict=True)) for one in product]

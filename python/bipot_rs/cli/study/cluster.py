@@ -1,0 +1,290 @@
+"""Rows on the workers of a running dask.distributed scheduler.
+
+When a worker dies, dask blames every task that the worker had. Here a row whose worker died
+is solved again with no other row on its worker, and is lost only if that worker dies too.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import uuid
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+from bipot_rs.cli.cost_forecast import size
+from bipot_rs.files.export import library
+
+# Time to connect [s]: a name server or a firewall may take seconds, and a person waits.
+_CONNECT = 10.0
+# The list of workers is read again after this time [s]: it is long on a large cluster.
+_LOOK = 2.0
+# Rows handed over for each thread of the workers: one to solve, and the next one.
+_AHEAD = 2
+# Name of the resource of a worker, in bytes: --resources "memory=BYTES".
+_MEMORY = "memory"
+
+
+def _place(address: str) -> str:
+    """``HOST:PORT``, perhaps with a protocol, or the address in a scheduler file.
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
+    found, file = address, Path(address)
+    if file.is_file():
+        try:
+            found = json.loads(file.read_text(encoding="utf-8-sig"))["address"]
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(
+                f"--scheduler {address} is not a scheduler file of dask"
+            ) from None
+    # Checked here: a client of dask with a wrong address takes 20 s to end.
+    if not re.fullmatch(r"([a-z]+://)?[^\s/]+:[0-9]{1,5}", found):
+        raise ValueError(
+            f"--scheduler {address}: expected an address as tcp://HOST:8786, or a "
+            "scheduler file"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A function, its arguments for each row, and the bytes that each row needs."""
+
+    function: Callable[..., Any]
+    arguments: Sequence[tuple[Any, ...]]
+    needs: Sequence[float] | None
+    # dask keeps results by key: another map must not find those of this one.
+    name: str = field(default_factory=lambda: f"bipot-{uuid.uuid4().hex}")
+
+
+class Cluster:
+    """The workers of a dask scheduler; rows not finished at the end are cancelled.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler, or its ``--scheduler-file``.
+    say
+        Called with sentences for the user.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        dask.distributed is not installed.
+    OSError, ValueError
+        No scheduler answers at the address, or it is not an address.
+    """
+
+    def __init__(self, address: str, say: Callable[[str], object]) -> None:
+        self._dask = library("distributed", extra="cluster", need="dask clusters")
+        # What it logs is reported here in other words.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        self.address, self.say = address, say
+        try:
+            self._client = self._dask.Client(_place(address), timeout=_CONNECT)
+        except OSError as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise OSError(
+                f"--scheduler {address}: no dask scheduler answers within {_CONNECT:g} s "
+                f"({why})"
+            ) from None
+        self._running: dict[Any, int] = {}
+        # Threads and declared bytes of each worker.
+        self._workers: dict[str, tuple[int, float | None]] = {}
+        self._seen = -_LOOK
+        self._waited = False
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._client.status == "running":
+            self._client.cancel(list(self._running), force=True)
+        self._client.close(timeout=_CONNECT)
+
+    def declares_memory(self) -> bool:
+        """Whether a worker declares its memory. Waits for the first worker."""
+        while not self._look():
+            self._wait()
+        return any(memory is not None for _, memory in self._workers.values())
+
+    def map(
+        self,
+        function: Callable[..., Any],
+        arguments: Sequence[tuple[Any, ...]],
+        needs: Sequence[float] | None = None,
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield the index and the answer of each argument, in the order of the answers.
+
+        A text as answer is an error message.
+
+        Parameters
+        ----------
+        function
+            A function of a module that the workers can import.
+        needs
+            Bytes of memory that each argument takes. None: the memory of the workers is
+            not considered.
+
+        Raises
+        ------
+        OSError
+            The scheduler has gone.
+        """
+        work = _Work(function, arguments, needs)
+        left = deque((yield from self._round(work, range(len(arguments)))))
+        many = max(len(self._workers), 1)
+        while left:
+            now = [left.popleft() for _ in range(min(many, len(left)))]
+            killed = yield from self._round(work, now)
+            together = Counter(worker for worker, _ in killed.values())
+            for number, (worker, tries) in killed.items():
+                # Before the last of several tries, another row may have killed the worker.
+                if len(now) == 1 or (tries == 1 and together[worker] == 1):
+                    yield number, "its worker died, probably because memory ran out"
+                else:
+                    left.append(number)
+                    many = max(len(now) // 2, 1)
+
+    def _round(
+        self, work: _Work, numbers: Sequence[int]
+    ) -> Generator[tuple[int, Any], None, dict[int, tuple[str, int]]]:
+        """Solve rows once; returns the last worker, and the tries, of each killed row."""
+        waiting, killed = deque(numbers), {}
+        while waiting or self._running:
+            self._look()
+            self._submit(work, waiting)
+            if not self._running and self._workers:
+                for number in waiting:
+                    yield number, self._too_large(work, number)
+                break
+            if not self._workers:
+                self._wait()
+            ended = self._finished() if self._running else []
+            if not ended:
+                self._take_back(work, waiting)
+            for future in ended:
+                answer = self._answer(future)
+                if answer is None:
+                    continue
+                number = self._running.pop(future)
+                if isinstance(answer, self._dask.scheduler.KilledWorker):
+                    tries = answer.allowed_failures + 1
+                    killed[number] = (answer.last_worker.address, tries)
+                elif isinstance(answer, BaseException):
+                    yield number, f"{type(answer).__name__}: {answer}"
+                else:
+                    yield number, answer
+        return killed
+
+    def _look(self) -> bool:
+        """Read the list of workers again if it is old; returns whether there are any."""
+        if monotonic() - self._seen >= _LOOK:
+            self._check()
+            known = self._client.scheduler_info(n_workers=-1)["workers"]
+            self._workers = {
+                address: (int(one["nthreads"]), one["resources"].get(_MEMORY))
+                for address, one in known.items()
+            }
+            self._seen = monotonic()
+            self._waited = self._waited and not self._workers
+        return bool(self._workers)
+
+    def _wait(self) -> None:
+        if not self._waited:
+            self.say(f"the scheduler {self.address} has no workers; waiting for one")
+        self._waited = True
+        sleep(_LOOK)
+
+    def _check(self) -> None:
+        if self._client.status != "running":
+            raise OSError(
+                f"--scheduler {self.address}: the scheduler has gone; finished rows are in "
+                "the table, --resume solves the others"
+            )
+
+    def _submit(self, work: _Work, waiting: deque[int]) -> None:
+        """Hand over rows that fit, not many more than are solved at a time.
+
+        When a worker dies, only the rows that it had are solved again.
+        """
+        most = _AHEAD * sum(threads for threads, _ in self._workers.values())
+        for _ in range(len(waiting)):
+            if len(self._running) >= most:
+                break
+            number = waiting.popleft()
+            if not self._fits(work, number):
+                waiting.append(number)
+                continue
+            needed = {} if work.needs is None else {_MEMORY: work.needs[number]}
+            future = self._client.submit(
+                work.function,
+                *work.arguments[number],
+                key=f"{work.name}-{number}-{uuid.uuid4().hex}",
+                pure=False,
+                retries=0,
+                resources=needed,
+            )
+            self._running[future] = number
+
+    def _take_back(self, work: _Work, waiting: deque[int]) -> None:
+        """Cancel rows that were handed to a worker that has left, and fit no other."""
+        for future, number in list(self._running.items()):
+            if self._workers and not future.done() and not self._fits(work, number):
+                self._client.cancel([future], force=True)
+                del self._running[future]
+                waiting.append(number)
+
+    def _fits(self, work: _Work, number: int) -> bool:
+        if work.needs is None:
+            return True
+        return any(
+            memory is not None and work.needs[number] <= memory
+            for _, memory in self._workers.values()
+        )
+
+    def _too_large(self, work: _Work, number: int) -> str:
+        largest = max(memory or 0 for _, memory in self._workers.values())
+        needed = 0.0 if work.needs is None else work.needs[number]
+        return (
+            f"it needs {size(needed)} of memory, but no worker declares more than "
+            f"{size(largest)}"
+        )
+
+    def _finished(self) -> list[Any]:
+        """Rows that have ended, after at most the time between two looks."""
+        try:
+            self._dask.wait(
+                list(self._running), timeout=_LOOK, return_when="FIRST_COMPLETED"
+            )
+        except TimeoutError:
+            pass
+        except self._dask.CancelledError:
+            self._check()
+        return [future for future in self._running if future.done()]
+
+    def _answer(self, future: Any) -> Any:
+        """The result of a row that has ended, or its exception.
+
+        None: its worker died before it sent the result, and dask solves the row again.
+        """
+        if future.status == "error":
+            return future.exception()
+        try:
+            return future.result(timeout=_CONNECT)
+        except TimeoutError:
+            return None
+        except self._dask.scheduler.KilledWorker as error:
+            return error
+        except self._dask.CancelledError as error:
+            self._check()
+            return error

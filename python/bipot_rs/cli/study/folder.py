@@ -1,0 +1,142 @@
+"""The folder of a study: its table, what it is a study of, and results of its rows."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.study.part import Part, part
+from bipot_rs.cli.study.plan import Study
+
+# What the table is a study of.
+RECORD = "sweep.json"
+# Results of rows, in folders with the number of the row.
+ROWS = "rows"
+_FORMAT, _VERSION = "bipot-sweep", 1
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a folder holds a study of.
+
+    Attributes
+    ----------
+    scene, settings, ranges, method, tol
+        As on the command line.
+    title, units
+        Those of the scene.
+    study
+        `Study.digest`.
+    count
+        Number of rows of the whole study.
+    part
+        ``"I/N"`` for the folder of a part.
+    rows
+        Row numbers of the part; all rows if there is no part.
+    """
+
+    scene: str
+    settings: list[str]
+    ranges: list[str]
+    method: str | None
+    tol: float | None
+    title: str
+    units: dict[str, str]
+    study: str
+    count: int
+    part: str | None = None
+    rows: list[int] = field(default_factory=list)
+
+
+def record_of(study: Study, mine: Part | None, rows: Sequence[int]) -> Record:
+    """The record of a study, or of the part ``mine`` with these ``rows``."""
+    return Record(
+        study.scene,
+        list(study.settings),
+        list(study.ranges),
+        study.method,
+        study.tol,
+        study.title,
+        dict(study.units),
+        study.digest,
+        len(study.rows),
+        None if mine is None else str(mine),
+        [] if mine is None else list(rows),
+    )
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write it into the folder."""
+    from bipot_rs.files.export import aside
+
+    known = {"format": _FORMAT, "version": _VERSION, **asdict(record)}
+    if record.part is None:
+        del known["part"], known["rows"]
+    with aside(folder / RECORD) as draft:
+        draft.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+
+
+def read_record(folder: Path) -> Record:
+    """Read the record of a folder.
+
+    Raises
+    ------
+    ValueError
+        There is none, or it is damaged.
+    """
+    path = folder / RECORD
+    if not path.is_file():
+        raise ValueError(f"{folder} is not the folder of a sweep: it has no {RECORD}")
+    try:
+        known = json.loads(path.read_text(encoding="utf-8-sig"))
+        if known.pop("format") != _FORMAT or known.pop("version") != _VERSION:
+            raise ValueError("it has another format or version")
+        found = Record(**known)
+        if found.part is not None:
+            part(found.part)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} is damaged: {error}") from None
+    return found
+
+
+def row_folder(folder: Path, row: int) -> Path:
+    """Folder for the result of a row, numbered from 0 as in the table."""
+    return folder / ROWS / f"{row:04d}"
+
+
+def set_aside(folder: Path, kept: Mapping[int, Mapping[str, Any]]) -> list[Path]:
+    """Make room for a study: move files of earlier rows that are not ``kept`` away.
+
+    ``kept`` are rows of `table.earlier`: their results move to their new numbers. Returns
+    the paths where other rows are kept now, one generation of each.
+    """
+    table, results, away = folder / SWEEP, folder / ROWS, []
+    # The first line has the names of the columns.
+    if table.exists() and table.read_bytes().count(b"\n") > len(kept) + 1:
+        away.append(table.with_name(f"{table.stem}-before{table.suffix}"))
+        table.replace(away[-1])
+    if results.is_dir():
+        before = folder / f"{ROWS}-before"
+        shutil.rmtree(before, ignore_errors=True)
+        results.replace(before)
+        for row, found in kept.items():
+            old = before / row_folder(folder, int(found["row"])).name
+            if old.is_dir():
+                results.mkdir(exist_ok=True)
+                old.replace(row_folder(folder, row))
+        with suppress(OSError):
+            before.rmdir()
+        if before.exists():
+            away.append(before)
+    return away
+
+
+def has_result(folder: Path, row: int) -> bool:
+    """Whether the folder has a result of a row."""
+    return (row_folder(folder, row) / RESULT).is_file()

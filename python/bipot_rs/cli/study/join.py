@@ -1,0 +1,207 @@
+"""Join the tables and results of the parts of a study: ``bipot sweep --join``."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.study import axes
+from bipot_rs.cli.study.folder import RECORD, Record, read_record, row_folder
+from bipot_rs.cli.study.part import FOLDERS, Part, part
+from bipot_rs.cli.study.table import MISSING, read
+
+# Most row numbers in one sentence.
+_SHOWN = 8
+_NO_PART = "its part was not joined"
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Parts of one study as a whole.
+
+    Attributes
+    ----------
+    record
+        That of the whole study.
+    keys
+        The keys that vary.
+    rows
+        All rows of the study by number; those that no part has solved are `MISSING`.
+    folders
+        The folder that each solved row comes from.
+    absent
+        Parts that were not given, ``"I/N"``.
+    home
+        The folder that all parts are in; None if they are in several.
+    """
+
+    record: Record
+    keys: list[str]
+    rows: dict[int, dict[str, Any]]
+    folders: dict[int, Path]
+    absent: list[str]
+    home: Path | None
+
+
+def join(given: Sequence[Path]) -> Joined:
+    """Read the parts of a study.
+
+    Parameters
+    ----------
+    given
+        Folders of parts, or folders that hold such folders.
+
+    Raises
+    ------
+    OSError, ValueError
+        A folder is not that of a part, the parts are not those of one study, or a row
+        stands in two of them; the message names folder and row.
+    """
+    parts = _parts(given)
+    first, record = next(iter(parts.items()))
+    for folder, other in parts.items():
+        _same_study(first, record, folder, other)
+    by_number: dict[str, Path] = {}
+    for folder, other in parts.items():
+        own = str(other.part)
+        if own in by_number:
+            raise ValueError(
+                f"part {own} is both in {by_number[own]} and in {folder}: name one"
+            )
+        by_number[own] = folder
+    asked = axes.rows(record.settings, record.ranges)
+    rows: dict[int, dict[str, Any]] = {}
+    folders: dict[int, Path] = {}
+    for folder, other in parts.items():
+        for number, row in _rows_of(folder, other, asked).items():
+            if number in rows:
+                raise ValueError(
+                    f"row {number + 1} is both in {folders[number]} and in {folder}"
+                )
+            rows[number], folders[number] = row, folder
+    owner = {k: f for f, other in parts.items() for k in other.rows}
+    for number, settings in enumerate(asked):
+        if number not in rows:
+            where = owner.get(number)
+            why = _NO_PART if where is None else f"{where} does not have it yet"
+            rows[number] = {**settings, "outcome": MISSING, "message": why}
+    count = part(str(record.part)).count
+    every = (str(Part(number + 1, count)) for number in range(count))
+    homes = {folder.parent for folder in parts}
+    return Joined(
+        replace(record, part=None, rows=[]),
+        list(asked[0]),
+        rows,
+        folders,
+        [one for one in every if one not in by_number],
+        homes.pop() if len(homes) == 1 else None,
+    )
+
+
+def _parts(given: Sequence[Path]) -> dict[Path, Record]:
+    """The record of each folder of a part."""
+    found: dict[Path, Record] = {}
+    for folder in given:
+        inside = sorted(one for one in folder.glob(FOLDERS) if (one / RECORD).exists())
+        for one in inside or [folder]:
+            if not one.is_dir():
+                raise OSError(f"there is no folder {one}")
+            record = read_record(one)
+            if record.part is None:
+                raise ValueError(
+                    f"{one} is the folder of a whole sweep, expected one of a part "
+                    "(bipot sweep --part I/N)"
+                )
+            if any(one.resolve() == other.resolve() for other in found):
+                raise ValueError(f"{one} is named twice")
+            found[one] = record
+    return found
+
+
+def _same_study(first: Path, record: Record, folder: Path, other: Record) -> None:
+    """Refuse a part of another study, or of another division of the same study."""
+    if record.study != other.study:
+        names = ("scene", "settings", "ranges", "method", "tol", "count")
+        differing = [
+            f"{name} {getattr(other, name)!r} instead of {getattr(record, name)!r}"
+            for name in names
+            if getattr(other, name) != getattr(record, name)
+        ]
+        why = "; ".join(differing) or (
+            "the scene file, one of its meshes or the version of bipot_rs was another"
+        )
+        raise ValueError(f"{folder} belongs to another study than {first}: {why}")
+    own, others = (part(str(one.part)) for one in (record, other))
+    if own.count != others.count:
+        raise ValueError(
+            f"{folder} is part {others}, but {first} is part {own}: name the parts of one "
+            "division"
+        )
+
+
+def _rows_of(
+    folder: Path, record: Record, asked: Sequence[dict[str, str]]
+) -> dict[int, dict[str, Any]]:
+    """The finished rows of a part; an error if one is not of this part."""
+    path = folder / SWEEP
+    if not path.exists():
+        return {}
+    keys, rows = read(path)
+    if keys != list(asked[0]):
+        raise ValueError(f"{path} is not the table of this part: it varies {keys}")
+    found: dict[int, dict[str, Any]] = {}
+    for row in rows:
+        text = row.pop("row")
+        # The file counts from 0, messages from 1.
+        number = int(text) if text.isdecimal() else -1
+        if number not in record.rows:
+            raise ValueError(f"{path}: row {number + 1} is not in part {record.part}")
+        if number in found:
+            raise ValueError(f"{path}: row {number + 1} is there twice")
+        if any(row[key] != asked[number][key] for key in keys):
+            raise ValueError(
+                f"{path}: row {number + 1} has other settings than in the study"
+            )
+        found[number] = dict(row)
+    return found
+
+
+def copy_results(joined: Joined, folder: Path) -> None:
+    """Copy the results of the rows; on one file system, without their bytes.
+
+    A file of results is replaced as a whole, so that copies may share its bytes.
+    """
+    for number, source in joined.folders.items():
+        result = row_folder(source, number) / RESULT
+        if result.is_file():
+            target = row_folder(folder, number) / RESULT
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.unlink(missing_ok=True)
+            try:
+                os.link(result, target)
+            except OSError:
+                shutil.copy2(result, target)
+
+
+def missing(joined: Joined) -> str:
+    """A sentence about rows that no part has solved; "" if there is none."""
+    reasons: dict[str, list[str]] = {}
+    for k in sorted(joined.rows):
+        if joined.rows[k]["outcome"] == MISSING:
+            reasons.setdefault(joined.rows[k]["message"], []).append(str(k + 1))
+    if not reasons:
+        return ""
+    told = []
+    for reason, rows in reasons.items():
+        if reason == _NO_PART:
+            reason = f"part {', '.join(joined.absent)} was not joined"
+        shown = [*rows[:_SHOWN], *(["…"] if len(rows) > _SHOWN else [])]
+        told.append(f"row {', '.join(shown)} ({reason})")
+    count = sum(map(len, reasons.values()))
+    return f"{counted(count, 'row')} missing: {'; '.join(told)}"

@@ -1,0 +1,162 @@
+"""A whole study before any of its rows is solved."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.study import axes
+
+if TYPE_CHECKING:
+    from bipot_rs.scene.schema.root import Scene
+
+# Parts of a scene that change no size of its problem: numbers, names, loads.
+_NO_SIZES: Any = {
+    "title": True,
+    "units": True,
+    "material": True,
+    "traction": True,
+    "pressure": True,
+    "body_force": True,
+    "strain": True,
+    "contact": {"__all__": {"mu"}},
+    "solver": {"method", "tol", "max_iterations"},
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """One scene with many settings.
+
+    Attributes
+    ----------
+    scene, settings, ranges, method, tol
+        As on the command line.
+    rows
+        Settings of each row.
+    digests
+        A digest of everything that determines a row; empty where the scene has mistakes.
+    costs
+        Bytes of the assembly and number of load steps of each row, to compare rows.
+    shapes
+        A digest of what determines the memory of a row; empty where the scene has mistakes.
+    title, units
+        Those of the first row without mistakes.
+    """
+
+    scene: str
+    settings: tuple[str, ...]
+    ranges: tuple[str, ...]
+    method: str | None
+    tol: float | None
+    rows: list[dict[str, str]]
+    digests: list[str]
+    costs: list[tuple[float, int]]
+    shapes: list[str]
+    title: str
+    units: Mapping[str, str]
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that vary."""
+        return list(self.rows[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of all rows: equal for all parts of a study."""
+        return _digest([self.rows, self.digests])
+
+
+def _digest(known: Any) -> str:
+    text = json.dumps(known, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def row_digest(scene: Scene, method: str | None, tol: float | None) -> str:
+    """A digest of everything that determines a row; None: settings of the scene."""
+    from bipot_rs.cli.resume import stamps
+
+    return _digest(
+        stamps(
+            scene,
+            scene.solver.method if method is None else method,
+            scene.solver.tol if tol is None else tol,
+        )
+    )
+
+
+def written(settings: Mapping[str, str]) -> list[str]:
+    """The settings of a row as on the command line, ``KEY=VALUE``."""
+    return [f"{key}={value}" for key, value in settings.items()]
+
+
+def plan(
+    scene: str,
+    settings: Sequence[str],
+    ranges: Sequence[str],
+    method: str | None,
+    tol: float | None,
+) -> Study:
+    """Read the scene of each row.
+
+    Raises
+    ------
+    SceneError
+        The scene of every row has mistakes; the error is that of the first row.
+    ValueError
+        ``settings`` or ``ranges`` are wrong.
+    """
+    from bipot_rs.cli.cost_forecast import assembly
+    from bipot_rs.scene.library import SceneError
+    from bipot_rs.scene.reading import read
+
+    rows = axes.rows(settings, ranges)
+    digests, costs, shapes, first, known = [], [], [], None, None
+    for row in rows:
+        try:
+            found = read(scene, written(row))
+        except SceneError as error:
+            _whole(ranges, error.problems)
+            first = error if first is None else first
+            digests.append("")
+            costs.append((0.0, 0))
+            shapes.append("")
+            continue
+        known = found if known is None else known
+        digests.append(row_digest(found, method, tol))
+        costs.append((assembly(found), found.path.count()))
+        shapes.append(_digest(found.model_dump(mode="json", exclude=_NO_SIZES)))
+    if first is not None and known is None:
+        raise first
+    return Study(
+        scene,
+        tuple(settings),
+        tuple(ranges),
+        method,
+        tol,
+        rows,
+        digests,
+        costs,
+        shapes,
+        title=known.title if known else "",
+        units=known.units.model_dump() if known else {},
+    )
+
+
+def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
+    """Refuse a range with fractions for a key that takes integers."""
+    for setting in ranges:
+        key, found = axes.spaced(setting)
+        if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
+            shown = [f"{float(v):.6g}" for v in found[:4]]
+            shown += ["…"] if len(found) > len(shown) else []
+            raise ValueError(
+                f"--range {setting}: {key} takes integers, but this is "
+                f"{counted(len(found), 'value')}, {', '.join(shown)}: the third number is "
+                "the number of values, not their spacing"
+            )

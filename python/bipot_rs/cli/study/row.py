@@ -1,0 +1,218 @@
+"""Solve one row of a study. These functions run in worker processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
+from bipot_rs.cli.output_folder import RESULT
+from bipot_rs.cli.runner import outcome, recovered
+from bipot_rs.cli.study.folder import row_folder
+from bipot_rs.cli.study.plan import row_digest, written
+from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE
+from bipot_rs.contact.status import STATUS_NAMES
+
+if TYPE_CHECKING:
+    from bipot_rs.cli.output_files import Reached
+    from bipot_rs.contact.problem import ContactProblem
+    from bipot_rs.contact.solution import Step
+    from bipot_rs.scene.case import Case
+    from bipot_rs.scene.schema.root import Scene
+
+# Modules that each row needs.
+_NEEDED = (
+    "bipot_rs.cli.cost_forecast",
+    "bipot_rs.cli.report",
+    "bipot_rs.scene.reading",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a study.
+
+    Attributes
+    ----------
+    number
+        Its number in the study, from 0.
+    scene, settings, method, tol
+        What to solve.
+    folder
+        The folder of the study. If the row fails, its solved load steps are written there.
+    keep
+        Write the result of a solved row as well.
+    """
+
+    number: int
+    scene: str
+    settings: Mapping[str, str]
+    method: str | None
+    tol: float | None
+    folder: Path
+    keep: bool = False
+
+
+def solve(row: Row) -> dict[str, Any]:
+    """Solve a row; returns its entries in the table.
+
+    A row that fails has the figures of its last solved load step.
+    """
+    # Before the clock starts, so that the first row of a process is not slower.
+    for needed in _NEEDED:
+        import_module(needed)
+    return _Attempt(row).run()
+
+
+def solve_as(row: Row, digest: str) -> dict[str, Any] | str:
+    """`solve` on another machine; a message if its scene differs from ``digest``.
+
+    A row without a digest has mistakes, which `solve` reports.
+    """
+    from bipot_rs.scene.library import SceneError
+    from bipot_rs.scene.reading import read
+
+    try:
+        here = read(row.scene, written(row.settings))
+    except SceneError as error:
+        if digest:
+            return f"its worker cannot read the scene: {error}"
+    else:
+        if row_digest(here, row.method, row.tol) != digest:
+            return (
+                f"its worker reads another scene {row.scene!r}, or has another version of "
+                "bipot_rs"
+            )
+    return solve(row)
+
+
+def peak(scene: str, settings: Mapping[str, str]) -> float:
+    """Most bytes that solving a row takes, without solving it."""
+    from bipot_rs.cli import cost_forecast
+    from bipot_rs.scene.build import bodies
+    from bipot_rs.scene.reading import assemble, read
+
+    found = read(scene, written(settings))
+    return cost_forecast.peak(assemble(found, bodies(found)))
+
+
+class _Attempt:
+    """The solution of one row, as far as it gets."""
+
+    def __init__(self, row: Row) -> None:
+        self.row = row
+        self.scene: Scene | None = None
+        self.case: Case | None = None
+        self.problem: ContactProblem | None = None
+        self.reached: list[Reached] = []
+
+    def run(self) -> dict[str, Any]:
+        from bipot_rs.contact.errors import BipotError
+
+        started = perf_counter()
+        try:
+            self._solve()
+            code, message = SOLVED, ""
+        except (BipotError, ValueError, MemoryError) as error:
+            code, message = outcome(error)
+        if self.reached and (code != SOLVED or self.row.keep):
+            code, message = self._write(code, message)
+        found = self._figures()
+        return {
+            "outcome": OUTCOME_OF[code],
+            **found,
+            "seconds": round(perf_counter() - started, 6),
+            "message": message,
+        }
+
+    def _solve(self) -> None:
+        from bipot_rs.cli import cost_forecast
+        from bipot_rs.cli.report import row as of_step
+        from bipot_rs.scene.build import bodies
+        from bipot_rs.scene.reading import assemble, read
+
+        row = self.row
+        self.scene = scene = read(row.scene, written(row.settings))
+        tolerance = scene.solver.tol if row.tol is None else row.tol
+        if isinstance(tolerance, str):
+            raise ValueError(f"tol is {tolerance!r}, expected a number in a sweep")
+        cost_forecast.fits(scene)
+        self.case = case = assemble(scene, bodies(scene))
+        self.problem = case.problem()
+
+        def on_step(k: int, step: Step) -> None:
+            parameter = case.step_parameter(k, step)
+            self.reached.append((of_step(k, parameter, step), step))
+
+        case.solve(self.problem, method=row.method, tol=tolerance, on_step=on_step)
+
+    def _figures(self) -> dict[str, Any]:
+        """Figures of the last load step that is solved, and of all steps."""
+        if self.case is None:
+            return {}
+        if not self.reached:
+            return {"steps": 0}
+        from bipot_rs.cli.report import forces
+
+        last, step = self.reached[-1]
+        return {
+            "steps": len(self.reached),
+            **{name: last[name] for name in STATUS_NAMES},
+            "residual": max(float(one["residual"]) for one, _ in self.reached),
+            "iterations": sum(int(one["iterations"]) for one, _ in self.reached),
+            **forces(self.case.model, step),
+            **_pressures(self.case, step),
+        }
+
+    def _write(self, code: int, message: str) -> tuple[int, str]:
+        """Write result.h5; returns how the row ends after that."""
+        row, scene, case = self.row, self.scene, self.case
+        if scene is None or case is None:
+            return code, message
+        from bipot_rs.cli.output_files import Output, origin
+        from bipot_rs.cli.resume import stamps
+
+        if not row.folder.is_dir():
+            # Another machine: a folder made there would be lost.
+            return code, _and(
+                message, f"no {RESULT}: its worker has no folder {row.folder}"
+            )
+        here = row_folder(row.folder, row.number)
+        try:
+            lost = recovered(self.reached)
+            if lost:
+                code, message = NOT_CONVERGED, lost
+            here.mkdir(parents=True, exist_ok=True)
+            method = scene.solver.method if row.method is None else row.method
+            tol = scene.solver.tol if row.tol is None else row.tol
+            made = origin(
+                row.scene, written(row.settings), scene, self.problem, message
+            )
+            Output(here, here, scene, case, self.reached, ()).result(
+                complete=code == SOLVED, attributes=made | stamps(scene, method, tol)
+            )
+        except (OSError, MemoryError) as error:
+            return code, _and(message, f"no {RESULT}: {outcome(error)[1]}")
+        return code, message
+
+
+def _and(message: str, more: str) -> str:
+    return f"{message}; {more}" if message else more
+
+
+def _pressures(case: Case, step: Step) -> dict[str, float]:
+    """Largest contact pressure of each surface [force per area]."""
+    from bipot_rs.fem.contact_surface import surface_names
+
+    model, found = case.model, {}
+    for k, name in enumerate(surface_names(model)):
+        own = (model.group == k) & (model.area > 0)
+        pressure = step.reaction[own, 0] / model.area[own]
+        found[f"{PRESSURE} of {name}"] = float(np.max(pressure, initial=0.0))
+    return found

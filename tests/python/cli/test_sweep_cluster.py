@@ -1,0 +1,226 @@
+"""Rows on the workers of a dask scheduler: the same table, and rows that kill a worker."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs.cli.cost_forecast import assembly, size
+from bipot_rs.cli.study.cluster import Cluster
+from bipot_rs.cli.study.row import peak
+from bipot_rs.scene import read
+from comparisons import content
+from dask_workers import row, solved_then_killed, two_workers
+from pushed_study import PUSHED, table
+
+distributed = pytest.importorskip("distributed", exc_type=ImportError)
+# The clusters are shared by the tests of one process.
+pytestmark = pytest.mark.xdist_group("cluster")
+
+STUDY = ("sweep", "push.toml", "--set", "contact.0.mu=0.1,0.3,0.5")
+MEMORY = 2e9
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Workers that declare their memory; dask does not repeat a task that killed one."""
+    with two_workers(tmp_path_factory.mktemp("strict"), memory=MEMORY) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Workers as dask starts them: no resources, and three repetitions."""
+    with two_workers(tmp_path_factory.mktemp("plain"), failures=3) as address:
+        yield address
+
+
+def test_rows_are_those_of_this_machine(
+    strict: str, tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "push.toml").write_text(PUSHED)
+    assert bipot(*STUDY, "--out", "here", "--jobs", "1")[0] == 1
+    status, _, errors = bipot(*STUDY, "--out", "there", "--scheduler", strict)
+    assert status == 1
+    assert "memory" not in errors
+    assert table("there") == table("here")
+    names = sorted(p.relative_to("here") for p in Path("here").rglob("result.h5"))
+    assert [str(name) for name in names] == [f"rows/{k:04d}/result.h5" for k in (0, 1)]
+    for name in names:
+        one, other = content(Path("here") / name), content(Path("there") / name)
+        # The workers know the scene by its whole path.
+        assert other.pop("@scene") == str(tmp_path / one.pop("@scene"))
+        assert one == other
+
+
+def test_workers_without_memory(
+    plain: str, tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
+) -> None:
+    file = tmp_path / "scheduler.json"
+    file.write_text(json.dumps({"address": plain}))
+    more = ("--set", "contact.0.mu=0.3", "--scheduler", str(file), "--json")
+    status, output, _ = bipot("sweep", "sheared_cube", "--set", "mesh.n=2,3", *more)
+    assert status == 0
+    *rows, last = map(json.loads, output.splitlines())
+    assert sorted(one["row"] for one in rows) == [0, 1]
+    assert last["solved"] == 2
+    errors = bipot("sweep", "sheared_cube", "--set", "mesh.n=2", "--scheduler", plain)[
+        2
+    ]
+    assert 'start workers with --resources "memory=BYTES"' in errors
+
+
+@pytest.mark.parametrize("which", ["strict", "plain"])
+def test_a_killed_row_loses_itself_alone(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    address = request.getfixturevalue(which)
+    asked = [(number, (3, 4)) for number in (*range(12), 99)]
+    with Cluster(address, lambda _: None) as cluster:
+        found = dict(cluster.map(row, asked))
+    died = "its worker died, probably because memory ran out"
+    assert {k: found[k] for k in (3, 4)} == {3: died, 4: died}
+    assert found[12] == "RuntimeError: no"
+    assert [found[k][0] for k in sorted(found) if k not in (3, 4, 12)] == [
+        *(0, 1, 2),
+        *range(5, 12),
+    ]
+    assert sorted(found) == list(range(13))
+
+
+def test_a_result_lost_with_its_worker_is_computed_again(
+    strict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The worker dies between the end of the row and the transfer of its result."""
+    original = Cluster._finished
+
+    def late(self: Cluster) -> list[Any]:
+        # All rows end in this time, and the worker dies in the next.
+        time.sleep(0.5)
+        found = original(self)
+        time.sleep(1.0)
+        return found
+
+    monkeypatch.setattr(Cluster, "_finished", late)
+    asked = [(number, tmp_path) for number in range(4)]
+    with Cluster(strict, lambda _: None) as cluster:
+        # Less than the row takes the second time.
+        monkeypatch.setattr("bipot_rs.cli.study.cluster._CONNECT", 1.0)
+        found = dict(cluster.map(solved_then_killed, asked))
+        monkeypatch.undo()
+    assert found == {number: number for number in range(4)}
+
+
+def test_a_row_larger_than_any_worker_is_not_waited_for(strict: str) -> None:
+    with Cluster(strict, lambda _: None) as cluster:
+        assert cluster.declares_memory()
+        needs = [MEMORY, 2 * MEMORY, 0.75 * MEMORY, 0.0]
+        found = dict(cluster.map(row, [(k,) for k in range(4)], needs))
+    assert found[1] == "it needs 4 GB of memory, but no worker declares more than 2 GB"
+    assert [found[k][0] for k in (0, 2, 3)] == [0, 2, 3]
+
+
+def test_the_forecast_of_a_row_chooses_its_worker(
+    tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
+) -> None:
+    forecast = [peak("sheared_cube", {"mesh.n": n}) for n in ("2", "6")]
+    stiffness = assembly(read("sheared_cube", ["mesh.n=6"]))
+    # Its assembly alone would fit: the forecast counts the condensation as well.
+    assert max(forecast[0], stiffness) < 2e6 < forecast[1]
+    with two_workers(tmp_path, memory=2e6) as address:
+        status, _, _ = bipot(
+            *("sweep", "sheared_cube", "--set", "mesh.n=2,6", "--out", "here"),
+            *("--scheduler", address),
+        )
+    assert status == 3
+    rows = table("here")
+    assert [row["outcome"] for row in rows] == ["solved", "lost"]
+    assert rows[1]["message"] == (
+        f"it needs {size(forecast[1])} of memory, but no worker declares more than 2 MB"
+    )
+
+
+def test_ctrl_c_keeps_finished_rows_and_cancels_the_others(
+    strict: str, tmp_path: Path
+) -> None:
+    command = [
+        *(sys.executable, "-m", "bipot_rs", "sweep", "sheared_cube", "--scheduler"),
+        *(strict, "--out", "here", "--set", "mesh.n=8", "--json"),
+        *("--range", "contact.0.mu=0.1:0.6:60"),
+    ]
+    process = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    first = json.loads(process.stdout.readline())
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "")
+    *more, last = map(json.loads, output.splitlines())
+    assert last["message"].startswith("interrupted")
+    with (tmp_path / "here" / "sweep.csv").open(newline="") as file:
+        done = list(csv.DictReader(file))
+    assert 1 <= len([first, *more]) <= len(done) < 60
+    with distributed.Client(strict, set_as_default=False) as client:
+        # Rows that were handed over but had not begun are gone.
+        assert sum(map(len, client.processing().values())) <= 2
+
+
+def test_a_scheduler_that_goes(tmp_path: Path) -> None:
+    with two_workers(tmp_path) as address:
+        cluster = Cluster(address, lambda _: None)
+        answers = cluster.map(row, [(k,) for k in range(1000)])
+        next(answers)
+    with pytest.raises(OSError, match="the scheduler has gone; finished rows are in"):
+        for _ in answers:
+            pass
+    cluster.__exit__()
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("nonsense", "expected an address as tcp://HOST:8786, or a scheduler file"),
+        ("tcp://localhost:", "expected an address as tcp://HOST:8786"),
+        # Port 9 discards what it gets, and is closed on most machines.
+        ("127.0.0.1:9", "no dask scheduler answers within 0.5 s"),
+    ],
+)
+def test_wrong_addresses(
+    address: str,
+    why: str,
+    tmp_path: Path,
+    bipot: Callable[..., tuple[int, str, str]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("bipot_rs.cli.study.cluster._CONNECT", 0.5)
+    status, output, errors = bipot(
+        "sweep", "sheared_cube", "--set", "mesh.n=2,3", "--scheduler", address
+    )
+    assert (status, output) == (2, "")
+    assert f"--scheduler {address}: {why}" in errors
+    # Nothing is written before the scheduler answers.
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_no_scheduler_file(
+    tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "some.json").write_text("{}")
+    more = ("--set", "mesh.n=2,3", "--scheduler", "some.json")
+    status, _, errors = bipot("sweep", "sheared_cube", *more)
+    assert status == 2
+    assert "--scheduler some.json is not a scheduler file of dask" in errors

@@ -1,0 +1,300 @@
+"""A study in parts, as a job array solves it, and joined to the files of one sweep."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs.cli.study.part import Part, deal, part
+from comparisons import content
+from pushed_study import PUSHED, table
+
+Bipot = Callable[..., tuple[int, str, str]]
+STUDY = (
+    *("sweep", "push.toml", "--set", "contact.0.mu=0.1,0.3,0.5", "--set", "mesh.n=4,6"),
+)
+
+
+def files(folder: Path) -> dict[str, Any]:
+    """Everything in a folder but parts, and times."""
+    found: dict[str, Any] = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        if path.is_dir() or name.parts[0].startswith("part-"):
+            continue
+        if path.name == "sweep.csv":
+            found[str(name)] = (path.read_text().splitlines()[0], table(folder))
+        else:
+            found[str(name)] = (
+                content(path) if path.suffix == ".h5" else path.read_bytes()
+            )
+    return found
+
+
+@pytest.fixture(scope="module")
+def array(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one sweep, and the same in three parts by three processes at a time."""
+    cwd = tmp_path_factory.mktemp("array")
+    (cwd / "push.toml").write_text(PUSHED)
+    command = [sys.executable, "-m", "bipot_rs", *STUDY, "--jobs", "1", "--results"]
+    more = [["--out", "whole"]]
+    more += [["--out", "parts", "--part", f"{task}/3"] for task in (1, 2, 3)]
+    tasks = [
+        subprocess.Popen(
+            [*command, *one], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        for one in more
+    ]
+    for task in tasks:
+        output, errors = task.communicate(timeout=120)
+        # Some rows have no answer.
+        assert task.returncode in (0, 1), (output, errors)
+    return cwd
+
+
+@pytest.fixture
+def parts(array: Path, tmp_path: Path) -> Path:
+    """A copy of the parts that a test may change."""
+    shutil.copytree(array / "parts", tmp_path / "parts")
+    (tmp_path / "push.toml").write_text(PUSHED)
+    return tmp_path / "parts"
+
+
+def test_joined_parts_are_the_files_of_one_sweep(
+    array: Path, parts: Path, bipot: Bipot
+) -> None:
+    status, output, errors = bipot("sweep", "--join", "parts")
+    assert (status, errors) == (1, "")
+    assert "2 of 6 rows solved; the table is parts/sweep.csv" in output
+    one, joined = files(array / "whole"), files(parts)
+    assert sorted(joined) == [
+        *(f"rows/{k:04d}/result.h5" for k in range(6)),
+        *("sweep.csv", "sweep.json"),
+    ]
+    assert joined == one
+    # Into another folder, from the folders of the parts in any order.
+    names = [f"parts/part-{k}-of-3" for k in (3, 1, 2)]
+    assert bipot("sweep", "--join", *names, "--out", "there")[0] == 1
+    assert files(Path("there")) == one
+
+
+def test_parts_divide_the_rows(array: Path) -> None:
+    numbers = [
+        [int(row["row"]) for row in table(array / "parts" / f"part-{k}-of-3")]
+        for k in (1, 2, 3)
+    ]
+    assert sorted(chain(*numbers)) == list(range(6))
+    # Rows alternate between coarse and fine meshes: each part has one of both.
+    assert [sorted(k % 2 for k in rows) for rows in numbers] == [[0, 1]] * 3
+
+
+@pytest.mark.parametrize(("meshes", "others"), [(4, 4), (3, 5), (5, 8), (1, 7)])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 40])
+def test_no_part_gets_all_large_rows(meshes: int, others: int, count: int) -> None:
+    costs = [(10.0**k, 1) for _ in range(others) for k in range(meshes)]
+    found = deal(costs, count)
+    assert sorted(chain(*found)) == list(range(len(costs)))
+    assert all(rows == sorted(rows) for rows in found)
+    for mesh in range(meshes):
+        share = [sum(k % meshes == mesh for k in rows) for rows in found]
+        assert max(share) - min(share) <= 2
+        assert max(share) <= -(-others // count) + 1
+    assert max(map(len, found)) - min(map(len, found)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("3", "expected I/N, as in 2/4"),
+        ("a/b", "expected I/N"),
+        ("-1/4", "expected I/N"),
+        ("0/4", "I is 0, not between 1 and 4"),
+        ("5/4", "I is 5, not between 1 and 4"),
+        ("1/0", "N is 0, not between 1 and"),
+    ],
+)
+def test_wrong_parts(text: str, why: str) -> None:
+    with pytest.raises(ValueError, match=f"--part {text}: {why}"):
+        part(text)
+    assert part(" 2/ 4") == Part(2, 4)
+
+
+def test_missing_rows_are_marked_and_resumed(
+    array: Path, parts: Path, bipot: Bipot
+) -> None:
+    """One part was killed after its first row, and one never began."""
+    lines = (parts / "part-1-of-3" / "sweep.csv").read_text().splitlines(True)
+    (parts / "part-1-of-3" / "sweep.csv").write_text("".join(lines[:2]))
+    lacking = [int(lines[2].split(",")[0])]
+    lacking += [int(r["row"]) for r in table(parts / "part-3-of-3")]
+    shutil.rmtree(parts / "part-3-of-3")
+    status, output, _ = bipot("sweep", "--join", "parts")
+    assert status == 3
+    assert "3 rows missing: row " in output
+    assert f"row {lacking[0] + 1} (parts/part-1-of-3 does not have it yet)" in output
+    numbers = ", ".join(str(k + 1) for k in sorted(lacking[1:]))
+    assert f"row {numbers} (part 3/3 was not joined)" in output
+    rows = table(parts)
+    assert [int(row["row"]) for row in rows] == list(range(6))
+    missing = [int(row["row"]) for row in rows if row["outcome"] == "missing"]
+    assert missing == sorted(lacking)
+    # The joined table is continued like any other ...
+    more = (*STUDY, "--jobs", "1", "--results", "--resume")
+    shutil.copytree(parts, "copy")
+    assert "3 of 6 rows are already finished" in bipot(*more, "--out", "copy")[2]
+    assert table("copy") == table(array / "whole")
+    # ... and so are the parts; one that never began starts.
+    errors = bipot(*more, "--out", "parts", "--part", "1/3")[2]
+    assert "1 of 2 rows are already finished" in errors
+    errors = bipot(*more, "--out", "parts", "--part", "3/3")[2]
+    assert "there is no parts/part-3-of-3/sweep.csv to resume" in errors
+    assert bipot("sweep", "--join", "parts")[0] == 1
+    assert table(parts) == table(array / "whole")
+
+
+def test_more_parts_than_rows(bipot: Bipot) -> None:
+    study = ("sweep", "sheared_cube", "--set", "mesh.n=2", "--out", "few")
+    for k in (1, 2):
+        assert bipot(*study, "--part", f"{k}/2")[0] == 0
+    status, output, _ = bipot("sweep", "--join", "few")
+    assert status == 0
+    assert "1 of 1 row solved" in output
+
+
+def other_settings(parts: Path) -> str:
+    path = parts / "part-2-of-3" / "sweep.json"
+    known = json.loads(path.read_text())
+    known |= {"study": "0", "settings": ["contact.0.mu=0.1,0.3,0.6", "mesh.n=4,6"]}
+    path.write_text(json.dumps(known))
+    return (
+        "parts/part-2-of-3 belongs to another study than parts/part-1-of-3: settings "
+        "['contact.0.mu=0.1,0.3,0.6', 'mesh.n=4,6'] instead of "
+    )
+
+
+def other_scene(parts: Path) -> str:
+    path = parts / "part-2-of-3" / "sweep.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"study": "0"}))
+    return (
+        "parts/part-2-of-3 belongs to another study than parts/part-1-of-3: the scene "
+        "file, one of its meshes or the version of bipot_rs was another"
+    )
+
+
+def other_division(parts: Path) -> str:
+    path = parts / "part-2-of-3" / "sweep.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"part": "2/4"}))
+    return "parts/part-2-of-3 is part 2/4, but parts/part-1-of-3 is part 1/3"
+
+
+def same_part_twice(parts: Path) -> str:
+    shutil.copytree(parts / "part-2-of-3", parts / "part-4-of-3")
+    return "part 2/3 is both in parts/part-2-of-3 and in parts/part-4-of-3: name one"
+
+
+def same_row_twice(parts: Path) -> str:
+    path = parts / "part-1-of-3" / "sweep.csv"
+    lines = path.read_text().splitlines(True)
+    path.write_text("".join([*lines, lines[1]]))
+    return f"parts/part-1-of-3/sweep.csv: row {int(lines[1][0]) + 1} is there twice"
+
+
+def row_in_two_parts(parts: Path) -> str:
+    one, two = parts / "part-1-of-3", parts / "part-2-of-3"
+    line = (one / "sweep.csv").read_text().splitlines(True)[1]
+    (two / "sweep.csv").write_text((two / "sweep.csv").read_text() + line)
+    known = json.loads((two / "sweep.json").read_text())
+    known["rows"].append(int(line[0]))
+    (two / "sweep.json").write_text(json.dumps(known))
+    return (
+        f"row {int(line[0]) + 1} is both in parts/part-1-of-3 and in parts/part-2-of-3"
+    )
+
+
+def row_of_another_part(parts: Path) -> str:
+    path = parts / "part-1-of-3" / "sweep.csv"
+    line = (parts / "part-2-of-3" / "sweep.csv").read_text().splitlines(True)[1]
+    path.write_text(path.read_text() + line)
+    return f"parts/part-1-of-3/sweep.csv: row {int(line[0]) + 1} is not in part 1/3"
+
+
+def edited_row(parts: Path) -> str:
+    path = parts / "part-1-of-3" / "sweep.csv"
+    number = path.read_text().splitlines()[1][0]
+    text = path.read_text()
+    path.write_text(text.replace(f"\n{number},0.", f"\n{number},1.", 1))
+    return (
+        f"parts/part-1-of-3/sweep.csv: row {int(number) + 1} has other settings than in"
+    )
+
+
+def damaged_record(parts: Path) -> str:
+    path = parts / "part-1-of-3" / "sweep.json"
+    path.write_text(path.read_text()[:-20])
+    return "parts/part-1-of-3/sweep.json is damaged"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        other_settings,
+        other_scene,
+        other_division,
+        same_part_twice,
+        same_row_twice,
+        row_in_two_parts,
+        row_of_another_part,
+        edited_row,
+        damaged_record,
+    ],
+)
+def test_what_does_not_belong_together_is_refused(
+    spoil: Callable[[Path], str], parts: Path, bipot: Bipot
+) -> None:
+    why = spoil(parts)
+    status, output, errors = bipot("sweep", "--join", "parts", "--out", "there")
+    assert (status, output) == (2, "")
+    assert why in errors
+    assert not Path("there").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("nothing",), "there is no folder nothing"),
+        (("empty",), "empty is not the folder of a sweep: it has no sweep.json"),
+        (("whole",), "whole is the folder of a whole sweep, expected one of a part"),
+        (("parts", "parts/part-1-of-3"), "parts/part-1-of-3 is named twice"),
+        (("parts", "--resume"), "--resume cannot be used with --join"),
+        (("parts", "--out", "parts/part-1-of-3"), "is the folder of a part"),
+        (("parts/part-1-of-3", "copy"), "--out DIR is missing: the parts are in"),
+    ],
+)
+def test_wrong_arguments_of_join(
+    arguments: tuple[str, ...], why: str, array: Path, parts: Path, bipot: Bipot
+) -> None:
+    Path("empty").mkdir()
+    shutil.copytree(array / "whole", "whole")
+    shutil.copytree(parts / "part-2-of-3", "copy")
+    status, output, errors = bipot("sweep", "--join", *arguments)
+    assert (status, output) == (2, "")
+    assert why in errors
+    status, output, _ = bipot("sweep", "--join", *arguments, "--json")
+    assert status == 2
+    last = json.loads(output)
+    assert not last["ok"]
+    assert why in last["message"]
+
+
+def test_one_scene_without_join(bipot: Bipot) -> None:
+    status, _, errors = bipot(
+        "sweep", "sheared_cube", "two_blocks", "--set", "mesh.n=2"
+    )
+    assert status == 2
+    assert "SCENE is given 2 times, expected once: sheared_cube, two_blocks" in errors
