@@ -462,7 +462,11 @@ def info(
 def plot(
     result: Annotated[
         str,
-        typer.Argument(metavar="RESULT", help="The folder of a run, or its result.h5."),
+        typer.Argument(
+            metavar="RESULT",
+            help="The folder of a run, or its result.h5; with --x and --y, the folder of a "
+            "sweep.",
+        ),
     ],
     kind: Annotated[
         str,
@@ -508,11 +512,53 @@ def plot(
             "--set", metavar="KEY=VALUE", help="Keys that were set for the run."
         ),
     ] = None,
+    x: Annotated[
+        str | None,
+        typer.Option(
+            "--x",
+            metavar="COLUMN",
+            help="Column of the table of a sweep on the horizontal axis. contact.0.mu may "
+            "be shortened to mu.",
+        ),
+    ] = None,
+    y: Annotated[
+        str | None,
+        typer.Option(
+            "--y",
+            metavar="COLUMN",
+            help="Column on the vertical axis. 'max_pressure of body.surface' may be "
+            "shortened to max_pressure.",
+        ),
+    ] = None,
 ) -> None:
-    """Draw a picture of a result. Does not solve again."""
+    """Draw a picture of a result or of a sweep. Does not solve again."""
     from bipot_rs.cli.commands.plot import draw
+    from bipot_rs.cli.commands.plot_study import draw as draw_study
+    from bipot_rs.cli.commands.plot_study import is_study
 
     with _errors_reported():
+        if is_study(Path(result)):
+            others = {
+                "--kind": None if kind == "tractions" else kind,
+                "--contact": contact,
+                "--along": along,
+                "--step": step,
+                "--scene": scene,
+                "--set": settings,
+            }
+            for name, value in others.items():
+                if value is not None:
+                    raise ValueError(
+                        f"{name} cannot be used with the folder of a sweep"
+                    )
+            made, said = draw_study(Path(result), x, y, out)
+            complain(said)
+            typer.echo(made)
+            return
+        if x is not None or y is not None:
+            raise ValueError(
+                f"--x and --y need the folder of a sweep, but {result} is not"
+            )
         made = draw(
             result,
             kind,

@@ -297,7 +297,7 @@ def test_info_of_folders(bipot: Any) -> None:
         assert "row 2     scene 'sheared_cube': contact.0.mu: should be" in out
     status, _, err = bipot("plot", "out/sheared_cube-sweep")
     assert status == 2
-    assert "is the folder of a sweep, which has a table but no results" in err
+    assert "is the folder of a sweep: choose what to draw with --x and --y" in err
     found = json.loads(bipot("info", "out/sheared_cube-sweep", "--json")[1])
     assert found["outcomes"] == {"solved": 1, "bad input": 1}
     status, out, _ = bipot("info", "out")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import meant
-from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.output_folder import RESULT
 
 # Quantities that can be drawn on the surfaces of three-dimensional bodies.
 _IN_SPACE = ("pressure", "shear", "gap", "slip", "status")
@@ -182,11 +182,6 @@ def draw(
         )
     path = Path(name)
     if path.is_dir():
-        if (path / SWEEP).exists() and not (path / RESULT).exists():
-            raise ValueError(
-                f"{name} is the folder of a sweep, which has a table but no results: to "
-                "draw a row, solve it with bipot run and its --set"
-            )
         path = path / RESULT
     if not path.exists():
         raise OSError(

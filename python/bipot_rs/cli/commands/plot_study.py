@@ -1,0 +1,194 @@
+"""``bipot plot`` of the folder of a sweep: one column of its table over another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.strict_numbers import real
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.report import COMPONENTS, FORCES
+from bipot_rs.cli.study.folder import RECORD, read_record
+from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
+
+# Columns that are no numbers.
+_TEXTS = ("outcome", "message", "digest")
+# Most rows that a sentence names.
+_SHOWN = 5
+
+
+def is_study(path: Path) -> bool:
+    """Whether a folder or file is a sweep, and not the result of a run."""
+    if path.is_dir():
+        return (path / SWEEP).exists() and not (path / RESULT).exists()
+    return path.name == SWEEP
+
+
+def draw(
+    path: Path, x: str | None, y: str | None, out: Path | None
+) -> tuple[Path, str]:
+    """Draw column ``y`` of the table of a sweep over column ``x``.
+
+    Returns
+    -------
+    target, said
+        The file written, by default ``Y_over_X.png`` in the folder of the sweep, and a
+        sentence about rows without values, or "".
+
+    Raises
+    ------
+    OSError, ValueError
+        There is no such column or no number in it, or a file cannot be read or written.
+    """
+    from bipot_rs.files.export import writing
+    from bipot_rs.plots.study import study
+
+    folder = path if path.is_dir() else path.parent
+    keys, rows = read(folder / SWEEP)
+    columns = [name for name in (rows[0] if rows else ()) if name not in _TEXTS]
+    if not rows:
+        raise ValueError(f"{folder / SWEEP} has no rows to draw")
+    if x is None or y is None:
+        raise ValueError(
+            f"{path} is the folder of a sweep: choose what to draw with --x and --y, of "
+            f"{', '.join(columns)}; {folder}/rows holds results of single rows, if any"
+        )
+    across, up = (_column(n, t, keys, columns) for n, t in (("--x", x), ("--y", y)))
+    drawn = [row for row in rows if row[across] and row[up]]
+    absent = [row for row in rows if not (row[across] and row[up])]
+    if not drawn:
+        raise ValueError(f"{folder / SWEEP} has no row with both {across} and {up}")
+    varied = _varied(drawn, [key for key in keys if key not in (across, up)])
+    if across not in keys and varied:
+        # Rows of one series must differ in something.
+        varied.remove(max(varied, key=lambda key: len({row[key] for row in drawn})))
+    title, units = "", {}
+    # Tables of earlier versions have no record.
+    if (folder / RECORD).exists():
+        record = read_record(folder)
+        title, units = record.title, record.units
+    ax: Any = study(
+        _series(folder / SWEEP, drawn, across, up, varied),
+        *((_words(name, columns), _unit(name, units)) for name in (across, up)),
+        parameter=", ".join(varied),
+        # Otherwise the rows of a series have no order.
+        lines=across in keys,
+    )
+    if absent:
+        many = f"{len(absent)} of {counted(len(rows), 'row')} without value"
+        title = f"{title}\n{many}" if title else many
+    ax.figure.suptitle(title, fontsize="medium")
+    name = re.sub(r"\W+", "_", f"{y}_over_{x}")
+    target = folder / f"{name}.png" if out is None else out
+    try:
+        with writing(target):
+            ax.figure.savefig(target, dpi=150, bbox_inches="tight")
+    except ValueError as error:
+        raise ValueError(f"cannot draw {target}: {error}") from error
+    return target, _left_out(absent, across, up)
+
+
+def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str]) -> str:
+    """The column that is named, or whose last key or first word is."""
+    if text in columns:
+        return text
+    short = {key: key.rpartition(".")[2] for key in keys}
+    short |= {name: name.partition(" of ")[0] for name in columns if " of " in name}
+    found = [name for name, own in short.items() if own == text]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ValueError(f"{option} is {text!r}, expected one of {', '.join(found)}")
+    if text in _TEXTS:
+        raise ValueError(f"{option} is {text!r}, which is a column without numbers")
+    raise ValueError(
+        f"{option} is {text!r}, expected one of {', '.join(columns)}"
+        + meant(text, [*columns, *short.values()])
+    )
+
+
+def _varied(rows: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
+    return [key for key in keys if len({row[key] for row in rows}) > 1]
+
+
+def _number(path: Path, row: Mapping[str, str], name: str) -> float:
+    try:
+        return real(row[name])
+    except ValueError:
+        raise ValueError(
+            f"{path} row {int(row['row']) + 1}: {name} is {row[name]!r}, expected a number"
+        ) from None
+
+
+def _series(
+    path: Path,
+    rows: Sequence[Mapping[str, str]],
+    x: str,
+    y: str,
+    varied: Sequence[str],
+) -> list[Any]:
+    """The rows, one series for each combination of the other varied keys."""
+    from bipot_rs.plots.study import Series
+
+    groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in varied), []).append(row)
+    found = []
+    for values, own in groups.items():
+        number = None
+        if len(values) == 1:
+            with suppress(ValueError):
+                number = real(values[0])
+        found.append(
+            Series(
+                ", ".join(values),
+                np.array([_number(path, row, x) for row in own]),
+                np.array([_number(path, row, y) for row in own]),
+                np.array([row["outcome"] != OUTCOME_OF[SOLVED] for row in own]),
+                number,
+            )
+        )
+    return found
+
+
+def _words(name: str, columns: Sequence[str]) -> str:
+    """Label of an axis; a surface is named if there are several."""
+    kind, of, surface = name.partition(" of ")
+    if not of:
+        return "time" if name == "seconds" else name
+    words = kind.replace("_", " ")
+    several = sum(other.startswith(kind + of) for other in columns) > 1
+    return f"{words}{of}{surface}" if several else words
+
+
+def _unit(name: str, units: Mapping[str, str]) -> str | None:
+    from bipot_rs.plots.style import stress_unit
+
+    kind = name.partition(" of ")[0]
+    if kind == PRESSURE:
+        return stress_unit(units)
+    if kind in (*FORCES[:2], *COMPONENTS):
+        return units.get("force")
+    return "s" if kind == "seconds" else None
+
+
+def _left_out(absent: Sequence[Mapping[str, str]], x: str, y: str) -> str:
+    """A sentence about the rows that are not drawn."""
+    outcomes: dict[str, list[str]] = {}
+    for row in absent:
+        outcomes.setdefault(row["outcome"], []).append(str(int(row["row"]) + 1))
+    if not outcomes:
+        return ""
+    told = [
+        f"row {', '.join(numbers[:_SHOWN])}{', …' if len(numbers) > _SHOWN else ''} "
+        f"({outcome})"
+        for outcome, numbers in outcomes.items()
+    ]
+    return f"left out, without {x} or {y}: {'; '.join(told)}"

@@ -1,0 +1,146 @@
+"""A picture of a parameter study: one figure of its rows over another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.plots import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# With more series than this, a colour bar shows their numbers. The cycle of colours has
+# as many.
+_NAMED = 6
+# Most entries of a legend above the axes, in three columns.
+_MOST = 18
+
+
+@dataclass(frozen=True)
+class Series:
+    """Rows that differ in nothing but the horizontal axis.
+
+    Attributes
+    ----------
+    name
+        Its entry in the legend.
+    x, y : (m,)
+        Values of its rows.
+    partial : (m,) bool
+        Rows that were not solved to the end.
+    number
+        A number for the colour bar; None if its name is not a number.
+    """
+
+    name: str
+    x: Floats
+    y: Floats
+    partial: NDArray[np.bool_]
+    number: float | None = None
+
+
+def study(
+    series: Sequence[Series],
+    x: tuple[str, str | None],
+    y: tuple[str, str | None],
+    *,
+    parameter: str = "",
+    lines: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the series with one colour each; crosses are rows not solved to the end.
+
+    Parameters
+    ----------
+    series
+        At least one.
+    x, y
+        Name and unit of the axes; the unit is None if there is none.
+    parameter
+        What the names of the series are values of.
+    lines
+        Connect the solved rows of a series in the order of ``x``.
+    ax
+        Axes to draw into; default those of a new figure, ``ax.figure``.
+    """
+    ax = style.axes_of(ax)
+    colours = _colours(series)
+    for one, colour in zip(series, colours, strict=True):
+        solved = ~one.partial
+        order = np.flatnonzero(solved)[np.argsort(one.x[solved], kind="stable")]
+        look: dict[str, Any] = {"color": colour, "lw": 1.4, "marker": "o", "ms": 4}
+        if not lines:
+            look["ls"] = "none"
+        ax.plot(one.x[order], one.y[order], label=one.name, **look)
+        ax.plot(
+            one.x[one.partial],
+            one.y[one.partial],
+            ls="none",
+            marker="x",
+            ms=7,
+            mew=1.6,
+            color=colour,
+        )
+    style.bare(ax)
+    style.name_axis(ax.xaxis, *x)
+    style.name_axis(ax.yaxis, *y)
+    _legend(ax, series, parameter)
+    return ax
+
+
+def _colours(series: Sequence[Series]) -> list[Any]:
+    if len(series) <= _NAMED:
+        return [style.cycle(k) for k in range(len(series))]
+    from matplotlib import colormaps
+
+    places = np.linspace(0, 1, len(series))
+    numbers = _numbers(series)
+    if numbers is not None and np.ptp(numbers) > 0:
+        places = (numbers - numbers.min()) / np.ptp(numbers)
+    # The light end of the colours is hard to see on white.
+    return list(colormaps["viridis"](0.9 * places))
+
+
+def _numbers(series: Sequence[Series]) -> Floats | None:
+    known = [one.number for one in series if one.number is not None]
+    return np.array(known) if len(known) == len(series) else None
+
+
+def _legend(ax: Axes, series: Sequence[Series], parameter: str) -> None:
+    from matplotlib.lines import Line2D
+
+    numbers = _numbers(series)
+    handles: list[Any] = []
+    if len(series) > _NAMED and numbers is not None:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        shade = Normalize(numbers.min(), numbers.max())
+        style.colour_bar(ScalarMappable(shade, _shades()), ax, parameter, None)
+        parameter = ""
+    elif 1 < len(series) <= _MOST:
+        handles = [line for line in ax.get_lines() if line.get_marker() == "o"]
+    elif len(series) > _MOST:
+        parameter = f"{len(series)} combinations of {parameter}"
+    if any(one.partial.any() for one in series):
+        cross: dict[str, Any] = {"ls": "none", "marker": "x", "mew": 1.6}
+        label = "not solved to the end: last solved load step"
+        handles.append(Line2D([], [], color=style.QUIET, label=label, **cross))
+    if handles or len(series) > _MOST:
+        title = parameter if len(series) > 1 else ""
+        # The entry of the crosses is as wide as three others.
+        wide = {"ncols": 2} if handles and handles[-1].get_marker() == "x" else {}
+        style.legend_above(ax, title=title, handles=handles, **wide)
+
+
+def _shades() -> Any:
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))

@@ -1,0 +1,176 @@
+"""`bipot plot` of a sweep: what is drawn, what is left out, and names of columns."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs.plots.study
+from bipot_rs.cli.study.folder import Record, write_record
+from bipot_rs.cli.study.table import write
+
+Bipot = Callable[..., tuple[int, str, str]]
+UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
+
+
+def made(
+    folder: Path,
+    meshes: tuple[Any, ...] = (4, 8),
+    *,
+    surfaces: tuple[str, ...] = ("a.b",),
+) -> None:
+    """A study of mu and mesh.n: the pressure is mu times mesh.n.
+
+    The row with the least mu ends early, and that with the largest has no values.
+    """
+    folder.mkdir(exist_ok=True)
+    done: dict[int, dict[str, Any]] = {}
+    for n in meshes:
+        for mu in ("0.3", "0.1", "0.2", "0.4"):
+            row: dict[str, Any] = {"mesh.n": n, "contact.0.mu": mu, "message": ""}
+            row["outcome"] = {"0.1": "not converged", "0.4": "lost"}.get(mu, "solved")
+            if mu != "0.4":
+                size = n if isinstance(n, int) else 1
+                row |= {
+                    f"max_pressure of {one}": float(mu) * size for one in surfaces
+                } | {"seconds": 0.5, "steps": 2}
+            done[len(done)] = row
+    write(folder / "sweep.csv", ["mesh.n", "contact.0.mu"], done)
+    record = Record("some", [], [], None, None, "A title", UNITS, "0", len(done))
+    write_record(folder, record)
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The axes of every picture of a study."""
+    found: list[Any] = []
+    original = bipot_rs.plots.study.study
+
+    def study(*arguments: Any, **more: Any) -> Any:
+        found.append(original(*arguments, **more))
+        return found[-1]
+
+    monkeypatch.setattr(bipot_rs.plots.study, "study", study)
+    return found
+
+
+def points(ax: Any, marker: str) -> list[list[tuple[float, float]]]:
+    """Points of each series that have the marker."""
+    lines = [line for line in ax.get_lines() if line.get_marker() == marker]
+    return [list(zip(*line.get_data(), strict=True)) for line in lines]
+
+
+def test_a_series_for_each_value_of_another_key(bipot: Bipot, drawn: list[Any]) -> None:
+    made(Path("here"))
+    status, output, errors = bipot("plot", "here", "--x", "mu", "--y", "max_pressure")
+    assert (status, output) == (0, "here/max_pressure_over_mu.png\n")
+    assert Path("here/max_pressure_over_mu.png").stat().st_size > 10_000
+    (ax,) = drawn
+    # Solved rows are sorted by x and connected; the row that ended early is a cross.
+    expected = [[(0.2, 0.2 * n), (0.3, 0.3 * n)] for n in (4, 8)]
+    assert np.array(points(ax, "o")) == pytest.approx(np.array(expected))
+    assert np.array(points(ax, "x")) == pytest.approx(
+        np.array([[(0.1, 0.1 * n)] for n in (4, 8)])
+    )
+    legend = ax.get_legend()
+    assert legend.get_title().get_text() == "mesh.n"
+    assert [text.get_text() for text in legend.get_texts()] == [
+        *("4", "8"),
+        "not solved to the end: last solved load step",
+    ]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("contact.0.mu", "max pressure [MPa]")
+    assert ax.figure.get_suptitle() == "A title\n2 of 8 rows without value"
+    assert errors == (
+        "bipot: left out, without contact.0.mu or max_pressure of a.b: row 4, 8 (lost)\n"
+    )
+
+
+def test_many_values_have_a_colour_bar(bipot: Bipot, drawn: list[Any]) -> None:
+    made(Path("here"), tuple(range(2, 10)))
+    bipot(
+        "plot", "here/sweep.csv", "--x", "mu", "--y", "max_pressure", "--out", "it.pdf"
+    )
+    assert Path("it.pdf").exists()
+    (ax,) = drawn
+    assert len(points(ax, "o")) == 8
+    (bar,) = ax.child_axes
+    assert bar.get_ylabel() == "mesh.n"
+    assert bar.get_ylim() == (2, 9)
+    # The colours are those of the bar, from dark to light.
+    light = [sum(line.get_color()[:3]) for line in ax.get_lines()[::2]]
+    assert light == sorted(light)
+
+
+def test_names_are_no_numbers_but_may_be_series(bipot: Bipot, drawn: list[Any]) -> None:
+    made(Path("here"), ("P1", "P2"))
+    assert bipot("plot", "here", "--x", "mu", "--y", "max_pressure")[0] == 0
+    texts = [text.get_text() for text in drawn[0].get_legend().get_texts()]
+    assert texts[:2] == ["P1", "P2"]
+    status, _, errors = bipot("plot", "here", "--x", "mesh.n", "--y", "max_pressure")
+    assert status == 2
+    assert "here/sweep.csv row 1: mesh.n is 'P1', expected a number" in errors
+
+
+def test_figures_over_figures_are_not_connected(bipot: Bipot, drawn: list[Any]) -> None:
+    made(Path("here"))
+    assert bipot("plot", "here", "--x", "max_pressure", "--y", "seconds")[0] == 0
+    (ax,) = drawn
+    # The key with the most values does not divide the rows.
+    assert [len(one) for one in points(ax, "o")] == [2, 2]
+    assert {line.get_linestyle() for line in ax.get_lines()} == {"None"}
+    assert ax.get_ylabel() == "time [s]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (
+            ("--x", "mu", "--y", "max_presure"),
+            "--y is 'max_presure', expected one of row",
+        ),
+        (("--x", "mu", "--y", "max_presure"), "did you mean 'max_pressure'?"),
+        (("--x", "Mu", "--y", "steps"), "did you mean 'mu'?"),
+        (("--x", "contact.0.mo", "--y", "steps"), "did you mean 'contact.0.mu'?"),
+        (
+            ("--x", "mu", "--y", "outcome"),
+            "--y is 'outcome', which is a column without",
+        ),
+        (
+            ("--x", "mu", "--y", "residual"),
+            "no row with both contact.0.mu and residual",
+        ),
+        (("--y", "steps"), "choose what to draw with --x and --y, of row, mesh.n"),
+        (("--x", "mu", "--y", "steps", "--kind", "slip"), "--kind cannot be used with"),
+        (("--x", "mu", "--y", "steps", "--step", "1"), "--step cannot be used with"),
+        (("--x", "mu", "--y", "steps", "--out", "it.abc"), "cannot draw it.abc"),
+    ],
+)
+def test_wrong_arguments(arguments: tuple[str, ...], why: str, bipot: Bipot) -> None:
+    made(Path("here"))
+    status, output, errors = bipot("plot", "here", *arguments)
+    assert (status, output) == (2, "")
+    assert why in errors
+    assert not list(Path().rglob("*.png"))
+
+
+def test_surfaces_are_named_if_there_are_several(
+    bipot: Bipot, drawn: list[Any]
+) -> None:
+    made(Path("here"), surfaces=("a.b", "c.d"))
+    errors = bipot("plot", "here", "--x", "mu", "--y", "max_pressure")[2]
+    assert (
+        "--y is 'max_pressure', expected one of max_pressure of a.b, max_pressure of c.d"
+        in errors
+    )
+    assert bipot("plot", "here", "--x", "mu", "--y", "max_pressure of c.d")[0] == 0
+    assert drawn[0].get_ylabel() == "max pressure of c.d [MPa]"
+    assert Path("here/max_pressure_of_c_d_over_mu.png").exists()
+
+
+def test_a_folder_of_a_run_has_no_columns(bipot: Bipot) -> None:
+    bipot("run", "sheared_cube", "--set", "mesh.n=2", "--out", "run")
+    status, _, errors = bipot("plot", "run", "--x", "mu", "--y", "steps")
+    assert status == 2
+    assert "--x and --y need the folder of a sweep, but run is not" in errors
