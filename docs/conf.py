@@ -70,6 +70,7 @@ _alone = (
     "limits",
     "scenes",
     "command-line",
+    "cluster",
     "theory",
     "verification",
     "stability",
