@@ -172,8 +172,9 @@ class ContactProblem:
         proportion to the entries of ``K``, but nothing that needs ``W`` is available.
         Without ``coordinates`` it takes more iterations, and supports must hold each body.
         ``"auto"`` chooses at the first load path by a forecast of time and memory;
-        ``stats["engine"]`` and ``stats["engine_reason"]`` say which and why. A step that the iterative engine cannot solve is solved by the direct one, if
-        its factor fits into memory.
+        ``stats["engine"]`` and ``stats["engine_reason"]`` say which and why. A step that
+        the iterative engine cannot solve is solved by the direct one, if its factor fits
+        into memory.
 
     Raises
     ------
