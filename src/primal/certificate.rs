@@ -7,7 +7,8 @@
 
 use crate::error::Error;
 use crate::linalg::parallel::norm;
-use crate::primal::problem::Primal;
+use crate::primal::contacts::Contacts;
+use crate::primal::engine::{Engine, Terms};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::{Certificate, WORST_FLOOR};
 
@@ -16,27 +17,27 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// A point: unknowns, imbalance, and what the contacts feel.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
-    pub y: Vec<f64>,
+pub struct Point<V, const D: usize> {
+    pub y: V,
     /// `A y − f`, from a fresh product with `K`.
-    pub e: Vec<f64>,
+    pub e: V,
     /// `e` at the contacts, and the reactions along prescribed components, which no row has.
     pub r: Vec<[f64; D]>,
     /// Relative displacement of the step.
     pub v: Vec<[f64; D]>,
 }
 
-impl<const D: usize> Point<D> {
+impl<V, const D: usize> Point<V, D> {
     /// The reactions of the point as a solution: an open contact has none, one without friction
     /// none along its tangents. The rest of these rows is imbalance.
-    fn reactions(&self, problem: &Primal<D>) -> Vec<[f64; D]> {
+    fn reactions(&self, contacts: &Contacts<D>) -> Vec<[f64; D]> {
         let mut reactions = self.r.clone();
         for (i, (r, v)) in reactions.iter_mut().zip(&self.v).enumerate() {
             #[expect(clippy::cast_precision_loss, reason = "D is 2 or 3")]
-            let mean = problem.compliance.block(i).trace() / D as f64;
+            let mean = contacts.compliance.block(i).trace() / D as f64;
             if mean * r[0] <= v[0] {
                 *r = [0.0; D];
-            } else if problem.mu[i] == 0.0 {
+            } else if contacts.mu[i] == 0.0 {
                 r[1..].fill(0.0);
             }
         }
@@ -90,45 +91,51 @@ impl<const D: usize> Judged<D> {
 /// # Errors
 /// As [`Reduced::new`].
 pub fn contacts_alone<'a, const D: usize>(
-    problem: &'a Primal<D>,
+    contacts: &'a Contacts<D>,
     r: &[[f64; D]],
     v: &[[f64; D]],
 ) -> Result<Reduced<'a, D>, Error> {
     let mut q = vec![[0.0; D]; r.len()];
-    problem.compliance.product(r, &mut q);
+    contacts.compliance.product(r, &mut q);
     for (q, v) in q.iter_mut().zip(v) {
         for (q, v) in q.iter_mut().zip(v) {
             *q = v - *q;
         }
     }
-    Reduced::new(&problem.compliance, &q, &problem.mu, &Rigid::default())
+    Reduced::new(&contacts.compliance, &q, &contacts.mu, &Rigid::default())
 }
 
 /// Computes the certificate of a point. `force` is `f` of its step, `terms` the sizes of the
 /// terms of `A y`, for the rounding; without them the rounding is zero.
-#[must_use]
-pub fn judge<const D: usize>(
-    problem: &Primal<D>,
+///
+/// # Errors
+/// Those of the engine.
+pub fn judge<const D: usize, E: Engine<D>>(
+    engine: &mut E,
+    contacts: &Contacts<D>,
     reduced: &Reduced<D>,
-    point: &Point<D>,
-    force: &[f64],
-    terms: Option<&[f64]>,
-) -> Judged<D> {
-    let reaction = point.reactions(problem);
+    point: &Point<E::Vector, D>,
+    force: &E::Vector,
+    terms: Option<&Terms<D>>,
+) -> Result<Judged<D>, E::Error> {
+    let reaction = point.reactions(contacts);
     let mut certificate = Certificate::of(reduced, &reaction, point.v.clone(), &[]);
     let scaling = &reduced.scaling;
     // The imbalance of a row is what no reaction explains: at open contacts all of `e`.
-    let mut left = point.e.clone();
+    let left = engine.imbalance(&point.e, &reaction)?;
     let mut of_contacts = Vec::with_capacity(D * point.r.len());
-    for (i, k, at) in problem.frames.unknowns() {
-        left[at] -= reaction[i][k];
-        if let Some(terms) = terms {
-            of_contacts.push(ROUNDING * terms[at] * scaling.to_r[i]);
+    if let Some(terms) = terms {
+        for (i, k, _) in contacts.frames.unknowns() {
+            of_contacts.push(ROUNDING * terms.at_contacts[i][k] * scaling.to_r[i]);
         }
     }
     let size = norm(reaction.as_flattened());
     // Without reactions, the loads are the measure.
-    let size = if size > 0.0 { size } else { norm(force) };
+    let size = if size > 0.0 {
+        size
+    } else {
+        engine.norm(force)?
+    };
     let relative = |part: f64| if part == 0.0 { 0.0 } else { part / size };
     let reactions = scaling.reaction_norm(&reaction);
     if reactions > 0.0 {
@@ -136,10 +143,10 @@ pub fn judge<const D: usize>(
         certificate.floor = (certificate.floor + rounding).min(WORST_FLOOR);
         certificate.sound &= rounding <= WORST_FLOOR;
     }
-    Judged {
+    Ok(Judged {
         reaction,
-        imbalance: relative(norm(&left)),
-        imbalance_floor: terms.map_or(0.0, |terms| ROUNDING * relative(norm(terms))),
+        imbalance: relative(left),
+        imbalance_floor: terms.map_or(0.0, |terms| ROUNDING * relative(terms.norm)),
         certificate,
-    }
+    })
 }

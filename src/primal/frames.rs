@@ -8,11 +8,8 @@
 
 use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::small::{Block, Vector};
-use crate::primal::nodes::Nodes;
-pub use crate::primal::own_nodes::Frame;
-use crate::primal::own_nodes::{Columns, choose};
+use crate::primal::own_nodes::{AboutNodes, Columns, Frame, choose};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 
 /// The variables of all contacts.
@@ -30,9 +27,8 @@ pub struct Frames<const D: usize> {
 }
 
 impl<const D: usize> Frames<D> {
-    /// Finds the node of each contact. `contact` are the rows of `B`, `position` the number of
-    /// each prescribed degree of freedom, `free` the places of the other ones, `matrix` the
-    /// stiffness by nodes.
+    /// Finds the node of each contact. `contact` are the rows of `B`; `place` and `position` are
+    /// the place of each degree of freedom, and its number among the prescribed ones.
     ///
     /// # Errors
     /// [`Error::NotIterative`] if a contact has no node of its own, or if supports are oblique
@@ -40,10 +36,9 @@ impl<const D: usize> Frames<D> {
     pub fn new(
         contact: &OwnedMatrix,
         elliptic: Option<&EllipticScaling>,
-        nodes: &Nodes,
+        place: &[u32],
         position: &[Option<usize>],
-        free: &[bool],
-        matrix: &BlockMatrix<f64>,
+        nodes: &AboutNodes<'_, D>,
     ) -> Result<Self, Error> {
         let contacts = (contact.pointer.len() - 1) / D;
         let mut of_contacts: Vec<Columns<D>> = Vec::with_capacity(contacts);
@@ -61,7 +56,7 @@ impl<const D: usize> Frames<D> {
                         prescribed.values.push(factor * value);
                         continue;
                     }
-                    let place = nodes.place[dof] as usize;
+                    let place = place[dof] as usize;
                     let (node, column) = (place / D, place % D);
                     let at = columns.iter().position(|(other, _)| *other == node);
                     let at = at.unwrap_or_else(|| {
@@ -74,7 +69,7 @@ impl<const D: usize> Frames<D> {
             }
             of_contacts.push(columns);
         }
-        let (list, order) = choose(&of_contacts, free, matrix)?;
+        let (list, order) = choose(&of_contacts, nodes)?;
         let (mut start, mut masters) = (vec![0], Vec::new());
         for (frame, columns) in list.iter().zip(of_contacts) {
             masters.extend(columns.into_iter().filter(|(node, _)| *node != frame.node));

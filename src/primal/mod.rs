@@ -9,16 +9,24 @@
 //! its nodes gives its place to `v` (`own_nodes`), the others are masters and feel their part
 //! of `r`. `interface` has the rows of `Tᵀ K T` that this changes, and `preconditioner` says
 //! what such contacts need besides multigrid.
+//!
+//! `newton` and `load_step` leave products, linear systems and long vectors to an `engine`:
+//! `local` is the one of this crate.
 
 pub mod certificate;
+pub mod contacts;
+pub mod engine;
 mod filter;
 pub mod frames;
 mod interface;
+pub mod load_step;
+pub mod local;
 pub mod newton;
 pub mod nodes;
-mod own_nodes;
+pub mod own_nodes;
 pub mod path;
 mod preconditioner;
 pub mod problem;
 mod supports;
-mod tangent;
+pub mod tangent;
+pub mod transformation;

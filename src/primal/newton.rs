@@ -1,20 +1,17 @@
 //! Semismooth Newton of Alart and Curnier in the displacements, (19) and (20).
 //!
-//! Each linear system is solved by flexible GMRES to the accuracy that the step is worth. The
-//! preconditioner follows the statuses: one that was made for other statuses costs several
-//! times as many iterations, more than making it costs.
+//! Each linear system is solved to the accuracy that the step is worth, by the [`Engine`]. Its
+//! preconditioner should follow the statuses: one that was made for other statuses costs
+//! several times as many iterations, more than making it costs.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::amg::following::Following;
-use crate::linalg::flexible_gmres::{self, Limits};
-use crate::linalg::parallel::{axpy, largest, norm};
+use crate::linalg::parallel::norm;
 use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
-use crate::primal::preconditioner::Preconditioner;
-use crate::primal::problem::Primal;
+use crate::primal::contacts::Contacts;
+use crate::primal::engine::Engine;
 use crate::primal::tangent::Tangent;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
@@ -37,11 +34,6 @@ const MANY: f64 = 0.002;
 const COARSE: f64 = 1e-2;
 const MIDDLE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
-
-/// Iterations of one linear system after which the method has stalled, and the size of the
-/// Krylov space before a restart.
-const MOST_KRYLOV: usize = 400;
-const BASIS: usize = 80;
 
 /// Largest change of the displacements by one more correction, relative to the largest of them,
 /// or the tolerance if that is larger. The rows of a slender body may balance to the last digit
@@ -81,8 +73,8 @@ impl Reason {
 
 /// The result of the Newton steps.
 #[derive(Debug)]
-pub struct Solved<const D: usize> {
-    pub point: Point<D>,
+pub struct Solved<V, const D: usize> {
+    pub point: Point<V, D>,
     pub judged: Judged<D>,
     pub outcome: Outcome,
     pub reason: Option<Reason>,
@@ -92,10 +84,6 @@ pub struct Solved<const D: usize> {
     pub krylov: usize,
     /// `(products with K, η)` of each step.
     pub history: Vec<(f64, f64)>,
-    /// Memory of the largest hierarchy.
-    pub bytes: usize,
-    /// The hierarchy, for the next load step.
-    pub hierarchy: Option<Following>,
 }
 
 /// Estimated relative errors of a point: by one more correction.
@@ -120,74 +108,64 @@ enum Verdict {
 
 /// The start of a load step.
 #[derive(Debug)]
-pub struct Begin<'a, const D: usize> {
-    pub y: Vec<f64>,
+pub struct Begin<'a, V, const D: usize> {
+    pub y: V,
     /// Closed contacts of the step before; `None` for the unloaded bodies.
     pub closed: Option<Vec<bool>>,
-    pub force: &'a [f64],
+    pub force: &'a V,
     /// `v − y` at each contact.
     pub offset: &'a [[f64; D]],
 }
 
 /// Newton steps of one load step.
 #[derive(Debug)]
-pub struct Newton<'p, const D: usize> {
-    problem: &'p Primal<D>,
+pub struct Newton<'p, E, const D: usize> {
+    engine: &'p mut E,
+    contacts: &'p Contacts<D>,
     settings: &'p Settings,
-    stop: &'p AtomicBool,
     started: Instant,
-    preconditioner: Preconditioner<'p, D>,
     steps: usize,
     krylov: usize,
     /// Upper estimate of `A⁻¹` relative to the preconditioner, from the last linear system.
     slowness: f64,
     history: Vec<(f64, f64)>,
-    work: Vec<f64>,
 }
 
-impl<'p, const D: usize> Newton<'p, D> {
-    /// `hierarchy` is that of an earlier load step of this problem, if there is one.
+impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     #[must_use]
-    pub fn new(
-        problem: &'p Primal<D>,
-        settings: &'p Settings,
-        stop: &'p AtomicBool,
-        hierarchy: Option<Following>,
-    ) -> Self {
+    pub fn new(engine: &'p mut E, contacts: &'p Contacts<D>, settings: &'p Settings) -> Self {
         Self {
-            problem,
+            engine,
+            contacts,
             settings,
-            stop,
             started: Instant::now(),
-            preconditioner: Preconditioner::new(problem, hierarchy),
             steps: 0,
             krylov: 0,
             slowness: 1.0,
             history: Vec::new(),
-            work: Vec::new(),
         }
     }
 
     /// Makes Newton steps until the certificate holds, or none of them helps.
     ///
     /// # Errors
-    /// [`Error::Interrupted`]; errors of [`Reduced::new`].
-    pub fn run(mut self, begin: Begin<'_, D>) -> Result<Solved<D>, Error> {
-        let problem = self.problem;
+    /// Those of the engine; errors of [`Reduced::new`].
+    pub fn run(mut self, begin: Begin<'_, E::Vector, D>) -> Result<Solved<E::Vector, D>, E::Error> {
+        let contacts = self.contacts;
         let tol = self.settings.tol;
-        let mut prescribed = vec![[0.0; D]; problem.contacts()];
-        let mut point = self.point(begin.y, &prescribed, begin.force, begin.offset);
+        let mut prescribed = vec![[0.0; D]; contacts.count()];
+        let mut point = self.point(begin.y, &prescribed, begin.force, begin.offset)?;
         // Whether the imbalance is that of a fresh product, not of a sum of corrections.
         let mut fresh = true;
         let mut statuses: Option<Vec<Status>> = None;
         let mut recent: Vec<f64> = Vec::new();
-        let mut best: Option<(f64, usize, Point<D>, Judged<D>)> = None;
+        let mut best: Option<(f64, usize, Point<E::Vector, D>, Judged<D>)> = None;
         let mut reason = Reason::Statuses;
         let mut unsettled = 0;
         let mut outcome = Outcome::Stalled;
         let mut errors = None;
         loop {
-            let reduced = contacts_alone(problem, &point.r, &point.v)?;
+            let reduced = contacts_alone(contacts, &point.r, &point.v)?;
             let first = statuses.is_none();
             let law = if first {
                 let holds = self.first_closed(begin.closed.as_deref(), &point.v);
@@ -197,15 +175,13 @@ impl<'p, const D: usize> Newton<'p, D> {
             };
             let now: Vec<Status> = law.at.iter().map(|at| at.status).collect();
             let changed = changes(statuses.as_deref(), &now);
-            let mut judged = judge(problem, &reduced, &point, begin.force, None);
+            let mut judged = self.judged(&reduced, &point, begin.force, false)?;
             let eta = judged.residual();
             if !first && (changed == 0 || judged.converged(tol)) {
-                let terms = problem.terms(&point.y);
-                judged = judge(problem, &reduced, &point, begin.force, Some(&terms));
+                judged = self.judged(&reduced, &point, begin.force, true)?;
             }
             if !fresh && judged.converged(tol) {
-                let y = std::mem::take(&mut point.y);
-                point = self.point(y, &prescribed, begin.force, begin.offset);
+                point = self.point(point.y, &prescribed, begin.force, begin.offset)?;
                 fresh = true;
                 continue;
             }
@@ -213,7 +189,7 @@ impl<'p, const D: usize> Newton<'p, D> {
                 #[expect(clippy::cast_precision_loss, reason = "a count of products")]
                 self.history.push(((self.krylov + self.steps) as f64, eta));
             }
-            let tangent = Tangent::new(problem, &reduced, &law);
+            let tangent = Tangent::new(&contacts.frames, self.engine.free(), &reduced, &law);
             let verdict = if first {
                 Verdict::Unlawful
             } else {
@@ -242,7 +218,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             if unsettled > MOST_UNSETTLED {
                 break;
             }
-            if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1)) {
+            if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1))? {
                 outcome = ended;
                 break;
             }
@@ -253,7 +229,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             let recent_merits = (!first && changed > 0).then_some(&recent[..]);
             let taken = self.taken(&tangent, &reduced, &point, &correction, recent_merits);
             prescribed = taken.prescribed;
-            point = self.moved(point, &correction, taken.share, &prescribed, begin.offset);
+            point = self.moved(point, &correction, taken.share, &prescribed, begin.offset)?;
             fresh = false;
             self.steps += 1;
             recent.push(merit(&reduced, &point.r, &point.v));
@@ -269,19 +245,34 @@ impl<'p, const D: usize> Newton<'p, D> {
             newton: self.steps,
             krylov: self.krylov,
             history: self.history,
-            bytes: self.preconditioner.bytes,
-            hierarchy: self.preconditioner.hierarchy(),
         })
+    }
+
+    /// The certificate of a point, with its rounding if that is wanted.
+    fn judged(
+        &mut self,
+        reduced: &Reduced<D>,
+        point: &Point<E::Vector, D>,
+        force: &E::Vector,
+        rounding: bool,
+    ) -> Result<Judged<D>, E::Error> {
+        let terms = if rounding {
+            Some(self.engine.terms(&point.y)?)
+        } else {
+            None
+        };
+        let engine = &mut *self.engine;
+        judge(engine, self.contacts, reduced, point, force, terms.as_ref())
     }
 
     /// What the certificate and one more correction say of a point.
     fn verdict(
         &mut self,
         judged: &Judged<D>,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         statuses: &[Status],
-        point: &Point<D>,
-    ) -> Result<Verdict, Error> {
+        point: &Point<E::Vector, D>,
+    ) -> Result<Verdict, E::Error> {
         let tol = self.settings.tol;
         if !judged.converged(tol) {
             return Ok(Verdict::Unlawful);
@@ -294,16 +285,19 @@ impl<'p, const D: usize> Newton<'p, D> {
     }
 
     /// Whether a limit, or the lack of a better point since the step `best`, ends the steps.
-    fn ended(&self, best: usize) -> Option<Outcome> {
-        if self.steps >= MOST_STEPS || self.steps - best > PATIENCE {
-            Some(Outcome::Stalled)
-        } else if self.steps >= self.settings.max_iterations {
-            Some(Outcome::IterationLimit)
-        } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
-            Some(Outcome::TimeLimit)
-        } else {
-            None
-        }
+    fn ended(&mut self, best: usize) -> Result<Option<Outcome>, E::Error> {
+        let limit = self.settings.max_seconds;
+        Ok(
+            if self.steps >= MOST_STEPS || self.steps - best > PATIENCE {
+                Some(Outcome::Stalled)
+            } else if self.steps >= self.settings.max_iterations {
+                Some(Outcome::IterationLimit)
+            } else if self.engine.is_late(self.started, limit)? {
+                Some(Outcome::TimeLimit)
+            } else {
+                None
+            },
+        )
     }
 
     /// The contacts that stick in the first Newton step: those closed before, else those
@@ -314,7 +308,7 @@ impl<'p, const D: usize> Newton<'p, D> {
             return closed.to_vec();
         }
         let mut near: Vec<bool> = v.iter().map(|v| v[0] <= 0.0).collect();
-        for contacts in self.problem.floating() {
+        for contacts in self.engine.floating() {
             if contacts.iter().any(|&i| near[i]) {
                 continue;
             }
@@ -331,123 +325,92 @@ impl<'p, const D: usize> Newton<'p, D> {
     /// How much of a correction is taken: all of it without `recent` merits.
     fn taken(
         &self,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         reduced: &Reduced<D>,
-        point: &Point<D>,
-        (dy, moved): &Correction,
+        point: &Point<E::Vector, D>,
+        correction: &Change<E::Vector, D>,
         recent: Option<&[f64]>,
     ) -> Taken<D> {
-        let of_prescribed = tangent.prescribed_reactions(&point.r, dy, moved);
+        let frames = &self.contacts.frames;
+        let (v, moved) = (&correction.v, &correction.moved_at);
+        let of_prescribed = tangent.prescribed_reactions(frames, &point.r, v, moved);
         let share = recent.map_or(1.0, |recent| {
-            let change = Change {
-                r: self.reaction_change(moved, &of_prescribed),
-                v: self.problem.frames.at_contacts(dy),
-            };
-            search(reduced, point, &change, recent)
+            let r = sum(moved, &of_prescribed);
+            search(reduced, point, (&r[..], &v[..]), recent)
         });
-        let prescribed = prescribed_part(self.problem, &point.r, &of_prescribed, share);
+        let prescribed = prescribed_part(self.contacts, &point.r, &of_prescribed, share);
         Taken { share, prescribed }
     }
 
     /// The point with unknowns `y`. `prescribed` are reactions along prescribed components.
     fn point(
         &mut self,
-        y: Vec<f64>,
+        y: E::Vector,
         prescribed: &[[f64; D]],
-        force: &[f64],
+        force: &E::Vector,
         offset: &[[f64; D]],
-    ) -> Point<D> {
-        let mut e = vec![0.0; y.len()];
-        self.problem.product(&y, &mut self.work, &mut e);
-        axpy(-1.0, force, &mut e);
+    ) -> Result<Point<E::Vector, D>, E::Error> {
+        let e = self.engine.product(&y)?;
+        let e = self.engine.add(e, -1.0, force)?;
         self.at_contacts(y, e, prescribed, offset)
     }
 
     /// The point after a share of a correction.
     fn moved(
-        &self,
-        point: Point<D>,
-        (dy, moved): &Correction,
+        &mut self,
+        point: Point<E::Vector, D>,
+        correction: &Change<E::Vector, D>,
         share: f64,
         prescribed: &[[f64; D]],
         offset: &[[f64; D]],
-    ) -> Point<D> {
-        let (mut y, mut e) = (point.y, point.e);
-        axpy(share, dy, &mut y);
-        axpy(share, moved, &mut e);
+    ) -> Result<Point<E::Vector, D>, E::Error> {
+        let y = self.engine.add(point.y, share, &correction.dy)?;
+        let e = self.engine.add(point.e, share, &correction.moved)?;
         self.at_contacts(y, e, prescribed, offset)
     }
 
     /// The point with these unknowns and this imbalance.
     fn at_contacts(
-        &self,
-        y: Vec<f64>,
-        e: Vec<f64>,
+        &mut self,
+        y: E::Vector,
+        e: E::Vector,
         prescribed: &[[f64; D]],
         offset: &[[f64; D]],
-    ) -> Point<D> {
-        let frames = &self.problem.frames;
-        let (mut v, mut r) = (frames.at_contacts(&y), frames.at_contacts(&e));
-        for (v, offset) in v.as_flattened_mut().iter_mut().zip(offset.as_flattened()) {
-            *v += offset;
-        }
-        let reactions = r.as_flattened_mut().iter_mut();
-        for (r, more) in reactions.zip(prescribed.as_flattened()) {
-            *r += more;
-        }
-        Point { y, e, r, v }
+    ) -> Result<Point<E::Vector, D>, E::Error> {
+        let v = sum(&self.engine.at_contacts(&y)?, offset);
+        let r = sum(&self.engine.at_contacts(&e)?, prescribed);
+        Ok(Point { y, e, r, v })
     }
 
-    /// `dy` and `A dy` of a Newton step; `None` if the linear solver stalls.
+    /// The correction of a Newton step; `None` if the linear solver stalls.
     fn correction(
         &mut self,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         statuses: &[Status],
-        point: &Point<D>,
+        point: &Point<E::Vector, D>,
         tol: f64,
-    ) -> Result<Option<Correction>, Error> {
-        match self.preconditioner.prepare(tangent, statuses, self.stop) {
-            Ok(()) => {}
-            Err(
-                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
-            ) => return Ok(None),
-            Err(other) => return Err(other),
-        }
-        let right = tangent.right_side(&point.e);
-        let mut work = std::mem::take(&mut self.work);
-        let preconditioner = &mut self.preconditioner;
-        let solved = flexible_gmres::solve(
-            |x, out| {
-                tangent.product(x, &mut work, out);
-                tangent.clear(out);
-            },
-            |b, x| {
-                preconditioner.apply(b, x);
-                tangent.clear(x);
-            },
-            &right,
-            Limits {
-                tol,
-                restart: BASIS,
-                most: MOST_KRYLOV,
-            },
-            self.stop,
-        )?;
-        self.work = work;
+    ) -> Result<Option<Change<E::Vector, D>>, E::Error> {
+        let solved = self.engine.correction(tangent, statuses, &point.e, tol)?;
+        let Some(solved) = solved else {
+            return Ok(None);
+        };
         self.krylov += solved.products;
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        self.preconditioner.solved_in(solved.products);
         self.slowness = slowness(solved.products, tol);
         if !solved.reached {
             return Ok(None);
         }
-        let mut dy = solved.x;
-        axpy(1.0, &tangent.known, &mut dy);
-        let mut moved = vec![0.0; dy.len()];
-        self.problem.product(&dy, &mut self.work, &mut moved);
-        Ok(Some((dy, moved)))
+        Ok(Some(self.change(solved.dy)?))
+    }
+
+    /// What a correction changes.
+    fn change(&mut self, dy: E::Vector) -> Result<Change<E::Vector, D>, E::Error> {
+        let moved = self.engine.product(&dy)?;
+        Ok(Change {
+            v: self.engine.at_contacts(&dy)?,
+            moved_at: self.engine.at_contacts(&moved)?,
+            dy,
+            moved,
+        })
     }
 
     /// The change by one more correction; `None` if there is no preconditioner.
@@ -456,61 +419,50 @@ impl<'p, const D: usize> Newton<'p, D> {
     /// by the factor that slows the linear solver, so that the estimate is multiplied by it.
     fn estimate(
         &mut self,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         statuses: &[Status],
-        point: &Point<D>,
-    ) -> Result<Option<Errors>, Error> {
-        match self.preconditioner.prepare(tangent, statuses, self.stop) {
-            Err(Error::Interrupted) => return Err(Error::Interrupted),
-            Err(_) => return Ok(None),
-            Ok(()) => {}
-        }
-        let right = tangent.right_side(&point.e);
-        let mut change = vec![0.0; right.len()];
-        self.preconditioner.apply(&right, &mut change);
-        tangent.clear(&mut change);
-        axpy(1.0, &tangent.known, &mut change);
-        let mut moved = vec![0.0; change.len()];
-        self.problem.product(&change, &mut self.work, &mut moved);
-        let prescribed = tangent.prescribed_reactions(&point.r, &change, &moved);
-        let r = self.reaction_change(&moved, &prescribed);
-        let v = self.problem.frames.at_contacts(&change);
+        point: &Point<E::Vector, D>,
+    ) -> Result<Option<Errors>, E::Error> {
+        let Some(dy) = self.engine.estimate(tangent, statuses, &point.e)? else {
+            return Ok(None);
+        };
+        let change = self.change(dy)?;
+        let (frames, moved) = (&self.contacts.frames, &change.moved_at);
+        let prescribed = tangent.prescribed_reactions(frames, &point.r, &change.v, moved);
+        let r = sum(moved, &prescribed);
+        let slowness = self.slowness;
         let of = |changed: f64, whole: f64| {
             if changed == 0.0 {
                 0.0
             } else {
-                self.slowness * changed / whole
+                slowness * changed / whole
             }
         };
+        let sizes = self.engine.largest(&change.dy)?;
         Ok(Some(Errors {
-            displacement: of(largest(&change), largest(&point.y)),
+            displacement: of(sizes, self.engine.largest(&point.y)?),
             reaction: of(norm(r.as_flattened()), norm(point.r.as_flattened())),
-            relative_displacement: of(norm(v.as_flattened()), norm(point.v.as_flattened())),
+            relative_displacement: of(norm(change.v.as_flattened()), norm(point.v.as_flattened())),
         }))
     }
+}
 
-    fn reaction_change(&self, moved: &[f64], prescribed: &[[f64; D]]) -> Vec<[f64; D]> {
-        let mut change = self.problem.frames.at_contacts(moved);
-        for (change, more) in change
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(prescribed.as_flattened())
-        {
-            *change += more;
-        }
-        change
-    }
+/// The sum of two values at each contact.
+fn sum<const D: usize>(one: &[[f64; D]], other: &[[f64; D]]) -> Vec<[f64; D]> {
+    let both = one.iter().zip(other);
+    both.map(|(a, b)| std::array::from_fn(|k| a[k] + b[k]))
+        .collect()
 }
 
 /// The reactions along components without an unknown, after a share of their `change`.
 fn prescribed_part<const D: usize>(
-    problem: &Primal<D>,
+    contacts: &Contacts<D>,
     r: &[[f64; D]],
     change: &[[f64; D]],
     share: f64,
 ) -> Vec<[f64; D]> {
     let mut part = r.to_vec();
-    for (i, k, _) in problem.frames.unknowns() {
+    for (i, k, _) in contacts.frames.unknowns() {
         part[i][k] = 0.0;
     }
     let values = part.as_flattened_mut().iter_mut();
@@ -520,8 +472,15 @@ fn prescribed_part<const D: usize>(
     part
 }
 
-/// `dy` and `A dy` of a Newton step.
-type Correction = (Vec<f64>, Vec<f64>);
+/// What a full Newton step changes.
+struct Change<V, const D: usize> {
+    dy: V,
+    /// `A dy`.
+    moved: V,
+    /// `dy` and `A dy` at the contacts.
+    v: Vec<[f64; D]>,
+    moved_at: Vec<[f64; D]>,
+}
 
 /// The share of a correction that is taken, and the reactions along prescribed components after
 /// it.
@@ -530,18 +489,13 @@ struct Taken<const D: usize> {
     prescribed: Vec<[f64; D]>,
 }
 
-/// A full Newton step at the contacts.
-struct Change<const D: usize> {
-    r: Vec<[f64; D]>,
-    v: Vec<[f64; D]>,
-}
-
 /// The share of a step that reduces the merit below the worst of the last points, whose merits
-/// are `recent`; if none does, the share with the smallest merit.
-fn search<const D: usize>(
+/// are `recent`; if none does, the share with the smallest merit. The full step changes
+/// reactions and relative displacements by `dr` and `dv`.
+fn search<V, const D: usize>(
     reduced: &Reduced<D>,
-    point: &Point<D>,
-    change: &Change<D>,
+    point: &Point<V, D>,
+    (dr, dv): (&[[f64; D]], &[[f64; D]]),
     recent: &[f64],
 ) -> f64 {
     let last = recent.iter().rev().take(MEMORY);
@@ -554,8 +508,8 @@ fn search<const D: usize>(
     for _ in 0..=MOST_HALVINGS {
         let there = merit(
             reduced,
-            &moved(&point.r, &change.r, share),
-            &moved(&point.v, &change.v, share),
+            &moved(&point.r, dr, share),
+            &moved(&point.v, dv, share),
         );
         if there <= (1.0 - 1e-4 * share) * bar {
             return share;

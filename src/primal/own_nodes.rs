@@ -5,9 +5,9 @@
 //! `T` is the product of simple changes of variables. All other nodes of the rows are masters.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use crate::error::Error;
-use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 
@@ -49,21 +49,37 @@ impl<const D: usize> Frame<D> {
 /// The columns of the rows of one contact at free degrees of freedom, by nodes.
 pub(super) type Columns<const D: usize> = Vec<(usize, Block<D>)>;
 
+/// What the choice needs to know of the nodes.
+#[derive(Clone, Copy)]
+pub struct AboutNodes<'a, const D: usize> {
+    /// The places with a degree of freedom.
+    pub free: &'a [bool],
+    /// The diagonal block of `K` of a node, with positive numbers at the other places.
+    pub block: &'a dyn Fn(usize) -> Block<D>,
+    /// The body of each node.
+    pub bodies: &'a dyn Fn() -> Vec<u32>,
+}
+
+impl<const D: usize> fmt::Debug for AboutNodes<'_, D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = f.debug_struct("AboutNodes");
+        shown.field("free", &self.free).finish_non_exhaustive()
+    }
+}
+
 const OBLIQUE: Error = Error::NotIterative {
     reason: "a support at a contact is oblique to the normal and the tangents",
 };
 
 /// Chooses the node of each contact, and gives the contacts with a node in the order of choice.
-/// `free` are the places with a degree of freedom.
 ///
 /// # Errors
 /// [`Error::NotIterative`] if a contact has no node of its own, or if its supports are oblique.
 pub(super) fn choose<const D: usize>(
     contacts: &[Columns<D>],
-    free: &[bool],
-    matrix: &BlockMatrix<f64>,
+    nodes: &AboutNodes<'_, D>,
 ) -> Result<(Vec<Frame<D>>, Vec<u32>), Error> {
-    let mut uses = vec![0_u32; matrix.nodes()];
+    let mut uses = vec![0_u32; nodes.free.len() / D];
     for (node, _) in contacts.iter().flatten() {
         uses[*node] += 1;
     }
@@ -80,7 +96,7 @@ pub(super) fn choose<const D: usize>(
         for i in left {
             let own = contacts[i].iter().filter(|(node, _)| uses[*node] == 1);
             let mut frames = own
-                .map(|(node, _)| frame(*node, &contacts[i], free))
+                .map(|(node, _)| frame(*node, &contacts[i], nodes.free))
                 .peekable();
             let alone = frames.peek().is_some();
             let frames: Vec<Frame<D>> = frames.flatten().collect();
@@ -98,9 +114,9 @@ pub(super) fn choose<const D: usize>(
             return Err(refusal);
         }
         if candidates.iter().any(|frames| frames.len() > 1) {
-            let body = body.get_or_insert_with(|| matrix.connected());
+            let body = body.get_or_insert_with(nodes.bodies);
             let columns: Vec<&Columns<D>> = chosen.iter().map(|&i| &contacts[i]).collect();
-            keep_softest(&columns, &mut candidates, matrix, body);
+            keep_softest(&columns, &mut candidates, nodes.block, body);
         }
         for (&i, frames) in chosen.iter().zip(candidates) {
             list[i] = frames.into_iter().next().unwrap_or_else(Frame::absent);
@@ -119,7 +135,7 @@ pub(super) fn choose<const D: usize>(
 fn keep_softest<const D: usize>(
     contacts: &[&Columns<D>],
     candidates: &mut [Vec<Frame<D>>],
-    matrix: &BlockMatrix<f64>,
+    block: &dyn Fn(usize) -> Block<D>,
     body: &[u32],
 ) {
     let bodies = |columns: &Columns<D>| {
@@ -138,10 +154,10 @@ fn keep_softest<const D: usize>(
                 continue;
             }
             seen.push(side);
-            let block = matrix.diagonal_block(frame.node);
+            let block = block(frame.node);
             let (count, stiffness) = pair.entry(side).or_default();
             *count += 1;
-            *stiffness += (0..D).map(|k| block[k * D + k]).sum::<f64>();
+            *stiffness += (0..D).map(|k| block[(k, k)]).sum::<f64>();
         }
     }
     let chosen: BTreeMap<Vec<u32>, u32> = sides

@@ -101,7 +101,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
     /// [`Error::Multigrid`], [`Error::Interrupted`]; errors of [`Filter::new`].
     pub(super) fn prepare(
         &mut self,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         statuses: &[Status],
         stop: &AtomicBool,
     ) -> Result<(), Error> {
@@ -121,7 +121,11 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             Some(following) => following,
             None => self.problem.hierarchy(&self.cycle, stop)?,
         };
-        following.update(&tangent.held, &tangent.springs(), stop)?;
+        following.update(
+            &tangent.held,
+            &tangent.springs(&self.problem.contacts.frames),
+            stop,
+        )?;
         self.bytes = self.bytes.max(following.bytes());
         self.following = Some(following);
         Ok(())
@@ -129,7 +133,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
 
     fn prepare_joined(
         &mut self,
-        tangent: &Tangent<'_, D>,
+        tangent: &Tangent<D>,
         same: bool,
         stop: &AtomicBool,
     ) -> Result<(), Error> {
@@ -161,6 +165,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             self.multigrid = None;
             for frame in self
                 .problem
+                .contacts
                 .frames
                 .list
                 .iter()

@@ -16,17 +16,14 @@ use crate::linalg::amg::rigid_motions::{rigid_motions, translations};
 use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::{Index, narrow};
-use crate::primal::frames::{Frame, Frames};
+use crate::primal::contacts::Contacts;
+use crate::primal::frames::Frames;
 use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
+use crate::primal::own_nodes::AboutNodes;
 use crate::primal::supports::{self, Motions};
-use crate::reduced::compliance::{Compliance, Part};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
-
-/// `W_ii K_ii` of a node on the surface of a mesh, about. It only scales the law of each
-/// contact: a wrong factor costs iterations.
-const COMPLIANCE_OF_NODE: f64 = 2.0;
 
 /// Bodies and supports.
 #[derive(Debug)]
@@ -76,11 +73,7 @@ impl Stiffness {
 pub struct Primal<const D: usize> {
     pub stiffness: Arc<Stiffness>,
     contact: Arc<OwnedMatrix>,
-    pub frames: Arc<Frames<D>>,
-    pub gap: Vec<[f64; D]>,
-    pub mu: Vec<f64>,
-    /// Estimates of the blocks `W_ii`, diagonal.
-    pub compliance: Arc<Compliance<'static, D>>,
+    pub contacts: Contacts<D>,
     /// What the preconditioner needs of contacts that join nodes, if there are any.
     pub(super) interface: Option<Arc<Interface>>,
 }
@@ -160,17 +153,18 @@ impl<const D: usize> Primal<D> {
         gap: Vec<[f64; D]>,
         mu: Vec<f64>,
     ) -> Result<Self, Error> {
-        let frames = Frames::new(
-            &contact,
-            elliptic,
-            &stiffness.nodes,
-            &stiffness.position,
-            &stiffness.free,
-            &stiffness.matrix,
-        )?;
-        let compliance = Arc::new(node_compliance(&stiffness, &frames)?);
-        let join = frames.join();
-        let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &frames)));
+        let block =
+            |node: usize| Block::<D>::from_column_slice(stiffness.matrix.diagonal_block(node));
+        let nodes = AboutNodes {
+            free: &stiffness.free,
+            block: &block,
+            bodies: &|| stiffness.matrix.connected(),
+        };
+        let (place, position) = (&stiffness.nodes.place, &stiffness.position);
+        let frames = Frames::new(&contact, elliptic, place, position, &nodes)?;
+        let contacts = Contacts::new(frames, gap, mu, &block)?;
+        let join = contacts.frames.join();
+        let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &contacts.frames)));
         if join && let Ok(mut single) = stiffness.single.lock() {
             // Only the hierarchy of one body would take it.
             *single = None;
@@ -178,17 +172,9 @@ impl<const D: usize> Primal<D> {
         Ok(Self {
             stiffness,
             contact,
+            contacts,
             interface,
-            frames: Arc::new(frames),
-            gap,
-            mu,
-            compliance,
         })
-    }
-
-    #[must_use]
-    pub fn contacts(&self) -> usize {
-        self.gap.len()
     }
 
     /// Degrees of freedom, with the prescribed ones.
@@ -227,12 +213,15 @@ impl<const D: usize> Primal<D> {
         elliptic: Option<&EllipticScaling>,
         change: Option<&EllipticScaling>,
     ) -> Result<Self, Error> {
-        check_friction(&mu, self.contacts())?;
+        check_friction(&mu, self.contacts.count())?;
         let Some(change) = change else {
-            return Ok(Self { mu, ..self.clone() });
+            let mut same = self.clone();
+            same.contacts.mu = mu;
+            return Ok(same);
         };
         let (stiffness, contact) = (Arc::clone(&self.stiffness), Arc::clone(&self.contact));
-        Self::of(stiffness, contact, elliptic, change.times(&self.gap), mu)
+        let gap = change.times(&self.contacts.gap);
+        Self::of(stiffness, contact, elliptic, gap, mu)
     }
 
     /// The same bodies and contacts with other gaps.
@@ -240,12 +229,9 @@ impl<const D: usize> Primal<D> {
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`].
     pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
-        check_length("gap", gap.len(), self.contacts())?;
-        check_finite("gap", gap.as_flattened())?;
-        Ok(Self {
-            gap,
-            ..self.clone()
-        })
+        let mut moved = self.clone();
+        moved.contacts = self.contacts.with_gap(gap)?;
+        Ok(moved)
     }
 
     /// `Tᵀ (f − K_fp u_p)` by places.
@@ -265,7 +251,7 @@ impl<const D: usize> Primal<D> {
             force[dof] = 0.0;
         }
         let mut force = known.nodes.gather(&force);
-        self.frames.forces_to_local(&mut force);
+        self.contacts.frames.forces_to_local(&mut force);
         Ok(force)
     }
 
@@ -273,10 +259,10 @@ impl<const D: usize> Primal<D> {
     pub fn product(&self, y: &[f64], work: &mut Vec<f64>, out: &mut [f64]) {
         work.clear();
         work.extend_from_slice(y);
-        self.frames.to_displacements(work);
+        self.contacts.frames.to_displacements(work);
         self.stiffness.matrix.product(work, out);
         self.clear_prescribed(out);
-        self.frames.forces_to_local(out);
+        self.contacts.frames.forces_to_local(out);
     }
 
     /// `Tᵀ K T y` for a `y` that is zero but at the nodes of contacts, by the rows of `K` at the
@@ -284,9 +270,9 @@ impl<const D: usize> Primal<D> {
     #[must_use]
     pub fn product_of_contacts(&self, y: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
-        self.frames.to_displacements(&mut u);
+        self.contacts.frames.to_displacements(&mut u);
         let mut out = vec![0.0; y.len()];
-        let nodes = self.frames.list.iter().map(|frame| frame.node);
+        let nodes = self.contacts.frames.list.iter().map(|frame| frame.node);
         for node in nodes.filter(|&node| node != usize::MAX) {
             let own = Vector::<D>::from_column_slice(&u[D * node..D * (node + 1)]);
             if own.iter().all(|&value| value == 0.0) {
@@ -300,7 +286,7 @@ impl<const D: usize> Primal<D> {
             }
         }
         self.clear_prescribed(&mut out);
-        self.frames.forces_to_local(&mut out);
+        self.contacts.frames.forces_to_local(&mut out);
         out
     }
 
@@ -308,11 +294,11 @@ impl<const D: usize> Primal<D> {
     #[must_use]
     pub fn terms(&self, y: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
-        self.frames.terms_of_displacements(&mut u);
+        self.contacts.frames.terms_of_displacements(&mut u);
         let mut out = vec![0.0; y.len()];
         self.stiffness.matrix.absolute_product(&u, &mut out);
         self.clear_prescribed(&mut out);
-        self.frames.terms_of_forces(&mut out);
+        self.contacts.frames.terms_of_forces(&mut out);
         out
     }
 
@@ -337,7 +323,7 @@ impl<const D: usize> Primal<D> {
         let mut about = self.stiffness.about_nodes(bodies);
         let motions = &mut about.motions;
         let m = motions.len() / self.stiffness.free.len().max(1);
-        for frame in &self.frames.list {
+        for frame in &self.contacts.frames.list {
             if frame.node == usize::MAX {
                 continue;
             }
@@ -363,9 +349,9 @@ impl<const D: usize> Primal<D> {
         stop: &AtomicBool,
     ) -> Result<Following, Error> {
         let mut matrix = self.stiffness.single();
-        let blocks = self.frames.blocks();
+        let blocks = self.contacts.frames.blocks();
         matrix.change_variables(blocks.map(|(node, block)| (node, block.as_slice())));
-        let nodes = self.frames.with_node();
+        let nodes = self.contacts.frames.with_node();
         let nodes = nodes.map(|(_, frame)| narrow(frame.node)).collect();
         Following::new(matrix, self.about_nodes(), nodes, settings, stop)
     }
@@ -373,42 +359,28 @@ impl<const D: usize> Primal<D> {
     /// The contacts of each body without a support.
     pub(super) fn floating(&self) -> Vec<Vec<usize>> {
         let Some(interface) = &self.interface else {
-            let all = (0..self.contacts()).collect();
+            let all = (0..self.contacts.count()).collect();
             return if self.stiffness.fixed.is_empty() {
                 vec![all]
             } else {
                 Vec::new()
             };
         };
-        let count = interface
-            .bodies
-            .iter()
-            .max()
-            .map_or(0, |&last| last as usize + 1);
+        let count = interface.bodies.iter().max();
+        let count = count.map_or(0, |&last| last as usize + 1);
         let mut held = vec![false; count];
         let nodes = self.stiffness.free.chunks_exact(D).zip(&interface.bodies);
         for (free, &body) in nodes {
             held[body as usize] |= free.contains(&false);
         }
-        let mut contacts = vec![Vec::new(); count];
-        for (i, frame) in self.frames.with_node() {
-            let masters = self.frames.masters(i).iter().map(|(node, _)| *node);
-            for node in std::iter::once(frame.node).chain(masters) {
-                let body = interface.bodies[node] as usize;
-                if !held[body] && contacts[body].last() != Some(&i) {
-                    contacts[body].push(i);
-                }
-            }
-        }
-        contacts.retain(|contacts| !contacts.is_empty());
-        contacts
+        self.contacts.floating(&interface.bodies, &held)
     }
 
     /// All displacements from the unknowns.
     #[must_use]
     pub fn displacement(&self, y: &[f64], prescribed: &[f64]) -> Vec<f64> {
         let mut u = y.to_vec();
-        self.frames.to_displacements(&mut u);
+        self.contacts.frames.to_displacements(&mut u);
         let mut u = self.stiffness.nodes.scatter(&u);
         for (&dof, &value) in self.stiffness.fixed.iter().zip(prescribed) {
             u[dof] = value;
@@ -421,7 +393,7 @@ impl<const D: usize> Primal<D> {
     pub fn unknowns(&self, u: &[f64]) -> Vec<f64> {
         let mut y = self.stiffness.nodes.gather(u);
         self.clear_prescribed(&mut y);
-        self.frames.to_local(&mut y);
+        self.contacts.frames.to_local(&mut y);
         y
     }
 }
@@ -451,39 +423,4 @@ fn motions_of(
         }),
         Err(other) => Err(other),
     }
-}
-
-/// Estimates of `W_ii` from the diagonal of `K`, of all bodies.
-fn node_compliance<const D: usize>(
-    stiffness: &Stiffness,
-    frames: &Frames<D>,
-) -> Result<Compliance<'static, D>, Error> {
-    let own = |node: usize| {
-        let block = stiffness.matrix.diagonal_block(node);
-        Block::<D>::from_column_slice(block)
-    };
-    let of_contact = |(i, frame): (usize, &Frame<D>)| {
-        let mut block = vec![0.0; D * D];
-        if frame.node != usize::MAX {
-            let local = frame
-                .from_local
-                .tr_mul(&(own(frame.node) * frame.from_local));
-            let mut sum = [0.0; D];
-            for k in (0..D).filter(|&k| frame.free[k]) {
-                sum[k] = local[(k, k)].recip();
-            }
-            for (node, columns) in frames.masters(i) {
-                let master = own(*node);
-                for (k, sum) in sum.iter_mut().enumerate() {
-                    let parts = (0..D).map(|c| columns[(k, c)].powi(2) / master[(c, c)]);
-                    *sum += parts.sum::<f64>();
-                }
-            }
-            for (k, sum) in sum.into_iter().enumerate() {
-                block[k * D + k] = COMPLIANCE_OF_NODE * sum;
-            }
-        }
-        (vec![i], Part::Dense(block.into()))
-    };
-    Compliance::new(frames.list.iter().enumerate().map(of_contact).collect())
 }

@@ -15,7 +15,7 @@
 
 use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector};
-use crate::primal::problem::Primal;
+use crate::primal::frames::Frames;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::Linearisation;
 
@@ -38,10 +38,9 @@ struct Sliding<const D: usize> {
     target: Vector<D>,
 }
 
-/// The system of one Newton step.
-#[derive(Debug)]
-pub(super) struct Tangent<'p, const D: usize> {
-    problem: &'p Primal<D>,
+/// The system of one Newton step, in the numbering of the places of the contacts.
+#[derive(Clone, Debug)]
+pub struct Tangent<const D: usize> {
     sliding: Vec<Sliding<D>>,
     /// Places whose `dy` is known, or that have no unknown.
     pub held: Vec<bool>,
@@ -49,19 +48,21 @@ pub(super) struct Tangent<'p, const D: usize> {
     pub known: Vec<f64>,
 }
 
-impl<'p, const D: usize> Tangent<'p, D> {
-    /// Makes the system of a linearised law, in the scaled variables of `reduced`.
+impl<const D: usize> Tangent<D> {
+    /// Makes the system of a linearised law, in the scaled variables of `reduced`. `free` are
+    /// the places with an unknown.
     #[must_use]
-    pub(super) fn new(
-        problem: &'p Primal<D>,
+    pub fn new(
+        frames: &Frames<D>,
+        free: &[bool],
         reduced: &Reduced<D>,
         law: &Linearisation<D>,
     ) -> Self {
         let scaling = &reduced.scaling;
-        let mut held: Vec<bool> = problem.stiffness.free.iter().map(|free| !free).collect();
+        let mut held: Vec<bool> = free.iter().map(|free| !free).collect();
         let mut known = vec![0.0; held.len()];
         let mut sliding = Vec::new();
-        for (i, (frame, at)) in problem.frames.list.iter().zip(&law.at).enumerate() {
+        for (i, (frame, at)) in frames.list.iter().zip(&law.at).enumerate() {
             if frame.node == usize::MAX {
                 continue;
             }
@@ -85,19 +86,18 @@ impl<'p, const D: usize> Tangent<'p, D> {
             }
         }
         Self {
-            problem,
             sliding,
             held,
             known,
         }
     }
 
-    /// The right side for the unknown part of `dy`, from `e = A y − f`.
+    /// The right side for the unknown part of `dy`, from `e = A y − f` and `moved`, `A` times
+    /// [`Tangent::known`], which this changes.
     #[must_use]
-    pub(super) fn right_side(&self, e: &[f64]) -> Vec<f64> {
-        let mut moved = self.problem.product_of_contacts(&self.known);
-        self.add_laws(&self.known, &mut moved);
-        let mut right: Vec<f64> = e.iter().zip(&moved).map(|(e, a)| -e - a).collect();
+    pub fn right_side(&self, e: &[f64], moved: &mut [f64]) -> Vec<f64> {
+        self.add_laws(&self.known, moved);
+        let mut right: Vec<f64> = e.iter().zip(&*moved).map(|(e, a)| -e - a).collect();
         for one in &self.sliding {
             for k in (1..D).filter(|&k| one.free[k]) {
                 right[one.at + k] = one.target[k] - moved[one.at + k];
@@ -107,14 +107,9 @@ impl<'p, const D: usize> Tangent<'p, D> {
         right
     }
 
-    /// `J x` in the rows that are not held; `x` may be anything at the held places.
-    pub(super) fn product(&self, x: &[f64], work: &mut Vec<f64>, out: &mut [f64]) {
-        self.problem.product(x, work, out);
-        self.add_laws(x, out);
-    }
-
-    /// Adds what the laws of sliding contacts add to `A x`.
-    fn add_laws(&self, x: &[f64], out: &mut [f64]) {
+    /// Adds what the laws of sliding contacts add to `A x`: with `A x` in `out`, it becomes
+    /// `J x` in the rows that are not held.
+    pub fn add_laws(&self, x: &[f64], out: &mut [f64]) {
         for one in &self.sliding {
             let own = one.at..one.at + D;
             let dv = Vector::<D>::from_column_slice(&x[own.clone()]);
@@ -126,7 +121,7 @@ impl<'p, const D: usize> Tangent<'p, D> {
     }
 
     /// Sets the held places to zero.
-    pub(super) fn clear(&self, values: &mut [f64]) {
+    pub fn clear(&self, values: &mut [f64]) {
         for (value, &held) in values.iter_mut().zip(&self.held) {
             if held {
                 *value = 0.0;
@@ -135,43 +130,45 @@ impl<'p, const D: usize> Tangent<'p, D> {
     }
 
     /// The change of the reactions along prescribed tangents, which no row of `A` has, from
-    /// `dy` and `A dy`. `r` are the present reactions.
+    /// `dy` and `A dy` at the contacts. `r` are the present reactions.
     #[must_use]
     pub(super) fn prescribed_reactions(
         &self,
+        frames: &Frames<D>,
         r: &[[f64; D]],
-        dy: &[f64],
-        moved: &[f64],
+        dy: &[[f64; D]],
+        moved: &[[f64; D]],
     ) -> Vec<[f64; D]> {
         let mut change = vec![[0.0; D]; r.len()];
-        for (i, frame) in self.problem.frames.list.iter().enumerate() {
+        for (i, frame) in frames.list.iter().enumerate() {
             for k in (0..D).filter(|&k| !frame.free[k]) {
                 change[i][k] = -r[i][k];
             }
         }
         for one in &self.sliding {
-            let dv = Vector::<D>::from_column_slice(&dy[one.at..one.at + D]);
-            let found = one.target - one.normal * moved[one.at] - one.spring * dv;
+            let i = one.contact;
+            let dv = Vector::<D>::from_column_slice(&dy[i]);
+            let found = one.target - one.normal * moved[i][0] - one.spring * dv;
             for k in (1..D).filter(|&k| !one.free[k]) {
-                change[one.contact][k] = found[k];
+                change[i][k] = found[k];
             }
         }
         change
     }
 
     /// The symmetric part of the springs of sliding contacts, with their nodes.
-    pub(super) fn springs_of_nodes(&self) -> impl Iterator<Item = (usize, Block<D>)> {
+    pub fn springs_of_nodes(&self) -> impl Iterator<Item = (usize, Block<D>)> {
         let all = self.sliding.iter();
         all.map(|one| (one.at / D, one.symmetric_spring()))
     }
 
     /// The symmetric part of the springs of all contacts with a node, zero unless they slide.
-    pub(super) fn springs(&self) -> Vec<f64> {
-        let mut of_contacts = vec![Block::<D>::zeros(); self.problem.contacts()];
+    pub(super) fn springs(&self, frames: &Frames<D>) -> Vec<f64> {
+        let mut of_contacts = vec![Block::<D>::zeros(); frames.list.len()];
         for one in &self.sliding {
             of_contacts[one.contact] = one.symmetric_spring();
         }
-        let with_node = self.problem.frames.with_node();
+        let with_node = frames.with_node();
         let blocks = with_node.flat_map(|(i, _)| of_contacts[i].iter().copied());
         blocks.collect()
     }

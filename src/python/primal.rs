@@ -209,7 +209,7 @@ fn begin<const D: usize>(
     let Some((reaction, displaced, status)) = start else {
         return Ok(PrimalPath::default());
     };
-    let contacts = problem.contacts();
+    let contacts = problem.contacts.count();
     let status = status.as_slice()?.iter().map(|s| match s {
         1 => Status::Slip,
         2 => Status::Stick,

@@ -121,20 +121,23 @@ RUST_SIBLINGS = {
         "nodes",
         "own_nodes",
         "frames",
-        "interface supports",
+        "contacts supports transformation",
+        "interface",
         "problem",
-        "certificate tangent",
-        "filter",
+        "tangent",
+        "engine",
+        "certificate filter",
         "preconditioner",
-        "newton",
+        "local newton",
+        "load_step",
         "path",
     ),
     "python": (
         "errors arrays heap interrupt",
         "assembly solver",
         "problem",
-        "enumeration load_path",
-        "bound estimate primal",
+        "contact_variables enumeration load_path",
+        "bound contact_path estimate primal",
     ),
 }
 # A word in the code, and the only files that may contain it. An upgrade of a library, or
@@ -157,6 +160,8 @@ PYTHON_NAMES = {
     "meshio": ("mesh.readers",),
     "skfem": ("mesh.elements",),
     "h5py": ("files.export", "fclib"),
+    "petsc4py": ("petsc.library",),
+    "mpi4py": ("petsc.library",),
 }
 # Files allowed at the top of the package, besides folders.
 TOP = {"__init__.py", "__main__.py", "_core.pyi", "analytic.py", "fclib.py", "py.typed"}

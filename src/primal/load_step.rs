@@ -1,0 +1,127 @@
+//! One load step in the displacements, by any engine.
+
+use std::time::Instant;
+
+use crate::error::Error;
+use crate::law::bipotential;
+use crate::law::cone::Status;
+use crate::path::stepping::{State, Step, incremental};
+use crate::primal::contacts::Contacts;
+use crate::primal::engine::Engine;
+use crate::primal::newton::{Begin, Errors, Newton, Reason};
+use crate::solver::{Outcome, Settings, Solution};
+
+/// Where a load step starts.
+#[derive(Debug)]
+pub struct Start<'a, V, const D: usize> {
+    /// `None` for the unloaded bodies.
+    pub state: Option<&'a State<D>>,
+    /// The unknowns of that state, as a start value.
+    pub y: V,
+}
+
+/// A load step, converged or not, with the work that it took.
+#[derive(Debug)]
+pub struct Made<V, const D: usize> {
+    pub step: Step<D>,
+    /// The unknowns at its end.
+    pub y: V,
+    pub newton: usize,
+    pub krylov: usize,
+    pub reason: Option<Reason>,
+    /// Estimated relative errors, if it converged.
+    pub errors: Option<Errors>,
+}
+
+impl<V, const D: usize> Made<V, D> {
+    /// The state after the step, if it converged.
+    #[must_use]
+    pub fn state(&self) -> Option<State<D>> {
+        let solution = &self.step.solution;
+        (solution.outcome == Outcome::Converged).then(|| State {
+            reaction: solution.reaction.clone(),
+            relative_displacement: solution.relative_displacement.clone(),
+            status: solution.status.clone(),
+            rigid: Vec::new(),
+        })
+    }
+}
+
+/// Makes a step to the total loads: `force` are those of the free unknowns.
+///
+/// # Errors
+/// [`Error::ContradictoryContact`]; those of the engine.
+pub fn advance<const D: usize, E: Engine<D>>(
+    engine: &mut E,
+    contacts: &Contacts<D>,
+    start: Start<'_, E::Vector, D>,
+    (force, prescribed): (&E::Vector, &[f64]),
+    settings: &Settings,
+) -> Result<Made<E::Vector, D>, E::Error> {
+    let started = Instant::now();
+    let offsets = contacts.frames.offsets(&contacts.gap, prescribed);
+    for (node, (frame, v)) in contacts.frames.list.iter().zip(&offsets).enumerate() {
+        if !frame.free[0] && v[0] < 0.0 {
+            let penetration = -v[0];
+            return Err(Error::ContradictoryContact { node, penetration }.into());
+        }
+    }
+    let offset = incremental(&offsets, start.state);
+    let closed = start.state.map(|state| {
+        let open = state.status.iter().map(|&s| s != Status::Open);
+        open.collect()
+    });
+    let solved = Newton::new(engine, contacts, settings).run(Begin {
+        y: start.y,
+        closed,
+        force,
+        offset: &offset,
+    })?;
+    let (point, judged) = (solved.point, solved.judged);
+    let mut total = point.v.clone();
+    if let Some(state) = start.state {
+        for (v, before) in total.iter_mut().zip(&state.relative_displacement) {
+            for k in 1..D {
+                v[k] += before[k];
+            }
+        }
+    }
+    let nodes = judged.reaction.iter().zip(&point.v).zip(&contacts.mu);
+    let gap = nodes.map(|((r, v), &mu)| bipotential::gap(r, v, mu));
+    let status = judged.reaction.iter().zip(&judged.certificate.status);
+    let status = status.map(|(r, &status)| {
+        if r.iter().all(|&c| c == 0.0) {
+            Status::Open
+        } else {
+            status
+        }
+    });
+    #[expect(clippy::cast_precision_loss, reason = "a count of products")]
+    let work = (solved.krylov + solved.newton) as f64;
+    let solution = Solution {
+        bipotential_gap: gap.collect(),
+        status: status.collect(),
+        residual: judged.residual(),
+        tolerance: judged.tolerance(settings.tol),
+        floor: judged.floor(),
+        reaction: judged.reaction,
+        relative_displacement: total,
+        outcome: solved.outcome,
+        iterations: solved.newton,
+        work,
+        history: solved.history,
+        seconds: started.elapsed().as_secs_f64(),
+        ..Solution::default()
+    };
+    Ok(Made {
+        step: Step {
+            solution,
+            slip: point.v,
+        },
+        y: point.y,
+        newton: solved.newton,
+        krylov: solved.krylov,
+        reason: solved.reason,
+        errors: solved.errors,
+    })
+}

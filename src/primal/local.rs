@@ -1,0 +1,176 @@
+//! The engine of one machine: our own multigrid, and flexible GMRES.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::linalg::amg::following::Following;
+use crate::linalg::flexible_gmres::{self, Limits};
+use crate::linalg::parallel::{axpy, largest, norm};
+use crate::primal::engine::{Correction, Engine, Terms};
+use crate::primal::preconditioner::Preconditioner;
+use crate::primal::problem::Primal;
+use crate::primal::tangent::Tangent;
+
+/// Iterations of one linear system after which the method has stalled, and the size of the
+/// Krylov space before a restart.
+const MOST_KRYLOV: usize = 400;
+const BASIS: usize = 80;
+
+/// The engine of one load step.
+#[derive(Debug)]
+pub struct Local<'p, const D: usize> {
+    problem: &'p Primal<D>,
+    stop: &'p AtomicBool,
+    preconditioner: Preconditioner<'p, D>,
+    work: Vec<f64>,
+}
+
+impl<'p, const D: usize> Local<'p, D> {
+    /// `hierarchy` is that of an earlier load step of this problem, if there is one.
+    #[must_use]
+    pub fn new(problem: &'p Primal<D>, stop: &'p AtomicBool, hierarchy: Option<Following>) -> Self {
+        Self {
+            problem,
+            stop,
+            preconditioner: Preconditioner::new(problem, hierarchy),
+            work: Vec::new(),
+        }
+    }
+
+    /// The hierarchy, for the next load step, and the memory of the largest one.
+    #[must_use]
+    pub fn into_hierarchy(mut self) -> (Option<Following>, usize) {
+        (self.preconditioner.hierarchy(), self.preconditioner.bytes)
+    }
+
+    /// The right side of the system of a Newton step.
+    fn right_side(&self, tangent: &Tangent<D>, e: &[f64]) -> Vec<f64> {
+        let mut moved = self.problem.product_of_contacts(&tangent.known);
+        tangent.right_side(e, &mut moved)
+    }
+}
+
+impl<const D: usize> Engine<D> for Local<'_, D> {
+    type Vector = Vec<f64>;
+    type Error = Error;
+
+    fn free(&self) -> &[bool] {
+        &self.problem.stiffness.free
+    }
+
+    fn floating(&self) -> Vec<Vec<usize>> {
+        self.problem.floating()
+    }
+
+    fn product(&mut self, y: &Vec<f64>) -> Result<Vec<f64>, Error> {
+        let mut out = vec![0.0; y.len()];
+        self.problem.product(y, &mut self.work, &mut out);
+        Ok(out)
+    }
+
+    fn add(&mut self, mut y: Vec<f64>, s: f64, x: &Vec<f64>) -> Result<Vec<f64>, Error> {
+        axpy(s, x, &mut y);
+        Ok(y)
+    }
+
+    fn at_contacts(&mut self, y: &Vec<f64>) -> Result<Vec<[f64; D]>, Error> {
+        Ok(self.problem.contacts.frames.at_contacts(y))
+    }
+
+    fn norm(&mut self, y: &Vec<f64>) -> Result<f64, Error> {
+        Ok(norm(y))
+    }
+
+    fn largest(&mut self, y: &Vec<f64>) -> Result<f64, Error> {
+        Ok(largest(y))
+    }
+
+    fn imbalance(&mut self, e: &Vec<f64>, reaction: &[[f64; D]]) -> Result<f64, Error> {
+        let mut left = e.clone();
+        for (i, k, at) in self.problem.contacts.frames.unknowns() {
+            left[at] -= reaction[i][k];
+        }
+        Ok(norm(&left))
+    }
+
+    fn terms(&mut self, y: &Vec<f64>) -> Result<Terms<D>, Error> {
+        let terms = self.problem.terms(y);
+        Ok(Terms {
+            norm: norm(&terms),
+            at_contacts: self.problem.contacts.frames.at_contacts(&terms),
+        })
+    }
+
+    fn correction(
+        &mut self,
+        tangent: &Tangent<D>,
+        statuses: &[Status],
+        e: &Vec<f64>,
+        tol: f64,
+    ) -> Result<Option<Correction<Vec<f64>>>, Error> {
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Ok(()) => {}
+            Err(
+                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
+            ) => return Ok(None),
+            Err(other) => return Err(other),
+        }
+        let right = self.right_side(tangent, e);
+        let (problem, work) = (self.problem, &mut self.work);
+        let preconditioner = &mut self.preconditioner;
+        let solved = flexible_gmres::solve(
+            |x, out| {
+                problem.product(x, work, out);
+                tangent.add_laws(x, out);
+                tangent.clear(out);
+            },
+            |b, x| {
+                preconditioner.apply(b, x);
+                tangent.clear(x);
+            },
+            &right,
+            Limits {
+                tol,
+                restart: BASIS,
+                most: MOST_KRYLOV,
+            },
+            self.stop,
+        )?;
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        self.preconditioner.solved_in(solved.products);
+        let mut dy = solved.x;
+        axpy(1.0, &tangent.known, &mut dy);
+        Ok(Some(Correction {
+            dy,
+            products: solved.products,
+            reached: solved.reached,
+        }))
+    }
+
+    fn estimate(
+        &mut self,
+        tangent: &Tangent<D>,
+        statuses: &[Status],
+        e: &Vec<f64>,
+    ) -> Result<Option<Vec<f64>>, Error> {
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(_) => return Ok(None),
+            Ok(()) => {}
+        }
+        let right = self.right_side(tangent, e);
+        let mut change = vec![0.0; right.len()];
+        self.preconditioner.apply(&right, &mut change);
+        tangent.clear(&mut change);
+        axpy(1.0, &tangent.known, &mut change);
+        Ok(Some(change))
+    }
+
+    fn is_late(&mut self, start: Instant, seconds: f64) -> Result<bool, Error> {
+        Ok(start.elapsed().as_secs_f64() > seconds)
+    }
+}
