@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Condensed",
+    "ContactPath",
+    "ContactTangent",
+    "ContactVariables",
     "Path",
     "Primal",
     "PrimalPath",
@@ -210,6 +213,105 @@ class PrimalPath:
         max_seconds: float | None,
     ) -> dict[str, Any]:
         """One step, as `Path.step`, with displacements and the work of the step."""
+
+@final
+class ContactVariables:
+    """The variables of contacts whose stiffness is held elsewhere.
+
+    Values by places: `d` for each node of the interface.
+    """
+
+    def __new__(
+        cls,
+        contact: _Csr,
+        gap: _Floats,
+        mu: _Floats,
+        position: _Indices,
+        fixed: int,
+        blocks: _Floats,
+        bodies: _Indices,
+        held: _Indices,
+    ) -> ContactVariables:
+        """`contact` is `B` by places.
+
+        `position` is the number of each place among the `fixed` prescribed degrees of
+        freedom, `fixed` itself for a free one, `blocks` the diagonal blocks of `K`,
+        `(nodes, d²)`, `bodies` the body of each node, and `held` is not zero for a body with
+        a support.
+        """
+    @property
+    def places(self) -> int:
+        """Number of places."""
+    @property
+    def join(self) -> bool:
+        """Whether a contact joins nodes."""
+    @property
+    def nodes(self) -> NDArray[np.int64]:
+        """Node of each contact with an unknown."""
+    @property
+    def absent(self) -> NDArray[np.bool_]:
+        """Places without an unknown."""
+    def transformation(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Floats]:
+        """`T` by rows: row pointers, columns and values."""
+    def to_own_variables(self, values: _Floats) -> None:
+        """`B_s u_s` at the node of each contact, in place."""
+    def to_displacements(self, values: _Floats) -> None:
+        """`u = T y`, in place."""
+    def to_local(self, values: _Floats) -> None:
+        """`y = T⁻¹ u`, in place."""
+    def forces_to_local(self, values: _Floats) -> None:
+        """`Tᵀ f`, in place."""
+    def terms_of_displacements(self, values: _Floats) -> None:
+        """`|T| |y|`, in place."""
+    def terms_of_forces(self, values: _Floats) -> None:
+        """`|Tᵀ| f` for `f ≥ 0`, in place."""
+
+@final
+class ContactTangent:
+    """The system of one Newton step at the places of the interface."""
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Places whose `dy` is known, or that have no unknown."""
+    @property
+    def known(self) -> _Floats:
+        """`dy` at these places, zero elsewhere."""
+    def clear(self, values: _Floats) -> None:
+        """Set the held places to zero."""
+    def add_laws(self, x: _Floats, out: _Floats) -> None:
+        """Add to `A x` in `out` what the laws of sliding contacts add."""
+    def right_side(self, e: _Floats, moved: _Floats) -> _Floats:
+        """The right side, from `e = A y − f` and `A` times `known`."""
+    def springs(self) -> tuple[NDArray[np.int64], _Floats]:
+        """Nodes of sliding contacts, and the symmetric part of each spring, `(m, d²)`."""
+
+@final
+class ContactPath:
+    """A load path whose long vectors and linear systems are those of a Python object."""
+
+    def __new__(
+        cls,
+        variables: ContactVariables,
+        start: tuple[_Floats, _Floats, NDArray[np.int8]] | None = None,
+    ) -> ContactPath: ...
+    def step(
+        self,
+        engine: Any,
+        start: Any,
+        force: Any,
+        prescribed: _Floats,
+        gap: _Floats | None,
+        method: str,
+        tol: float,
+        max_iterations: int | None,
+        max_seconds: float | None,
+    ) -> dict[str, Any]:
+        """One step, as `Path.step`, with the unknowns at its end and the work of the step.
+
+        `engine` has the methods of `src/primal/engine.rs`; `bipot_rs.petsc` has one.
+        """
 
 @final
 class Reduced:

@@ -8,6 +8,8 @@
 mod arrays;
 mod assembly;
 mod bound;
+mod contact_path;
+mod contact_variables;
 mod enumeration;
 mod errors;
 mod estimate;
@@ -26,6 +28,10 @@ mod _core {
     use super::assembly::{bodies, stiffness, sum_of_cells};
     #[pymodule_export]
     use super::bound::{error_bound_of_step, error_bounds};
+    #[pymodule_export]
+    use super::contact_path::PyContactPath;
+    #[pymodule_export]
+    use super::contact_variables::{PyContactTangent, PyContactVariables};
     #[pymodule_export]
     use super::enumeration::{answers, assess, assess_step};
     #[pymodule_export]

@@ -18,6 +18,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
+from numpy_engine import NumpyEngine
 
 Call = Callable[..., Any]
 
@@ -111,6 +112,25 @@ ODD: list[Any] = [
 ]
 
 
+class Engine(NumpyEngine):
+    """Keeps the last tangent."""
+
+    tangent: Any = None
+
+    def correction(self, tangent: Any, *rest: Any) -> Any:
+        self.tangent = tangent
+        return super().correction(tangent, *rest)
+
+
+def seen_tangent(variables: Any) -> Any:
+    """A tangent, which only a step makes."""
+    engine = Engine(np.eye(4), variables, [])
+    start = np.zeros(4)
+    limits: Any = ("newton", 1e-10, 50, 1.0)
+    _core.ContactPath(variables).step(engine, start, LOAD, NONE, None, *limits)
+    return engine.tangent
+
+
 def entries() -> dict[str, tuple[Call, list[Any]]]:
     """Every function of the core with valid arguments."""
     condensed = _core.Condensed(EYE, EYE, GAP, MU, np.zeros(0, np.int64), 2)
@@ -119,6 +139,11 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     limits = ["auto", 1e-10, 50, 1.0]
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
     primal = _core.Primal(EYE, EYE, GAP, MU, none, 2, places)
+    # Two free nodes of one body that is held.
+    free, blocks, body = np.zeros(4, np.int64), np.ones((2, 4)), np.zeros(2, np.int64)
+    interface = [EYE, GAP, MU, free, 0, blocks, body, np.ones(1, np.int64)]
+    variables = _core.ContactVariables(*interface)
+    tangent = seen_tangent(variables)
     # One square, its slopes at the centre.
     square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
     cell = np.arange(4).reshape(4, 1)
@@ -167,6 +192,38 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "PrimalPath, step": (
             lambda *a: _core.PrimalPath(primal).step(*a),
             [LOAD, NONE, GAP, *limits],
+        ),
+        "ContactVariables": (
+            lambda *a: _core.ContactVariables(*a).transformation(),
+            interface,
+        ),
+        "ContactVariables, change": (
+            lambda *a: [
+                change(*a)
+                for change in (
+                    variables.to_own_variables,
+                    variables.to_displacements,
+                    variables.to_local,
+                    variables.forces_to_local,
+                    variables.terms_of_displacements,
+                    variables.terms_of_forces,
+                )
+            ],
+            [np.zeros(4)],
+        ),
+        "ContactTangent": (
+            lambda values: (tangent.clear(values), tangent.springs()),
+            [np.zeros(4)],
+        ),
+        "ContactTangent, add_laws": (tangent.add_laws, [np.zeros(4), np.zeros(4)]),
+        "ContactTangent, right_side": (tangent.right_side, [np.zeros(4), np.zeros(4)]),
+        "ContactPath": (
+            lambda start: _core.ContactPath(variables, start),
+            [None],
+        ),
+        "ContactPath, step": (
+            lambda *a: _core.ContactPath(variables).step(*a),
+            [Engine(np.eye(4), variables, none), LOAD, LOAD, NONE, GAP, *limits],
         ),
         "stiffness": (
             lambda *a: _core.stiffness(*a, num_threads=1),

@@ -1,0 +1,301 @@
+//! Load steps in the displacements whose long vectors and linear systems are those of a Python
+//! object.
+
+use std::time::Instant;
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::path::stepping::State;
+use crate::primal::engine::{Correction, Engine, Terms};
+use crate::primal::load_step::{Start, advance};
+use crate::primal::newton::Reason;
+use crate::primal::tangent::Tangent;
+use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::contact_variables::{
+    AnyInterface, Interface, PyContactTangent, PyContactVariables,
+};
+use crate::python::load_path::slip_array;
+use crate::python::solver::{settings, solution_dict};
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::solver::Settings;
+
+/// Values by places, as Python returns them.
+type Values<'py> = PyReadonlyArray1<'py, f64>;
+
+/// Calls the methods of a Python object. Its exceptions pass through unchanged.
+struct Callbacks<'a, 'py, const D: usize> {
+    engine: &'a Bound<'py, PyAny>,
+    interface: &'a Interface<D>,
+}
+
+impl<'py, const D: usize> Callbacks<'_, 'py, D> {
+    /// Values at the contacts, from values by places.
+    fn at_contacts_of(&self, values: &Values<'py>) -> PyResult<Vec<[f64; D]>> {
+        let values = values.as_slice()?;
+        arrays::length("values by places", values.len(), self.interface.free.len())?;
+        Ok(self.interface.contacts.frames.at_contacts(values))
+    }
+
+    /// The statuses as an array.
+    fn array(&self, statuses: &[Status]) -> Bound<'py, PyArray1<i8>> {
+        arrays::from_status(self.engine.py(), statuses)
+    }
+}
+
+impl<'py, const D: usize> Engine<D> for Callbacks<'_, 'py, D>
+where
+    PyContactTangent: From<Tangent<D>>,
+{
+    type Vector = Bound<'py, PyAny>;
+    type Error = PyErr;
+
+    fn free(&self) -> &[bool] {
+        &self.interface.free
+    }
+
+    fn floating(&self) -> Vec<Vec<usize>> {
+        self.interface.floating.clone()
+    }
+
+    fn product(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        self.engine.call_method1("product", (y,))
+    }
+
+    fn add(
+        &mut self,
+        y: Bound<'py, PyAny>,
+        s: f64,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.engine.call_method1("add", (y, s, x))
+    }
+
+    fn at_contacts(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Vec<[f64; D]>> {
+        let values: Values<'py> = self.engine.call_method1("at_places", (y,))?.extract()?;
+        self.at_contacts_of(&values)
+    }
+
+    fn norm(&mut self, y: &Bound<'py, PyAny>) -> PyResult<f64> {
+        self.engine.call_method1("norm", (y,))?.extract()
+    }
+
+    fn largest(&mut self, y: &Bound<'py, PyAny>) -> PyResult<f64> {
+        self.engine.call_method1("largest", (y,))?.extract()
+    }
+
+    fn imbalance(&mut self, e: &Bound<'py, PyAny>, reaction: &[[f64; D]]) -> PyResult<f64> {
+        let mut forces = vec![0.0; self.interface.free.len()];
+        for (i, k, at) in self.interface.contacts.frames.unknowns() {
+            forces[at] = reaction[i][k];
+        }
+        let forces = arrays::from_vec(self.engine.py(), forces);
+        self.engine
+            .call_method1("imbalance", (e, forces))?
+            .extract()
+    }
+
+    fn terms(&mut self, y: &Bound<'py, PyAny>) -> PyResult<Terms<D>> {
+        let (norm, values): (f64, Values<'py>) =
+            self.engine.call_method1("terms", (y,))?.extract()?;
+        Ok(Terms {
+            norm,
+            at_contacts: self.at_contacts_of(&values)?,
+        })
+    }
+
+    fn correction(
+        &mut self,
+        tangent: &Tangent<D>,
+        statuses: &[Status],
+        e: &Bound<'py, PyAny>,
+        tol: f64,
+    ) -> PyResult<Option<Correction<Bound<'py, PyAny>>>> {
+        let tangent = PyContactTangent::from(tangent.clone());
+        let solved: Option<(Bound<'py, PyAny>, usize, bool)> = self
+            .engine
+            .call_method1("correction", (tangent, self.array(statuses), e, tol))?
+            .extract()?;
+        Ok(solved.map(|(dy, products, reached)| Correction {
+            dy,
+            products,
+            reached,
+        }))
+    }
+
+    fn estimate(
+        &mut self,
+        tangent: &Tangent<D>,
+        statuses: &[Status],
+        e: &Bound<'py, PyAny>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let tangent = PyContactTangent::from(tangent.clone());
+        let asked = (tangent, self.array(statuses), e);
+        let found = self.engine.call_method1("estimate", asked)?;
+        Ok((!found.is_none()).then_some(found))
+    }
+
+    fn is_late(&mut self, start: Instant, seconds: f64) -> PyResult<bool> {
+        let late = start.elapsed().as_secs_f64() > seconds;
+        self.engine.call_method1("agreed", (late,))?.is_truthy()
+    }
+}
+
+/// Reaction, total relative displacement and status of a step.
+type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, PyReadonlyArray1<'py, i8>);
+
+enum AnyState {
+    Two(Option<State<2>>),
+    Three(Option<State<3>>),
+}
+
+/// A load path whose vectors are those of a Python object. Without a state it starts from the
+/// unloaded bodies.
+#[pyclass(name = "ContactPath", module = "bipot_rs._core")]
+pub(super) struct PyContactPath {
+    variables: PyContactVariables,
+    state: AnyState,
+}
+
+fn state<const D: usize>(
+    elliptic: Option<&EllipticScaling>,
+    contacts: usize,
+    start: Option<&StartArrays<'_>>,
+) -> PyResult<Option<State<D>>> {
+    let Some((reaction, displaced, status)) = start else {
+        return Ok(None);
+    };
+    let status = status.as_slice()?.iter().map(|s| match s {
+        1 => Status::Slip,
+        2 => Status::Stick,
+        _ => Status::Open,
+    });
+    let reaction = arrays::rows_of("start", reaction, contacts)?;
+    let displaced = arrays::rows_of("start", displaced, contacts)?;
+    let state = State {
+        reaction: over(elliptic, reaction).into_owned(),
+        relative_displacement: times(elliptic, displaced).into_owned(),
+        status: status.collect(),
+        rigid: Vec::new(),
+    };
+    arrays::length("start", state.status.len(), contacts)?;
+    Ok(Some(state))
+}
+
+/// The Python objects of one step: the engine, the start value of the unknowns, and the forces.
+struct Objects<'a, 'py> {
+    engine: &'a Bound<'py, PyAny>,
+    start: Bound<'py, PyAny>,
+    force: &'a Bound<'py, PyAny>,
+}
+
+fn step<'py, const D: usize>(
+    state: &mut Option<State<D>>,
+    interface: &Interface<D>,
+    elliptic: Option<&EllipticScaling>,
+    objects: Objects<'_, 'py>,
+    (prescribed, gap): (&[f64], Option<&Matrix<'_>>),
+    settings: &Settings,
+) -> PyResult<Bound<'py, PyDict>>
+where
+    PyContactTangent: From<Tangent<D>>,
+{
+    let py = objects.engine.py();
+    let moved = gap
+        .map(|gap| {
+            let gap = times(elliptic, arrays::rows(gap)?).into_owned();
+            PyResult::Ok(interface.contacts.with_gap(gap)?)
+        })
+        .transpose()?;
+    let contacts = moved.as_ref().unwrap_or(&interface.contacts);
+    let mut engine = Callbacks {
+        engine: objects.engine,
+        interface,
+    };
+    let start = Start {
+        state: state.as_ref(),
+        y: objects.start,
+    };
+    let force = (objects.force, prescribed);
+    let made = advance(&mut engine, contacts, start, force, settings)?;
+    let dict = solution_dict(py, &made.step.solution, elliptic)?;
+    dict.set_item("slip", slip_array(py, &made.step, elliptic)?)?;
+    dict.set_item("newton", made.newton)?;
+    dict.set_item("krylov", made.krylov)?;
+    dict.set_item("reason", made.reason.map(Reason::text))?;
+    let errors = made
+        .errors
+        .map(|by| (by.reaction, by.relative_displacement));
+    dict.set_item("error_estimate", errors)?;
+    if let Some(reached) = made.state() {
+        *state = Some(reached);
+    }
+    dict.set_item("unknowns", made.y)?;
+    Ok(dict)
+}
+
+#[pymethods]
+impl PyContactPath {
+    #[new]
+    #[pyo3(signature = (variables, start=None))]
+    fn new(variables: PyContactVariables, start: Option<StartArrays<'_>>) -> PyResult<Self> {
+        let (start, elliptic) = (start.as_ref(), variables.elliptic.as_ref());
+        let state = match &variables.kind {
+            AnyInterface::Two(inner) => {
+                AnyState::Two(state(elliptic, inner.contacts.count(), start)?)
+            }
+            AnyInterface::Three(inner) => {
+                AnyState::Three(state(elliptic, inner.contacts.count(), start)?)
+            }
+        };
+        Ok(Self { variables, state })
+    }
+
+    /// A step of `engine` from the unknowns `start` to the forces `force` and the prescribed
+    /// displacements. The state changes only if it converges.
+    #[pyo3(signature = (engine, start, force, prescribed, gap, method, tol, max_iterations, max_seconds))]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the settings of one call from Python"
+    )]
+    fn step<'py>(
+        &mut self,
+        engine: Bound<'py, PyAny>,
+        start: Bound<'py, PyAny>,
+        force: Bound<'py, PyAny>,
+        prescribed: Vector<'py>,
+        gap: Option<Matrix<'py>>,
+        method: &str,
+        tol: f64,
+        max_iterations: Option<usize>,
+        max_seconds: Option<f64>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let prescribed = prescribed.as_slice()?;
+        arrays::length("prescribed", prescribed.len(), self.variables.fixed)?;
+        let elliptic = self.variables.elliptic.as_ref();
+        let objects = Objects {
+            engine: &engine,
+            start,
+            force: &force,
+        };
+        let asked = (prescribed, gap.as_ref());
+        match (&mut self.state, &self.variables.kind) {
+            (AnyState::Two(state), AnyInterface::Two(inner)) => {
+                step(state, inner, elliptic, objects, asked, &settings)
+            }
+            (AnyState::Three(state), AnyInterface::Three(inner)) => {
+                step(state, inner, elliptic, objects, asked, &settings)
+            }
+            _ => Err(Error::Shape {
+                what: "the dimension of the path",
+                expected: 2,
+                found: 3,
+            }
+            .into()),
+        }
+    }
+}

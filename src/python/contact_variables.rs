@@ -1,0 +1,455 @@
+//! The variables of contacts whose stiffness is held elsewhere: arrays by the places of the
+//! nodes of the interface, `d` places for each.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyReadwriteArray1};
+use pyo3::prelude::*;
+
+use crate::condensation::sparse::Rows;
+use crate::error::Error;
+use crate::linalg::small::Block;
+use crate::linalg::sparse::csc::narrow;
+use crate::primal::contacts::Contacts;
+use crate::primal::frames::Frames;
+use crate::primal::own_nodes::AboutNodes;
+use crate::primal::tangent::Tangent;
+use crate::primal::transformation::Transformation;
+use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
+use crate::python::problem::CsrArrays;
+use crate::reduced::elliptic_scaling::{EllipticScaling, times};
+use crate::reduced::validate::{check_finite, check_friction};
+
+/// Values by places that a method changes.
+type Changed<'py> = PyReadwriteArray1<'py, f64>;
+
+/// Numbers of nodes or places.
+type Numbers<'py> = Bound<'py, PyArray1<i64>>;
+
+/// Contacts, and what is known of the nodes of their interface.
+pub(super) struct Interface<const D: usize> {
+    pub(super) contacts: Contacts<D>,
+    /// The places with an unknown.
+    pub(super) free: Vec<bool>,
+    /// The contacts of each body without a support.
+    pub(super) floating: Vec<Vec<usize>>,
+}
+
+#[derive(Clone)]
+pub(super) enum AnyInterface {
+    Two(Arc<Interface<2>>),
+    Three(Arc<Interface<3>>),
+}
+
+/// The arguments that do not depend on the dimension.
+struct Arguments<'a> {
+    contact: CsrArrays<'a>,
+    mu: Vec<f64>,
+    elliptic: Option<&'a EllipticScaling>,
+    /// Number of each place among the prescribed degrees of freedom.
+    position: Vec<Option<usize>>,
+    blocks: &'a [f64],
+    bodies: Vec<u32>,
+    held: Vec<bool>,
+}
+
+impl Arguments<'_> {
+    fn make<const D: usize>(self, gap: &[[f64; D]]) -> Result<Interface<D>, Error> {
+        let places = self.position.len();
+        arrays::length("places", places, D * self.bodies.len())?;
+        arrays::length("blocks", self.blocks.len(), D * places)?;
+        check_finite("blocks", self.blocks)?;
+        check_finite("gap", gap.as_flattened())?;
+        check_friction(&self.mu, gap.len())?;
+        if let Some(position) =
+            (0..self.bodies.len()).find(|&node| self.bodies[node] as usize >= self.held.len())
+        {
+            return Err(Error::IndexRange {
+                what: "bodies",
+                position,
+                found: self.bodies[position] as usize,
+                limit: self.held.len(),
+            });
+        }
+        let rows = Rows {
+            row_ptr: &self.contact.pointer,
+            columns: &self.contact.index,
+            values: self.contact.values,
+        };
+        rows.check("B", D * gap.len(), places)?;
+        let free: Vec<bool> = self.position.iter().map(Option::is_none).collect();
+        let block = |node: usize| positive::<D>(&self.blocks[D * D * node..], &free[D * node..]);
+        let nodes = AboutNodes {
+            free: &free,
+            block: &block,
+            bodies: &|| self.bodies.clone(),
+        };
+        let own: Vec<u32> = (0..places).map(narrow).collect();
+        let contact = rows.select(Some);
+        let frames = Frames::new(&contact, self.elliptic, &own, &self.position, &nodes)?;
+        let gap = times(self.elliptic, gap).into_owned();
+        let contacts = Contacts::new(frames, gap, self.mu, &block)?;
+        let floating = contacts.floating(&self.bodies, &self.held);
+        Ok(Interface {
+            contacts,
+            free,
+            floating,
+        })
+    }
+}
+
+/// The block of a node in the free components; the others have the mean diagonal of these.
+fn positive<const D: usize>(block: &[f64], free: &[bool]) -> Block<D> {
+    let own = Block::<D>::from_row_slice(&block[..D * D]);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for k in (0..D).filter(|&k| free[k]) {
+        sum += own[(k, k)];
+        count += 1.0;
+    }
+    let mean = if sum > 0.0 { sum / count } else { 1.0 };
+    Block::from_fn(|k, l| match (free[k] && free[l], k == l) {
+        (true, _) => own[(k, l)],
+        (false, true) => mean,
+        (false, false) => 0.0,
+    })
+}
+
+/// Contacts on an interface, in any dimension.
+#[pyclass(
+    frozen,
+    from_py_object,
+    name = "ContactVariables",
+    module = "bipot_rs._core"
+)]
+#[derive(Clone)]
+pub(super) struct PyContactVariables {
+    pub(super) kind: AnyInterface,
+    pub(super) elliptic: Option<EllipticScaling>,
+    /// Number of prescribed degrees of freedom.
+    pub(super) fixed: usize,
+}
+
+/// Runs an expression for the interface of either dimension.
+macro_rules! of_any {
+    ($kind:expr, $interface:ident => $work:expr) => {
+        match $kind {
+            AnyInterface::Two($interface) => $work,
+            AnyInterface::Three($interface) => $work,
+        }
+    };
+}
+
+impl PyContactVariables {
+    /// Changes values by places with the frames.
+    fn change(
+        &self,
+        values: &mut Changed<'_>,
+        two: impl FnOnce(&Frames<2>, &mut [f64]),
+        three: impl FnOnce(&Frames<3>, &mut [f64]),
+    ) -> PyResult<()> {
+        let values = values.as_slice_mut()?;
+        arrays::length("values", values.len(), self.places())?;
+        match &self.kind {
+            AnyInterface::Two(inner) => two(&inner.contacts.frames, values),
+            AnyInterface::Three(inner) => three(&inner.contacts.frames, values),
+        }
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl PyContactVariables {
+    /// `position` is the number of each place among the `fixed` prescribed degrees of freedom,
+    /// `fixed` itself for a free one; `blocks (nodes, d²)` the diagonal blocks of `K`; `bodies`
+    /// the body of each node, and `held` is not zero for a body with a support.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
+    fn new(
+        contact: Csr<'_>,
+        gap: Matrix<'_>,
+        mu: Coefficients<'_>,
+        position: Indices<'_>,
+        fixed: usize,
+        blocks: Matrix<'_>,
+        bodies: Indices<'_>,
+        held: Indices<'_>,
+    ) -> PyResult<Self> {
+        let plane = gap.as_array().ncols() == 2;
+        let (mu, elliptic) = if plane {
+            mu.friction::<2>()?
+        } else {
+            mu.friction::<3>()?
+        };
+        let numbers = arrays::indices(&position, "position")?;
+        let position = numbers.into_iter().map(|k| (k < fixed).then_some(k));
+        let bodies = arrays::indices(&bodies, "bodies")?;
+        // A number that is too large is refused with those that are out of range.
+        let number = |&body: &usize| u32::try_from(body).unwrap_or(u32::MAX);
+        let asked = Arguments {
+            contact: CsrArrays::new(&contact, "B")?,
+            mu,
+            elliptic: elliptic.as_ref(),
+            position: position.collect(),
+            blocks: blocks.as_slice()?,
+            bodies: bodies.iter().map(number).collect(),
+            held: arrays::indices(&held, "held")?
+                .iter()
+                .map(|&h| h > 0)
+                .collect(),
+        };
+        let kind = if plane {
+            AnyInterface::Two(Arc::new(asked.make(arrays::rows::<2>(&gap)?)?))
+        } else {
+            AnyInterface::Three(Arc::new(asked.make(arrays::rows::<3>(&gap)?)?))
+        };
+        Ok(Self {
+            kind,
+            elliptic,
+            fixed,
+        })
+    }
+
+    /// Number of places.
+    #[getter]
+    fn places(&self) -> usize {
+        of_any!(&self.kind, inner => inner.free.len())
+    }
+
+    /// Whether a contact joins nodes.
+    #[getter]
+    fn join(&self) -> bool {
+        of_any!(&self.kind, inner => inner.contacts.frames.join())
+    }
+
+    /// Node of each contact with an unknown.
+    #[getter]
+    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let nodes: Vec<usize> = of_any!(&self.kind, inner => {
+            inner.contacts.frames.blocks().map(|(node, _)| node).collect()
+        });
+        arrays::from_indices(py, nodes)
+    }
+
+    /// Places whose component of `v` has no unknown, and of degrees of freedom that are
+    /// prescribed.
+    #[getter]
+    fn absent<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        fn of<const D: usize>(inner: &Interface<D>) -> Vec<bool> {
+            let mut absent: Vec<bool> = inner.free.iter().map(|free| !free).collect();
+            for frame in &inner.contacts.frames.list {
+                if frame.node != usize::MAX {
+                    for k in 0..D {
+                        absent[D * frame.node + k] = !frame.free[k];
+                    }
+                }
+            }
+            absent
+        }
+        PyArray1::from_vec(py, of_any!(&self.kind, inner => of(inner)))
+    }
+
+    /// `T` by rows: row pointers, columns and values.
+    fn transformation<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Numbers<'py>, Numbers<'py>, Bound<'py, PyArray1<f64>>)> {
+        fn of<const D: usize>(inner: &Interface<D>) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+            let nodes = inner.free.len() / D;
+            let rows = Transformation::new(nodes, &inner.contacts.frames);
+            let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
+            for node in 0..nodes {
+                for k in 0..D {
+                    match rows.row(node) {
+                        None => {
+                            index.push(D * node + k);
+                            values.push(1.0);
+                        }
+                        Some(row) => {
+                            for (column, block) in row {
+                                for l in 0..D {
+                                    index.push(D * *column as usize + l);
+                                    values.push(block[(k, l)]);
+                                }
+                            }
+                        }
+                    }
+                    pointer.push(index.len());
+                }
+            }
+            (pointer, index, values)
+        }
+        let (pointer, index, values) = of_any!(&self.kind, inner => of(inner));
+        Ok((
+            arrays::from_indices(py, pointer)?,
+            arrays::from_indices(py, index)?,
+            arrays::from_vec(py, values),
+        ))
+    }
+
+    /// `B_s u_s` at the node of each contact, in place: a motion of its own body.
+    fn to_own_variables(&self, mut values: Changed<'_>) -> PyResult<()> {
+        fn turn<const D: usize>(frames: &Frames<D>, values: &mut [f64]) {
+            for frame in frames.list.iter().filter(|frame| frame.node != usize::MAX) {
+                let own = &mut values[D * frame.node..D * (frame.node + 1)];
+                let turned = frame.to_local * crate::linalg::small::Vector::from_column_slice(own);
+                own.copy_from_slice(turned.as_slice());
+            }
+        }
+        self.change(&mut values, turn::<2>, turn::<3>)
+    }
+
+    /// `u = T y`, in place.
+    fn to_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
+        self.change(
+            &mut values,
+            Frames::to_displacements,
+            Frames::to_displacements,
+        )
+    }
+
+    /// `y = T⁻¹ u`, in place.
+    fn to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
+        self.change(&mut values, Frames::to_local, Frames::to_local)
+    }
+
+    /// `Tᵀ f`, in place.
+    fn forces_to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
+        self.change(
+            &mut values,
+            Frames::forces_to_local,
+            Frames::forces_to_local,
+        )
+    }
+
+    /// `|T| |y|`, in place.
+    fn terms_of_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
+        self.change(
+            &mut values,
+            Frames::terms_of_displacements,
+            Frames::terms_of_displacements,
+        )
+    }
+
+    /// `|Tᵀ| f` for `f ≥ 0`, in place.
+    fn terms_of_forces(&self, mut values: Changed<'_>) -> PyResult<()> {
+        self.change(
+            &mut values,
+            Frames::terms_of_forces,
+            Frames::terms_of_forces,
+        )
+    }
+}
+
+enum AnyTangent {
+    Two(Tangent<2>),
+    Three(Tangent<3>),
+}
+
+/// The system of one Newton step at the places of the interface.
+#[pyclass(frozen, name = "ContactTangent", module = "bipot_rs._core")]
+pub(super) struct PyContactTangent {
+    kind: AnyTangent,
+}
+
+/// Runs an expression for the tangent of either dimension.
+macro_rules! of_tangent {
+    ($kind:expr, $tangent:ident => $work:expr) => {
+        match $kind {
+            AnyTangent::Two($tangent) => $work,
+            AnyTangent::Three($tangent) => $work,
+        }
+    };
+}
+
+impl From<Tangent<2>> for PyContactTangent {
+    fn from(tangent: Tangent<2>) -> Self {
+        let kind = AnyTangent::Two(tangent);
+        Self { kind }
+    }
+}
+
+impl From<Tangent<3>> for PyContactTangent {
+    fn from(tangent: Tangent<3>) -> Self {
+        let kind = AnyTangent::Three(tangent);
+        Self { kind }
+    }
+}
+
+impl PyContactTangent {
+    fn places(&self) -> usize {
+        of_tangent!(&self.kind, tangent => tangent.held.len())
+    }
+}
+
+#[pymethods]
+impl PyContactTangent {
+    /// Places whose `dy` is known, or that have no unknown.
+    #[getter]
+    fn held<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        PyArray1::from_slice(
+            py,
+            of_tangent!(&self.kind, tangent => tangent.held.as_slice()),
+        )
+    }
+
+    /// `dy` at these places.
+    #[getter]
+    fn known<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(
+            py,
+            of_tangent!(&self.kind, tangent => tangent.known.as_slice()),
+        )
+    }
+
+    /// Sets the held places to zero.
+    fn clear(&self, mut values: Changed<'_>) -> PyResult<()> {
+        let values = values.as_slice_mut()?;
+        arrays::length("values", values.len(), self.places())?;
+        of_tangent!(&self.kind, tangent => tangent.clear(values));
+        Ok(())
+    }
+
+    /// Adds to `A x` in `out` what the laws of sliding contacts add.
+    fn add_laws(&self, x: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
+        let (x, out) = (x.as_slice()?, out.as_slice_mut()?);
+        arrays::length("x", x.len(), self.places())?;
+        arrays::length("out", out.len(), self.places())?;
+        of_tangent!(&self.kind, tangent => tangent.add_laws(x, out));
+        Ok(())
+    }
+
+    /// The right side, from `e = A y − f` and `A` times `known`.
+    fn right_side<'py>(
+        &self,
+        py: Python<'py>,
+        e: Vector<'_>,
+        moved: Vector<'_>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let (e, mut moved) = (e.as_slice()?, moved.as_slice()?.to_vec());
+        arrays::length("e", e.len(), self.places())?;
+        arrays::length("moved", moved.len(), self.places())?;
+        let right = of_tangent!(&self.kind, tangent => tangent.right_side(e, &mut moved));
+        Ok(arrays::from_vec(py, right))
+    }
+
+    /// Nodes of sliding contacts, and the symmetric part of the spring of each, by rows.
+    fn springs<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Bound<'py, PyArray2<f64>>)> {
+        let (mut nodes, mut values) = (Vec::new(), Vec::<f64>::new());
+        let columns = of_tangent!(&self.kind, tangent => {
+            for (node, spring) in tangent.springs_of_nodes() {
+                nodes.push(node);
+                values.extend(spring.iter());
+            }
+            square(tangent)
+        });
+        let rows = nodes.len();
+        Ok((
+            arrays::from_indices(py, nodes)?,
+            arrays::square(py, values, rows, columns)?,
+        ))
+    }
+}
+
+const fn square<const D: usize>(_: &Tangent<D>) -> usize {
+    D * D
+}

@@ -1,0 +1,131 @@
+"""The Newton loop of the core with the long vectors and linear systems of a Python object."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import _core
+from numpy_engine import NumpyEngine, force_of, variables_of
+from pressed_in_space import pressed
+
+Array = NDArray[np.float64]
+SETTINGS = ("newton", 1e-12, None, None)
+# η is 1e-12, and the answers of two methods differ by the condition of the contacts.
+CLOSE = 1e-10
+
+
+class Case:
+    def __init__(self, model: bp.Model) -> None:
+        case = model.assemble()
+        self.model = case.model
+        self.prescribed = case.prescribed
+        self.K = self.model.K.toarray()
+        self.gap = np.zeros((len(self.model.gap), self.model.dim))
+        self.gap[:, 0] = self.model.gap
+        self.variables = variables_of(
+            self.K, self.model.B, self.gap, self.model.mu, self.model.fixed
+        )
+
+    def engine(self) -> NumpyEngine:
+        return NumpyEngine(self.K, self.variables, self.model.fixed)
+
+    def step(
+        self, path: _core.ContactPath, engine: Any, y: Array, k: int
+    ) -> dict[str, Any]:
+        fixed, moved = self.model.fixed, self.prescribed[k]
+        zero = np.zeros(len(self.K))
+        force = force_of(self.K, self.variables, zero, fixed, moved)
+        return path.step(engine, y, force, moved, None, *SETTINGS)
+
+    def direct(self) -> bp.Result:
+        m = self.model
+        problem = bp.ContactProblem(
+            m.K, m.B, gap=m.gap, mu=m.mu, fixed=m.fixed, engine="direct"
+        )
+        return problem.solve(prescribed=self.prescribed, tol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_answers_of_the_direct_engine(dim: int) -> None:
+    case = Case(pressed(4 if dim == 3 else 8, dim=dim))
+    engine, path = case.engine(), _core.ContactPath(case.variables)
+    expected = case.direct()
+    y = np.zeros(len(case.K))
+    for k in range(2):
+        raw = case.step(path, engine, y, k)
+        assert raw["outcome"] == "converged"
+        y = raw["unknowns"]
+        scale = np.abs(expected.reaction).max()
+        assert np.abs(raw["reaction"] - expected[k].reaction).max() <= CLOSE * scale
+        assert np.array_equal(raw["status"], expected[k].status)
+        slip = np.abs(expected[k].relative_displacement).max()
+        assert np.abs(raw["slip"] - expected[k].slip).max() <= CLOSE * max(slip, 1e-300)
+        u = y.copy()
+        case.variables.to_displacements(u)
+        u[case.model.fixed] = case.prescribed[k]
+        size = np.abs(expected[k].displacement).max()
+        assert np.abs(u - expected[k].displacement).max() <= CLOSE * size
+    # Newton with exact linear systems takes few of them.
+    assert engine.calls <= 16
+
+
+def test_variables_are_those_of_their_matrix() -> None:
+    case = Case(pressed(3))
+    variables, n = case.variables, len(case.K)
+    T = case.engine().T
+    free = np.setdiff1d(np.arange(n), case.model.fixed)
+    y = np.zeros(n)
+    y[free] = np.random.default_rng(5).standard_normal(len(free))
+    u, f, back = y.copy(), y.copy(), y.copy()
+    variables.to_displacements(u)
+    # Sums of three products of numbers of size 1.
+    assert np.abs(u - T @ y).max() <= 1e-14
+    variables.forces_to_local(f)
+    assert np.abs(f - T.T @ y).max() <= 1e-14
+    back = u.copy()
+    variables.to_local(back)
+    assert np.abs(back - y).max() <= 1e-14
+    assert variables.places == n
+    assert not variables.join
+    assert set(np.flatnonzero(variables.absent)) == set(case.model.fixed)
+
+
+def test_an_exception_of_the_engine_reaches_the_caller() -> None:
+    class Broken(NumpyEngine):
+        def product(self, _y: Array) -> Array:
+            raise ZeroDivisionError("out of products")
+
+    case = Case(pressed(2))
+    broken = Broken(case.K, case.variables, case.model.fixed)
+    path = _core.ContactPath(case.variables)
+    with pytest.raises(ZeroDivisionError, match="out of products"):
+        case.step(path, broken, np.zeros(len(case.K)), 0)
+    # The path did not move.
+    raw = case.step(path, case.engine(), np.zeros(len(case.K)), 0)
+    assert raw["outcome"] == "converged"
+
+
+def test_the_engine_decides_that_time_is_over() -> None:
+    class Late(NumpyEngine):
+        def agreed(self, _decision: bool) -> bool:
+            return True
+
+    case = Case(pressed(2))
+    late = Late(case.K, case.variables, case.model.fixed)
+    path = _core.ContactPath(case.variables)
+    raw = case.step(path, late, np.zeros(len(case.K)), 0)
+    assert raw["outcome"] == "time_limit"
+
+
+def test_values_of_a_wrong_length_are_refused() -> None:
+    class Short(NumpyEngine):
+        def at_places(self, y: Array) -> Array:
+            return y[1:]
+
+    case = Case(pressed(2))
+    short = Short(case.K, case.variables, case.model.fixed)
+    with pytest.raises(ValueError, match="values by places has length"):
+        case.step(_core.ContactPath(case.variables), short, np.zeros(len(case.K)), 0)

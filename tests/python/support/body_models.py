@@ -1,0 +1,60 @@
+"""Models of one body, held and loaded in different ways, that every engine can solve."""
+
+import bipot_rs as bp
+from pressed_in_space import pressed
+from rollers import block
+
+
+def order_two() -> bp.Model:
+    m = pressed(2)
+    return m.with_(**{"body.block.order": 2})
+
+
+def on_a_ball() -> bp.Model:
+    m = block(6, 3)
+    m.obstacle("ball", sphere={"centre": [0.1, 0.0, 2.0], "radius": 2.0})
+    m.contact("block.top", against="ball", mu=0.4)
+    m = m.with_(support=[])
+    m.support("block.bottom", x=m.times(0.02, "shear"), y=0.0, z=m.times(0.03, "press"))
+    m.path(press=[1.0, 1.0, 0.5], shear=[0.0, 1.0, -1.0])
+    return m
+
+
+def floating() -> bp.Model:
+    """A block that nothing but contact and symmetry holds."""
+    m = block(4, 3)
+    m = m.with_(support=[])
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.5)
+    m.pressure("block.bottom", m.times(3.0, "press"))
+    m.traction("block.bottom", x=m.times(0.4, "shear"))
+    m.path(press=[1.0, 1.0], shear=[0.3, 1.0])
+    return m
+
+
+def on_springs() -> bp.Model:
+    m = pressed()
+    m.spring("block.right", stiffness=[300.0, 200.0, 100.0])
+    return m
+
+
+def warmed() -> bp.Model:
+    """An initial strain presses the block onto the plane."""
+    m = block(4, 3)
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.001], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.3)
+    m.strain("block", expansion=1e-4, temperature=m.times(100.0, "warm"))
+    m.path(warm=[0.5, 1.0])
+    return m
+
+
+def inclined() -> bp.Model:
+    """A block held by rollers on an inclined side."""
+    m = block(4, 3)
+    m = m.with_(support=[])
+    m.support("block.bottom", x=0.0, y=0.0, z=m.times(0.02, "press"))
+    m.support("block.left", normal=[1.0, 0.0, 0.5], value=0.0)
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.3)
+    m.path(press=[0.5, 1.0])
+    return m
