@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bipot_rs import fclib, plots
     from bipot_rs import fem as fem
     from bipot_rs import obstacle as obstacle
+    from bipot_rs import petsc as petsc
     from bipot_rs import scene as scene
     from bipot_rs import theory as theory
     from bipot_rs._lib.versions import __version__ as __version__
@@ -114,6 +115,7 @@ __getattr__, __dir__ = lazily(
         "model": "bipot_rs.scene.builder",
         "obstacle": "bipot_rs.obstacle",
         "paraview": "bipot_rs.fem.paraview",
+        "petsc": "bipot_rs.petsc",
         "plots": "bipot_rs.plots",
         "review": "bipot_rs.fem.review",
         "scene": "bipot_rs.scene",

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 
 # Entries of `ContactProblem.stats` that only a factor has.
-_WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
+WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
     (
         "nnz_factor",
         "flops",
@@ -415,7 +415,7 @@ class ContactProblem:
             known = dict(self._condensed.stats) | known
         else:
             n, contacts, d = self._shape
-            known = _WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known
+            known = WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known
         if self._iterative is not None:
             record = self._iterative.record
             known |= self._iterative.stats

@@ -86,9 +86,9 @@ class Iterative:
         """What computes the displacements of steps."""
         return _Recovery(self, seconds, gap)
 
-    def inquiry(self, asked: Asked) -> _StepProblem:
+    def inquiry(self, asked: Asked) -> StepProblem:
         """What answers questions about a step."""
-        return _StepProblem(asked)
+        return StepProblem(asked)
 
     def replacement(self) -> Engine:
         """The direct engine with the same friction."""
@@ -163,7 +163,7 @@ class _Recovery:
 
 
 @dataclass(frozen=True)
-class _StepProblem:
+class StepProblem:
     """Answers about a step; proofs and bounds need ``W``, which this engine does not form."""
 
     asked: Asked

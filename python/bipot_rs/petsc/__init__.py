@@ -1,0 +1,10 @@
+"""Contact problems whose stiffness is a matrix of PETSc, on several processes.
+
+Contact data are the same on all processes; ``K`` and the displacements are distributed. It
+needs petsc4py and mpi4py, which are imported when a `ContactProblem` is made.
+"""
+
+from bipot_rs.petsc.problem import ContactProblem
+from bipot_rs.petsc.result import Result, Step
+
+__all__ = ["ContactProblem", "Result", "Step"]

@@ -1,0 +1,92 @@
+"""The body of each node of a distributed K: nodes that it couples, directly or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.petsc.own_rows import OwnRows
+
+# Entries of K that are looked at together.
+_BLOCK = 1 << 22
+
+
+def bodies(
+    comm: Any,
+    rows: OwnRows,
+    local: Ints,
+    free: Bools,
+    d: int,
+    bring: Callable[[Floats], Floats],
+) -> tuple[Ints, int]:
+    """Body of each own node, and the number of bodies.
+
+    Parameters
+    ----------
+    rows, local
+        Own rows, and their columns in local numbers (`OwnRows.local`).
+    free
+        Whether each own degree of freedom, and then each outside, is not prescribed.
+        Prescribed ones couple nothing.
+    bring
+        Brings values of own degrees of freedom and those outside to this rank.
+    """
+    own = rows.count // d
+    # Local numbers of nodes, own ones first. Outside, each degree of freedom counts.
+    node = np.concatenate(
+        [np.arange(rows.count) // d, np.arange(own, len(free) - rows.count + own)]
+    )
+    count = own + len(free) - rows.count
+    pieces = np.arange(count)
+    for first in range(0, max(rows.count, 1), max(_BLOCK // 64, 1)):
+        last = min(first + max(_BLOCK // 64, 1), rows.count)
+        if first >= last:
+            break
+        entries = slice(rows.pointer[first], rows.pointer[last])
+        i = np.repeat(np.arange(first, last), np.diff(rows.pointer[first : last + 1]))
+        j = local[entries]
+        couples = (rows.values[entries] != 0) & free[i] & free[j]
+        a, b = pieces[node[i[couples]]], pieces[node[j[couples]]]
+        apart = a != b
+        pieces = _joined(pieces, a[apart], b[apart], count)
+    # Pieces of all ranks get different numbers, and those that meet are joined.
+    starts = np.cumsum([0, *comm.allgather(count)])
+    mine = pieces + starts[comm.rank]
+    theirs = bring(np.repeat(mine[:own], d).astype(float))[rows.count :].astype(
+        np.int64
+    )
+    meeting = free[rows.count :]
+    pairs = np.column_stack([mine[own:][meeting], theirs[meeting]])
+    pairs = np.unique(pairs, axis=0)
+    whole = np.concatenate(comm.allgather(pairs))
+    joined = _joined(np.arange(starts[-1]), whole[:, 0], whole[:, 1], starts[-1])
+    found = joined[mine[:own]]
+    # Bodies are numbered in the order of their first nodes.
+    used = np.concatenate(comm.allgather(_in_order(found)))
+    _, at = np.unique(used, return_index=True)
+    order = used[np.sort(at)]
+    number = np.full(starts[-1] + 1, -1)
+    number[order] = np.arange(len(order))
+    return number[found], len(order)
+
+
+def _in_order(values: Ints) -> Ints:
+    _, at = np.unique(values, return_index=True)
+    return values[np.sort(at)]
+
+
+def _joined(pieces: Ints, a: Ints, b: Ints, count: int) -> Ints:
+    """Pieces after those of ``a`` are joined with those of ``b``."""
+    if not len(a):
+        return pieces
+    pairs = np.unique(np.column_stack([a, b]), axis=0)
+    ones = np.ones(len(pairs), np.int8)
+    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, label = connected_components(graph.tocsr(), directed=False)
+    found: Ints = label[pieces]
+    return found

@@ -1,0 +1,230 @@
+"""The engine of a load path: what the Newton loop of the core calls, on Vecs of PETSc."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.engines.engine import Asked
+from bipot_rs.contact.engines.iterative import StepProblem
+from bipot_rs.contact.solution import Step
+from bipot_rs.petsc.linear_solver import LinearSolver
+from bipot_rs.petsc.operator import Operator
+
+
+class Verbs:
+    """Long vectors and linear systems, as `src/primal/engine.rs` wants them.
+
+    Vectors are never changed: each method returns a new one.
+    """
+
+    def __init__(self, operator: Operator, solver: LinearSolver, PETSc: Any) -> None:
+        self._operator, self._solver = operator, solver
+        self._infinity = PETSc.NormType.NORM_INFINITY
+        self._comm = operator.K.comm.tompi4py()
+
+    def product(self, y: Any) -> Any:
+        """``A y``."""
+        return self._operator.product(y)
+
+    def add(self, y: Any, s: float, x: Any) -> Any:
+        """``y + s x``."""
+        found = y.copy()
+        found.axpy(s, x)
+        return found
+
+    def at_places(self, y: Any) -> Floats:
+        """Values at the places of the interface."""
+        return self._operator.interface.gather(y)
+
+    def norm(self, y: Any) -> float:
+        """Euclidean norm."""
+        return float(y.norm())
+
+    def largest(self, y: Any) -> float:
+        """Largest magnitude."""
+        return float(y.norm(self._infinity))
+
+    def imbalance(self, e: Any, forces: Floats) -> float:
+        """Norm of ``e`` after forces at the places are subtracted."""
+        left = e.copy()
+        interface = self._operator.interface
+        left.array[interface.rows] -= forces[interface.own]
+        return float(left.norm())
+
+    def terms(self, y: Any) -> tuple[float, Floats]:
+        """Sizes of the terms of ``A y``: their norm, and those at the places."""
+        return self._operator.terms(y)
+
+    def correction(
+        self,
+        tangent: _core.ContactTangent,
+        statuses: NDArray[np.int8],
+        e: Any,
+        tol: float,
+    ) -> tuple[Any, int, bool] | None:
+        """A Newton correction with its known part; None without a preconditioner."""
+        if not self._solver.prepare(tangent, statuses):
+            return None
+        right = self._operator.right_side(tangent, e)
+        x, products, reached = self._solver.solve(right, tol)
+        self._operator.add_known(tangent, x)
+        return x, products, reached
+
+    def estimate(
+        self, tangent: _core.ContactTangent, statuses: NDArray[np.int8], e: Any
+    ) -> Any:
+        """The correction by one application of the preconditioner."""
+        if not self._solver.prepare(tangent, statuses):
+            return None
+        x = self._solver.apply(self._operator.right_side(tangent, e))
+        self._operator.add_known(tangent, x)
+        return x
+
+    def agreed(self, decision: bool) -> bool:
+        """The decision of the first rank."""
+        return bool(self._comm.bcast(decision, root=0))
+
+
+@dataclass
+class Record:
+    """What the engine did, of all load paths of a problem."""
+
+    newton: int = 0
+    krylov: int = 0
+
+
+@dataclass(frozen=True)
+class PetscEngine:
+    """Solves in the displacements with ``K`` distributed over the ranks.
+
+    Attributes
+    ----------
+    fixed
+        All prescribed degrees of freedom, in the order of the caller.
+    """
+
+    variables: _core.ContactVariables
+    operator: Operator
+    solver: LinearSolver
+    fixed: NDArray[np.int64]
+    shape: tuple[int, int]
+    PETSc: Any
+    gap: Floats | None = None
+    record: Record = field(default_factory=Record)
+    name = "petsc"
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts so far: Newton steps, iterations, products with K and gathers."""
+        return {
+            "newton": self.record.newton,
+            "krylov": self.record.krylov,
+            "products": self.operator.products,
+            "gathers": self.operator.interface.gathers,
+            "preconditioner": self.solver.preconditioner,
+        }
+
+    def modes(self) -> Floats:
+        """No rigid motions: they are not unknowns of their own."""
+        contacts, d = self.shape
+        return np.empty((0, d * contacts))
+
+    def with_gap(self, gap: Floats) -> PetscEngine:
+        """The same problem with other gaps."""
+        return replace(self, gap=gap)
+
+    def with_mu(self, _mu: Floats, /) -> PetscEngine:
+        """Not needed: a problem of PETSc has one set of friction coefficients."""
+        raise ValueError("engine='petsc' cannot change mu: make another problem")
+
+    def path(self, at: Step | None) -> PetscPath:
+        """A load path that starts from a step, or from the unloaded bodies."""
+        if at is None:
+            return PetscPath(self, _core.ContactPath(self.variables), None)
+        state = at.reaction, at.relative_displacement, at.status
+        return PetscPath(
+            self, _core.ContactPath(self.variables, state), at._kept.get("u")
+        )
+
+    def recovery(self, _seconds: dict[str, float], _gap: Floats) -> _Recovery:
+        """Steps of this engine have their displacements already."""
+        return _Recovery()
+
+    def inquiry(self, asked: Asked) -> StepProblem:
+        """What answers questions about a step."""
+        return StepProblem(asked)
+
+    def prescribed_part(self, values: Floats) -> tuple[Any, Any]:
+        """Prescribed displacements as a Vec, and the own rows of these."""
+        u = self.operator.zeros()
+        first, last = u.getOwnershipRange()
+        ours = (self.fixed >= first) & (self.fixed < last)
+        rows = self.fixed[ours] - first
+        u.array[rows] = values[ours]
+        return u, rows
+
+    def force(self, load: Any, prescribed: Floats) -> Any:
+        """``Tᵀ (f - K u_p)`` without the prescribed rows."""
+        u, _ = self.prescribed_part(prescribed)
+        f = self.operator.zeros()
+        self.operator.K.mult(u, f)
+        f.scale(-1.0)
+        f.axpy(1.0, load)
+        self.operator.forces(f)
+        return f
+
+    def displacement(self, y: Any, prescribed: Floats) -> Any:
+        """All displacements."""
+        u = self.operator.displacements(y)
+        known, rows = self.prescribed_part(prescribed)
+        u.array[rows] = known.array_r[rows]
+        return u
+
+
+class PetscPath:
+    """A load path in progress."""
+
+    def __init__(
+        self, engine: PetscEngine, core: _core.ContactPath, displacement: Any
+    ) -> None:
+        self.engine = engine
+        self._core = core
+        self._u = displacement
+        self._verbs = Verbs(engine.operator, engine.solver, engine.PETSc)
+
+    def step(
+        self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings
+    ) -> dict[str, Any]:
+        """Make a step to the total loads; the path moves on only if it converges."""
+        engine = self.engine
+        operator = engine.operator
+        engine.solver.begin()
+        y = operator.zeros() if self._u is None else operator.unknowns(self._u)
+        force = engine.force(load, prescribed)
+        raw = self._core.step(self._verbs, y, force, prescribed, gap, *settings)
+        engine.record.newton += raw["newton"]
+        engine.record.krylov += raw["krylov"]
+        raw["displacement"] = engine.displacement(raw.pop("unknowns"), prescribed)
+        if raw["outcome"] == "converged":
+            self._u = raw["displacement"]
+        return raw
+
+
+@dataclass(frozen=True, eq=False)
+class _Recovery:
+    """Steps have their displacements."""
+
+    def has_factor(self) -> bool:
+        """Displacements are always available."""
+        return True
+
+    def __call__(self, _steps: Sequence[Step]) -> Floats:
+        raise ValueError("the displacements of this step are not available")

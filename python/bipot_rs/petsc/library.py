@@ -1,0 +1,119 @@
+"""Find petsc4py and mpi4py, or say what to install or to set."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+INSTALL = (
+    "on Debian or Ubuntu run apt-get install python3-petsc4py python3-mpi4py "
+    "openmpi-bin, and use a virtual environment of /usr/bin/python3 with "
+    "--system-site-packages; with conda run conda install -c conda-forge petsc4py mpi4py; "
+    "where PETSc is installed already, pip install 'bipot-rs[petsc]'"
+)
+
+# Where Debian puts the folders that PETSC_DIR may name, two levels below.
+_DEBIAN = Path("/usr/lib/petscdir")
+
+
+class Library(NamedTuple):
+    """The modules ``petsc4py.PETSc`` and ``mpi4py.MPI``."""
+
+    PETSc: Any
+    MPI: Any
+
+
+def load() -> Library:
+    """Import petsc4py and mpi4py.
+
+    If petsc4py is not on the path, but in a folder of ``PETSC_DIR`` or of Debian, the folder
+    is added to the path.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        One of them is not installed; the message says how to install it.
+    ImportError
+        One of them cannot be imported; the message says why, and what to change.
+    """
+    try:
+        MPI = importlib.import_module("mpi4py.MPI")
+        PETSc = _petsc()
+    except ModuleNotFoundError as error:
+        name = str(error.name).partition(".")[0]
+        if name not in ("petsc4py", "mpi4py"):
+            raise
+        raise ModuleNotFoundError(
+            f"engine='petsc' needs {name}, which is not installed: {INSTALL}", name=name
+        ) from None
+    except (ImportError, OSError, AttributeError) as error:
+        raise ImportError(
+            f"petsc4py or mpi4py cannot be imported: {error}{remedy(error)}"
+        ) from error
+    if PETSc.ScalarType().dtype.kind == "c":
+        raise ImportError(
+            "petsc4py belongs to a PETSc with complex numbers: set PETSC_DIR to one with "
+            f"real numbers{_known(working())}"
+        )
+    return Library(PETSc, MPI)
+
+
+def _petsc() -> Any:
+    try:
+        importlib.import_module("petsc4py")
+    except ModuleNotFoundError as error:
+        if error.name != "petsc4py":
+            raise
+        named = os.environ.get("PETSC_DIR")
+        # A folder that the user named comes first; one of Debian needs no name.
+        for folder in [named] if named else working():
+            path = packages(folder)
+            if (path / "petsc4py").is_dir():
+                sys.path.append(str(path))
+                os.environ["PETSC_DIR"] = folder
+                break
+        else:
+            if named and working():
+                raise ImportError(
+                    f"PETSC_DIR is {named}, which holds no petsc4py"
+                ) from None
+            raise
+    return importlib.import_module("petsc4py.PETSc")
+
+
+def packages(folder: str) -> Path:
+    """The folder of petsc4py in a folder of PETSc."""
+    return Path(folder) / "lib" / "python3" / "dist-packages"
+
+
+def working() -> list[str]:
+    """Folders that PETSC_DIR may name, those with real numbers first, then by version."""
+    folders = sorted(map(str, _DEBIAN.glob("*/*")), reverse=True)
+    found = [folder for folder in folders if packages(folder).is_dir()]
+    return sorted(found, key=lambda folder: "complex" in folder)
+
+
+def remedy(error: BaseException) -> str:
+    """End of the message of a failed import: what to change."""
+    said = str(error).lower()
+    if "numpy" in said or "multiarray" in said or "_array_api" in said:
+        return (
+            "; it was compiled for another version of NumPy: in this environment run "
+            "pip install 'numpy<2' for a petsc4py that was compiled with NumPy 1, as "
+            "Debian's before 13"
+        )
+    if "petsc" in said:
+        given = os.environ.get("PETSC_DIR")
+        was = "is not set" if given is None else f"is {given}"
+        return f"; PETSC_DIR {was}{_known(working())}"
+    return ""
+
+
+def _known(folders: Sequence[str]) -> str:
+    if not folders:
+        return ""
+    return f": PETSC_DIR={folders[0]} has a petsc4py"

@@ -1,0 +1,42 @@
+"""Options of PETSc: ours, unless the user has set others with the prefix ``bipot_``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+PREFIX = "bipot_"
+
+# Iterations of one linear system after which the method has stalled.
+MOST_KRYLOV = 400
+
+KSP = {
+    "ksp_type": "fgmres",
+    "ksp_gmres_restart": 80,
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
+}
+PC = {"pc_type": "gamg"}
+# SOR fails on coarse levels, where an aggregate may have fewer motions than columns, and on
+# eliminated rows. New aggregates for each set of statuses save iterations, but take longer
+# than these.
+GAMG = {
+    "pc_gamg_type": "agg",
+    "pc_gamg_agg_nsmooths": 1,
+    "pc_gamg_threshold": 0.01,
+    "pc_gamg_reuse_interpolation": True,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+
+def set_defaults(PETSc: Any) -> dict[str, Any]:
+    """Set our options where the user has none; the type of the preconditioner is in them."""
+    database = PETSc.Options(PREFIX)
+    known: dict[str, Any] = {}
+    for defaults in (KSP, PC, GAMG):
+        if defaults is GAMG and known["pc_type"] != "gamg":
+            break
+        for name, value in defaults.items():
+            if not database.hasName(name):
+                database.setValue(name, value)
+            known[name] = database.getString(name, str(value))
+    return known

@@ -1,0 +1,119 @@
+"""The rows of K that this rank owns, read once, and what follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats, Ints
+
+# As `_core`: pairs of K that differ by less are equal up to rounding.
+ASYMMETRY = 1e-10
+
+
+@dataclass(frozen=True)
+class OwnRows:
+    """A copy of the rows of this rank: row pointers, columns of all of K, and values.
+
+    It takes as much memory as these rows and is dropped after it was read.
+    """
+
+    first: int
+    pointer: Ints
+    column: Ints
+    values: Floats
+
+    @classmethod
+    def of(cls, K: Any) -> OwnRows:
+        """Copy the rows of this rank out of a matrix of PETSc."""
+        first, _ = K.getOwnershipRange()
+        return cls(first, *K.getValuesCSR())
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.pointer) - 1
+
+    def rows(self) -> Ints:
+        """Row of each entry, from 0."""
+        return np.repeat(np.arange(self.count), np.diff(self.pointer))
+
+    def check_finite(self) -> None:
+        """Raise ``ValueError`` for an entry that is not finite."""
+        wrong = ~np.isfinite(self.values)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            row = self.first + int(np.searchsorted(self.pointer, at, side="right")) - 1
+            found = "NaN" if np.isnan(self.values[at]) else self.values[at]
+            raise ValueError(
+                f"K is not finite at row {row}, column {self.column[at]}: {found}"
+            )
+
+    def outside(self) -> Ints:
+        """Columns of these rows that other ranks own, ascending."""
+        last = self.first + self.count
+        away = (self.column < self.first) | (self.column >= last)
+        return np.unique(self.column[away])
+
+    def local(self, outside: Ints) -> Ints:
+        """Columns in the numbering of own rows, then of those `outside`."""
+        found = self.column.astype(np.int64) - self.first
+        away = (found < 0) | (found >= self.count)
+        found[away] = self.count + np.searchsorted(outside, self.column[away])
+        return found
+
+
+def scatter(K: Any, outside: Ints, PETSc: Any) -> Any:
+    """Function that brings values of all rows to this rank: own ones, then those `outside`.
+
+    Every rank must call it.
+    """
+    source = K.createVecRight()
+    target = PETSc.Vec().createSeq(len(outside))
+    where = PETSc.IS().createGeneral(
+        outside.astype(PETSc.IntType), comm=PETSc.COMM_SELF
+    )
+    way = PETSc.Scatter().create(source, where, target, None)
+
+    def bring(values: Floats) -> Floats:
+        source.array[:] = values
+        way.scatter(source, target)
+        return np.concatenate([values, target.array_r])
+
+    return bring
+
+
+def check_symmetry(K: Any, comm: Any) -> None:
+    """Raise ``ValueError`` on all ranks if K is not symmetric.
+
+    ``K x - Kᵀ x`` with numbers x from 1 to 2 in units of ``1/sqrt(K_ii)``, so that neither
+    units nor a chance of signs decide.
+    """
+    diagonal = np.sqrt(np.abs(K.getDiagonal().array_r))
+    scale = np.where(diagonal > 0, diagonal, 1.0)
+    x, ours, theirs = K.createVecRight(), K.createVecRight(), K.createVecRight()
+    first, last = K.getOwnershipRange()
+    # A quasi-random sequence: the same numbers for any number of ranks.
+    x.array[:] = (1 + np.modf(np.arange(first, last) * 0.6180339887498949)[0]) / scale
+    K.mult(x, ours)
+    K.multTranspose(x, theirs)
+    off = np.abs(ours.array_r - theirs.array_r) / scale
+    worst = (
+        float(off.max(initial=0.0)),
+        first + int(np.argmax(off)) if len(off) else 0,
+    )
+    most, row = max(comm.allgather(worst))
+    # A sum of some hundred entries whose pairs each differ by rounding.
+    if most > 100 * ASYMMETRY:
+        raise ValueError(
+            f"stiffness K is not symmetric at row {row}: entries of the row and of the "
+            f"column differ by {most:.1e} of the diagonal"
+        )
+
+
+def negative_diagonal(K: Any) -> Bools:
+    """Own rows whose diagonal is negative."""
+    found: Bools = K.getDiagonal().array_r < 0
+    return found

@@ -1,0 +1,569 @@
+"""`ContactProblem` for a stiffness of PETSc: its arguments, checks and load paths."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.memory import available
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import (
+    RATIO,
+    Csr,
+    areas,
+    by_component,
+    callback,
+    choice_of_dimension,
+    contact_array,
+    csr,
+    floats,
+    frames,
+    friction,
+    gaps,
+    indices,
+    settings,
+    together,
+)
+from bipot_rs.contact import remarks, summary
+from bipot_rs.contact.engines.choice import direct_bytes
+from bipot_rs.contact.load_path import state
+from bipot_rs.contact.problem import WITHOUT_FACTOR
+from bipot_rs.contact.result import Result as WholeResult
+from bipot_rs.contact.solution import Step as WholeStep
+from bipot_rs.petsc import components, own_rows, supports
+from bipot_rs.petsc.agreement import agreed, same
+from bipot_rs.petsc.engine import PetscEngine
+from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.joined import Joined
+from bipot_rs.petsc.library import Library, load
+from bipot_rs.petsc.linear_solver import LinearSolver
+from bipot_rs.petsc.motions import orthonormal, rigid_motions
+from bipot_rs.petsc.operator import Operator
+from bipot_rs.petsc.result import Following, Result
+from bipot_rs.petsc.symmetric_part import SymmetricPart, transformation
+
+
+class _Given(NamedTuple):
+    """Checked arguments, the same on every rank but for the coordinates."""
+
+    contact: Csr
+    gap: Floats
+    mu: Floats
+    fixed: Ints
+    coordinates: Floats | None
+    d: int
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What is known of the nodes of the interface."""
+
+    interface: Interface
+    # Prescribed rows of this rank, and the number of each place among all prescribed ones.
+    fixed_rows: Ints
+    position: Ints
+    # Columns of B by places, with those of prescribed degrees of freedom.
+    contact: Any
+
+
+class ContactProblem:
+    """Bodies, contacts and supports; ``K`` is a matrix of PETSc in parts.
+
+    The problem is that of `bipot_rs.ContactProblem`. All ranks make it together, with the
+    same contacts; nothing of the size of ``K`` is ever gathered. Each load step is solved by
+    Newton's method on the displacements, with flexible GMRES and GAMG.
+
+    Parameters
+    ----------
+    K
+        Stiffness, ``(n, n)``: a petsc4py Mat in AIJ format, symmetric positive semidefinite,
+        with prescribed degrees of freedom as assembled. The ``d`` degrees of freedom of a
+        node follow each other on one rank.
+    B
+        Contact operator, ``(d n_c, n)``, as in `bipot_rs.ContactProblem`: a petsc4py Mat, or
+        any sparse format of SciPy, the same on every rank.
+    gap, mu, area, points, frame
+        As in `bipot_rs.ContactProblem`: of all contacts, the same on every rank.
+    fixed
+        Numbers of the prescribed degrees of freedom in ``K``, all of them on every rank.
+    coordinates
+        Of the degrees of freedom that this rank owns, ``(own rows, d)``. They give the
+        preconditioner the rotations of the bodies. Without them it is slower, and it is not
+        checked whether supports and contacts hold every rotation.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument has the wrong type, shape or value, or differs between ranks, or the
+        problem has a form that this engine cannot solve. All ranks raise it.
+    ModuleNotFoundError, ImportError
+        petsc4py or mpi4py is missing or broken. The message says what to do.
+
+    Notes
+    -----
+    Options of PETSc have the prefix ``bipot_``: ``-bipot_pc_type hypre``,
+    ``-bipot_ksp_monitor``. Those of the factor that replaces a preconditioner that does not
+    converge have ``bipot_direct_``, those of the exact solution on an interface between
+    bodies ``bipot_interface_``.
+    """
+
+    def __init__(
+        self,
+        K: Any,
+        B: Any,
+        *,
+        gap: ArrayLike,
+        mu: ArrayLike,
+        fixed: ArrayLike | None = None,
+        coordinates: ArrayLike | None = None,
+        area: ArrayLike | None = None,
+        points: ArrayLike | None = None,
+        frame: ArrayLike | None = None,
+    ) -> None:
+        began = time.perf_counter()
+        library = load()
+        self._PETSc, self._MPI = library
+        K = _matrix(K, library)
+        self.comm = K.comm.tompi4py()
+        B = _whole(B, library, self.comm)
+        self._contacts: dict[str, NDArray[Any] | None] = {}
+
+        def check() -> _Given:
+            return self._checked(K, B, gap, mu, fixed, coordinates, area, points, frame)
+
+        given = agreed(self.comm, check)
+        same(
+            self.comm,
+            B=np.concatenate([part.ravel() for part in given.contact.parts]),
+            gap=given.gap,
+            mu=given.mu,
+            fixed=given.fixed,
+            area=self._contacts["area"],
+            points=self._contacts["x"],
+        )
+        if len(set(self.comm.allgather(given.coordinates is None))) > 1:
+            raise ValueError(
+                "coordinates are given on some ranks only, expected on all"
+            )
+        n = K.getSize()[0]
+        self._fixed = given.fixed
+        self._shape = n, len(given.gap), given.d
+        self._mu = given.mu
+        self._rows = K.getLocalSize()[0]
+        self._engine = self._made(K, given)
+        self._remarks = tuple(
+            remarks.at_start(
+                given.contact,
+                given.gap,
+                points=self._contacts["x"],
+                places=None,
+                outward=None,
+            )
+        )
+        self._seconds = time.perf_counter() - began
+
+    def _checked(
+        self,
+        K: Any,
+        B: Any,
+        gap: ArrayLike,
+        mu: ArrayLike,
+        fixed: ArrayLike | None,
+        coordinates: ArrayLike | None,
+        area: ArrayLike | None,
+        points: ArrayLike | None,
+        frame: ArrayLike | None,
+    ) -> _Given:
+        """Check the arguments on this rank."""
+        contact = csr("B", B)
+        n = K.getSize()[0]
+        if contact.shape[1] != n:
+            raise ValueError(
+                f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
+                "as K has rows"
+            )
+        offsets = floats("gap", gap)
+        if offsets.ndim not in (1, 2):
+            raise ValueError(
+                f"gap has shape {offsets.shape}, expected (n_c,) or (n_c, d)"
+            )
+        contacts = len(offsets)
+        if not contacts:
+            raise ValueError("gap has no contacts, and engine='petsc' needs some")
+        d = choice_of_dimension(None, contacts, contact.shape[0], offsets)
+        whole = by_component(offsets, d) if offsets.ndim == 1 else offsets
+        bases = frames(frame, contacts, d)
+        coefficients = friction(mu, contacts, d, ratio=RATIO)
+        self._contacts = {
+            "x": contact_array("points", points, contacts, d),
+            "normal": None if bases is None else bases[:, 0, :].copy(),
+            "frame": bases,
+            "area": areas(area, contacts),
+            "gap": offsets,
+            "mu": coefficients,
+        }
+        first, last = K.getOwnershipRange()
+        if first % d or last % d:
+            raise ValueError(
+                f"K has rows {first} to {last - 1} on rank {self.comm.rank}, expected "
+                f"whole nodes: the {d} degrees of freedom of a node follow each other on "
+                "one rank"
+            )
+        held = indices("fixed", fixed, n)
+        at = _coordinates(coordinates, last - first, d)
+        return _Given(contact, whole, coefficients, held, at, d)
+
+    def _made(self, K: Any, given: _Given) -> PetscEngine:
+        """The engine: reads the own rows of ``K`` once, and drops the copy."""
+        comm, d = self.comm, given.d
+        rows = own_rows.OwnRows.of(K)
+        agreed(comm, rows.check_finite)
+        agreed(comm, lambda: _check_diagonal(K))
+        own_rows.check_symmetry(K, comm)
+        parts = self._places(K, given)
+        outside = rows.outside()
+        local = rows.local(outside)
+        bring = own_rows.scatter(K, outside, self._PETSc)
+        prescribed = np.zeros(rows.count, bool)
+        prescribed[parts.fixed_rows] = True
+        free = bring(np.where(prescribed, 0.0, 1.0)) > 0
+        of_node, count = components.bodies(comm, rows, local, free, d, bring)
+        motions = rigid_motions(comm, self._MPI, given.coordinates, rows.count, d)
+        bodies = supports.Bodies(of_node, count, motions, prescribed)
+        held = supports.held(comm, rows, local, bodies, bring, d)
+        interface = parts.interface
+        at_places = np.column_stack(
+            [interface.gather_own(column[interface.rows]) for column in motions.T]
+        )
+        body = np.repeat(of_node, d).astype(float)
+        body_of_place = interface.gather_own(body[interface.rows]).astype(np.int64)
+        free_contact = parts.contact.copy()
+        free_contact.data[parts.position[free_contact.indices] < len(self._fixed)] = 0.0
+        contact = free_contact, at_places, body_of_place
+        supports.check(comm, rows, local, bodies, bring, d, contact)
+        blocks = self._blocks(rows, interface, d)
+        del rows, local
+        contact_parts = parts.contact
+        variables = agreed(
+            comm,
+            lambda: _core.ContactVariables(
+                (contact_parts.indptr, contact_parts.indices, contact_parts.data),
+                given.gap,
+                given.mu,
+                parts.position,
+                len(self._fixed),
+                blocks,
+                body_of_place[::d].copy(),
+                held.astype(np.int64),
+            ),
+        )
+        operator = Operator(K, variables, interface, parts.fixed_rows, self._PETSc)
+        solver = self._solver(operator, motions, d)
+        return PetscEngine(
+            variables, operator, solver, self._fixed, self._shape[1:], self._PETSc
+        )
+
+    def _places(self, K: Any, given: _Given) -> _Parts:
+        """The interface: all nodes that a contact touches."""
+        from scipy.sparse import csr_array
+
+        d, matrix = given.d, given.contact.matrix
+        used = np.unique(matrix.indices[matrix.data != 0])
+        nodes = np.unique(used // d)
+        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+        ranges = np.asarray(K.getOwnershipRanges(), np.int64)
+        interface = Interface(self.comm, self._MPI, dofs, ranges)
+        kept = csr_array(matrix, copy=True)
+        kept.eliminate_zeros()
+        place = interface.number(kept.indices)
+        shape = matrix.shape[0], len(dofs)
+        contact = csr_array((kept.data, place, kept.indptr), shape=shape)
+        order = np.argsort(given.fixed)
+        ranked = given.fixed[order]
+        position = np.full(len(dofs), len(ranked))
+        if len(ranked):
+            at = np.minimum(np.searchsorted(ranked, dofs), len(ranked) - 1)
+            there = ranked[at] == dofs
+            position[there] = order[at[there]]
+        first, last = K.getOwnershipRange()
+        ours = given.fixed[(given.fixed >= first) & (given.fixed < last)]
+        return _Parts(interface, np.sort(ours) - first, position, contact)
+
+    def _blocks(self, rows: own_rows.OwnRows, interface: Interface, d: int) -> Floats:
+        """Diagonal blocks of ``K`` at the nodes of the interface, ``(nodes, d²)``."""
+        found = np.zeros((len(interface.rows), d))
+        for k, row in enumerate(interface.rows):
+            entries = slice(rows.pointer[row], rows.pointer[row + 1])
+            column = rows.column[entries] - rows.first - (row - row % d)
+            inside = (column >= 0) & (column < d)
+            found[k, column[inside]] = rows.values[entries][inside]
+        columns = [interface.gather_own(column) for column in found.T]
+        return np.column_stack(columns).reshape(-1, d * d)
+
+    def _solver(self, operator: Operator, motions: Floats, d: int) -> LinearSolver:
+        """The linear solver with its matrix, which is ``Tᵀ K T`` at first."""
+        PETSc, interface, variables = (
+            self._PETSc,
+            operator.interface,
+            operator.variables,
+        )
+        T = transformation(
+            operator.K, variables.transformation(), interface, operator.fixed, d, PETSc
+        )
+        A = operator.K.PtAP(T)
+        A.setBlockSize(d)
+        A.setOption(PETSc.Mat.Option.SPD, True)
+        A.setNearNullSpace(self._near_null_space(operator, motions))
+        contact = (d * variables.nodes[:, None] + np.arange(d)).ravel()
+        part = SymmetricPart(A, interface, contact, operator.fixed, d)
+        joined = Joined(operator, part, contact, d, PETSc) if variables.join else None
+        return LinearSolver(operator, part, joined, d, PETSc, self._factor_fits())
+
+    def _near_null_space(self, operator: Operator, motions: Floats) -> Any:
+        """Rigid motions in the variables of the contacts, zero where prescribed."""
+        own = motions.copy()
+        own[operator.fixed] = 0.0
+        interface = operator.interface
+        for column in own.T:
+            places = interface.gather_own(column[interface.rows])
+            operator.variables.to_own_variables(places)
+            column[interface.rows] = places[interface.own]
+        vectors = []
+        for column in orthonormal(self.comm, own).T:
+            vectors.append(operator.zeros())
+            vectors[-1].array[:] = column
+        return self._PETSc.NullSpace().create(vectors=vectors, comm=operator.K.comm)
+
+    def _factor_fits(self) -> bool:
+        """Whether a factor of ``K`` fits into the memory of this machine."""
+        n, _, d = self._shape
+        # In the plane a factor grows as n log n: this is more than enough.
+        needed = direct_bytes(n, 0) if d == 3 else 2000.0 * n
+        free = available()
+        return bool(min(self.comm.allgather(free is None or needed < free)))
+
+    def __repr__(self) -> str:
+        n, contacts, d = self._shape
+        dofs = counted(n, "degree") + " of freedom"
+        ranks = counted(self.comm.size, "rank")
+        return f"ContactProblem({dofs}, {summary.places(contacts, d)}, {ranks})"
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts and seconds.
+
+        ``engine`` is ``"petsc"``, ``preconditioner`` what the linear systems use, and
+        ``engine_reason`` says if a factor replaced it, and why. ``newton`` and ``krylov`` are
+        the iterations in all load paths so far, ``products`` those with ``K``, and
+        ``gathers`` the messages with the values of all nodes of the interface, of
+        ``bytes_gather`` bytes each.
+        """
+        n, contacts, d = self._shape
+        solver = self._engine.solver
+        return WITHOUT_FACTOR | {
+            "n": n,
+            "n_contact_dofs": d * contacts,
+            "engine": "petsc",
+            "engine_reason": solver.replaced or "K is a matrix of PETSc",
+            "ranks": self.comm.size,
+            "bytes_gather": 8 * len(self._engine.operator.interface.dofs),
+            "seconds_condense": self._seconds,
+            **self._engine.stats,
+        }
+
+    def solve(
+        self,
+        load: Any = None,
+        prescribed: ArrayLike | None = None,
+        *,
+        tol: float = 1e-10,
+        start: WholeResult | WholeStep | None = None,
+        on_step: Callable[[int, WholeStep], object] | None = None,
+        gap: ArrayLike | None = None,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+    ) -> Result:
+        """Solve a load path step by step, with slip history. All ranks call it.
+
+        Parameters
+        ----------
+        load
+            A Vec with the layout of the rows of ``K``, or a list of them: totals at the end
+            of each step; the default is zero.
+        prescribed, gap
+            As in `bipot_rs.ContactProblem.solve`, the same on every rank.
+        tol, max_iterations, max_seconds
+            As in `bipot_rs.ContactProblem.solve`. The clock of the first rank counts.
+        start
+            A `Result` or one of its steps to continue from. A step from a file has no
+            displacements; the path then takes more iterations.
+        on_step
+            Called as ``on_step(k, step)`` after each step, on every rank.
+
+        Returns
+        -------
+        Result
+            Arrays of contacts, whole on every rank. ``result[k].displacement`` is a Vec.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong; the message names it.
+        NoEquilibriumError
+            Contacts contradict each other.
+        NotConvergedError
+            A step did not converge; ``.result`` holds the steps before.
+        """
+        contacts, d = self._shape[1:]
+
+        def check() -> tuple[Any, Sequence[Any], Floats]:
+            chosen = settings("newton", tol, max_iterations, max_seconds)
+            callback("on_step", on_step)
+            state(start, contacts, d)
+            motions = _rows("prescribed", prescribed, len(self._fixed))
+            steps = together(
+                "prescribed",
+                list(motions),
+                "load",
+                self._loads(load),
+                lambda u, f: (f, u, None),
+            )
+            if gap is None:
+                return chosen, steps, motions
+            offsets = gaps(gap, contacts, d)
+            steps = together(
+                "gap",
+                list(offsets),
+                "the load path",
+                steps,
+                lambda g, asked: (*asked[:2], g),
+            )
+            return chosen, steps, motions
+
+        chosen, steps, motions = agreed(self.comm, check)
+        same(self.comm, prescribed=motions, gap=gap)
+        following = self._following(chosen, start)
+        for k, asked in enumerate(steps):
+            step = following.advance(*asked)
+            if on_step is not None:
+                on_step(k, step)
+        return following.result()
+
+    def _following(self, chosen: Any, start: Any) -> Following:
+        contacts, before = self._contacts, self._remarks
+
+        def said(steps: Sequence[WholeStep]) -> tuple[str, ...]:
+            return (*before, *remarks.of_path(steps, contacts, None))
+
+        following = Following(
+            self._engine,
+            contacts,
+            self._mu,
+            self._shape[1:],
+            chosen,
+            start,
+            condense=self._seconds,
+            remarks=said,
+        )
+        following.comm = self.comm
+        return following
+
+    def _loads(self, load: Any) -> list[Any]:
+        """The Vec of each step, with its layout and its numbers checked."""
+        Vec = self._PETSc.Vec
+        if load is None:
+            return [self._engine.operator.zeros()]
+        found = [load] if isinstance(load, Vec) else list(load)
+        for k, one in enumerate(found):
+            if not isinstance(one, Vec):
+                raise TypeError(
+                    f"load of step {k + 1} is a {type(one).__name__}, expected a Vec of "
+                    "petsc4py"
+                )
+            if one.getLocalSize() != self._rows:
+                raise ValueError(
+                    f"load of step {k + 1} has {one.getLocalSize()} rows on rank "
+                    f"{self.comm.rank}, expected {self._rows}, as K: make it with "
+                    "K.createVecLeft()"
+                )
+            if not np.isfinite(one.array_r).all():
+                raise ValueError(f"load of step {k + 1} is not finite")
+        return found
+
+
+def _matrix(K: Any, library: Library) -> Any:
+    """K in AIJ format."""
+    PETSc = library.PETSc
+    if not isinstance(K, PETSc.Mat):
+        raise TypeError(
+            f"K is a {type(K).__name__}, expected a Mat of petsc4py; for other matrices "
+            "use bipot_rs.ContactProblem"
+        )
+    rows, columns = K.getSize()
+    if rows != columns:
+        raise ValueError(f"K has shape {(rows, columns)}, expected a square matrix")
+    if not K.isAssembled():
+        raise ValueError("K is not assembled: call K.assemble() first")
+    return K if "aij" in K.getType() and "b" not in K.getType() else K.convert("aij")
+
+
+def _whole(B: Any, library: Library, comm: Any) -> Any:
+    """B as a matrix of SciPy on every rank."""
+    from scipy.sparse import csr_array, vstack
+
+    if not isinstance(B, library.PETSc.Mat):
+        return B
+    pointer, column, values = B.getValuesCSR()
+    shape = len(pointer) - 1, B.getSize()[1]
+    parts = comm.allgather(csr_array((values, column, pointer), shape=shape))
+    return vstack(parts).tocsr()
+
+
+def _check_diagonal(K: Any) -> None:
+    first, _ = K.getOwnershipRange()
+    wrong = own_rows.negative_diagonal(K)
+    if wrong.any():
+        row = first + int(np.argmax(wrong))
+        raise ValueError(
+            f"stiffness K is indefinite: its diagonal is negative at row {row}; K must be "
+            "symmetric positive semidefinite"
+        )
+
+
+def _coordinates(value: ArrayLike | None, rows: int, d: int) -> Floats | None:
+    """Coordinates of own degrees of freedom, ``(rows, d)``, the same for each node."""
+    if value is None:
+        return None
+    found = floats("coordinates", value, ndim=2)
+    if found.shape[0] != rows or found.shape[1] not in range(d, 4):
+        raise ValueError(
+            f"coordinates has shape {found.shape}, expected ({rows}, {d}): one row for "
+            "each degree of freedom that this rank owns"
+        )
+    at = np.ascontiguousarray(found[:, :d])
+    nodes = at.reshape(-1, d, d)
+    if (nodes != nodes[:, :1]).any():
+        raise ValueError(
+            f"coordinates differ within {d} degrees of freedom that follow each other, "
+            "expected those of a node there, with the same coordinates"
+        )
+    return at
+
+
+def _rows(what: str, value: ArrayLike | None, length: int) -> Floats:
+    """Values of each step, ``(steps, length)``."""
+    if value is None:
+        return np.zeros((1, length))
+    found = floats(what, value)
+    if found.ndim not in (1, 2) or found.shape[-1] != length:
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
+        )
+    return found[None] if found.ndim == 1 else found

@@ -1,0 +1,200 @@
+"""The matrix of the preconditioner: the symmetric part of that of a Newton step."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.operator import Springs
+
+
+class SymmetricPart:
+    """``P``: ``A = Tᵀ K T`` with the held rows and columns on the diagonal only, and springs.
+
+    Its pattern never changes. For new statuses only the rows of contact nodes, and the
+    columns of these nodes in other rows, are written again.
+
+    Attributes
+    ----------
+    P
+        The matrix. It is the only other one of the size of ``K``.
+    around
+        Values of ``A`` between places of the interface: rows, columns and values of those
+        that this rank owns.
+    """
+
+    def __init__(
+        self, A: Any, interface: Interface, contact: Ints, fixed: Ints, d: int
+    ) -> None:
+        """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
+
+        Parameters
+        ----------
+        contact
+            Places of contact nodes, which may be held.
+        fixed
+            Own rows that are prescribed.
+        """
+        self.P, self._d = A, d
+        first, _ = A.getOwnershipRange()
+        diagonal = A.getDiagonal()
+        size = np.abs(diagonal.array_r)
+        # A number of the size of the others, whatever the units.
+        sums = A.comm.tompi4py().allreduce(float(size.sum()))
+        counts = A.comm.tompi4py().allreduce(int((size > 0).sum()))
+        filled = np.where(size > 0, size, sums / counts if counts else 1.0)
+        kept = diagonal.array_r.copy()
+        kept[fixed] = filled[fixed]
+        diagonal.array[:] = kept
+        A.setDiagonal(diagonal)
+        A.assemble()
+        may_hold = np.zeros(len(interface.dofs) + 1, bool)
+        may_hold[contact] = True
+        around = _around(A, interface)
+        inside = (around.of_row >= 0) & (around.of_column >= 0)
+        self.around = (
+            around.of_row[inside],
+            around.of_column[inside],
+            around.values[inside],
+        )
+        taken = may_hold[around.of_row] | may_hold[around.of_column]
+        near = around.select(taken)
+        self._entries = near
+        self._rows, counts_of_rows = np.unique(near.row, return_counts=True)
+        self._pointer = np.concatenate([[0], np.cumsum(counts_of_rows)])
+        self._on_diagonal = np.flatnonzero(near.row == near.column)
+        self._filled = filled[near.row[self._on_diagonal] - first]
+        self._keys = near.of_row * (len(interface.dofs) + 1) + near.of_column
+        self._order = np.argsort(self._keys)
+        self._places = len(interface.dofs)
+
+    def set(self, held: Bools, springs: Springs | None) -> None:
+        """Write the values for held places and springs of sliding contacts."""
+        dead = np.append(held, False)
+        near = self._entries
+        values = near.values.copy()
+        values[dead[near.of_row] | dead[near.of_column]] = 0.0
+        at = self._on_diagonal
+        on_held = dead[near.of_row[at]]
+        values[at[on_held]] = self._filled[on_held]
+        if springs is not None:
+            self._add(values, springs)
+        kind = near.column.dtype
+        self.P.setValuesIJV(
+            self._pointer.astype(kind),
+            near.column,
+            values,
+            rowmap=self._rows.astype(kind),
+        )
+        self.P.assemble()
+
+    def _add(self, values: Floats, springs: Springs) -> None:
+        """Add the springs of own contact nodes to the values."""
+        d = self._d
+        i = np.repeat(springs.places, d, axis=1).ravel()
+        j = np.tile(springs.places, (1, d)).ravel()
+        keys = i * (self._places + 1) + j
+        if not len(keys) or not len(self._keys):
+            return
+        at = np.searchsorted(self._keys, keys, sorter=self._order)
+        at[at == len(self._keys)] = 0
+        at = self._order[at]
+        ours = self._keys[at] == keys
+        values[at[ours]] += springs.blocks.ravel()[ours]
+
+
+class _Entries(NamedTuple):
+    """Entries of a matrix: rows, columns and values, and their places or -1."""
+
+    row: Ints
+    column: Ints
+    values: Floats
+    of_row: Ints
+    of_column: Ints
+
+    def select(self, wanted: Bools) -> _Entries:
+        """Some of the entries."""
+        return _Entries(
+            self.row[wanted],
+            self.column[wanted],
+            self.values[wanted],
+            self.of_row[wanted],
+            self.of_column[wanted],
+        )
+
+
+def _around(A: Any, interface: Interface) -> _Entries:
+    """Entries of the own rows with a place of the interface as row or column."""
+    first, last = A.getOwnershipRange()
+    pointer, column, values = A.getValuesCSR()
+    number = np.full(A.getSize()[1], -1, np.int32)
+    number[interface.dofs] = np.arange(len(interface.dofs), dtype=np.int32)
+    found = []
+    # In parts, because there are many more entries than those that are kept.
+    part = 1 << 16
+    for start in range(0, last - first, part):
+        end = min(start + part, last - first)
+        entries = slice(pointer[start], pointer[end])
+        rows = np.repeat(np.arange(start, end), np.diff(pointer[start : end + 1]))
+        rows += first
+        of_row, of_column = number[rows], number[column[entries]]
+        kept = (of_row >= 0) | (of_column >= 0)
+        parts = rows, column[entries], values[entries], of_row, of_column
+        found.append([values_of[kept] for values_of in parts])
+    if not found:
+        none = np.empty(0, np.int64)
+        return _Entries(none, none.astype(pointer.dtype), np.empty(0), none, none)
+    row, columns, entries_of, of_row, of_column = map(
+        np.concatenate, zip(*found, strict=True)
+    )
+    wide = np.int64
+    return _Entries(
+        row, columns, entries_of, of_row.astype(wide), of_column.astype(wide)
+    )
+
+
+def transformation(
+    K: Any,
+    rows: tuple[Ints, Ints, Floats],
+    interface: Interface,
+    fixed: Ints,
+    d: int,
+    PETSc: Any,
+) -> Any:
+    """``T`` as a matrix of PETSc, with zeros in the rows of prescribed degrees of freedom.
+
+    The diagonal is part of its pattern, and so of that of ``Tᵀ K T``.
+
+    Parameters
+    ----------
+    rows
+        ``T`` by places: row pointers, columns, values.
+    """
+    from scipy.sparse import coo_array
+
+    first, last = K.getOwnershipRange()
+    count = last - first
+    pointer, place, entries = rows
+    whole = slice(pointer[interface.own.start], pointer[interface.own.stop])
+    lengths = np.diff(pointer)[interface.own]
+    others = np.ones(count)
+    others[interface.rows] = 0.0
+    row = np.concatenate([np.arange(count), np.repeat(interface.rows, lengths)])
+    column = np.concatenate([np.arange(first, last), interface.dofs[place[whole]]])
+    value = np.concatenate([others, entries[whole]])
+    prescribed = np.zeros(count, bool)
+    prescribed[fixed] = True
+    value[prescribed[row]] = 0.0
+    # Zeros are kept; duplicates on the diagonal are added.
+    T = coo_array((value, (row, column)), shape=(count, K.getSize()[1])).tocsr()
+    T.sort_indices()
+    kind = PETSc.IntType
+    return PETSc.Mat().createAIJ(
+        K.getSizes(),
+        bsize=d,
+        csr=(T.indptr.astype(kind), T.indices.astype(kind), T.data),
+        comm=K.comm,
+    )

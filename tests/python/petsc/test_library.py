@@ -1,0 +1,83 @@
+"""A PETSc that is missing or broken: the message says what to do."""
+
+import builtins
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs.petsc import library
+
+
+class Absent:
+    """Makes an import fail."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, errors: dict[str, Exception]):
+        before = importlib.import_module
+
+        def fail(name: str, package: str | None = None) -> Any:
+            if name in errors:
+                raise errors[name]
+            return before(name, package)
+
+        monkeypatch.setattr(library.importlib, "import_module", fail)
+
+
+def test_the_package_does_not_import_it() -> None:
+    code = "import sys, bipot_rs, bipot_rs.petsc; print('petsc4py' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("name", ["mpi4py", "petsc4py"])
+def test_not_installed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    error = ModuleNotFoundError(f"No module named {name!r}", name=name)
+    module = "mpi4py.MPI" if name == "mpi4py" else "petsc4py"
+    Absent(monkeypatch, {"mpi4py.MPI": ImportError(), module: error} | {module: error})
+    if name == "petsc4py":
+        Absent(monkeypatch, {"petsc4py": error})
+        monkeypatch.setitem(sys.modules, "mpi4py.MPI", builtins)
+    monkeypatch.setattr(library, "working", list)
+    monkeypatch.delenv("PETSC_DIR", raising=False)
+    with pytest.raises(ModuleNotFoundError) as raised:
+        library.load()
+    said = str(raised.value)
+    assert f"needs {name}, which is not installed" in said
+    for way in ("apt-get install python3-petsc4py", "conda-forge", "bipot-rs[petsc]"):
+        assert way in said
+
+
+def test_wrong_petsc_dir(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "mpi4py.MPI", builtins)
+    missing = ModuleNotFoundError("No module named 'petsc4py'", name="petsc4py")
+    Absent(monkeypatch, {"petsc4py": missing})
+    monkeypatch.setenv("PETSC_DIR", str(tmp_path))
+    monkeypatch.setattr(library, "working", lambda: ["/opt/good"])
+    with pytest.raises(ImportError) as raised:
+        library.load()
+    said = str(raised.value)
+    assert str(tmp_path) in said
+    assert "PETSC_DIR=/opt/good" in said
+
+
+def test_another_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = ImportError("numpy.core.multiarray failed to import")
+    Absent(monkeypatch, {"mpi4py.MPI": broken})
+    with pytest.raises(ImportError, match="pip install 'numpy<2'"):
+        library.load()
+
+
+def test_folders_with_real_numbers_come_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("petsc3.18/a-complex", "petsc3.18/a-real", "petsc3.20/b-real"):
+        library.packages(str(tmp_path / name)).mkdir(parents=True)
+    (tmp_path / "petsc3.21" / "empty").mkdir(parents=True)
+    monkeypatch.setattr(library, "_DEBIAN", tmp_path)
+    found = [str(Path(f).relative_to(tmp_path)) for f in library.working()]
+    assert found == ["petsc3.20/b-real", "petsc3.18/a-real", "petsc3.18/a-complex"]

@@ -1,0 +1,324 @@
+"""Tasks that ranks of mpirun do together; `mpi.run` starts them.
+
+mpirun -n RANKS python -m mpi4py petsc_program.py TASK GIVEN.npz ANSWER.npz
+"""
+
+import json
+import pickle
+import sys
+import traceback
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from bipot_rs.petsc.library import load
+
+PETSc, MPI = load()
+
+from bipot_rs import petsc  # noqa: E402
+
+comm = MPI.COMM_WORLD
+Given = dict[str, Any]
+
+
+def matrix(given: Given, name: str) -> Any:
+    found = tuple(given[f"{name}_{part}"] for part in ("data", "indices", "indptr"))
+    return sparse.csr_array(found, shape=tuple(given[f"{name}_shape"]))
+
+
+def rows_of(n: int, d: int) -> tuple[int, int]:
+    """Rows of this rank: whole nodes, about the same number everywhere."""
+    nodes = n // d
+    return tuple(d * (nodes * k // comm.size) for k in (comm.rank, comm.rank + 1))
+
+
+def distributed(given: Given, kind: Any = None) -> Any:
+    """K in parts; each rank takes its rows only."""
+    K = matrix(given, "K")
+    d = int(given.get("d", 3))
+    first, last = rows_of(K.shape[0], d)
+    own = K[first:last]
+    size = last - first, K.shape[0]
+    made = (PETSc.Mat if kind is None else kind)()
+    csr = own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data
+    return made.createAIJ((size, size), bsize=d, csr=csr, comm=comm)
+
+
+def vector(K: Any, values: Any) -> Any:
+    made = K.createVecLeft()
+    first, last = K.getOwnershipRange()
+    made.array[:] = values[first:last]
+    return made
+
+
+def problem(given: Given, **other: Any) -> Any:
+    K = other.pop("K", None) or distributed(given)
+    first, last = K.getOwnershipRange()
+    known = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
+    if "coordinates" in given:
+        known["coordinates"] = given["coordinates"][first:last]
+    made = petsc.ContactProblem(K, matrix(given, "B"), **known | other)
+    made.K = K
+    return made
+
+
+def whole(vec: Any) -> Any:
+    return np.concatenate(comm.allgather(vec.array_r.copy()))
+
+
+def answer(made: Any, result: Any) -> Given:
+    """Arrays of a result; they must be the same on every rank, to the bit."""
+    found = {
+        name: getattr(result, name)
+        for name in ("reaction", "relative_displacement", "slip", "status", "residual")
+    }
+    for name, array in found.items():
+        assert len(set(comm.allgather(array.tobytes()))) == 1, name
+    found["displacement"] = np.array([whole(u) for u in result.displacement])
+    found["iterations"] = result.iterations
+    found["errors"] = np.array([step.error_estimate for step in result])
+    known = {k: v for k, v in made.stats.items() if isinstance(v, (int, float, str))}
+    return found | {"stats": json.dumps(known)}
+
+
+def loads(given: Given, K: Any) -> Any:
+    if "load" not in given:
+        return None
+    return [vector(K, one) for one in np.atleast_2d(given["load"])]
+
+
+def solve(given: Given) -> Given:
+    """A load path."""
+    made = problem(given)
+    tol = float(given.get("tol", 1e-12))
+    result = made.solve(loads(given, made.K), given.get("prescribed"), tol=tol)
+    return answer(made, result)
+
+
+def _failure(work: Any) -> str:
+    """Kind and message of an error, which all ranks must raise alike."""
+    said = "nothing was raised"
+    try:
+        work()
+    except Exception as error:  # noqa: BLE001 - the test looks at it
+        said = f"{type(error).__name__}: {error}"
+    everywhere = set(comm.allgather(said))
+    assert len(everywhere) == 1, everywhere
+    return said
+
+
+def _wrong(given: Given, K: Any) -> dict[str, Any]:
+    """Wrong calls by name; ``last`` is wrong on the last rank only."""
+    n = K.getSize()[0]
+    first, last = K.getOwnershipRange()
+    alone = comm.rank == comm.size - 1
+    gap, mu = given["gap"].copy(), given["mu"].copy()
+    at = given["coordinates"][first:last].copy()
+    far = at.copy()
+    mixed = at.copy()
+    if alone:
+        far[-1] = np.inf
+        mixed[-1] += 1.0
+    other = gap + (1.0 if alone else 0.0)
+    lopsided = K.copy()
+    if alone:
+        lopsided.setValue(last - 1, last - 2, 3.0 * float(given["K_data"].max()))
+    lopsided.assemble()
+    broken = K.copy()
+    if alone:
+        broken.setValue(last - 1, last - 1, np.nan)
+    broken.assemble()
+    return {
+        "gap": {"gap": gap[1:]},
+        "gap differs": {"gap": other},
+        "mu": {"mu": -mu},
+        "fixed": {"fixed": [n]},
+        "area": {"area": 0 * gap},
+        "coordinates": {"coordinates": at[1:]},
+        "coordinates, last": {"coordinates": far},
+        "coordinates of a node": {"coordinates": mixed},
+        "coordinates, some": {"coordinates": None if alone else at},
+        "K is no Mat": {"K": np.eye(3)},
+        "K asymmetric": {"K": lopsided},
+        "K not finite": {"K": broken},
+        "supports": {"fixed": given["fixed"][:3]},
+    }
+
+
+def errors(given: Given) -> Given:
+    """Messages of wrong calls."""
+    K = distributed(given)
+    said = {
+        name: _failure(lambda known=known: problem(given, **({"K": K} | known)))
+        for name, known in _wrong(given, K).items()
+    }
+    made = problem(given)
+    short = PETSc.Vec().createMPI((3, None), comm=comm)
+    endless = made.K.createVecLeft()
+    endless.set(np.inf)
+    n_fixed = len(given["fixed"])
+    for name, work in {
+        "load": lambda: made.solve(short),
+        "load, an array": lambda: made.solve([np.zeros(3)]),
+        "load, infinite": lambda: made.solve(endless),
+        "prescribed": lambda: made.solve(prescribed=np.zeros(n_fixed + 1)),
+        "prescribed differs": lambda: made.solve(
+            prescribed=np.full(n_fixed, float(comm.rank))
+        ),
+        "tol": lambda: made.solve(tol=-1.0),
+        "max_iterations": lambda: made.solve(
+            prescribed=given["prescribed"], tol=1e-12, max_iterations=1
+        ),
+        "on_step": lambda: made.solve(on_step=3),
+        "start": lambda: made.solve(start=3),
+    }.items():
+        said[name] = _failure(work)
+    return {"said": json.dumps(said)}
+
+
+def path(given: Given) -> Given:
+    """A path in one part and in two, and its file and pickle."""
+    made = problem(given)
+    whole_path = made.solve(prescribed=given["prescribed"], tol=1e-12)
+    first = made.solve(prescribed=given["prescribed"][:1], tol=1e-12)
+    seen: list[int] = []
+    rest = made.solve(
+        prescribed=given["prescribed"][1:],
+        tol=1e-12,
+        start=first,
+        on_step=lambda k, _step: seen.append(k),
+    )
+    again = pickle.loads(pickle.dumps(whole_path))
+    assert np.array_equal(again.reaction, whole_path.reaction)
+    assert _failure(lambda: again[0].displacement).startswith("ValueError")
+    assert seen == [0]
+    return {
+        "whole": whole_path.reaction,
+        "parts": np.concatenate([first.reaction, rest.reaction]),
+        "slip": whole_path.slip,
+        "slip_parts": np.concatenate([first.slip, rest.slip]),
+    }
+
+
+def with_matrix(given: Given) -> Given:
+    """B as a matrix of PETSc."""
+    K = distributed(given)
+    B = matrix(given, "B")
+    first, last = (B.shape[0] * k // comm.size for k in (comm.rank, comm.rank + 1))
+    own = B[first:last]
+    csr = own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data
+    size = (last - first, B.shape[0]), K.getSizes()[1]
+    held = PETSc.Mat().createAIJ(size, csr=csr, comm=comm)
+    low, high = K.getOwnershipRange()
+    made = petsc.ContactProblem(
+        K,
+        held,
+        gap=given["gap"],
+        mu=given["mu"],
+        fixed=given["fixed"],
+        coordinates=given["coordinates"][low:high],
+    )
+    return answer(made, made.solve(prescribed=given["prescribed"], tol=1e-12))
+
+
+class Counted(PETSc.Mat):
+    """A K that counts the rows that each call hands out on this rank."""
+
+    handed_out: tuple[int, ...] = ()
+
+    def _count(self, rows: int) -> None:
+        self.handed_out += (rows,)
+
+    def getValuesCSR(self) -> Any:
+        found = super().getValuesCSR()
+        self._count(len(found[0]) - 1)
+        return found
+
+    def _refuse(self, *_: Any, **__: Any) -> Any:
+        raise AssertionError("K must not be gathered")
+
+    createSubMatrices = createRedundantMatrix = getRow = getValues = _refuse
+    createSubMatrix = convert = getDenseArray = _refuse
+
+
+class CountedComm(MPI.Intracomm):
+    """Counts the bytes of messages that this rank receives from Python code."""
+
+    received = 0
+
+    def allgather(self, sendobj: Any) -> Any:
+        found = super().allgather(sendobj)
+        CountedComm.received += sum(len(pickle.dumps(one)) for one in found)
+        return found
+
+    def bcast(self, obj: Any = None, root: int = 0) -> Any:
+        found = super().bcast(obj, root)
+        CountedComm.received += len(pickle.dumps(found))
+        return found
+
+    def Allgatherv(self, send: Any, receive: Any) -> None:
+        super().Allgatherv(send, receive)
+        CountedComm.received += receive[0].nbytes
+
+
+class PetscComm(PETSc.Comm):
+    """A communicator that gives a counted one."""
+
+    def tompi4py(self) -> Any:
+        return CountedComm(super().tompi4py())
+
+
+def rows(given: Given) -> Given:
+    """What a rank holds of K, and what it receives."""
+    import tracemalloc
+
+    K = distributed(given, Counted)
+    comm_of = PetscComm(K.comm)
+    Counted.comm = property(lambda _self: comm_of)
+    tracemalloc.start()
+    made = problem(given, K=K)
+    made_peak = tracemalloc.get_traced_memory()[1]
+    received_making = CountedComm.received
+    made.solve(prescribed=given["prescribed"], tol=1e-10)
+    peak = tracemalloc.get_traced_memory()[1]
+    stats = made.stats
+    own = K.getLocalSize()[0]
+    numbers = {
+        "own": own,
+        "handed_out": max(K.handed_out),
+        "received_making": received_making,
+        "received": CountedComm.received - received_making,
+        "gathers": stats["gathers"],
+        "bytes_gather": stats["bytes_gather"],
+        "newton": stats["newton"],
+        "made_peak": made_peak,
+        "peak": peak,
+    }
+    return {"ranks": json.dumps(comm.allgather(numbers))}
+
+
+def _tasks() -> dict[str, Any]:
+    return {name: f for name, f in globals().items() if callable(f)}
+
+
+def main() -> None:
+    task, source, target = sys.argv[1:]
+    warnings.simplefilter("error")
+    with np.load(source) as file:
+        given = dict(file)
+    try:
+        found = _tasks()[task](given)
+    except BaseException:
+        # Other ranks wait in a message, and PETSc would wait for them at exit.
+        traceback.print_exc()
+        sys.stderr.flush()
+        comm.Abort(1)
+    if comm.rank == 0:
+        np.savez(Path(target), **found)
+
+
+if __name__ == "__main__":
+    main()
