@@ -39,8 +39,6 @@ EXPECTED = {
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     known, prescribed = arrays(3)
-    # Without prescribed tangents at the contacts, a support of three components is oblique
-    # to none of them.
     given = known | {"prescribed": prescribed}
     folder = tmp_path_factory.mktemp("errors")
     return dict(json.loads(str(mpi.run(folder, "errors", 2, **given)["said"])))

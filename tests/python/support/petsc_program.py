@@ -55,12 +55,13 @@ def vector(K: Any, values: Any) -> Any:
 
 
 def problem(given: Given, **other: Any) -> Any:
-    K = other.pop("K", None) or distributed(given)
-    first, last = K.getOwnershipRange()
+    K = other.pop("K") if "K" in other else distributed(given)
+    B = other.pop("B") if "B" in other else matrix(given, "B")
+    first, last = rows_of(matrix(given, "K").shape[0], int(given.get("d", 3)))
     known = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
     if "coordinates" in given:
         known["coordinates"] = given["coordinates"][first:last]
-    made = petsc.ContactProblem(K, matrix(given, "B"), **known | other)
+    made = petsc.ContactProblem(K, B, **known | other)
     made.K = K
     return made
 
@@ -144,7 +145,13 @@ def _wrong(given: Given, K: Any) -> dict[str, Any]:
         "K is no Mat": {"K": np.eye(3)},
         "K asymmetric": {"K": lopsided},
         "K not finite": {"K": broken},
-        "supports": {"fixed": given["fixed"][:3]},
+        # One contact and one support cannot stop all rotations.
+        "supports": {
+            "fixed": given["fixed"][:1],
+            "gap": gap[:1],
+            "mu": mu[:1],
+            "B": matrix(given, "B")[:3],
+        },
     }
 
 
