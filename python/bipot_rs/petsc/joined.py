@@ -68,8 +68,8 @@ class Joined:
         loose: float,
         *,
         new: bool,
-    ) -> bool:
-        """Follow the statuses, of which a share is loose; always a new preconditioner."""
+    ) -> None:
+        """Follow the statuses, of which a share is loose."""
         self._tangent, self._springs = tangent, springs
         held = tangent.held
         self._filter.prepare(held, springs)

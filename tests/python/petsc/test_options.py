@@ -17,7 +17,7 @@ TOL, CLOSE = 1e-12, 1e-10
 
 @pytest.fixture(scope="module")
 def block() -> tuple[dict[str, Any], Any]:
-    known, prescribed = arrays(6)
+    known, prescribed = arrays(12)
     problem = bp.ContactProblem(**known, engine="direct")
     expected = problem.solve(prescribed=prescribed, tol=TOL)
     return known | {"prescribed": prescribed, "tol": TOL}, expected
