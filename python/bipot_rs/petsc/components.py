@@ -84,9 +84,8 @@ def _joined(pieces: Ints, a: Ints, b: Ints, count: int) -> Ints:
     """Pieces after those of ``a`` are joined with those of ``b``."""
     if not len(a):
         return pieces
-    pairs = np.unique(np.column_stack([a, b]), axis=0)
-    ones = np.ones(len(pairs), np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    # Numbers of equal pairs are added, so that they need a type that does not overflow.
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     _, label = connected_components(graph.tocsr(), directed=False)
     found: Ints = label[pieces]
     return found
