@@ -99,6 +99,25 @@ class Record:
 
     newton: int = 0
     krylov: int = 0
+    # Why the last step stalled; empty if it did not.
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class _Inquiry(StepProblem):
+    """Answers about a step, and why it stalled."""
+
+    reason: str = ""
+
+    def diagnosis(self, step: Any, /) -> str:
+        """Why the solve failed."""
+        if not self.reason:
+            return ""
+        return (
+            f"not converged: {self.reason} (residual {step.residual:.1e}, limit "
+            f"{step.tolerance:.1e}); try other options of PETSc, as -bipot_pc_type hypre, "
+            "or engine='direct' on one process"
+        )
 
 
 @dataclass(frozen=True)
@@ -159,8 +178,8 @@ class PetscEngine:
         return _Recovery()
 
     def inquiry(self, asked: Asked) -> StepProblem:
-        """What answers questions about a step."""
-        return StepProblem(asked)
+        """What answers questions about the last step."""
+        return _Inquiry(asked, self.record.reason)
 
     def prescribed_part(self, values: Floats) -> tuple[Any, Any]:
         """Prescribed displacements as a Vec, and the own rows of these."""
@@ -212,6 +231,7 @@ class PetscPath:
         raw = self._core.step(self._verbs, y, force, prescribed, gap, *settings)
         engine.record.newton += raw["newton"]
         engine.record.krylov += raw["krylov"]
+        engine.record.reason = raw["reason"] or ""
         raw["displacement"] = engine.displacement(raw.pop("unknowns"), prescribed)
         if raw["outcome"] == "converged":
             self._u = raw["displacement"]
