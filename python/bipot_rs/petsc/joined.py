@@ -46,6 +46,7 @@ class Joined:
         self._glued = np.zeros(len(operator.interface.dofs), bool)
         self._glued[contact] = True
         self._filter = _Filter(operator, part, PETSc)
+        options.set_defaults(PETSc)
         self._pc = PETSc.PC().create(operator.K.comm)
         self._pc.setOptionsPrefix(options.PREFIX)
         self._pc.setOperators(part.P, part.P)

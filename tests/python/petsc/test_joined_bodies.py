@@ -37,6 +37,6 @@ def test_two_blocks(contrast: float, upper: int, lower: int, tmp_path: Path) -> 
         assert mpi.changed(found["reaction"], expected.reaction) <= CLOSE
         assert mpi.changed(found["displacement"], expected.displacement) <= CLOSE
         assert np.array_equal(found["status"], expected.status)
-        # The bound of the serial engine for two such blocks is 160 for two steps.
-        assert json.loads(str(found["stats"]))["krylov"] <= 250
+        # Multigrid that is not that of the glued bodies, or no filter, takes over 300.
+        assert json.loads(str(found["stats"]))["krylov"] <= 150
     assert mpi.changed(two["reaction"], one["reaction"]) <= SAME
