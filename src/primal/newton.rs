@@ -34,6 +34,8 @@ const MANY: f64 = 0.002;
 const COARSE: f64 = 1e-2;
 const MIDDLE: f64 = 1e-5;
 const FINE: f64 = 1e-8;
+/// The same where one step is the solution: little above rounding.
+const EXACT: f64 = 1e-12;
 
 /// Largest change of the displacements by one more correction, relative to the largest of them,
 /// or the tolerance if that is larger. The rows of a slender body may balance to the last digit
@@ -212,7 +214,9 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                 }
                 Verdict::Unlawful => {
                     let error = if first { 1.0 } else { eta };
-                    linear_tolerance(changed, now.len(), tol, error)
+                    let exact = changed == 0 && !tangent.slides();
+                    let of_all = (!exact).then(|| share(changed, now.len()));
+                    linear_tolerance(of_all, tol, error)
                 }
             };
             if unsettled > MOST_UNSETTLED {
@@ -537,17 +541,21 @@ fn changes(before: Option<&[Status]>, now: &[Status]) -> usize {
     })
 }
 
-/// The relative residual of a linear system that its Newton step is worth: `changed` of `all`
-/// statuses changed, and the point has the error `error`.
-fn linear_tolerance(changed: usize, all: usize, tol: f64, error: f64) -> f64 {
+/// The share of the statuses that changed.
+fn share(changed: usize, all: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "counts")]
     let share = changed as f64 / all.max(1) as f64;
-    let wanted = if share > MANY {
-        COARSE
-    } else if changed > 0 {
-        MIDDLE
-    } else {
-        FINE
+    share
+}
+
+/// The relative residual of a linear system that its Newton step is worth: a share of the
+/// statuses changed, and the point has the error `error`. Without a share the problem is linear.
+fn linear_tolerance(changed: Option<f64>, tol: f64, error: f64) -> f64 {
+    let wanted = match changed {
+        None => EXACT,
+        Some(share) if share > MANY => COARSE,
+        Some(share) if share > 0.0 => MIDDLE,
+        Some(_) => FINE,
     };
     wanted.max(0.1 * tol / error.max(tol))
 }

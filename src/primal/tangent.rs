@@ -107,6 +107,12 @@ impl<const D: usize> Tangent<D> {
         right
     }
 
+    /// Whether a contact slides; without one the system is linear while no status changes.
+    #[must_use]
+    pub fn slides(&self) -> bool {
+        !self.sliding.is_empty()
+    }
+
     /// Adds what the laws of sliding contacts add to `A x`: with `A x` in `out`, it becomes
     /// `J x` in the rows that are not held.
     pub fn add_laws(&self, x: &[f64], out: &mut [f64]) {

@@ -15,6 +15,9 @@ use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
 use bipot_rs::condensation::sparse::Rows;
 use bipot_rs::law::cone::Status;
 use bipot_rs::path::stepping::LoadPath;
+use bipot_rs::primal::certificate::{Point, contacts_alone, judge};
+use bipot_rs::primal::engine::Engine;
+use bipot_rs::primal::local::Local;
 use bipot_rs::primal::path::{PrimalPath, PrimalStep};
 use bipot_rs::primal::problem::Primal;
 use bipot_rs::reduced::memory::Budget;
@@ -245,6 +248,55 @@ fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
 fn share(statuses: &[Status], of: Status) -> f64 {
     let count = statuses.iter().filter(|&&status| status == of).count();
     count as f64 / statuses.len() as f64
+}
+
+/// The law of the contacts holds, and a node that they do not reach is out of balance.
+#[test]
+fn a_row_out_of_balance_is_no_solution() {
+    let blocks = Blocks::new(4, 4, 1.0, 0.3, false);
+    let never = AtomicBool::new(false);
+    let problem = blocks
+        .arrays(|arrays| Primal::new(&arrays, None, &never))
+        .unwrap();
+    let [(load, prescribed), _] = blocks.steps();
+    let [first, _] = blocks.primal().try_into().unwrap();
+    let force = problem.force(&load, &prescribed).unwrap();
+    let mut engine = Local::new(&problem, &never, None);
+    let y = problem.unknowns(&first.displacement);
+    let mut e = engine.product(&y).unwrap();
+    for (e, f) in e.iter_mut().zip(&force) {
+        *e -= f;
+    }
+    let contacts = &problem.contacts;
+    let r = engine.at_contacts(&e).unwrap();
+    let mut v = engine.at_contacts(&y).unwrap();
+    let offsets = contacts.frames.offsets(&contacts.gap, &prescribed);
+    for (v, offset) in v.as_flattened_mut().iter_mut().zip(offsets.as_flattened()) {
+        *v += offset;
+    }
+    let reduced = contacts_alone(contacts, &r, &v).unwrap();
+    let mut point = Point { y, e, r, v };
+    let mut judged = |point: &Point<_, 3>| {
+        let terms = engine.terms(&point.y).unwrap();
+        judge(&mut engine, contacts, &reduced, point, &force, Some(&terms)).unwrap()
+    };
+    let before = judged(&point);
+    assert!(before.converged(1e-9));
+    let size = before
+        .reaction
+        .as_flattened()
+        .iter()
+        .map(|r| r * r)
+        .sum::<f64>();
+    let unknowns: Vec<usize> = contacts.frames.unknowns().map(|(_, _, at)| at).collect();
+    let elsewhere = (0..point.e.len())
+        .find(|at| problem.stiffness.free[*at] && !unknowns.contains(at))
+        .unwrap();
+    point.e[elsewhere] += 1e-6 * size.sqrt();
+    let after = judged(&point);
+    assert!(after.certificate.converged(1e-9));
+    assert!(!after.converged(1e-9));
+    assert!((after.residual() - 1e-6).abs() <= 1e-9);
 }
 
 #[test]
