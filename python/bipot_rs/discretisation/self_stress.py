@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
@@ -136,10 +137,10 @@ def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
     diagonal = S.diagonal()
     # Columns are scaled to one; a zero column gets the pivot 1.
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.maximum(diagonal, _TINY)), 0.0)
-    D = sparse.diags_array(scale)
+    D = diagonal_matrix(scale)
     pivot = np.where(scale > 0, _SLACK, 1.0)
     factor = splu(
-        (D @ S @ D + sparse.diags_array(pivot)).tocsc(),
+        (D @ S @ D + diagonal_matrix(pivot)).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},

@@ -7,19 +7,20 @@ node + component``, so that K is block diagonal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.boundary import Spring, Symmetry, plane_of, spring_stiffness
+from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
@@ -28,9 +29,10 @@ from bipot_rs.fem.contact import (
     meet,
     relative_displacement,
 )
-from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells
+from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
+from bipot_rs.fem.system_stiffness import system_stiffness
 from bipot_rs.obstacle.motion import Motion
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
@@ -54,8 +56,8 @@ class Assembly:
 
     Attributes
     ----------
-    K : scipy.sparse.csr_array (n, n)
-        Stiffness [N/m], bitwise symmetric.
+    K : scipy.sparse.csr_array (n, n) or None
+        Stiffness [N/m], bitwise symmetric; None from `without_stiffness`.
     B : scipy.sparse.csr_array (d n_c, n)
         ``B u`` is the displacement relative to the obstacle, ``(n, t1[, t2])``.
     gap, area : (n_c,)
@@ -121,7 +123,20 @@ class Assembly:
     @property
     def n(self) -> int:
         """Number of degrees of freedom."""
-        return int(self.K.shape[0])
+        return int(self.nodes.size)
+
+    def stiffness_rows(self, nodes: Ints) -> Any:
+        """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
+
+        Only the cells that touch these nodes are integrated: processes that share the
+        nodes assemble K in parts.
+
+        Parameters
+        ----------
+        nodes
+            Ascending indices into `nodes`, ``(m,)``.
+        """
+        return system_stiffness(self.bodies, self.springs, self.inclined, nodes)
 
     @property
     def cells(self) -> list[tuple[str, Ints]]:
@@ -204,8 +219,8 @@ class Assembly:
         # The mean by |w| stays within the values of the contacts.
         size = abs(scaled)
         mixed = np.abs(scaled.sum(axis=1)) < (1 - 1e-9) * size.sum(axis=1)
-        scaled = sparse.diags_array((~mixed).astype(float)) @ scaled
-        scaled = scaled + sparse.diags_array(mixed.astype(float)) @ size
+        scaled = diagonal_matrix((~mixed).astype(float)) @ scaled
+        scaled = scaled + diagonal_matrix(mixed.astype(float)) @ size
         area = scaled.sum(axis=1)
         fields["contact_pressure"][node] += (scaled @ pressure) / area
         fields["contact_shear"][node] += (
@@ -463,6 +478,25 @@ def assemble(
         Names that do not exist or repeat, nodes of a pair that do not match,
         a normal of length zero: the message has the name and the place.
     """
+    found = without_stiffness(
+        bodies, contacts, supports, symmetries=symmetries, springs=springs
+    )
+    K = system_stiffness(found.bodies, found.springs, found.inclined)
+    return replace(found, K=K)
+
+
+def without_stiffness(
+    bodies: Sequence[Body],
+    contacts: Sequence[Contact],
+    supports: Sequence[Support] = (),
+    *,
+    symmetries: Sequence[Symmetry] = (),
+    springs: Sequence[Spring] = (),
+) -> Assembly:
+    """Assemble everything but K, with the arguments and errors of `assemble`.
+
+    K takes most of the memory of a body; `Assembly.stiffness_rows` makes parts of it.
+    """
     if not bodies:
         raise ValueError("bodies is empty, expected at least one")
     dims = {body.dim for body in bodies}
@@ -479,10 +513,6 @@ def assemble(
         Support(s.body, s.surface, (k,)) for s, (k, _) in mirrors if k is not None
     ]
     supports = [*supports, *straight]
-    matrices = [stiffness(body) for body in bodies]
-    for spring in springs:
-        b = body_index(bodies, spring.body)
-        matrices[b] = matrices[b] + spring_stiffness(bodies[b], spring)
 
     support_dofs = []
     for support in supports:
@@ -517,7 +547,7 @@ def assemble(
     mu = pairs.reshape(-1, 2)[group]
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
-    B, K = relative_displacement(found, n), _stacked(matrices)
+    B = relative_displacement(found, n)
     free = np.ones(n)
     free[fixed] = 0.0
     points = np.concatenate([body.points for body in bodies])
@@ -531,7 +561,7 @@ def assemble(
             B, moving = _in_frames(turned, frame, B, moving)
             frame = turned
         bare = B
-        B, K = inclined.relative(B), inclined.stiffness(K)
+        B = inclined.relative(B)
     left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
     whole = abs(B if bare is None else bare).sum(axis=1).reshape(-1, dim)[:, 1:]
     # A node that can slip only by the rounding of its normal cannot slip.
@@ -542,7 +572,7 @@ def assemble(
         supports=tuple(supports),
         contacts=tuple(contacts),
         offset=offset,
-        K=K,
+        K=None,
         B=B,
         gap=gap,
         mu=mu,
@@ -597,32 +627,6 @@ def _inclined(
             nodes = bodies[b].nodes(symmetry.surface)
             groups.append((offset[b] + bodies[b].dim * nodes, normal))
     return planes(groups, fixed, points)
-
-
-def _stacked(blocks: Sequence[Any]) -> Any:
-    """Block-diagonal CSR of the matrices of the bodies, entries in the same order."""
-    if len(blocks) == 1:
-        return blocks[0]
-    ends = np.cumsum([0] + [block.shape[0] for block in blocks])
-    entries = np.cumsum([0] + [block.nnz for block in blocks])
-    # One index type for all: mixed types are copied at each step.
-    wide = np.int64 if max(ends[-1], entries[-1]) >= 2**31 else np.int32
-    index = [
-        block.indices.astype(wide) + wide(first)
-        for block, first in zip(blocks, ends[:-1], strict=True)
-    ]
-    start = [
-        block.indptr[:-1].astype(wide) + wide(first)
-        for block, first in zip(blocks, entries[:-1], strict=True)
-    ]
-    return sparse.csr_array(
-        (
-            np.concatenate([block.data for block in blocks]),
-            np.concatenate(index),
-            np.concatenate([*start, np.array(entries[-1:], dtype=wide)]),
-        ),
-        shape=(int(ends[-1]), int(ends[-1])),
-    )
 
 
 # Names before 0.2, which still work.

@@ -21,7 +21,7 @@ from bipot_rs.fem.materials import Material
 from bipot_rs.mesh.elements import inverse, jacobian, reference
 
 
-def stiffness(body: Body) -> Any:
+def stiffness(body: Body, nodes: Ints | None = None) -> Any:
     """Stiffness of one body, CSR ``(dim * nodes, dim * nodes)``, bitwise symmetric.
 
     With ``E_kl = ∫ ∂_k φ_i ∂_l φ_j`` the block of nodes i, j is
@@ -31,29 +31,77 @@ def stiffness(body: Body) -> Any:
     the last for isotropic materials. Nodes that share a cell have a block, also where its
     entries are zero. The bits do not depend on the number of threads.
 
+    Parameters
+    ----------
+    body
+        The body.
+    nodes
+        Ascending numbers of the nodes whose rows are wanted, ``(m,)``; only the cells that
+        touch them are integrated. The result is ``(dim * m, dim * nodes)``, with the bits
+        of these rows of the whole matrix: a sum over the cells around two nodes has the
+        same terms in the same order. The default is all nodes.
+
     Raises
     ------
     ValueError
         A cell is folded or flat; the message gives its index and position.
     """
     _, slopes, weights = reference(body.kind.scalar, body.kind.order)
-    many = len(body.materials) > 1
+    points, corners, touching, near = body.mesh.p, body.cells, None, None
+    material = body.material_of_cells if len(body.materials) > 1 else None
+    if nodes is not None:
+        touching, near, corners = _around(body, nodes)
+        if not touching.size:
+            return sparse.csr_array((body.dim * len(nodes), body.points.size))
+        points = points[:, near]
+        material = None if material is None else material[touching]
     try:
         found = _core.stiffness(
-            np.ascontiguousarray(body.mesh.p, dtype=np.float64),
-            np.ascontiguousarray(body.cells.T),
+            np.ascontiguousarray(points, dtype=np.float64),
+            np.ascontiguousarray(corners.T),
             slopes,
             weights,
             body.depth,
             _laws(body),
-            body.material_of_cells if many else None,
+            material,
         )
     except ValueError as error:
         cell = getattr(error, "cell", None)
         if cell is None:
             raise
-        raise _folded(body, cell) from None
-    return _matrix(found, body.mesh.p.size)
+        raise _folded(body, cell if touching is None else int(touching[cell])) from None
+    made = _matrix(found, points.size)
+    if nodes is None or near is None:
+        return made
+    return _rows(made, body, nodes, near)
+
+
+def _around(body: Body, nodes: Ints) -> tuple[Ints, Ints, Ints]:
+    """Cells that touch some nodes, all nodes of these, and their corners among the latter."""
+    cells = body.cells
+    near = np.zeros(len(body.points), np.bool_)
+    near[nodes] = True
+    touching = np.flatnonzero(near[cells].any(axis=1))
+    near[cells[touching]] = True
+    number = np.cumsum(near) - 1
+    return touching, np.flatnonzero(near), number[cells[touching]]
+
+
+def _rows(part: Any, body: Body, nodes: Ints, near: Ints) -> Any:
+    """Rows of ``nodes`` from the stiffness of the nodes ``near``."""
+    dim = body.dim
+    column = dofs_of(near, dim).astype(part.indices.dtype)
+    own = part[dofs_of(np.searchsorted(near, nodes), dim)]
+    shape = own.shape[0], body.points.size
+    made = sparse.csr_array((own.data, column[own.indices], own.indptr), shape=shape)
+    # As in `_matrix`: the numbers of the nodes near ascend.
+    made.has_canonical_format = True
+    return made
+
+
+def dofs_of(nodes: Ints, dim: int) -> Ints:
+    """Degrees of freedom of nodes, node after node."""
+    return (dim * nodes[:, None] + np.arange(dim)).ravel()
 
 
 def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
@@ -128,6 +176,8 @@ def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
     count = len(corners)
     # Differences first: far from the origin the Jacobian would lose digits.
     offset = corners - corners[:, :1]
+    if not count:
+        return offset, np.arange(0)
     # Adding zero turns -0.0 into 0.0.
     bits = (offset[:, 1:] + 0.0).reshape(count, -1).view(np.uint64)
     # Powers of an odd number. Short numbers end in zero bits, which products keep, so

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 
@@ -54,14 +55,32 @@ class Planes:
     fixed: Ints = field(repr=False)
     nodes: Floats = field(repr=False)
 
-    def stiffness(self, K: Any) -> Any:
-        """``P K P + Q A Qᵀ``, bitwise symmetric if K is."""
-        inner = self.within @ K @ self.within
-        inner = (inner + inner.T) / 2
+    def stiffness(self, K: Any, rows: Ints | None = None) -> Any:
+        """``P K P + Q A Qᵀ``, bitwise symmetric if K is.
+
+        Parameters
+        ----------
+        K
+            Stiffness ``(n, n)``, or its ``rows``.
+        rows
+            Ascending numbers of the rows that K holds, all degrees of freedom of some
+            nodes. The result holds these rows, with the bits of the whole matrix if K is
+            bitwise symmetric.
+        """
+        P, Q = self.within, self.normals
+        own_P, own_Q = P, Q
+        if rows is not None:
+            # P and Q couple the degrees of freedom of one node alone.
+            own_P, own_Q = P[rows][:, rows], Q[rows]
+        inner = own_P @ K @ P
+        mirrored = inner if rows is None else P @ K.T @ own_P
+        inner = (inner + mirrored.T) / 2
         # A of the size of the stiffness of the nodes, so that no digits are lost.
-        own = abs(self.normals).T @ K.diagonal()
-        beside = self.normals @ sparse.diags_array(own) @ self.normals.T
-        found = sparse.csr_array(inner + (beside + beside.T) / 2)
+        diagonal = K.diagonal() if rows is None else K[:, rows].diagonal()
+        own = diagonal_matrix(abs(own_Q).T @ diagonal)
+        beside = own_Q @ own @ Q.T
+        mirrored = beside if rows is None else Q @ own @ own_Q.T
+        found = sparse.csr_array(inner + (beside + mirrored.T) / 2)
         found.sort_indices()
         return found
 
@@ -175,5 +194,5 @@ def planes(
         return found
 
     Q = sparse.csr_array(stacked(columns).T)
-    P = sparse.csr_array(sparse.diags_array(np.ones(nodes.size)) - Q @ Q.T)
+    P = sparse.csr_array(diagonal_matrix(np.ones(nodes.size)) - Q @ Q.T)
     return Planes(Q, P, stacked(given), fixed, nodes)

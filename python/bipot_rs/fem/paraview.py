@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
-from bipot_rs.files.export import indexed, write_series
+from bipot_rs.files.export import Series, indexed, write_series
 
 Fields = dict[str, NDArray[Any]]
 
@@ -63,18 +64,88 @@ def write_bodies(
     at_rest
         Function of the index of a step that returns ``at_rest`` of `cell_fields`.
     """
+    series = BodySeries(path, model)
     more = of_cells if of_cells is not None else ({} for _ in steps)
-    means = [MeanStress(body) for body in model.bodies]
-    write_series(
-        path,
-        model.nodes,
-        model.cells,
-        (model.fields(s.displacement, s.reaction, s.status) for s in steps),
-        (
-            cell_fields(model, step.displacement, at_rest(k), means) | dict(fields)
-            for k, (step, fields) in enumerate(zip(steps, more, strict=True))
-        ),
-    )
+    for k, (step, fields) in enumerate(zip(steps, more, strict=True)):
+        series.add(step, at_rest(k), fields)
+    series.end()
+
+
+@dataclass(frozen=True)
+class Part:
+    """The cells of a model that one of several processes writes.
+
+    Attributes
+    ----------
+    number, count
+        Number of this part, and of all parts.
+    cells
+        Ascending numbers of the cells, for each body.
+    """
+
+    number: int
+    count: int
+    cells: Sequence[Ints]
+
+
+class BodySeries:
+    """The series of `write_bodies`, step by step; ``part`` are the cells to write."""
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        model: Assembly,
+        part: Part | None = None,
+    ) -> None:
+        self._model = model
+        # Nodes and cells to write; all without a part.
+        self._nodes: Any = slice(None)
+        self._cells: Any = slice(None)
+        if part is None:
+            self._means = [MeanStress(body) for body in model.bodies]
+            self._series = Series(path, model.nodes, model.cells)
+            return
+        chosen = list(zip(model.bodies, part.cells, strict=True))
+        self._means = [MeanStress(body, own) for body, own in chosen]
+        firsts = np.cumsum([0] + [body.mesh.nelements for body in model.bodies])
+        self._cells = np.concatenate(
+            [own + first for own, first in zip(part.cells, firsts, strict=False)]
+        )
+        cells = [
+            (kind, corners[own])
+            for (kind, corners), own in zip(model.cells, part.cells, strict=True)
+        ]
+        touched = np.zeros(len(model.nodes), np.bool_)
+        for _, corners in cells:
+            touched[corners] = True
+        self._nodes = np.flatnonzero(touched)
+        number = np.cumsum(touched) - 1
+        self._series = Series(
+            path,
+            model.nodes[self._nodes],
+            [(kind, number[corners]) for kind, corners in cells],
+            piece=part.number,
+            pieces=part.count,
+        )
+
+    def add(
+        self,
+        step: Step,
+        at_rest: Floats | None = None,
+        more: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
+        model, own = self._model, self._cells
+        fields = model.fields(step.displacement, step.reaction, step.status)
+        rest = None if at_rest is None else at_rest[own]
+        in_cells = cell_fields(model, step.displacement, rest, self._means)
+        in_cells |= {name: field[own] for name, field in (more or {}).items()}
+        chosen = {name: field[self._nodes] for name, field in fields.items()}
+        self._series.add(chosen, in_cells)
+
+    def end(self) -> None:
+        """Write the index."""
+        self._series.end()
 
 
 def write_contact(
@@ -95,7 +166,7 @@ def cell_fields(
 
     Mean values of the cells of all bodies, in their order. ``at_rest (cells, 3, 3)`` is
     the stress that initial strains add, `Case.stress_at_rest`. ``means``, one for each
-    body, can be reused for many displacements.
+    body, can be reused for many displacements; they may be of some cells only.
     """
     if means is None:
         means = [MeanStress(body) for body in model.bodies]

@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field
 from bipot_rs.fem.elasticity import distinct_cells
@@ -57,12 +57,23 @@ class MeanStress:
 
     The material is constant in a cell, so that the mean stress is the stress of the mean
     strain: gradients are averaged once, without a displacement.
+
+    Parameters
+    ----------
+    body
+        The body.
+    cells
+        The cells whose stress is wanted, ``(m,)``; the default is all. Initial strains need
+        all.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, cells: Ints | None = None) -> None:
         self.body = body
+        self._cells = body.cells if cells is None else body.cells[cells]
+        material = body.material_of_cells
+        self._material = material if cells is None else material[cells]
         _, slopes, weights = reference(body.kind.scalar, body.kind.order)
-        shapes, self._which = distinct_cells(body.points[body.cells])
+        shapes, self._which = distinct_cells(body.points[self._cells])
         inner, determinant = inverse(jacobian(shapes, slopes))
         share = weights[:, None] * np.abs(determinant)
         share /= share.sum(axis=0)
@@ -71,7 +82,7 @@ class MeanStress:
 
     def gradient(self, displacement: ArrayLike) -> Floats:
         """Mean of ``∂_a u_k`` in each cell, ``(k, a, cells)``."""
-        u = _nodal(self.body, displacement)[self.body.cells]
+        u = _nodal(self.body, displacement)[self._cells]
         found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
         return np.asarray(found, np.float64)
 
@@ -94,7 +105,7 @@ class MeanStress:
             strain -= np.einsum("abcq,cq->abc", initial_strain(body, initial), share)
         six = np.empty((count, 6))
         for k, material in enumerate(body.materials):
-            here = body.material_of_cells == k
+            here = self._material == k
             law = _in_space(body, material)[ROWS, COLUMNS][:, ROWS, COLUMNS]
             law[:, 3:] *= 2.0  # the mirrored component of a shear
             six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])

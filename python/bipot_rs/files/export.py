@@ -213,36 +213,90 @@ def write_series(
         One mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which become
         fields of the cells.
     """
-    from bipot_rs.files.vtu import Grid, collection
+    series = Series(path, points, cells)
+    for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
+        series.add(step, in_cells)
+    series.end()
 
-    index = place(path)
-    places = _three(np.asarray(points, dtype=float))
-    if cells is None:
-        cells = [("vertex", np.arange(len(places))[:, None])]
-    grid = Grid(places, cells)
-    names = []
-    both = zip(steps, of_cells or repeat({}), strict=False)
-    for number, (step, in_cells) in enumerate(both):
+
+class Series:
+    """A series for ParaView that is written step by step, as by `write_series`.
+
+    Parameters
+    ----------
+    path, points, cells
+        As in `write_series`.
+    piece, pieces
+        Number of this piece of the mesh, and of all pieces, if several processes write the
+        series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
+        Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        points: ArrayLike,
+        cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+        *,
+        piece: int = 0,
+        pieces: int = 1,
+    ) -> None:
+        from bipot_rs.files.vtu import Grid
+
+        self._index = place(path)
+        places = _three(np.asarray(points, dtype=float))
+        if cells is None:
+            cells = [("vertex", np.arange(len(places))[:, None])]
+        self._points = len(places)
+        self._grid = Grid(places, cells)
+        self._piece, self._pieces = piece, pieces
+        self._names: list[str] = []
+
+    def add(
+        self,
+        step: Mapping[str, Any],
+        of_cells: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        """Write the next step."""
+        from bipot_rs.files.vtu import listing
+
         fields = {
             name: _three(np.asarray(value))
             for name, value in step.items()
             if np.ndim(value) in (1, 2)
-            and len(value) == len(places)
+            and len(value) == self._points
             and np.asarray(value).dtype.kind in "fiub"
         }
-        name = f"{index.stem}_{number:04d}.vtu"
-        with aside(index.with_name(name)) as draft:
-            draft.write_bytes(grid.file(fields, in_cells))
-        names.append(name)
-    with aside(index) as draft:
-        draft.write_bytes(collection(names))
-    written = set(names)
-    for old in _beside(index):
-        digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
-        is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
-        number = digits.isascii() and digits.isdigit()
-        if is_step and number and old.name not in written:
-            old.unlink()
+        index = self._index
+        name = f"{index.stem}_{len(self._names):04d}"
+        end = "" if self._pieces == 1 else f"_{self._piece:04d}"
+        with aside(index.with_name(f"{name}{end}.vtu")) as draft:
+            draft.write_bytes(self._grid.file(fields, of_cells))
+        if self._pieces > 1 and self._piece == 0:
+            pieces = [f"{name}_{k:04d}.vtu" for k in range(self._pieces)]
+            with aside(index.with_name(f"{name}.pvtu")) as draft:
+                draft.write_bytes(listing(pieces, fields, of_cells or {}))
+        self._names.append(f"{name}.vtu" if self._pieces == 1 else f"{name}.pvtu")
+
+    def end(self) -> None:
+        """Write the index, and remove further files of an earlier, longer series."""
+        from bipot_rs.files.vtu import collection
+
+        if self._piece:
+            return
+        index = self._index
+        with aside(index) as draft:
+            draft.write_bytes(collection(self._names))
+        if self._pieces > 1:
+            # The folder is shared: another process may be writing into it.
+            return
+        written = set(self._names)
+        for old in _beside(index):
+            digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
+            is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
+            number = digits.isascii() and digits.isdigit()
+            if is_step and number and old.name not in written:
+                old.unlink()
 
 
 def _beside(path: Path) -> list[Path]:

@@ -34,6 +34,11 @@ KINDS = {
     "quad9": 28,
     "hexahedron27": 29,
 }
+_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+_HEAD = (
+    f'<VTKFile type="{{}}" version="1.0" byte_order="{_ORDER}" header_type="UInt64" '
+    'compressor="vtkZLibDataCompressor">'
+)
 # The block size of VTK; a block fits into the cache.
 _BLOCK = 2**15
 # Bytes of each block that decide whether it is compressed.
@@ -72,13 +77,11 @@ class Grid:
         flat = np.concatenate([none, *(c.ravel() for c in corners)])
         widths = np.repeat([c.shape[1] for c in corners], [len(c) for c in corners])
         types = np.repeat([KINDS[k] for k, _ in cells], [len(c) for c in corners])
-        order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
         self._count = len(points)
         self._head = b"".join(
             (
-                b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" ',
-                f'version="1.0" byte_order="{order}" '.encode(),
-                b'header_type="UInt64" compressor="vtkZLibDataCompressor">\n',
+                b'<?xml version="1.0"?>\n',
+                f"{_HEAD.format('UnstructuredGrid')}\n".encode(),
                 b"<UnstructuredGrid>\n",
                 f'<Piece NumberOfPoints="{len(points)}" '.encode(),
                 f'NumberOfCells="{len(types)}">\n<Points>\n'.encode(),
@@ -114,6 +117,41 @@ class Grid:
         return b"".join(parts)
 
 
+def listing(
+    pieces: Sequence[str],
+    fields: Mapping[str, NDArray[Any]],
+    of_cells: Mapping[str, NDArray[Any]],
+) -> bytes:
+    """PVTU file of one step, the names of its pieces and of their fields.
+
+    Parameters
+    ----------
+    pieces
+        Names of the files of the pieces.
+    fields, of_cells
+        As in `Grid.file`, of any piece: all pieces have the same names and types.
+    """
+    points = np.empty((0, 3))
+    parts = (
+        '<?xml version="1.0"?>',
+        _HEAD.format("PUnstructuredGrid"),
+        '<PUnstructuredGrid GhostLevel="0">',
+        "<PPoints>",
+        f"<PDataArray {_kind('Points', points)}/>",
+        "</PPoints>",
+        "<PPointData>",
+        *(f"<PDataArray {_kind(name, field)}/>" for name, field in fields.items()),
+        "</PPointData>",
+        "<PCellData>",
+        *(f"<PDataArray {_kind(name, field)}/>" for name, field in of_cells.items()),
+        "</PCellData>",
+        *(f"<Piece Source={_quoted(name)}/>" for name in pieces),
+        "</PUnstructuredGrid>",
+        "</VTKFile>\n",
+    )
+    return "\n".join(parts).encode()
+
+
 def collection(names: Sequence[str]) -> bytes:
     """PVD index of a series of files; the time of a step is its number."""
     head = '<?xml version="1.0" encoding="utf-8"?>\n<VTKFile type="Collection" version="0.1">'
@@ -132,20 +170,30 @@ def _quoted(text: str) -> str:
     return f'"{text}"'
 
 
-def _array(name: str, array: NDArray[Any]) -> bytes:
-    kind, size = array.dtype.kind, array.dtype.itemsize
-    if kind == "b":
-        array, kind = array.astype(np.uint8), "u"
-    elif kind == "f" and size not in (4, 8):
-        array, size = array.astype(np.float64), 8
-    word = {"f": "Float", "i": "Int", "u": "UInt"}[kind] + str(8 * size)
+def _kind(name: str, array: NDArray[Any]) -> str:
+    """Attributes of a data array: type, name and number of components."""
+    word = {"f": "Float", "i": "Int", "u": "UInt", "b": "UInt"}[array.dtype.kind]
+    bits = 8 * _stored(array.dtype).itemsize
     width = f'NumberOfComponents="{array.shape[1]}" ' if array.ndim == 2 else ""
-    native = array.astype(array.dtype.newbyteorder("="), copy=False)
+    return f'type="{word}{bits}" Name={_quoted(name)} {width}'
+
+
+def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type in which an array is written."""
+    if dtype.kind == "b":
+        return np.dtype(np.uint8)
+    if dtype.kind == "f" and dtype.itemsize not in (4, 8):
+        return np.dtype(np.float64)
+    return dtype.newbyteorder("=")
+
+
+def _array(name: str, array: NDArray[Any]) -> bytes:
+    stored = array.astype(_stored(array.dtype), copy=False)
     return b"".join(
         (
-            f'<DataArray type="{word}" Name={_quoted(name)} {width}'.encode(),
+            f"<DataArray {_kind(name, array)}".encode(),
             b'format="binary">',
-            *_packed(native.tobytes(), size),
+            *_packed(stored.tobytes(), stored.dtype.itemsize),
             b"</DataArray>\n",
         )
     )

@@ -49,6 +49,7 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree
@@ -574,4 +575,4 @@ def _averages(matrix: Any) -> Any:
     matrix.data[np.abs(matrix.data) <= 1e-14 * size[rows]] = 0.0
     matrix.eliminate_zeros()
     total = np.asarray(matrix.sum(axis=1)).ravel()
-    return sparse.csr_array(sparse.diags_array(1 / total) @ matrix)
+    return sparse.csr_array(diagonal_matrix(1 / total) @ matrix)

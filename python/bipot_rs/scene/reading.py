@@ -117,8 +117,8 @@ def _settings(table: dict[str, Any]) -> Iterator[str]:
             yield f"solver: {error}"
 
 
-def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
-    """Make the arrays of a scene on its meshes.
+def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) -> Case:
+    """Make the arrays of a scene on its meshes; all but K without ``stiffness``.
 
     Raises
     ------
@@ -126,8 +126,9 @@ def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
         Mistakes that need the meshes: nodes of a pair that do not match, supports that
         contradict each other, a contact without nodes.
     """
+    make = assembly.assemble if stiffness else assembly.without_stiffness
     try:
-        model = assembly.assemble(
+        model = make(
             meshed,
             contacts(scene),
             supports(scene),

@@ -1,0 +1,85 @@
+"""Stiffness of all bodies with springs and inclined supports: whole, or rows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from bipot_rs._lib.types import Ints
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.boundary import Spring, spring_stiffness
+from bipot_rs.fem.contact import body_index
+from bipot_rs.fem.elasticity import dofs_of, stiffness
+from bipot_rs.fem.inclined_supports import Planes
+
+
+def system_stiffness(
+    bodies: Sequence[Body],
+    springs: Sequence[Spring],
+    inclined: Planes | None,
+    nodes: Ints | None = None,
+) -> Any:
+    """K of (1), CSR ``(n, n)``, block diagonal and bitwise symmetric; or some of its rows.
+
+    Parameters
+    ----------
+    bodies, springs, inclined
+        As in `Assembly`.
+    nodes
+        Ascending numbers of nodes, counted body after body ``(m,)``: the result has their
+        rows, ``(d m, n)``, with the bits of the whole K. The default is all nodes.
+
+    Raises
+    ------
+    ValueError
+        A body or surface of a spring does not exist, or a cell is folded.
+    """
+    ends = np.cumsum([0] + [len(body.points) for body in bodies])
+    owners = [body_index(bodies, spring.body) for spring in springs]
+    blocks = []
+    for b, body in enumerate(bodies):
+        own = None
+        if nodes is not None:
+            first, last = np.searchsorted(nodes, ends[b : b + 2])
+            own = nodes[first:last] - ends[b]
+        block = stiffness(body, own)
+        for owner, spring in zip(owners, springs, strict=True):
+            if owner == b:
+                added = spring_stiffness(body, spring)
+                rows = slice(None) if own is None else dofs_of(own, body.dim)
+                block = block + added[rows]
+        blocks.append(block)
+    dim = bodies[0].dim
+    K = _stacked(blocks)
+    if inclined is None:
+        return K
+    return inclined.stiffness(K, None if nodes is None else dofs_of(nodes, dim))
+
+
+def _stacked(blocks: Sequence[Any]) -> Any:
+    """Block-diagonal CSR of the matrices of the bodies, entries in the same order."""
+    if len(blocks) == 1:
+        return blocks[0]
+    rows, columns = np.cumsum([(0, 0)] + [block.shape for block in blocks], axis=0).T
+    entries = np.cumsum([0] + [block.nnz for block in blocks])
+    # One index type for all: mixed types are copied at each step.
+    wide = np.int64 if max(columns[-1], entries[-1]) >= 2**31 else np.int32
+    index = [
+        block.indices.astype(wide) + wide(first)
+        for block, first in zip(blocks, columns[:-1], strict=True)
+    ]
+    start = [
+        block.indptr[:-1].astype(wide) + wide(first)
+        for block, first in zip(blocks, entries[:-1], strict=True)
+    ]
+    return sparse.csr_array(
+        (
+            np.concatenate([block.data for block in blocks]),
+            np.concatenate(index),
+            np.concatenate([*start, np.array(entries[-1:], dtype=wide)]),
+        ),
+        shape=(int(rows[-1]), int(columns[-1])),
+    )

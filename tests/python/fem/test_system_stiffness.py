@@ -1,0 +1,126 @@
+"""Rows of K that processes assemble in parts, compared with the whole K."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.spatial.transform import Rotation
+
+from bipot_rs import fem
+from bipot_rs.mesh import elements
+
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+def bent(cell: str, degree: int, shift: float) -> Any:
+    """A mesh whose cells all differ."""
+    mesh = fem.box([np.linspace(shift, 1 + shift, 4)] * CELLS[cell], cell)
+    moved = mesh.p + 0.03 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
+    mesh = type(mesh)(moved, mesh.t).with_boundaries(mesh.boundaries)
+    return mesh if degree == 1 else elements.second_order(mesh)
+
+
+def parts(nodes: int, count: int) -> list[Any]:
+    """Ascending nodes of each of some processes, scattered over the bodies."""
+    owner = np.random.default_rng(2).integers(count, size=nodes)
+    return [np.flatnonzero(owner == rank) for rank in range(count)]
+
+
+def same_rows(model: fem.Assembly, count: int) -> None:
+    """Each part has the rows of the whole K, bit for bit.
+
+    An entry is a sum over the cells around two nodes: a part has the same cells in the
+    same order, so that no tolerance is needed.
+    """
+    for nodes in parts(len(model.nodes), count):
+        dofs = (model.dim * nodes[:, None] + np.arange(model.dim)).ravel()
+        own, wanted = model.stiffness_rows(nodes), model.K[dofs]
+        assert own.shape == (len(dofs), model.n)
+        np.testing.assert_array_equal(own.indptr, wanted.indptr)
+        np.testing.assert_array_equal(own.indices, wanted.indices)
+        np.testing.assert_array_equal(own.data.view(int), wanted.data.view(int))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["bent", "straight"])
+def test_rows_of_parts_are_those_of_the_whole(
+    cell: str, degree: int, shape: str
+) -> None:
+    """Two bodies, one with springs on two surfaces; straight cells share their matrices."""
+    d = CELLS[cell]
+    upper = bent(cell, degree, 2.0)
+    if shape == "straight":
+        upper = fem.box([np.linspace(0, 1, 4)] * d, cell)
+        upper = upper if degree == 1 else elements.second_order(upper)
+    bodies = [
+        fem.Body("upper", upper, fem.Material(1.0, 0.3)),
+        fem.Body("lower", bent(cell, 1, 0.0), fem.Material(7.0, 0.45)),
+    ]
+    springs = [
+        fem.Spring("lower", "bottom", 3.0),
+        fem.Spring("lower", "left", normal=2.0, tangential=0.5),
+    ]
+    same_rows(fem.assemble(bodies, [], springs=springs), 3)
+
+
+def test_rows_of_volumes_with_materials_of_their_own() -> None:
+    mesh = bent("hexahedron", 1, 0.0)
+    left = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 0.5)
+    right = np.setdiff1d(np.arange(mesh.nelements), left)
+    mesh = mesh.with_subdomains({"left": left, "right": right})
+    wood = fem.Orthotropic(
+        young=(10.0, 1.0, 0.5), poisson=(0.3, 0.3, 0.4), shear=(0.6, 0.5, 0.1)
+    )
+    body = fem.Body("it", mesh, {"left": wood, "right": fem.Material(2.0, 0.2)})
+    same_rows(fem.assemble([body], []), 4)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_rows_with_inclined_supports(degree: int) -> None:
+    """Nodes on one and on two planes that are not normal to an axis."""
+    mesh = fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron")
+    turn = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix()
+    mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+    mesh = mesh if degree == 1 else elements.second_order(mesh)
+    body = fem.Body("it", mesh, fem.Material(1.0, 0.3))
+    planes = [fem.Symmetry("it", "left"), fem.Symmetry("it", "front")]
+    springs = [fem.Spring("it", "top", 2.0)]
+    model = fem.assemble([body], [], symmetries=planes, springs=springs)
+    assert model.inclined is not None
+    same_rows(model, 3)
+
+
+def test_without_stiffness_all_other_arrays_are_the_same() -> None:
+    body = fem.Body("it", bent("tetrahedron", 1, 0.0), fem.Material(1.0, 0.3))
+    contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -0.1], [0, 0, 1]))
+    given = [body], [contact], [fem.Support("it", "top", (0, 1, 2))]
+    whole = fem.assemble(*given)
+    bare = fem.assembly.without_stiffness(*given)
+    assert bare.K is None
+    assert bare.n == whole.n == whole.K.shape[0]
+    assert (bare.B != whole.B).nnz == 0
+    for name in ("gap", "mu", "area", "points", "frame", "fixed", "contact_dofs"):
+        np.testing.assert_array_equal(getattr(bare, name), getattr(whole, name))
+
+
+def test_rows_of_no_nodes() -> None:
+    body = fem.Body("it", bent("triangle", 1, 0.0), fem.Material(1.0, 0.3))
+    none = fem.assemble([body], []).stiffness_rows(np.zeros(0, np.int64))
+    assert none.shape == (0, body.points.size)
+    assert sparse.issparse(none)
+
+
+def test_a_folded_cell_has_its_number_in_the_whole_mesh() -> None:
+    mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
+    cells = mesh.t.copy()
+    cells[[1, 3], 7] = cells[[3, 1], 7]  # mirrored
+    cells[[0, 1], 7] = cells[[1, 0], 7]  # and folded
+    body = fem.Body(
+        "it", type(mesh)(mesh.p, cells, validate=False), fem.Material(1.0, 0.3)
+    )
+    with pytest.raises(ValueError, match="cell 7 of body 'it' is folded"):
+        fem.assembly.without_stiffness([body], []).stiffness_rows(
+            np.unique(cells[:, 7])
+        )
