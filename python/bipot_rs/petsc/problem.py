@@ -37,6 +37,7 @@ from bipot_rs.contact.load_path import state
 from bipot_rs.contact.problem import WITHOUT_FACTOR
 from bipot_rs.contact.result import Result as WholeResult
 from bipot_rs.contact.solution import Step as WholeStep
+from bipot_rs.contact.step_control import follow, increments
 from bipot_rs.petsc import components, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
 from bipot_rs.petsc.engine import PetscEngine
@@ -455,6 +456,62 @@ class ContactProblem:
             if on_step is not None:
                 on_step(k, step)
         return following.result()
+
+    def follow(
+        self,
+        load: Callable[[float], Any],
+        prescribed: Callable[[float], ArrayLike],
+        *,
+        stops: ArrayLike = 1.0,
+        first: float | None = None,
+        largest: float | None = None,
+        smallest: float | None = None,
+        slip: float | None = None,
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Any = None,
+        on_step: Callable[[int, Any], object] | None = None,
+        gap: Callable[[float], ArrayLike] | None = None,
+    ) -> Result:
+        """Solve a load path in adaptive steps, as `bipot_rs.ContactProblem.follow`.
+
+        Parameters
+        ----------
+        load, prescribed, gap
+            Totals as functions of ``s``: a Vec, values at ``fixed``, and gaps ``(n_c,)`` or
+            ``(n_c, d)``. All ranks call them alike.
+        stops, first, largest, smallest, slip, start, on_step
+            As in `bipot_rs.ContactProblem.follow`.
+        tol, max_iterations, max_seconds
+            As in `solve`.
+        """
+        contacts, d = self._shape[1:]
+
+        def check() -> tuple[Any, Any]:
+            chosen = settings("newton", tol, max_iterations, max_seconds)
+            callback("on_step", on_step)
+            callback("gap", gap)
+            state(start, contacts, d)
+            return chosen, increments(stops, first, largest, smallest, slip)
+
+        chosen, plan = agreed(self.comm, check)
+
+        def totals(s: float) -> tuple[Any, Floats, Floats | None]:
+            force, moved = load(s), prescribed(s)
+
+            def one() -> tuple[Any, Floats, Floats | None]:
+                (own,) = self._loads(force)
+                (values,) = _rows("prescribed", moved, len(self._fixed))
+                if gap is None:
+                    return own, values, None
+                return own, values, gaps(gap(s), contacts, d)[0]
+
+            return agreed(self.comm, one)
+
+        following = self._following(chosen, start)
+        made = follow(following, totals, plan, on_step)
+        return following.result(message=made.message)
 
     def _following(self, chosen: Any, start: Any) -> Following:
         contacts, before = self._contacts, self._remarks

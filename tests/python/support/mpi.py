@@ -23,8 +23,13 @@ OPEN_MPI = {
     "OMP_NUM_THREADS": "1",
     "RAYON_NUM_THREADS": "1",
 }
-# The Python of the tests, or that of a distribution with PETSc.
-PYTHONS = (sys.executable, "/usr/bin/python3")
+# The Python that `make mpi-test` makes, that of the tests, or that of a distribution.
+OWN = Path(__file__).resolve().parents[3] / ".venv-mpi" / "bin" / "python"
+PYTHONS = (
+    os.environ.get("BIPOT_MPI_PYTHON", str(OWN)),
+    sys.executable,
+    "/usr/bin/python3",
+)
 
 
 @functools.cache
