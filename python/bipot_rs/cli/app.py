@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli.commands.run import ENOUGH, Job, Request
-from bipot_rs.cli.exit_codes import BAD_INPUT, FAULT, INTERRUPTED, NO_ANSWER, SOLVED
+from bipot_rs.cli.commands.run import ENOUGH, PETSC, Job, Request
+from bipot_rs.cli.exit_codes import BAD_INPUT, INTERRUPTED, NO_ANSWER, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
+from bipot_rs.cli.ranks import fault, hush, launched
 from bipot_rs.cli.runner import MISTAKES, outcome
 
 try:
@@ -52,6 +53,10 @@ class _App(typer.Typer):
 
             status: Any = INTERRUPTED
             if arguments[:1] == ["run"]:
+                asked = PETSC in arguments or f"--engine={PETSC}" in arguments
+                if asked and launched()[0]:
+                    # Rank 0 reports for all.
+                    hush()
                 # The runner releases the signals when the imports are done.
                 interrupts.hold()
             try:
@@ -72,19 +77,10 @@ class _App(typer.Typer):
             except Exception as error:
                 if os.environ.get("BIPOT_TRACEBACK"):
                     raise
-                return end(FAULT, _fault(error))
+                return end(*fault(error))
             if interrupts.came is not None and not interrupts.reported:
                 return end(interrupts.status, "interrupted")
             return status
-
-
-def _fault(error: Exception) -> str:
-    """The message for an exception that no command expects."""
-    text = " ".join(str(error).split())
-    return (
-        f"internal error of bipot, {type(error).__name__}{': ' if text else ''}{text}; "
-        "please report it with the traceback that BIPOT_TRACEBACK=1 prints"
-    )
 
 
 def _scenes_like(incomplete: str) -> list[str]:
@@ -153,6 +149,15 @@ class Engine(StrEnum):
     ITERATIVE = "iterative"
 
 
+class SceneEngine(StrEnum):
+    """Engines of a scene; ``petsc`` runs on several processes."""
+
+    AUTO = "auto"
+    DIRECT = "direct"
+    ITERATIVE = "iterative"
+    PETSC = "petsc"
+
+
 _OtherMethod = Annotated[
     str | None, typer.Option(help="Contact solver, instead of the scene's.")
 ]
@@ -185,8 +190,11 @@ def run(
     ] = None,
     method: _OtherMethod = None,
     engine: Annotated[
-        Engine | None,
-        typer.Option(help="Engine, instead of the scene's: see 'A large model'."),
+        SceneEngine | None,
+        typer.Option(
+            help="Engine, instead of the scene's: see 'A large model'. With mpirun -n N "
+            "before the command, 'petsc' uses N processes: see 'On a cluster'."
+        ),
     ] = None,
     tol: Annotated[
         str | None,

@@ -12,6 +12,7 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
+from bipot_rs.fem.partition import neighbours
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
@@ -27,6 +28,12 @@ _NODES = {
 }
 # Bytes of a number and of an index.
 _ENTRY = 12
+
+# Memory of a rank of engine petsc: libraries, mesh and loads for each node, and copies of its
+# rows of K: K itself, what the preconditioner is made of, and the preconditioner.
+_PROCESS, _MESH, _COPIES = 135e6, 750, 9
+# Nodes whose neighbours are counted.
+_SAMPLE = 1000
 
 # Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
 # as much on a server core; small bodies and old machines have less.
@@ -52,6 +59,8 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
         found.update(counts)
         raise _Counted
 
+    if case.scene is not None and case.scene.solver.engine == "petsc":
+        return found, floating
     try:
         with suppress(_Counted):
             case.problem(on_forecast=stop)
@@ -132,6 +141,24 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def of_ranks(model: Assembly, ranks: int) -> str:
+    """A line with the number of ranks and the memory of each, for engine petsc."""
+    return (
+        f"  engine    petsc: {counted(ranks, 'rank')}, about {size(rank_bytes(model, ranks))} "
+        "of memory on each"
+    )
+
+
+def rank_bytes(model: Assembly, ranks: int) -> float:
+    """Forecast of the memory of one rank: its rows of K, and the mesh that all have."""
+    nodes = len(model.nodes)
+    middle = nodes // 2
+    start, _ = neighbours(model.bodies, middle, min(middle + _SAMPLE, nodes))
+    row = model.dim * (1 + start[-1] / max(len(start) - 1, 1))
+    own = model.n / ranks * row * _ENTRY * _COPIES
+    return float(_PROCESS + _MESH * nodes + own)
+
+
 def peak(case: Case) -> float:
     """Most bytes that solving takes: the assembly, and the forecast of `counts`.
 
@@ -166,7 +193,9 @@ def duration(time: float) -> str:
     return f"about {time / 3600:.0f} h"
 
 
-def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
+def fits(
+    scene: Scene, meshed: Sequence[Body] | None = None, share: float = 1.0
+) -> None:
     """Refuse a scene whose assembly does not fit into the free memory.
 
     Parameters
@@ -175,13 +204,15 @@ def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
         The sizes of its boxes are known before meshing.
     meshed
         Its bodies, if they are meshed.
+    share
+        The part of the assembly that this machine does.
 
     Raises
     ------
     MemoryError
         The message has the bytes needed, and a mesh that would fit.
     """
-    needed = assembly(scene) if meshed is None else _entries(meshed)
+    needed = share * (assembly(scene) if meshed is None else _entries(meshed))
     free = available()
     if free is None or needed <= free:
         return

@@ -6,6 +6,8 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 # Some launchers forward a Ctrl-C that the terminal has already sent to the process: a
@@ -31,11 +33,16 @@ class Interrupts:
         Number of the first signal, or ``None``.
     reported
         Whether the command has reported how it ended.
+    at_once
+        Called instead of the exception, and does not return: while the process takes part
+        in collective calls, from which an exception of one process alone would leave the
+        others waiting.
     """
 
     def __init__(self, *, last: bool = False) -> None:
         self.came: int | None = None
         self.reported = False
+        self.at_once: Callable[[], object] | None = None
         self._last = last
         self._held = False
         self._owed = False  # a signal waits, or its exception was lost
@@ -48,6 +55,11 @@ class Interrupts:
     def status(self) -> int:
         """Exit status of a command that a signal ended: 130 or 143, as in shells."""
         return 128 + (signal.SIGINT if self.came is None else self.came)
+
+    def renew(self) -> None:
+        """Set the handlers again, which a library has replaced."""
+        for number in self._before:
+            signal.signal(number, self._handle)
 
     def __enter__(self) -> Interrupts:
         self._hook, sys.unraisablehook = sys.unraisablehook, self._unraisable
@@ -79,7 +91,35 @@ class Interrupts:
         """Raise a signal that has waited, or whose exception was lost."""
         if self._owed and not self._held:
             self._owed = False
-            raise KeyboardInterrupt
+            self._stop()
+
+    @property
+    def held(self) -> bool:
+        """Whether signals wait."""
+        return self._held
+
+    @property
+    def due(self) -> int | None:
+        """A signal that waits."""
+        return self.came if self._owed else None
+
+    @contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Let signals wait in a block; one that waits raises at the next `check`."""
+        before, self._held = self._held, True
+        try:
+            yield
+        finally:
+            self._held = before
+
+    def take(self, number: int) -> None:
+        """Note a signal that another process has received, or that is dealt with."""
+        self.came, self._owed = number, False
+
+    def _stop(self) -> None:
+        if self.at_once is not None:
+            self.at_once()
+        raise KeyboardInterrupt
 
     def _handle(self, number: int, _: object) -> None:
         now = time.monotonic()
@@ -89,7 +129,7 @@ class Interrupts:
             if not self._held:
                 # The code that handles it must not be interrupted by another.
                 self._held = True
-                raise KeyboardInterrupt
+                self._stop()
         elif now - self._at > _SAME and not self._leaving:
             self._leaving = True
             raise KeyboardInterrupt

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs.cli.output_folder import RESULT
 
 if TYPE_CHECKING:
+    from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
+    from bipot_rs.fem.paraview import BodySeries, Part
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
@@ -35,11 +37,15 @@ def contacts(case: Case) -> dict[str, Any]:
     }
 
 
+# Statistics of a problem that the file keeps.
+_OF_ENGINE = ("engine", "engine_reason", "preconditioner", "ranks", "partition")
+
+
 def origin(
     name: str,
     settings: Sequence[str],
     scene: Scene | None,
-    problem: ContactProblem | None,
+    problem: ContactProblem | Distributed | None,
     message: str,
 ) -> dict[str, Any]:
     """Attributes of a result file: the scene, its settings, the engine, how it ended."""
@@ -52,7 +58,7 @@ def origin(
         found["planned"] = scene.path.count()
     if problem is not None:
         solved = problem.stats
-        found |= {key: solved[key] for key in ("engine", "engine_reason")}
+        found |= {key: solved[key] for key in _OF_ENGINE if key in solved}
     return found
 
 
@@ -84,9 +90,28 @@ class Output:
         with writing(self.folder / name):
             yield self.draft / name
 
-    def series(self, case: Case) -> None:
-        """Write the series for ParaView."""
-        from bipot_rs.fem.paraview import write_bodies, write_contact
+    def parts(self, case: Case, part: Part) -> BodySeries:
+        """Begin the series of the bodies, of which this rank writes a part."""
+        from bipot_rs.fem.paraview import BodySeries
+
+        with self._file("result.pvd") as path:
+            return BodySeries(path, case.model, part)
+
+    def part(self, series: BodySeries, case: Case, k: int, step: Step) -> None:
+        """Write the part of load step ``k``."""
+        with self._file(f"result_{k:04d}.pvtu and its parts"):
+            series.add(step, case.stress_at_rest(k if step.s is None else step))
+
+    def contact_series(self, case: Case) -> None:
+        """Write the series of the contacts."""
+        from bipot_rs.fem.paraview import write_contact
+
+        with self._file("contact.pvd") as path:
+            write_contact(path, case.model, [step for _, step in self.reached])
+
+    def bodies(self, case: Case) -> None:
+        """Write the series of the bodies."""
+        from bipot_rs.fem.paraview import write_bodies
 
         steps = [step for _, step in self.reached]
         with self._file("result.pvd") as path:
@@ -102,8 +127,6 @@ class Output:
                     k if steps[k].s is None else steps[k]
                 ),
             )
-        with self._file("contact.pvd") as path:
-            write_contact(path, case.model, steps)
 
     def table(self, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
         """Write steps.csv, one line per load step."""

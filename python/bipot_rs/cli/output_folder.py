@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,13 +13,20 @@ from itertools import islice
 from pathlib import Path
 
 RESULT = "result.h5"
+# Load steps of a run on several ranks, while result.h5 holds another run.
+UNFINISHED = "unfinished.h5"
 # The table of a sweep.
 SWEEP = "sweep.csv"
 _DRAFT = ".bipot-"
 # At most this many neighbouring folders are searched for drafts of killed runs.
 _MOST_NEIGHBOURS = 1000
+# One file for each load step, and for each rank.
+_SERIES = re.compile(
+    r"result_\d+(_\d+)?\.vtu|result_\d+\.pvtu|contact_\d+\.vtu|problem-\d+\.hdf5"
+)
 _NAMES = (
     RESULT,
+    UNFINISHED,
     "result.pvd",
     "contact.pvd",
     "steps.csv",
@@ -88,16 +96,15 @@ def replace(draft: Path, folder: Path) -> None:
 
 def ours(folder: Path) -> list[Path]:
     """The files in the folder that a run writes."""
-    series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
-    series += [p for p in folder.glob("contact_*.vtu") if p.stem[8:].isdigit()]
-    series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
+    series = [path for path in folder.glob("*") if _SERIES.fullmatch(path.name)]
     return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
 
 
 def describe(folder: Path) -> str:
     """The files of a run that the folder holds, in one line."""
-    # result.pvd stands for the .vtu files of its series.
-    names = sorted(path.name for path in ours(folder) if path.suffix != ".vtu")
+    # result.pvd stands for the files of its series.
+    listed = (path for path in ours(folder) if path.suffix not in (".vtu", ".pvtu"))
+    names = sorted(path.name for path in listed)
     problems = [name for name in names if name.endswith(".hdf5")]
     if len(problems) > 2:
         names = [name for name in names if name not in problems[1:-1]]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, Ended
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_files import Reached
 from bipot_rs.cli.progress import Progress, complain, line
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from bipot_rs.contact.solution import Step
 
 # Mistakes of the caller. Any other exception is a fault of the program.
-MISTAKES = (ImportError, ValueError, OSError, MemoryError)
+MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended)
 
 
 def outcome(error: BaseException) -> tuple[int, str]:
     """Exit status and message of an exception that ends a command."""
     from bipot_rs.contact.errors import BipotError, NotConvergedError
 
+    if isinstance(error, Ended):
+        return error.status, str(error)
     if isinstance(error, NotConvergedError):
         return NOT_CONVERGED, str(error)
     if isinstance(error, BipotError):
@@ -145,7 +147,7 @@ class Runner(ABC):
 
         try:
             try:
-                self.interrupts.release()
+                self.release()
                 solve()
             finally:
                 self.interrupts.hold()
@@ -154,6 +156,10 @@ class Runner(ABC):
         except BipotError as error:
             return self.failed(error)
         return SOLVED, "solved"
+
+    def release(self) -> None:
+        """Let signals raise from now on."""
+        self.interrupts.release()
 
     def failed(self, error: BipotError) -> tuple[int, str]:
         """Exit status and message of a load path that ended in an error."""

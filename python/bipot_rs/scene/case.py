@@ -111,6 +111,12 @@ class Case:
         """
         if engine is None:
             engine = "auto" if self.scene is None else self.scene.solver.engine
+        if engine == "petsc":
+            raise ValueError(
+                "engine is 'petsc', which solves scenes by bipot run, under mpirun for "
+                "several processes; here use 'auto', 'direct' or 'iterative', or make a "
+                "bipot_rs.petsc.ContactProblem"
+            )
         try:
             return self.model.problem(
                 num_threads=num_threads,

@@ -14,9 +14,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     dict
         ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
         ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
-        ``seconds``, None where a body floats; ``floating``, a message on motions that
-        neither supports nor contact can prevent, or None; ``remarks``, a list of
-        messages; and ``lines`` for a terminal.
+        ``seconds``, or with the memory of a rank of engine petsc, None where a body
+        floats; ``floating``, a message on motions that neither supports nor contact can
+        prevent, or None; ``remarks``, a list of messages; and ``lines`` for a terminal.
 
     Raises
     ------
@@ -26,6 +26,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         The assembly does not fit into the free memory.
     """
     from bipot_rs.cli import cost_forecast
+    from bipot_rs.cli.ranks import launched
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.reading import assemble, read
 
@@ -35,12 +36,18 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     cost_forecast.fits(scene, meshed)
     case = assemble(scene, meshed)
     model = case.model
+    several = scene.solver.engine == "petsc"
     counts, floating = cost_forecast.counts(case)
     remarks = [said for said in case.remarks() if said not in floating]
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
     cost, forecast = [], None
-    if counts:
+    if several:
+        ranks = launched()[1]
+        cost = [cost_forecast.of_ranks(model, ranks)]
+        each = cost_forecast.rank_bytes(model, ranks)
+        forecast = {"engine": "petsc", "ranks": ranks, "bytes_rank": each}
+    elif counts:
         cost = cost_forecast.cost(counts)
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
         forecast = counts | {"seconds": seconds}

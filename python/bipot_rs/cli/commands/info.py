@@ -112,6 +112,8 @@ def _result(path: Path) -> dict[str, Any]:
         "package": attributes.get("package"),
         "method": attributes.get("method"),
         "tol": attributes.get("tol"),
+        "engine": attributes.get("engine"),
+        "ranks": int(attributes["ranks"]) if "ranks" in attributes else None,
         "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
@@ -126,6 +128,11 @@ def _result(path: Path) -> dict[str, Any]:
     ]
     if found["package"]:
         lines.append(f"  by        bipot_rs {found['package']}, {by}")
+    if found["engine"]:
+        parts = [found["engine"], attributes.get("preconditioner")]
+        if found["ranks"]:
+            parts.append(counted(found["ranks"], "rank"))
+        lines.append(f"  engine    {', '.join(str(part) for part in parts if part)}")
     if dim is not None:
         where = f", {box(x)}" if x is not None and len(x) else ""
         lines.append(
@@ -256,6 +263,7 @@ def _scene(name: str) -> dict[str, Any]:
         "contacts": [contact.on for contact in scene.contact],
         "steps": steps,
         "method": scene.solver.method,
+        "engine": scene.solver.engine,
         "tol": scene.solver.tol,
     }
     units = ", ".join(
@@ -280,7 +288,7 @@ def _scene(name: str) -> dict[str, Any]:
         f"{one.on} against {one.against or 'a plane'}, mu {one.mu}"
         for one in scene.contact
     ]
-    parameter = scene.path.parameter or "step number"
+    parameter, solver = scene.path.parameter or "step number", scene.solver
     lines = [
         f"{name}: a scene, {scene.title or 'without a title'}",
         f"  units     {units or 'not named'}",
@@ -288,7 +296,7 @@ def _scene(name: str) -> dict[str, Any]:
         f"  contacts  {', '.join(touching)}",
         f"  loads     {', '.join(loads) or 'none'}",
         f"  path      {counted(steps, 'load step')}, parameter: {parameter}",
-        f"  solver    {scene.solver.method}, tol {scene.solver.tol}",
+        f"  solver    {solver.method}, tol {solver.tol}, engine {solver.engine}",
         f"  next      bipot check {name}, bipot run {name}",
     ]
     return found | {"lines": lines}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -15,12 +14,21 @@ from bipot_rs._lib.messages import counted, later
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_files import Output, origin
-from bipot_rs.cli.output_folder import RESULT, describe, draft_in, ours, replace
+from bipot_rs.cli.output_folder import (
+    RESULT,
+    UNFINISHED,
+    describe,
+    ours,
+    replace,
+)
 from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.cli.progress import Progress, complain
-from bipot_rs.cli.runner import Runner
+from bipot_rs.cli.ranks import World, launched
+from bipot_rs.cli.shared_runner import PHASES, SharedRunner
 
 if TYPE_CHECKING:
+    from bipot_rs.cli.checkpoint import Checkpoint
+    from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.result import Result
@@ -34,7 +42,8 @@ ENOUGH = "discretisation"
 # Every run needs these. They are imported while signals wait, and before the clocks of
 # the phases start.
 _NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report", "bipot_rs.files.csv_tables")
-PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
+# The engine that runs on several processes.
+PETSC = "petsc"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +62,7 @@ class Request:
     error: bool = False
 
 
-class Job(Runner):
+class Job(SharedRunner):
     """One run of a scene."""
 
     def __init__(
@@ -61,10 +70,13 @@ class Job(Runner):
     ) -> None:
         super().__init__(as_json=as_json, interrupts=interrupts)
         self.request = request
-        self.seconds = dict.fromkeys(PHASES, 0.0)
         self.scene: Scene | None = None
         self.case: Case | None = None
         self.problem: ContactProblem | None = None
+        # The same on several ranks.
+        self.distributed: Distributed | None = None
+        self.checkpoint: Checkpoint | None = None
+        self.peaks: list[float] = []
         # Load steps of the whole path; automatic steps have no known number.
         self.count: int | None = None
         # The result of an earlier run with --resume, and how many of its steps are used.
@@ -86,39 +98,35 @@ class Job(Runner):
         self.interrupts.hold()
         # Memory that goes back to the system between two arrays costs page faults.
         _core.keep_heap()
-        from bipot_rs.cli import cost_forecast
-        from bipot_rs.cli.resume import earlier, left_off, stamps
         from bipot_rs.contact.reduced import refuse_settings
         from bipot_rs.files.export import require
         from bipot_rs.scene.reading import read
 
         require()
-        request, folder = self.request, self.request.folder
-        self.scene = scene = read(request.scene or "", request.settings)
-        method = scene.solver.method if request.method is None else request.method
-        tol = scene.solver.tol if request.tol is None else request.tol
-        refuse_settings(method, tol)
-        cost_forecast.fits(scene)
-        stamp = stamps(scene, method, tol)
-        for needed in _NEEDED:
-            import_module(needed)
-        if not scene.path.increments:
-            self.count = scene.path.count()
-        remark = ""
-        if request.resume:
-            self.done = earlier(folder / RESULT, stamp, self.count)
-            if self.done.success:
-                return SOLVED, self._complete_already(self.done)
-            kept = counted(len(self.done), "load step")
-            remark = f"{folder / RESULT}: continuing after {kept}"
-        elif not self.as_json:
-            remark = left_off(folder / RESULT, stamp, self.count)
-        if remark and not self.as_json:
-            complain(remark)
+        request = self.request
+        if request.engine == PETSC:
+            self._join()
+        with self.ranks.together():
+            self.scene = scene = read(request.scene or "", request.settings)
+        if scene.solver.engine == PETSC and request.engine is None:
+            self._join()
+        with self.ranks.together():
+            method = scene.solver.method if request.method is None else request.method
+            tol = scene.solver.tol if request.tol is None else request.tol
+            refuse_settings(method, tol)
+            stamp = self._prepared(scene, method, tol)
+        files = "reads another scene, or another file that it names, than rank 0"
+        self.ranks.same(stamp, files)
+        with self.ranks.together():
+            message = self._earlier(stamp)
+        if message:
+            return SOLVED, message
         with (
-            draft_in(folder) as draft,
+            self._draft(request.folder) as draft,
             Progress(len(PHASES) - 1, self.count, quiet=self.as_json) as self.progress,
         ):
+            with self.ranks.together():
+                self._begin_checkpoint(draft, stamp)
             code, message = self.attempt(lambda: self._solve(scene, method, tol))
             if code == SOLVED:
                 if self.enough:
@@ -127,11 +135,93 @@ class Job(Runner):
                     message += f"; no discretisation error: {self.no_error}"
             return self._keep(draft, code, message, stamp)
 
+    def _prepared(
+        self, scene: Scene, method: str, tol: float | str
+    ) -> Mapping[str, Any]:
+        """Check what the run needs; returns what identifies it."""
+        from bipot_rs.cli import cost_forecast
+        from bipot_rs.cli.resume import stamps
+
+        if self.shared:
+            self._check_petsc(method, tol)
+        elif launched()[1] > 1 and not self.as_json:
+            complain(
+                f"this is one of {launched()[1]} processes, and each solves the whole "
+                "scene: --engine petsc would share it among them"
+            )
+        cost_forecast.fits(scene, share=self.ranks.share)
+        stamp = stamps(scene, method, tol)
+        for needed in _NEEDED:
+            import_module(needed)
+        if not scene.path.increments:
+            self.count = scene.path.count()
+        return stamp
+
+    def _check_petsc(self, method: str, tol: float | str) -> None:
+        """Refuse what engine petsc does not have, as the iterative engine does."""
+        from bipot_rs.cli.distributed import check_method
+
+        check_method(method)
+        if self.request.fclib:
+            raise ValueError(
+                "--fclib writes the compliance W, which engine='petsc' does not form: use "
+                "engine='direct'"
+            )
+        if self.request.error or tol == ENOUGH:
+            what = "--error" if self.request.error else f"tol {ENOUGH!r}"
+            raise ValueError(
+                f"{what} needs the whole K in one process, which engine='petsc' does not "
+                "have: use another engine"
+            )
+
+    def _earlier(self, stamp: Mapping[str, Any]) -> str:
+        """Find load steps of an earlier run; a message if that one is complete."""
+        from bipot_rs.cli.resume import earlier, left_off
+
+        remark, path = "", self._source()
+        if self.request.resume:
+            self.done = earlier(path, stamp, self.count)
+            if self.done.success:
+                return self._complete_already(self.done)
+            kept = counted(len(self.done), "load step")
+            remark = f"{path}: continuing after {kept}"
+        elif not self.as_json:
+            remark = left_off(path, stamp, self.count)
+        if remark and not self.as_json:
+            complain(remark)
+        return ""
+
+    def _source(self) -> Path:
+        """The file with the load steps of the last run in the folder."""
+        unfinished = self.request.folder / UNFINISHED
+        return unfinished if unfinished.exists() else self.request.folder / RESULT
+
+    def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, Any]) -> None:
+        """Let rank 0 of several keep each load step."""
+        from bipot_rs.cli.checkpoint import Checkpoint
+        from bipot_rs.cli.resume import left_off
+
+        if not self.shared or not self.ranks.first:
+            return
+        path = self.request.folder / RESULT
+        ours = self.done is not None or left_off(path, stamp, self.count)
+        if path.exists() and not ours:
+            path = self.request.folder / UNFINISHED
+        attributes = self._attributes("the run has not ended", stamp)
+        self.checkpoint = Checkpoint(draft, path, attributes)
+
+    def _save(self, *, always: bool = False) -> None:
+        """Keep the load steps reached, on rank 0 of several."""
+        if self.checkpoint is not None:
+            folder = self.request.folder
+            out = Output(
+                self.checkpoint.draft, folder, self.scene, self.case, self.reached, []
+            )
+            self.checkpoint.save(out, always=always)
+
     def _complete_already(self, done: Result) -> str:
         self.reached = [({}, step) for step in done]
-        message = (
-            f"{self.request.folder / RESULT} is already complete, nothing to resume"
-        )
+        message = f"{self._source()} is already complete, nothing to resume"
         if self.request.fclib:
             message += "; to write FCLIB files, run without --resume"
         if not self.as_json:
@@ -142,6 +232,7 @@ class Job(Runner):
         """Keys of the last line of --json."""
         self.seconds["total"] = perf_counter() - self.started
         model = self.case.model if self.case else None
+        ranks = {"ranks": self.ranks.count} if self.shared else {}
         return {
             "scene": self.request.scene,
             "dofs": None if model is None else model.n,
@@ -149,7 +240,8 @@ class Job(Runner):
             "steps": len(self.reached),
             "success": code == SOLVED,
             "seconds": {phase: round(s, 6) for phase, s in self.seconds.items()},
-            "peak_mb": peak_mb(),
+            "peak_mb": max(self.peaks, default=peak_mb()),
+            **ranks,
             "message": message,
         }
 
@@ -163,9 +255,9 @@ class Job(Runner):
         done = self.done
         with self._phase("mesh"):
             meshed = bodies(scene)
-            fits(scene, meshed)
+            fits(scene, meshed, self.ranks.share)
         with self._phase("assemble"):
-            case = assemble(scene, meshed)
+            case = assemble(scene, meshed, stiffness=not self.shared)
             estimator = None
             if self.request.error or tol == ENOUGH:
                 from bipot_rs.discretisation.estimator import Estimator
@@ -173,7 +265,7 @@ class Job(Runner):
                 estimator = Estimator(case)
                 self.estimator = estimator if self.request.error else None
             if done is not None:
-                same_contacts(self.request.folder / RESULT, done, contacts(case))
+                same_contacts(self._source(), done, contacts(case))
                 self.resumed = len(done)
                 self.reached = [
                     (self._row(k, case, step), step)
@@ -182,13 +274,9 @@ class Job(Runner):
                 self.progress.skip(self.resumed)
             self.case = case
         with self._phase("condense"):
-            self.problem = problem = case.problem(
-                on_forecast=None if self.as_json else self._forecast,
-                # The FCLIB file of a step holds W.
-                engine="direct" if self.request.fclib else self.request.engine,
-            )
+            problem = self._problem(case)
         with self._phase("solve"):
-            if estimator is not None and tol == ENOUGH:
+            if estimator is not None and tol == ENOUGH and not self.shared:
                 from bipot_rs.discretisation.stopping import tolerance
 
                 limit = scene.solver.max_iterations
@@ -203,7 +291,9 @@ class Job(Runner):
             self.tol = float(tol)
 
             def on_step(local: int, step: Step) -> None:
-                self.reach(self._row(self.resumed + local, case, step), step)
+                with self.ranks.together(held=True):
+                    self.reach(self._row(self.resumed + local, case, step), step)
+                    self._save()
 
             case.solve(
                 problem,
@@ -213,6 +303,34 @@ class Job(Runner):
                 first=self.resumed,
                 on_step=on_step,
             )
+
+    def _problem(self, case: Case) -> Any:
+        """The problem of the scene, with the engine asked for."""
+        if isinstance(self.ranks, World):
+            from bipot_rs.cli.distributed import Distributed
+
+            if self.ranks.first and not self.as_json:
+                self._announce(case)
+            self.distributed = Distributed(case, self.ranks)
+            return self.distributed
+        self.problem = case.problem(
+            on_forecast=None if self.as_json else self._forecast,
+            # The FCLIB file of a step holds W.
+            engine="direct" if self.request.fclib else self.request.engine,
+        )
+        return self.problem
+
+    def _announce(self, case: Case) -> None:
+        """Print the sizes and the engine of a run on several ranks."""
+        from bipot_rs.cli import cost_forecast
+
+        if self.scene is None:
+            return
+        title = [self.scene.title] if self.scene.title else []
+        known = cost_forecast.sizes(case.model, len(case.parameter))
+        engine = [cost_forecast.of_ranks(case.model, self.ranks.count)]
+        remarks = cost_forecast.remarked(case.remarks())
+        self.progress.block("\n".join([*title, *known, *engine, *remarks]))
 
     def _forecast(self, counts: Mapping[str, Any]) -> None:
         """Print the sizes and the expected memory and time, before condensing."""
@@ -259,16 +377,6 @@ class Job(Runner):
         of = "" if self.count is None else f" of {self.count}"
         return code, later(message, self.resumed, of)
 
-    @contextmanager
-    def _phase(self, name: str) -> Iterator[None]:
-        self.progress.phase(name)
-        self.interrupts.check()
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] += perf_counter() - start
-
     def _keep(
         self, draft: Path, code: int, message: str, stamp: Mapping[str, Any]
     ) -> tuple[int, str]:
@@ -276,41 +384,80 @@ class Job(Runner):
         request, folder = self.request, self.request.folder
         interrupted = code == self.interrupts.status
         nothing_new = len(self.reached) == self.resumed
-        if interrupted and nothing_new and (folder / RESULT).exists():
+        exists = self.ranks.broadcast((folder / RESULT).exists())
+        if interrupted and nothing_new and exists:
             # An earlier result is worth more than an empty one.
             return code, f"{message}; {folder / RESULT} is unchanged"
-        from bipot_rs.cli.report import columns
-
         scene, case = self.scene, self.case
         out = Output(draft, folder, scene, case, self.reached, self.errors)
         if scene is not None and case is not None:
             with self._phase("recover"):
                 code, message = self.recover(code, message)
             with self._phase("write"):
-                out.series(case)
-                rows = self._rows(case)
-                out.table(columns(rows, self._extra()), rows)
-                if request.plot and self.reached:
-                    out.pictures(scene, case)
+                if self.ranks.first:
+                    self._tables(out, scene, case)
                 if request.fclib and self.problem is not None:
                     name = request.scene or ""
                     out.problems(name, scene, case, self.problem, message)
+            self._bodies(out, case)
         elif not interrupted:
             return code, message
-        if code == SOLVED and self.interrupts.came is not None:
+        came = self.ranks.broadcast(self.interrupts.came)
+        if code == SOLVED and came is not None:
+            self.interrupts.take(came)
             code, message = self.interrupted
-        attributes = origin(
-            request.scene or "", request.settings, scene, self.problem, message
-        )
         with self._phase("write"):
-            out.result(complete=code == SOLVED, attributes={**attributes, **stamp})
-        replace(draft, folder)
+            if self.ranks.first:
+                attributes = self._attributes(message, stamp)
+                out.result(complete=code == SOLVED, attributes=attributes)
+                replace(draft, folder)
         self.kept = True
+        if self.shared:
+            self.peaks = self.ranks.gather(peak_mb())
         if code != SOLVED:
             message += f" (load steps in {folder}: {len(self.reached)})"
             if interrupted and self.reached:
                 message += "; --resume continues from there"
         return code, message
+
+    def _tables(self, out: Output, scene: Scene, case: Case) -> None:
+        """Write the tables, the contacts and the pictures."""
+        from bipot_rs.cli.report import columns
+
+        out.contact_series(case)
+        rows = self._rows(case)
+        out.table(columns(rows, self._extra()), rows)
+        if self.request.plot and self.reached:
+            out.pictures(scene, case)
+
+    def _bodies(self, out: Output, case: Case) -> None:
+        """Write the series of the bodies; each of several ranks writes its cells."""
+        if not isinstance(self.ranks, World) or self.ranks.count == 1:
+            with self._phase("write"):
+                out.bodies(case)
+            return
+        from bipot_rs.cli.distributed import part_of_cells
+        from bipot_rs.fem.paraview import Part
+
+        with self._phase("write"):
+            if self.distributed is None:
+                return
+            cells = part_of_cells(case.model, self.distributed.numbering)
+            part = Part(self.ranks.number, self.ranks.count, cells)
+            series = out.parts(case, part)
+        for k, (_, step) in enumerate(self.reached):
+            u = self.ranks.broadcast(step._kept.get("u"))
+            with self._phase("write"):
+                kept = {} if u is None else {"u": u}
+                out.part(series, case, k, dataclasses.replace(step, _kept=kept))
+        with self._phase("write"):
+            series.end()
+
+    def _attributes(self, message: str, stamp: Mapping[str, Any]) -> dict[str, Any]:
+        """Attributes of the result file."""
+        name, settings = self.request.scene or "", self.request.settings
+        problem = self.distributed or self.problem
+        return {**origin(name, settings, self.scene, problem, message), **stamp}
 
     def _extra(self) -> tuple[str, ...]:
         return () if self.estimator is None else ("error", "error_kind")
@@ -326,7 +473,7 @@ class Job(Runner):
         from bipot_rs.cli.report import closing, console, print_table
         from bipot_rs.fem.review import review
 
-        if not self.reached or code == self.interrupts.status:
+        if not self.reached or code == self.interrupts.status or not self.ranks.first:
             return
         if self.case is None or self.scene is None:
             return

@@ -44,14 +44,15 @@ class Units(Table):
 class Solver(Table):
     """Settings of the contact solver; the command line overrides them.
 
-    ``engine`` is that of `ContactProblem`.
+    ``engine`` is that of `ContactProblem`, or ``"petsc"``: `bipot run` on the processes
+    that mpirun starts.
 
     ``tol = "discretisation"`` computes tol from the error of the mesh
     (`discretisation.stopping`).
     """
 
     method: str = "auto"
-    engine: Literal["auto", "direct", "iterative"] = "auto"
+    engine: Literal["auto", "direct", "iterative", "petsc"] = "auto"
     tol: Annotated[float, Field(gt=0)] | Literal["discretisation"] = 1e-12
     max_iterations: Annotated[int, Field(gt=0)] | None = None
 

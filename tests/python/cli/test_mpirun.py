@@ -1,0 +1,553 @@
+"""`mpirun -n N bipot run --engine petsc`: its answers, its files, and how it ends."""
+
+import json
+import os
+import re
+import signal
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import many_ranks
+from bipot_rs.cli.output_folder import RESULT, UNFINISHED
+from children import bipot as alone
+from children import strays
+from many_ranks import Run, bipot
+
+# η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
+CLOSE = 1e-10
+# A run must end so many seconds after a rank has failed. Starting Python is part of it.
+SOON = 10
+PETSC = ("--engine", "petsc", "--out", "here")
+LONG = ("run", "cyclic_cube", "--set", "mesh.n=3", "--set", "path.steps=6", *PETSC)
+# Makes rank 1 wait in a call of PETSc, or do something else, in the load step with this
+# number: on_step is called on all ranks.
+AT_STEP = """
+import bipot_rs.cli.distributed as it, os, signal, time
+plain = it.plain
+count = [0]
+def at(step, u):
+    count[0] += 1
+    if count[0] == {step}:
+        {what}
+    return plain(step, u)
+it.plain = at
+"""
+
+
+def changed(found: np.ndarray, expected: np.ndarray) -> float:
+    """Largest difference, relative to the largest expected value."""
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def scene(folder: Path, text: str) -> str:
+    (folder / "it.toml").write_text(text, encoding="utf-8")
+    return "it.toml"
+
+
+BOX = """
+[material.steel]
+young = 210000.0
+poisson = 0.3
+[body.block]
+material = "steel"
+cell = "{cell}"
+order = {order}
+x = {{ from = 0.0, to = 4.0, cells = 4 }}
+y = {{ from = 0.0, to = 3.0, cells = 3 }}
+z = {{ from = 0.0, to = 2.0, cells = 2 }}
+"""
+SHEARED = """
+[[support]]
+on = "block.top"
+x = { value = 0.002, amplitude = "shear" }
+y = 0.0
+z = -0.001
+[path]
+parameter = "shear"
+[path.amplitude]
+shear = [0.0, 0.6, 1.0]
+"""
+ON_A_PLANE = """
+[[contact]]
+on = "block.bottom"
+plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }
+mu = 0.3
+"""
+SPHERE = """
+[obstacle.ball]
+sphere = { centre = [2.0, 1.5, -5000.0], radius = 5000.0 }
+move = { x = { value = 0.004, amplitude = "shear" } }
+[[contact]]
+on = "block.bottom"
+against = "ball"
+mu = 0.3
+"""
+SCENES = {
+    "block": BOX.format(cell="hexahedron", order=1) + SHEARED + ON_A_PLANE,
+    "tetrahedra": BOX.format(cell="tetrahedron", order=1) + SHEARED + ON_A_PLANE,
+    "order 2": BOX.format(cell="hexahedron", order=2) + SHEARED + ON_A_PLANE,
+    "moving obstacle": BOX.format(cell="hexahedron", order=1) + SHEARED + SPHERE,
+    "springs and loads": BOX.format(cell="hexahedron", order=1)
+    + SHEARED.replace("y = 0.0\nz = -0.001\n", "")
+    + ON_A_PLANE
+    + '[[spring]]\non = "block.left"\nnormal = 2e5\ntangential = 1e5\n'
+    + '[[pressure]]\non = "block.top"\nvalue = 20.0\n'
+    + '[[body_force]]\non = "block"\nz = -1.0\n'
+    + '[[strain]]\non = "block"\nexpansion = 1e-5\ntemperature = 10.0\n',
+    "adaptive": BOX.format(cell="hexahedron", order=1)
+    + SHEARED.replace(
+        'parameter = "shear"', 'parameter = "shear"\nautomatic = {slip=4e-4}'
+    )
+    + ON_A_PLANE,
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> None:
+    file = scene(tmp_path, SCENES[name])
+    run = ("run", file, "--tol", "1e-12", "--json")
+    assert (
+        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
+    )
+    done = bipot(3, *run, *PETSC, cwd=tmp_path)
+    assert done.status == 0, done.errors
+    one, several = (
+        bp.load(tmp_path / "one" / RESULT),
+        bp.load(tmp_path / "here" / RESULT),
+    )
+    assert np.array_equal(several.status, one.status)
+    for array in ("reaction", "relative_displacement", "displacement"):
+        assert changed(getattr(several, array), getattr(one, array)) <= CLOSE, array
+    assert several.success
+    for key, value in one.contacts.items():
+        np.testing.assert_array_equal(several.contacts[key], value)
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("two_blocks", ("--set", "mesh.n=4")),
+        ("two_blocks", ("--set", "mesh.n=4", "--set", "contact.0.pairing=mortar")),
+        ("raous_plate", ("--set", "mesh.n=8")),
+    ],
+    ids=["two blocks", "mortar", "plane"],
+)
+def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> None:
+    run = ("run", name, *more, "--tol", "1e-12", "--json")
+    assert (
+        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
+    )
+    done = bipot(2, *run, *PETSC, cwd=tmp_path)
+    assert done.status == 0, done.output + done.errors
+    one, several = (
+        bp.load(tmp_path / "one" / RESULT),
+        bp.load(tmp_path / "here" / RESULT),
+    )
+    assert np.array_equal(several.status, one.status)
+    assert changed(several.reaction, one.reaction) <= CLOSE
+
+
+def test_files_of_a_run(tmp_path: Path) -> None:
+    done = bipot(
+        2, "run", "two_blocks", "--set", "mesh.n=4", *PETSC, "--plot", cwd=tmp_path
+    )
+    assert done.status == 0, done.errors
+    here = tmp_path / "here"
+    names = {path.name for path in here.iterdir()}
+    parts = {f"result_{k:04d}_{r:04d}.vtu" for k in range(2) for r in range(2)}
+    pvtu = {f"result_{k:04d}.pvtu" for k in range(2)}
+    contacts = {f"contact_{k:04d}.vtu" for k in range(2)}
+    tables = {RESULT, "steps.csv", "result.pvd", "contact.pvd", "tractions.png"}
+    assert names == parts | pvtu | contacts | tables
+    # The table, the progress and the names of the files appear once.
+    assert done.output.count("solved: 2 load steps") == 1
+    assert done.errors.count("load step 2 of 2") == 1
+    assert "2 ranks" in done.errors
+    with (here / "steps.csv").open() as file:
+        assert len(file.readlines()) == 3
+
+
+def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
+    """The pieces have the cells and fields of the file that one process writes."""
+    run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12")
+    assert (
+        alone(*run, "--engine", "direct", "--out", "one", cwd=tmp_path).returncode == 0
+    )
+    assert bipot(3, *run, *PETSC, cwd=tmp_path).status == 0
+    here = tmp_path / "here"
+    index = ET.parse(here / "result.pvd").getroot()
+    steps = [item.attrib["file"] for item in index.iter("DataSet")]
+    assert steps == ["result_0000.pvtu", "result_0001.pvtu"]
+    for k, name in enumerate(steps):
+        whole = meshio.read(tmp_path / "one" / f"result_{k:04d}.vtu")
+        listing = ET.parse(here / name).getroot()
+        assert listing.attrib["type"] == "PUnstructuredGrid"
+        pieces = [one.attrib["Source"] for one in listing.iter("Piece")]
+        assert len(pieces) == 3
+        found = [meshio.read(here / piece) for piece in pieces]
+        of_points = [a.attrib for a in listing.find(".//PPointData")]
+        of_cells = [a.attrib for a in listing.find(".//PCellData")]
+        assert {a["Name"] for a in of_points} == set(whole.point_data)
+        assert {a["Name"] for a in of_cells} == set(whole.cell_data)
+        for piece in pieces:
+            # Types and numbers of components are those of the listing.
+            own = ET.parse(here / piece).getroot()
+            for place, listed in (("PointData", of_points), ("CellData", of_cells)):
+                arrays = [a.attrib for a in own.find(f".//{place}")]
+                for mine, theirs in zip(arrays, listed, strict=True):
+                    assert {key: mine[key] for key in theirs} == theirs
+        assert sum(map(cells, found)) == cells(whole)
+        assert all(cells(piece) for piece in found)
+        compare(whole, found)
+
+
+def cells(mesh: meshio.Mesh) -> int:
+    return sum(len(block.data) for block in mesh.cells)
+
+
+def centres(mesh: meshio.Mesh) -> np.ndarray:
+    return np.concatenate(
+        [mesh.points[block.data].mean(axis=1) for block in mesh.cells]
+    )
+
+
+def compare(whole: meshio.Mesh, pieces: list[meshio.Mesh]) -> None:
+    """Fields by position; two bodies may have nodes in one place, with other fields."""
+    for name, field in whole.cell_data.items():
+        known = by_place(centres(whole), np.concatenate(field))
+        for piece in pieces:
+            for place, value in zip(
+                centres(piece), np.concatenate(piece.cell_data[name]), strict=True
+            ):
+                expected = known[key(place)]
+                scale = np.abs(np.concatenate(field)).max()
+                assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
+    for name, field in whole.point_data.items():
+        known = by_place(whole.points, field)
+        scale = max(float(np.abs(field).max()), 1e-300)
+        for piece in pieces:
+            for place, value in zip(piece.points, piece.point_data[name], strict=True):
+                expected = known[key(place)]
+                assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
+
+
+def key(place: np.ndarray) -> tuple[float, ...]:
+    return tuple(np.round(place, 6) + 0.0)
+
+
+def by_place(places: np.ndarray, values: np.ndarray) -> dict[tuple[float, ...], list]:
+    found: dict[tuple[float, ...], list] = {}
+    for place, value in zip(places, values, strict=True):
+        found.setdefault(key(place), []).append(value)
+    return found
+
+
+def test_json_is_printed_once(tmp_path: Path) -> None:
+    done = bipot(2, *LONG, "--json", cwd=tmp_path)
+    assert done.status == 0, done.errors
+    *steps, last = done.lines
+    assert [line["step"] for line in steps] == list(range(6))
+    assert last["success"]
+    assert last["ranks"] == 2
+    assert last["dofs"] == 192
+    assert done.errors == ""
+
+
+@pytest.mark.parametrize("ranks", [0, 1])
+def test_one_rank(ranks: int, tmp_path: Path) -> None:
+    """Without mpirun too; the files are then those of any other run."""
+    done = bipot(
+        ranks, "run", "sheared_cube", "--set", "mesh.n=3", *PETSC, cwd=tmp_path
+    )
+    assert done.status == 0, done.errors
+    assert (tmp_path / "here" / "result_0001.vtu").exists()
+    assert len(bp.load(tmp_path / "here" / RESULT)) == 2
+
+
+def test_the_engine_of_a_scene(tmp_path: Path) -> None:
+    file = scene(tmp_path, SCENES["block"] + '[solver]\nengine = "petsc"\n')
+    done = bipot(2, "run", file, "--json", "--out", "here", cwd=tmp_path)
+    assert done.status == 0, done.errors
+    assert done.lines[-1]["ranks"] == 2
+    assert len(done.lines) == 4
+
+
+def three(path: Path, at: int) -> None:
+    """The file has the steps before the fourth, in which rank ``at`` fails.
+
+    If that is not rank 0, then rank 0 may have kept the fourth step already.
+    """
+    found = bp.load(path)
+    assert len(found) in ({3} if at == 0 else {3, 4})
+    assert not found.success
+
+
+def soon(done: Run, status: int, *words: str) -> None:
+    """The run ended in time, with a status and a message."""
+    assert done.status == status, done.output + done.errors
+    assert done.seconds <= SOON
+    for word in words:
+        assert word in done.output + done.errors
+    assert "Traceback" not in done.errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("run", "nothing", *PETSC), 2, "nothing"),
+        (("run", "sheared_cube", "--set", "mesh.n=x", *PETSC), 2, "mesh.n"),
+        (("run", "sheared_cube", "--method", "uzawa", *PETSC), 2, "engine='petsc'"),
+        (("run", "sheared_cube", "--fclib", *PETSC), 2, "--fclib"),
+        (("run", "sheared_cube", "--error", *PETSC), 2, "--error"),
+        (("run", "sheared_cube", "--tol", "discretisation", *PETSC), 2, "whole K"),
+        (
+            ("run", "sheared_cube", "--engine", "petsc", "--out", "/proc/x"),
+            2,
+            "/proc/x",
+        ),
+        (("run", "sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
+    ],
+)
+def test_errors_of_all_ranks(
+    arguments: tuple[str, ...], status: int, words: str, tmp_path: Path
+) -> None:
+    """One message, and the status of one process."""
+    done = bipot(2, *arguments, cwd=tmp_path)
+    soon(done, status, words)
+    assert done.errors.count("bipot: ") == 1
+    # They are no errors of a rank.
+    assert "rank 1 of" not in done.errors
+    again = bipot(2, *arguments, "--json", cwd=tmp_path)
+    assert again.status == status
+    assert not again.lines[-1]["success"]
+    assert sum("success" in line for line in again.lines) == 1
+
+
+def test_a_body_that_nothing_holds(tmp_path: Path) -> None:
+    free = BOX.format(cell="hexahedron", order=1).split("[body.block]")[1]
+    text = SCENES["block"] + "[body.other]" + free
+    done = bipot(2, "run", scene(tmp_path, text), *PETSC, cwd=tmp_path)
+    soon(done, 1, "body 'other' can move freely")
+
+
+MESH = """
+import pathlib, bipot_rs.scene.build as it
+read = it.read_mesh
+def other(path, *rest):
+    return read("absent.msh", *rest)
+it.read_mesh = other
+"""
+
+
+def test_a_rank_without_its_mesh(repository: Path, tmp_path: Path) -> None:
+    file = str(repository / "examples" / "scenes" / "gmsh_two_bodies.toml")
+    done = bipot(2, "run", file, *PETSC, cwd=tmp_path, fault=MESH)
+    soon(done, 2, "rank 1 of 2", "absent.msh")
+    assert not (tmp_path / "here" / RESULT).exists()
+
+
+def test_a_rank_with_another_file(tmp_path: Path) -> None:
+    """As where a file system is not shared."""
+    (tmp_path / "other").mkdir()
+    scene(tmp_path / "other", SCENES["tetrahedra"])
+    file = scene(tmp_path, SCENES["block"])
+    done = bipot(
+        2, "run", file, *PETSC, cwd=tmp_path, fault="import os; os.chdir('other')"
+    )
+    soon(done, 2, "rank 1 of 2", "another scene")
+
+
+FULL = """
+import resource, bipot_rs.fem.paraview as it
+add = it.BodySeries.add
+def full(*given):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+    return add(*given)
+it.BodySeries.add = full
+"""
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_a_full_disk_on_one_rank(rank: int, tmp_path: Path) -> None:
+    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL, at=rank)
+    soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
+    # The load steps are those of the checkpoint.
+    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
+    assert strays(tmp_path / "here") == []
+
+
+FULL_RESULT = """
+import resource, bipot_rs.files.export as it
+write = it._digest
+count = [0]
+def full(*given):
+    count[0] += 1
+    if count[0] == 3:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
+    return write(*given)
+it._digest = full
+"""
+
+
+def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
+    """The file keeps the steps before, whole."""
+    done = bipot(2, *LONG, cwd=tmp_path, fault=FULL_RESULT, at=0)
+    soon(done, 2, "rank 0 of 2", "cannot write")
+    found = bp.load(tmp_path / "here" / RESULT)
+    assert len(found) == 2
+    assert not found.success
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
+    """The launcher ends the others, and names the rank; complete steps are kept."""
+    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
+    done = bipot(2, *LONG, cwd=tmp_path, fault=fault, at=rank)
+    assert done.status != 0
+    assert done.seconds <= SOON
+    assert "signal 9" in done.errors
+    three(tmp_path / "here" / RESULT, rank)
+    again = bipot(2, *LONG, "--resume", cwd=tmp_path)
+    assert again.status == 0
+    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
+    assert strays(tmp_path / "here") == []
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -> None:
+    fault = AT_STEP.format(step=3, what="raise MemoryError('no memory here')")
+    done = bipot(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
+    soon(done, 2)
+    message = done.lines[-1]["message"]
+    assert message.startswith(f"rank {rank} of 2: no memory here")
+    assert len(bp.load(tmp_path / "here" / RESULT)) in ({2} if rank == 0 else {2, 3})
+
+
+IN_PETSC = """
+import bipot_rs.cli.distributed as told, bipot_rs.petsc.engine as it
+plain, product, steps = told.plain, it.Verbs.product, [0]
+def counted(*given):
+    steps[0] += 1
+    return plain(*given)
+def failing(*given):
+    if steps[0] == 2:
+        raise MemoryError("no memory here")
+    return product(*given)
+told.plain, it.Verbs.product = counted, failing
+"""
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_an_error_of_one_rank_while_others_wait_in_petsc(
+    rank: int, tmp_path: Path
+) -> None:
+    """They would wait for ever: after some seconds the rank that fails ends them."""
+    done = bipot(2, *LONG, "--json", cwd=tmp_path, fault=IN_PETSC, at=rank)
+    soon(done, 2)
+    *steps, last = done.lines
+    assert last["message"].startswith(f"rank {rank} of 2: no memory here")
+    assert "2 load steps complete" in last["message"]
+    assert not last["success"]
+    assert [line["step"] for line in steps] == [0, 1]
+    found = bp.load(tmp_path / "here" / RESULT)
+    assert len(found) == 2
+    assert not found.success
+
+
+def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
+    fault = AT_STEP.format(step=3, what="raise RuntimeError('strange')")
+    done = bipot(2, *LONG, cwd=tmp_path, fault=fault)
+    soon(done, 70, "rank 1 of 2", "internal error", "strange")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
+    slow = AT_STEP.format(step=4, what="time.sleep(100)")
+    process = many_ranks.started(2, *LONG, cwd=tmp_path, fault=slow)
+    result = tmp_path / "here" / RESULT
+    deadline = time.monotonic() + 60
+    while not (result.exists() and kept(result) >= 3):
+        if time.monotonic() > deadline:
+            process.kill()
+            raise AssertionError("the run does not reach the third load step")
+        time.sleep(0.05)
+    process.send_signal(number)
+    done = many_ranks.ended(process, 20)
+    assert done.status != 0
+    assert done.seconds <= SOON
+    three(result, 1)
+    again = bipot(2, *LONG, "--resume", cwd=tmp_path)
+    assert again.status == 0, again.errors
+
+
+def kept(path: Path) -> int:
+    """Load steps in a result, which is whole at any time."""
+    return len(bp.load(path))
+
+
+def test_a_signal_to_one_rank(tmp_path: Path) -> None:
+    """As a scheduler that sends it to the ranks itself: the run ends as interrupted."""
+    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGTERM)")
+    for rank in (0, 1):
+        done = bipot(2, *LONG, cwd=tmp_path, fault=fault, at=rank)
+        soon(done, 143, "interrupted")
+        three(tmp_path / "here" / RESULT, rank)
+
+
+def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
+    assert bipot(2, *LONG, "--tol", "1e-12", cwd=tmp_path).status == 0
+    whole = bp.load(tmp_path / "here" / RESULT)
+    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
+    other = (*LONG[:-1], "there", "--tol", "1e-12")
+    assert bipot(2, *other, cwd=tmp_path, fault=fault).status != 0
+    # Another number of ranks continues it.
+    done = bipot(3, *other, "--resume", cwd=tmp_path)
+    assert done.status == 0, done.errors
+    assert re.search("continuing after [34] load steps", done.errors)
+    found = bp.load(tmp_path / "there" / RESULT)
+    assert np.array_equal(found.status, whole.status)
+    assert changed(found.reaction, whole.reaction) <= CLOSE
+    assert changed(found.displacement, whole.displacement) <= CLOSE
+    assert (tmp_path / "there" / "result_0005.pvtu").exists()
+    ended = bipot(2, *other, "--resume", "--json", cwd=tmp_path)
+    assert ended.status == 0
+    assert "already complete" in ended.lines[-1]["message"]
+
+
+def test_a_result_of_another_run_stays_until_the_end(tmp_path: Path) -> None:
+    first = alone(
+        "run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path
+    )
+    assert first.returncode == 0
+    before = (tmp_path / "here" / RESULT).read_bytes()
+    fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
+    assert bipot(2, *LONG, cwd=tmp_path, fault=fault).status != 0
+    assert (tmp_path / "here" / RESULT).read_bytes() == before
+    three(tmp_path / "here" / UNFINISHED, 1)
+    done = bipot(2, *LONG, "--resume", cwd=tmp_path)
+    assert done.status == 0, done.errors
+    assert not (tmp_path / "here" / UNFINISHED).exists()
+    assert len(bp.load(tmp_path / "here" / RESULT)) == 6
+    # The files of one process, with which the folder began, are gone.
+    names = {path.name for path in (tmp_path / "here").iterdir()}
+    assert not [name for name in names if re.fullmatch(r"result_\d{4}\.vtu", name)]
+
+
+def test_mpirun_without_the_engine(tmp_path: Path) -> None:
+    """Each process solves the whole scene; a remark says what would share it."""
+    run = ("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here")
+    done = bipot(2, *run, cwd=tmp_path)
+    assert done.status == 0
+    assert "--engine petsc would share it" in done.errors
+
+
+def test_json_of_a_message_is_one_object(tmp_path: Path) -> None:
+    done = bipot(2, "run", "nothing", *PETSC, "--json", cwd=tmp_path)
+    assert done.status == 2
+    assert len(json.loads(done.output)) >= 3
