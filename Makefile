@@ -16,6 +16,18 @@ export PYO3_PYTHON := $(CURDIR)/$(PY)
 # on running the package it was copied from. The stamp is of this place.
 STAMP := $(VENV)/installed-$(shell pwd | cksum | cut -d' ' -f1)
 DEMO := out/sheared_cube
+# The parallel tests start this Python under mpirun: that of Debian, whose PETSc is compiled
+# for it and for NumPy 1, or one of BIPOT_MPI_PYTHON with petsc4py, mpi4py and this package.
+MPI_VENV := .venv-mpi
+MPI_STAMP := $(MPI_VENV)/$(notdir $(STAMP))
+HAS_PETSC := $(shell .ci/petsc find)
+ifdef BIPOT_MPI_PYTHON
+MPI_READY :=
+else ifneq ($(HAS_PETSC),)
+MPI_READY := $(MPI_STAMP)
+else
+MPI_READY := no-petsc
+endif
 
 .PHONY: help
 help: ## this list
@@ -72,8 +84,27 @@ types: $(STAMP)
 	$(PY) -m mypy.stubtest bipot_rs._core
 
 .PHONY: python-test
-python-test: $(STAMP)
+python-test: $(STAMP) $(MPI_READY)
 	$(PY) -m pytest -n 2 --dist loadgroup
+
+.PHONY: no-petsc
+no-petsc:
+	@echo "no PETSc here: the parallel tests are skipped (make mpi-test installs it)"
+
+.PHONY: mpi-test
+mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu), and run the parallel tests
+	$(if $(BIPOT_MPI_PYTHON),,.ci/petsc install)
+	$(if $(BIPOT_MPI_PYTHON),,@$(MAKE) --no-print-directory $(MPI_STAMP))
+	$(PY) -m pytest tests/python/petsc tests/python/cli/test_mpirun.py
+
+# The package is that of .venv: its core fits any Python from 3.11 on.
+$(MPI_STAMP): $(STAMP) .ci/petsc
+	/usr/bin/python3 -m venv --clear --system-site-packages $(MPI_VENV)
+	$(MPI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'numpy<2' \
+		scipy h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'typer>=0.29' 'rich>=14' 'pydantic>=2.10' 'matplotlib>=3.9'
+	cp -r $(VENV)/lib/python3*/site-packages/bipot_rs-*.dist-info $(MPI_VENV)/lib/python3*/site-packages/
+	echo '$(CURDIR)/python' > $$(echo $(MPI_VENV)/lib/python3*/site-packages)/bipot_rs.pth
+	@touch $@
 
 .PHONY: verify
 verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
@@ -98,6 +129,7 @@ bench-quick: $(STAMP)
 	$(PY) benches/condensation_peers.py --quick
 	$(PY) benches/scaling.py --quick
 	$(PY) benches/scale.py --quick
+	$(PY) benches/several.py --quick
 
 .PHONY: bench-full
 bench-full: $(STAMP)
@@ -107,6 +139,7 @@ bench-full: $(STAMP)
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/scaling.py
 	$(PY) benches/scale.py
+	$(PY) benches/several.py
 	$(PY) benches/iterations.py
 	$(PY) benches/beside_petsc.py
 	$(PY) benches/skipped_work.py
@@ -146,7 +179,7 @@ versions: | prerequisites
 
 .PHONY: clean
 clean: ## remove what was built, installed and written here
-	rm -rf target $(VENV) out python/bipot_rs/_core*.so
+	rm -rf target $(VENV) $(MPI_VENV) out python/bipot_rs/_core*.so
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: prerequisites
