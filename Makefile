@@ -95,7 +95,7 @@ no-petsc:
 mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu), and run the parallel tests
 	$(if $(BIPOT_MPI_PYTHON),,.ci/petsc install)
 	$(if $(BIPOT_MPI_PYTHON),,@$(MAKE) --no-print-directory $(MPI_STAMP))
-	$(PY) -m pytest tests/python/petsc tests/python/cli/test_mpirun.py
+	$(PY) -m pytest -m "verify or not verify" tests/python/petsc tests/python/cli/test_mpirun.py
 
 # The package is that of .venv: its core fits any Python from 3.11 on.
 $(MPI_STAMP): $(STAMP) .ci/petsc

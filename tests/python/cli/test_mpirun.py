@@ -4,6 +4,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -15,7 +17,6 @@ import pytest
 import bipot_rs as bp
 import many_ranks
 from bipot_rs.cli.output_folder import RESULT, UNFINISHED
-from children import bipot as alone
 from children import strays
 from many_ranks import Run, bipot
 
@@ -38,6 +39,17 @@ def at(step, u):
     return plain(step, u)
 it.plain = at
 """
+
+
+def alone(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """`bipot` without `mpirun`: a program of its own, which shares no thread with the tests."""
+    return subprocess.run(
+        [sys.executable, "-m", "bipot_rs", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
 
 
 def changed(found: np.ndarray, expected: np.ndarray) -> float:
@@ -173,6 +185,7 @@ def test_files_of_a_run(tmp_path: Path) -> None:
         assert len(file.readlines()) == 3
 
 
+@pytest.mark.verify
 def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
     """The pieces have the cells and fields of the file that one process writes."""
     run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12")
@@ -352,6 +365,7 @@ def test_a_rank_without_its_mesh(repository: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "here" / RESULT).exists()
 
 
+@pytest.mark.verify
 def test_a_rank_with_another_file(tmp_path: Path) -> None:
     """As where a file system is not shared."""
     (tmp_path / "other").mkdir()
@@ -395,6 +409,7 @@ it._digest = full
 """
 
 
+@pytest.mark.verify
 def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
     """The file keeps the steps before, whole."""
     done = bipot(2, *LONG, cwd=tmp_path, fault=FULL_RESULT, at=0)
@@ -443,6 +458,7 @@ told.plain, it.Verbs.product = counted, failing
 """
 
 
+@pytest.mark.verify
 @pytest.mark.parametrize("rank", [0, 1])
 def test_an_error_of_one_rank_while_others_wait_in_petsc(
     rank: int, tmp_path: Path
@@ -460,6 +476,7 @@ def test_an_error_of_one_rank_while_others_wait_in_petsc(
     assert not found.success
 
 
+@pytest.mark.verify
 def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
     fault = AT_STEP.format(step=3, what="raise RuntimeError('strange')")
     done = bipot(2, *LONG, cwd=tmp_path, fault=fault)
@@ -491,6 +508,7 @@ def kept(path: Path) -> int:
     return len(bp.load(path))
 
 
+@pytest.mark.verify
 def test_a_signal_to_one_rank(tmp_path: Path) -> None:
     """As a scheduler that sends it to the ranks itself: the run ends as interrupted."""
     fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGTERM)")
@@ -520,6 +538,7 @@ def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
     assert "already complete" in ended.lines[-1]["message"]
 
 
+@pytest.mark.verify
 def test_a_result_of_another_run_stays_until_the_end(tmp_path: Path) -> None:
     first = alone(
         "run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path
@@ -547,6 +566,7 @@ def test_mpirun_without_the_engine(tmp_path: Path) -> None:
     assert "--engine petsc would share it" in done.errors
 
 
+@pytest.mark.verify
 def test_json_of_a_message_is_one_object(tmp_path: Path) -> None:
     done = bipot(2, "run", "nothing", *PETSC, "--json", cwd=tmp_path)
     assert done.status == 2
