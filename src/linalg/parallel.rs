@@ -79,6 +79,19 @@ pub fn map<T: Real>(y: &mut [T], f: impl Fn(T) -> T + Sync) {
         .for_each(|y| y.iter_mut().for_each(|y| *y = f(*y)));
 }
 
+/// Sets the entries to zero where the mask is `value`.
+pub fn zero_where(mask: &[bool], value: bool, y: &mut [f64]) {
+    y.par_chunks_mut(CHUNK)
+        .zip(mask.par_chunks(CHUNK))
+        .for_each(|(y, mask)| {
+            for (y, &mask) in y.iter_mut().zip(mask) {
+                if mask == value {
+                    *y = 0.0;
+                }
+            }
+        });
+}
+
 /// `y ← f(y, x)`, entry by entry.
 pub fn map2<X: Real, Y: Real>(y: &mut [Y], x: &[X], f: impl Fn(Y, X) -> Y + Sync) {
     y.par_chunks_mut(CHUNK)

@@ -22,6 +22,7 @@ use crate::law::cone::Status;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::settings::Settings as Cycle;
+use crate::linalg::parallel::zero_where;
 use crate::primal::filter::Filter;
 use crate::primal::interface::Interface;
 use crate::primal::problem::Primal;
@@ -228,9 +229,9 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         let own = filter.solve(b);
         filter.add(&own, x);
         filter.subtract_columns(rows, x, residual);
-        clear(&joined.held, residual);
+        zero_where(&joined.held, true, residual);
         hierarchy.apply(residual, correction);
-        clear(&joined.held, correction);
+        zero_where(&joined.held, true, correction);
         for (x, change) in x.iter_mut().zip(&*correction) {
             *x += change;
         }
@@ -256,14 +257,6 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             if let Some(multigrid) = &mut self.multigrid {
                 multigrid.set_degree(STRONGER_DEGREE);
             }
-        }
-    }
-}
-
-fn clear(held: &[bool], values: &mut [f64]) {
-    for (value, &held) in values.iter_mut().zip(held) {
-        if held {
-            *value = 0.0;
         }
     }
 }

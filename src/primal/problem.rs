@@ -3,8 +3,6 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use rayon::prelude::*;
-
 use crate::condensation::condense::ProblemArrays;
 use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
@@ -14,6 +12,7 @@ use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::rigid_motions::{rigid_motions, translations};
 use crate::linalg::amg::soft_motions::complete;
+use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::{Index, narrow};
 use crate::primal::contacts::Contacts;
@@ -304,16 +303,7 @@ impl<const D: usize> Primal<D> {
 
     /// Sets the places without a degree of freedom to zero.
     fn clear_prescribed(&self, values: &mut [f64]) {
-        const CHUNK: usize = 1 << 14;
-        let free = self.stiffness.free.par_chunks(CHUNK);
-        let chunks = values.par_chunks_mut(CHUNK).zip(free);
-        chunks.for_each(|(values, free)| {
-            for (value, &free) in values.iter_mut().zip(free) {
-                if !free {
-                    *value = 0.0;
-                }
-            }
-        });
+        zero_where(&self.stiffness.free, false, values);
     }
 
     /// The nodes, with their motions in the variables of the contacts.

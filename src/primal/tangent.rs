@@ -14,6 +14,7 @@
 //! preconditioner is made of that part.
 
 use crate::law::cone::Status;
+use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::primal::frames::Frames;
 use crate::reduced::reduced::Reduced;
@@ -128,11 +129,7 @@ impl<const D: usize> Tangent<D> {
 
     /// Sets the held places to zero.
     pub fn clear(&self, values: &mut [f64]) {
-        for (value, &held) in values.iter_mut().zip(&self.held) {
-            if held {
-                *value = 0.0;
-            }
-        }
+        zero_where(&self.held, true, values);
     }
 
     /// The change of the reactions along prescribed tangents, which no row of `A` has, from

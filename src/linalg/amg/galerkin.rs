@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
-use crate::linalg::amg::prolongation::{Prolongation, any, together};
+use crate::linalg::amg::prolongation::{Prolongation, chosen};
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::pages::zeros;
@@ -93,30 +93,24 @@ fn times_prolongation(
 ) -> Product {
     let skipped = |i: usize| needed.is_some_and(|needed| !needed[i]);
     let (nodes, size) = (matrix.nodes(), p.b * p.m);
-    let wanted = |task: usize| any(needed, task * ROWS..nodes.min((task + 1) * ROWS));
     let mut start = vec![0; nodes + 1];
-    let counts = start[1..].chunks_mut(ROWS).enumerate();
-    let counts: Vec<_> = counts.filter(|(task, _)| wanted(*task)).collect();
-    counts
-        .into_par_iter()
-        .with_max_len(together(needed))
-        .for_each_init(
-            || Slots::new(p.coarse_nodes()),
-            |slots, (task, counts)| {
-                for (k, count) in counts.iter_mut().enumerate() {
-                    if skipped(task * ROWS + k) {
-                        continue;
-                    }
-                    for &j in &matrix.column[matrix.row(task * ROWS + k)] {
-                        for &g in &p.column[p.row(j as usize)] {
-                            slots.slot(g);
-                        }
-                    }
-                    *count = narrow(slots.columns.len());
-                    slots.clear();
+    chosen(start[1..].chunks_mut(ROWS), ROWS, needed).for_each_init(
+        || Slots::new(p.coarse_nodes()),
+        |slots, (task, counts)| {
+            for (k, count) in counts.iter_mut().enumerate() {
+                if skipped(task * ROWS + k) {
+                    continue;
                 }
-            },
-        );
+                for &j in &matrix.column[matrix.row(task * ROWS + k)] {
+                    for &g in &p.column[p.row(j as usize)] {
+                        slots.slot(g);
+                    }
+                }
+                *count = narrow(slots.columns.len());
+                slots.clear();
+            }
+        },
+    );
     for i in 0..nodes {
         start[i + 1] += start[i];
     }
@@ -125,26 +119,21 @@ fn times_prolongation(
     let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |i| start[i] as usize);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
-    let tasks = columns.into_iter().zip(parts).enumerate();
-    let tasks: Vec<_> = tasks.filter(|(task, _)| wanted(*task)).collect();
-    tasks
-        .into_par_iter()
-        .with_max_len(together(needed))
-        .for_each_init(
-            || Slots::new(p.coarse_nodes()),
-            |slots, (task, (columns, values))| {
-                let rows = Rows {
-                    matrix,
-                    p,
-                    needed,
-                    task,
-                    slots,
-                    columns,
-                    values,
-                };
-                with_sizes!(p, SizedRows, rows);
-            },
-        );
+    chosen(columns.into_iter().zip(parts), ROWS, needed).for_each_init(
+        || Slots::new(p.coarse_nodes()),
+        |slots, (task, (columns, values))| {
+            let rows = Rows {
+                matrix,
+                p,
+                needed,
+                task,
+                slots,
+                columns,
+                values,
+            };
+            with_sizes!(p, SizedRows, rows);
+        },
+    );
     Product {
         start,
         column,
@@ -235,33 +224,28 @@ const COARSE_ROWS: usize = 16;
 /// The rows and columns of `changed` coarse nodes, or all.
 fn upper_triangle(p: &Prolongation, product: &Product, changed: Option<&[bool]>) -> Upper {
     let nodes = p.coarse_nodes();
-    let rows = |task: usize| task * COARSE_ROWS..nodes.min((task + 1) * COARSE_ROWS);
-    let wanted: Vec<usize> = (0..nodes.div_ceil(COARSE_ROWS))
-        .filter(|&task| any(changed, rows(task)))
-        .collect();
-    let parts: Vec<(usize, Upper)> = wanted
-        .into_par_iter()
-        .with_max_len(together(changed))
+    let tasks = (0..nodes).step_by(COARSE_ROWS);
+    let parts: Vec<(usize, Upper)> = chosen(tasks, COARSE_ROWS, changed)
         .map_init(
             || Slots::new(nodes),
-            |slots, task| {
+            |slots, (_, first)| {
                 let mut upper = Upper::default();
                 let rows = CoarseRows {
                     p,
                     product,
                     changed,
-                    rows: rows(task),
+                    rows: first..nodes.min(first + COARSE_ROWS),
                     slots,
                     upper: &mut upper,
                 };
                 with_sizes!(p, SizedCoarseRows, rows);
-                (task, upper)
+                (first, upper)
             },
         )
         .collect();
     let mut whole = Upper::default();
-    for (task, part) in parts {
-        whole.counts.resize(task * COARSE_ROWS, 0);
+    for (first, part) in parts {
+        whole.counts.resize(first, 0);
         whole.counts.extend(part.counts);
         whole.column.extend(part.column);
         whole.values.extend(part.values);

@@ -5,7 +5,9 @@
 //! near-null vectors `B = T C` without force as `A` does. `P` then has few blocks along long
 //! cells, where its smoothing would gain nothing.
 
+use rayon::iter::MaxLen;
 use rayon::prelude::*;
+use rayon::vec::IntoIter;
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
@@ -82,45 +84,46 @@ impl Prolongation {
         let start = &self.start;
         let columns = cut(&mut self.column, nodes, |i| start[i] as usize);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * m);
-        let wanted = |task: usize| any(needed, task * ROWS..nodes.min((task + 1) * ROWS));
-        let tasks = columns.into_iter().zip(parts).enumerate();
-        let tasks: Vec<_> = tasks.filter(|(task, _)| wanted(*task)).collect();
-        tasks
-            .into_par_iter()
-            .with_max_len(together(needed))
-            .for_each_init(
-                || Slots::new(of.aggregates.count()),
-                |slots, (task, (columns, values))| {
-                    let rows = Rows {
-                        of,
-                        omega: f32::rounded(of.omega),
-                        start,
-                        needed,
-                        m,
-                        task,
-                        slots,
-                        columns,
-                        values,
-                    };
-                    match b {
-                        2 => widest(SizedRows::<2>(rows)),
-                        3 => widest(SizedRows::<3>(rows)),
-                        _ => widest(SizedRows::<6>(rows)),
-                    }
-                },
-            );
+        chosen(columns.into_iter().zip(parts), ROWS, needed).for_each_init(
+            || Slots::new(of.aggregates.count()),
+            |slots, (task, (columns, values))| {
+                let rows = Rows {
+                    of,
+                    omega: f32::rounded(of.omega),
+                    start,
+                    needed,
+                    m,
+                    task,
+                    slots,
+                    columns,
+                    values,
+                };
+                match b {
+                    2 => widest(SizedRows::<2>(rows)),
+                    3 => widest(SizedRows::<3>(rows)),
+                    _ => widest(SizedRows::<6>(rows)),
+                }
+            },
+        );
     }
 }
 
-/// Whether one of these rows is needed; without a choice all are.
-pub(super) fn any(needed: Option<&[bool]>, rows: std::ops::Range<usize>) -> bool {
-    needed.is_none_or(|needed| needed[rows].contains(&true))
-}
-
-/// Tasks that a thread takes at once, at most. Few tasks have the rows of a change, and each of
-/// them is long.
-pub(super) fn together(needed: Option<&[bool]>) -> usize {
-    needed.map_or(usize::MAX, |_| 1)
+/// The tasks of `rows` rows each that have a `needed` one, with their numbers; without a choice
+/// all. Few tasks have the rows of a change, and each of them is long: no thread takes several
+/// at once.
+pub(super) fn chosen<T: Send>(
+    tasks: impl Iterator<Item = T>,
+    rows: usize,
+    needed: Option<&[bool]>,
+) -> MaxLen<IntoIter<(usize, T)>> {
+    let wanted = |task: usize| {
+        needed.is_none_or(|needed| {
+            needed[task * rows..needed.len().min((task + 1) * rows)].contains(&true)
+        })
+    };
+    let tasks: Vec<(usize, T)> = tasks.enumerate().filter(|(k, _)| wanted(*k)).collect();
+    let together = needed.map_or(usize::MAX, |_| 1);
+    tasks.into_par_iter().with_max_len(together)
 }
 
 /// What `P` is made of.

@@ -12,7 +12,7 @@ use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::amg::settings::Settings;
 use crate::linalg::conjugate_gradients;
-use crate::linalg::parallel::{axpy, largest, map};
+use crate::linalg::parallel::{axpy, largest, map, zero_where};
 use crate::linalg::random_signs::random_signs;
 
 /// Cycles for each vector: more do not save iterations later.
@@ -43,7 +43,7 @@ pub fn complete(
     let cycle = |about: &Nodes| Multigrid::new(single.clone(), about.clone(), held, settings, stop);
     let free = |seed| {
         let mut x = random_signs(n, seed);
-        clear(held, &mut x);
+        zero_where(held, true, &mut x);
         x
     };
     let mut multigrid = cycle(about)?;
@@ -52,9 +52,9 @@ pub fn complete(
         let mut x = free(k as u64);
         for _ in 0..CYCLES {
             matrix.product(&x, &mut product);
-            clear(held, &mut product);
+            zero_where(held, true, &mut product);
             multigrid.apply(&product, &mut change);
-            clear(held, &mut change);
+            zero_where(held, true, &mut change);
             axpy(-1.0, &change, &mut x);
             // No unit of K or of the vector may leave the range of numbers.
             let size = largest(&x);
@@ -71,11 +71,11 @@ pub fn complete(
     let found = conjugate_gradients::solve(
         |x, out| {
             matrix.product(x, out);
-            clear(held, out);
+            zero_where(held, true, out);
         },
         |r, z| {
             multigrid.apply(r, z);
-            clear(held, z);
+            zero_where(held, true, z);
         },
         &free(0),
         SMALL,
@@ -88,13 +88,5 @@ pub fn complete(
         Err(Error::Multigrid {
             reason: "the equations of the supported bodies are not solved",
         })
-    }
-}
-
-fn clear(held: &[bool], values: &mut [f64]) {
-    for (value, &held) in values.iter_mut().zip(held) {
-        if held {
-            *value = 0.0;
-        }
     }
 }
