@@ -35,11 +35,11 @@ pub(super) enum Coefficients<'py> {
 }
 
 impl Coefficients<'_> {
-    /// `μ` of the problem that is solved in `D` dimensions, and the change of variables to it.
-    pub(super) fn friction<const D: usize>(&self) -> PyResult<Friction> {
+    /// `μ` of the problem that is solved in so many dimensions, and the change of variables to it.
+    pub(super) fn friction(&self, dimension: usize) -> PyResult<Friction> {
         match self {
             Self::Round(mu) => Ok((mu.as_slice()?.to_vec(), None)),
-            Self::Elliptic(_) if D == 2 => Err(PyValueError::new_err(
+            Self::Elliptic(_) if dimension == 2 => Err(PyValueError::new_err(
                 "mu has two coefficients of each contact, expected one: a plane contact has one tangent",
             )),
             Self::Elliptic(mu) => Ok(EllipticScaling::new(rows::<2>(mu)?)?),

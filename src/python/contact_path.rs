@@ -12,15 +12,14 @@ use crate::law::cone::Status;
 use crate::path::stepping::State;
 use crate::primal::engine::{Correction, Engine, Terms};
 use crate::primal::load_step::{Start, advance};
-use crate::primal::newton::Reason;
 use crate::primal::tangent::Tangent;
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::contact_variables::{
     AnyInterface, Interface, PyContactTangent, PyContactVariables,
 };
-use crate::python::load_path::slip_array;
-use crate::python::solver::{settings, solution_dict};
-use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::python::load_path::{ContactArrays, newton_dict, state_of_contacts};
+use crate::python::solver::settings;
+use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::solver::Settings;
 
 /// Values by places, as Python returns them.
@@ -144,9 +143,6 @@ where
     }
 }
 
-/// Reaction, total relative displacement and status of a step.
-type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, PyReadonlyArray1<'py, i8>);
-
 enum AnyState {
     Two(Option<State<2>>),
     Three(Option<State<3>>),
@@ -163,26 +159,12 @@ pub(super) struct PyContactPath {
 fn state<const D: usize>(
     elliptic: Option<&EllipticScaling>,
     contacts: usize,
-    start: Option<&StartArrays<'_>>,
+    start: Option<&ContactArrays<'_>>,
 ) -> PyResult<Option<State<D>>> {
-    let Some((reaction, displaced, status)) = start else {
-        return Ok(None);
+    let of = |(reaction, displaced, status): &ContactArrays<'_>| {
+        state_of_contacts(contacts, elliptic, (reaction, displaced, status))
     };
-    let status = status.as_slice()?.iter().map(|s| match s {
-        1 => Status::Slip,
-        2 => Status::Stick,
-        _ => Status::Open,
-    });
-    let reaction = arrays::rows_of("start", reaction, contacts)?;
-    let displaced = arrays::rows_of("start", displaced, contacts)?;
-    let state = State {
-        reaction: over(elliptic, reaction).into_owned(),
-        relative_displacement: times(elliptic, displaced).into_owned(),
-        status: status.collect(),
-        rigid: Vec::new(),
-    };
-    arrays::length("start", state.status.len(), contacts)?;
-    Ok(Some(state))
+    start.map(of).transpose()
 }
 
 /// The Python objects of one step: the engine, the start value of the unknowns, and the forces.
@@ -221,15 +203,8 @@ where
     };
     let force = (objects.force, prescribed);
     let made = advance(&mut engine, contacts, start, force, settings)?;
-    let dict = solution_dict(py, &made.step.solution, elliptic)?;
-    dict.set_item("slip", slip_array(py, &made.step, elliptic)?)?;
-    dict.set_item("newton", made.newton)?;
-    dict.set_item("krylov", made.krylov)?;
-    dict.set_item("reason", made.reason.map(Reason::text))?;
-    let errors = made
-        .errors
-        .map(|by| (by.reaction, by.relative_displacement));
-    dict.set_item("error_estimate", errors)?;
+    let work = (made.newton, made.krylov);
+    let dict = newton_dict(py, &made.step, work, (made.reason, made.errors), elliptic)?;
     if let Some(reached) = made.state() {
         *state = Some(reached);
     }
@@ -241,7 +216,7 @@ where
 impl PyContactPath {
     #[new]
     #[pyo3(signature = (variables, start=None))]
-    fn new(variables: PyContactVariables, start: Option<StartArrays<'_>>) -> PyResult<Self> {
+    fn new(variables: PyContactVariables, start: Option<ContactArrays<'_>>) -> PyResult<Self> {
         let (start, elliptic) = (start.as_ref(), variables.elliptic.as_ref());
         let state = match &variables.kind {
             AnyInterface::Two(inner) => {

@@ -175,11 +175,7 @@ impl PyContactVariables {
         held: Indices<'_>,
     ) -> PyResult<Self> {
         let plane = gap.as_array().ncols() == 2;
-        let (mu, elliptic) = if plane {
-            mu.friction::<2>()?
-        } else {
-            mu.friction::<3>()?
-        };
+        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let numbers = arrays::indices(&position, "position")?;
         let position = numbers.into_iter().map(|k| (k < fixed).then_some(k));
         let bodies = arrays::indices(&bodies, "bodies")?;

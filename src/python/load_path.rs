@@ -14,6 +14,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::path::stepping::{State, Step};
 use crate::path::working_set;
+use crate::primal::newton::{Errors, Reason};
 use crate::python::arrays::{self, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::problem::{AnyProblem, PyCondensed, moved};
@@ -35,33 +36,45 @@ pub(super) struct PyPath {
 }
 
 /// Reaction, total relative displacement, status and rigid motion of a step.
-type StartArrays<'py> = (
-    Matrix<'py>,
-    Matrix<'py>,
-    numpy::PyReadonlyArray1<'py, i8>,
-    Vector<'py>,
-);
+type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, Statuses<'py>, Vector<'py>);
 
-fn state<const D: usize>(
-    problem: &Problem<D>,
+/// Status of each contact.
+type Statuses<'py> = numpy::PyReadonlyArray1<'py, i8>;
+
+/// The same without rigid motions, of a path in the displacements.
+pub(super) type ContactArrays<'py> = (Matrix<'py>, Matrix<'py>, Statuses<'py>);
+
+/// The state of `count` contacts after a step, without rigid motions.
+pub(super) fn state_of_contacts<const D: usize>(
+    count: usize,
     elliptic: Option<&EllipticScaling>,
-    (reaction, displacement, status, rigid): &StartArrays<'_>,
+    (reaction, displacement, status): (&Matrix<'_>, &Matrix<'_>, &Statuses<'_>),
 ) -> PyResult<State<D>> {
     let status = status.as_slice()?.iter().map(|s| match s {
         1 => Status::Slip,
         2 => Status::Stick,
         _ => Status::Open,
     });
-    let contacts = problem.contacts();
-    let reaction = arrays::rows_of("start", reaction, contacts)?;
-    let displacement = arrays::rows_of("start", displacement, contacts)?;
+    let reaction = arrays::rows_of("start", reaction, count)?;
+    let displacement = arrays::rows_of("start", displacement, count)?;
     let state = State {
         reaction: over(elliptic, reaction).into_owned(),
         relative_displacement: times(elliptic, displacement).into_owned(),
         status: status.collect(),
-        rigid: rigid.as_slice()?.to_vec(),
+        rigid: Vec::new(),
     };
-    arrays::length("start", state.status.len(), contacts)?;
+    arrays::length("start", state.status.len(), count)?;
+    Ok(state)
+}
+
+fn state<const D: usize>(
+    problem: &Problem<D>,
+    elliptic: Option<&EllipticScaling>,
+    (reaction, displacement, status, rigid): &StartArrays<'_>,
+) -> PyResult<State<D>> {
+    let contacts = (reaction, displacement, status);
+    let mut state = state_of_contacts(problem.contacts(), elliptic, contacts)?;
+    state.rigid = rigid.as_slice()?.to_vec();
     let motions = problem.bodies().motions().len();
     arrays::length("start", state.rigid.len(), motions)?;
     Ok(state)
@@ -136,6 +149,25 @@ fn advance<const D: usize>(
         });
     }
     Ok(step)
+}
+
+/// What every step in the displacements has: its solution, Newton steps and Krylov iterations,
+/// why it stalled, and the estimated errors.
+pub(super) fn newton_dict<'py, const D: usize>(
+    py: Python<'py>,
+    step: &Step<D>,
+    (newton, krylov): (usize, usize),
+    (reason, errors): (Option<Reason>, Option<Errors>),
+    elliptic: Option<&EllipticScaling>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = solution_dict(py, &step.solution, elliptic)?;
+    dict.set_item("slip", slip_array(py, step, elliptic)?)?;
+    dict.set_item("newton", newton)?;
+    dict.set_item("krylov", krylov)?;
+    dict.set_item("reason", reason.map(Reason::text))?;
+    let errors = errors.map(|by| (by.reaction, by.relative_displacement));
+    dict.set_item("error_estimate", errors)?;
+    Ok(dict)
 }
 
 #[pymethods]

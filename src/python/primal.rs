@@ -9,18 +9,15 @@ use pyo3::types::PyDict;
 use crate::condensation::condense::ProblemArrays;
 use crate::condensation::sparse::Rows;
 use crate::error::Error;
-use crate::law::cone::Status;
 use crate::linalg::sparse::csc::{Index, Symmetric};
-use crate::path::stepping::State;
-use crate::primal::newton::Reason;
 use crate::primal::path::{PrimalPath, PrimalStep};
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
 use crate::python::interrupt;
-use crate::python::load_path::slip_array;
+use crate::python::load_path::{ContactArrays, newton_dict, state_of_contacts};
 use crate::python::problem::CsrArrays;
-use crate::python::solver::{settings, solution_dict};
-use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::python::solver::settings;
+use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
 
 #[derive(Clone)]
@@ -112,11 +109,7 @@ impl PyPrimal {
         places: Option<Matrix<'py>>,
     ) -> PyResult<Self> {
         let plane = gap.as_array().ncols() == 2;
-        let (mu, elliptic) = if plane {
-            mu.friction::<2>()?
-        } else {
-            mu.friction::<3>()?
-        };
+        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let asked = Arguments {
             pointer: arrays::indices(&stiffness.0, "K")?,
             columns: match &stiffness.1 {
@@ -151,8 +144,8 @@ impl PyPrimal {
     /// The same bodies and contacts with other friction coefficients.
     fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
         let (mu, elliptic) = match &self.kind {
-            AnyPrimal::Two(_) => mu.friction::<2>()?,
-            AnyPrimal::Three(_) => mu.friction::<3>()?,
+            AnyPrimal::Two(_) => mu.friction(2)?,
+            AnyPrimal::Three(_) => mu.friction(3)?,
         };
         let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
         let change = change.as_ref();
@@ -185,9 +178,6 @@ impl PyPrimal {
     }
 }
 
-/// Reaction, total relative displacement and status of a step.
-type StartArrays<'py> = (Matrix<'py>, Matrix<'py>, numpy::PyReadonlyArray1<'py, i8>);
-
 enum AnyPath {
     Two(PrimalPath<2>),
     Three(PrimalPath<3>),
@@ -203,26 +193,14 @@ pub(super) struct PyPrimalPath {
 fn begin<const D: usize>(
     problem: &Primal<D>,
     elliptic: Option<&EllipticScaling>,
-    start: Option<&StartArrays<'_>>,
+    start: Option<&ContactArrays<'_>>,
     displacement: Option<&Vector<'_>>,
 ) -> PyResult<PrimalPath<D>> {
     let Some((reaction, displaced, status)) = start else {
         return Ok(PrimalPath::default());
     };
-    let contacts = problem.contacts.count();
-    let status = status.as_slice()?.iter().map(|s| match s {
-        1 => Status::Slip,
-        2 => Status::Stick,
-        _ => Status::Open,
-    });
-    let state = State {
-        reaction: over(elliptic, arrays::rows_of("start", reaction, contacts)?).into_owned(),
-        relative_displacement: times(elliptic, arrays::rows_of("start", displaced, contacts)?)
-            .into_owned(),
-        status: status.collect(),
-        rigid: Vec::new(),
-    };
-    arrays::length("start", state.status.len(), contacts)?;
+    let arrays = (reaction, displaced, status);
+    let state = state_of_contacts(problem.contacts.count(), elliptic, arrays)?;
     let u = displacement.map_or(Ok(&[][..]), |u| u.as_slice())?;
     if !u.is_empty() {
         arrays::length("displacement of start", u.len(), problem.order())?;
@@ -249,16 +227,9 @@ fn step_dict<'py, const D: usize>(
     made: PrimalStep<D>,
     elliptic: Option<&EllipticScaling>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let dict = solution_dict(py, &made.step.solution, elliptic)?;
-    dict.set_item("slip", slip_array(py, &made.step, elliptic)?)?;
+    let work = (made.newton, made.krylov);
+    let dict = newton_dict(py, &made.step, work, (made.reason, made.errors), elliptic)?;
     dict.set_item("displacement", arrays::from_vec(py, made.displacement))?;
-    dict.set_item("newton", made.newton)?;
-    dict.set_item("krylov", made.krylov)?;
-    dict.set_item("reason", made.reason.map(Reason::text))?;
-    let errors = made
-        .errors
-        .map(|by| (by.reaction, by.relative_displacement));
-    dict.set_item("error_estimate", errors)?;
     dict.set_item("bytes_multigrid", made.bytes)?;
     Ok(dict)
 }
@@ -269,7 +240,7 @@ impl PyPrimalPath {
     #[pyo3(signature = (problem, start=None, displacement=None))]
     fn new(
         problem: PyPrimal,
-        start: Option<StartArrays<'_>>,
+        start: Option<ContactArrays<'_>>,
         displacement: Option<Vector<'_>>,
     ) -> PyResult<Self> {
         let (start, displacement) = (start.as_ref(), displacement.as_ref());

@@ -164,11 +164,7 @@ impl PyCondensed {
         };
         let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
         let plane = gap.as_array().ncols() == 2;
-        let (mu, elliptic) = if plane {
-            mu.friction::<2>()?
-        } else {
-            mu.friction::<3>()?
-        };
+        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let asked = Arguments {
             stiffness: CsrArrays::new(&stiffness, "K")?,
             contact: CsrArrays::new(&contact, "B")?,
@@ -364,8 +360,8 @@ impl PyCondensed {
             }))
         }
         let (mu, elliptic) = match &self.kind {
-            AnyProblem::Two(_) => mu.friction::<2>()?,
-            AnyProblem::Three(_) => mu.friction::<3>()?,
+            AnyProblem::Two(_) => mu.friction(2)?,
+            AnyProblem::Three(_) => mu.friction(3)?,
         };
         let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
         let kind = match &self.kind {

@@ -68,11 +68,10 @@ pub(super) fn isotropic<'py>(
     mu: Coefficients<'py>,
     d: usize,
 ) -> PyResult<Isotropic<'py>> {
-    let (mu, elliptic) = match d {
-        2 => mu.friction::<2>()?,
-        3 => mu.friction::<3>()?,
-        _ => return Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3"))),
-    };
+    if d != 2 && d != 3 {
+        return Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3")));
+    }
+    let (mu, elliptic) = mu.friction(d)?;
     let factor = |at: usize| elliptic.as_ref().map_or(1.0, |s| s.factor(at / d, at % d));
     let factors = (0..d * mu.len()).map(factor).collect();
     let factors = arrays::square(py, factors, mu.len(), d)?;
@@ -278,7 +277,7 @@ impl<const D: usize> ReducedArrays<D> {
         load: &Vector<'_>,
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?;
-        let (mu, elliptic) = mu.friction::<D>()?;
+        let (mu, elliptic) = mu.friction(D)?;
         arrays::length("mu", mu.len(), q.len())?;
         check_partition(&given, q.len())?;
         let (count, size) = modes.as_array().dim();
