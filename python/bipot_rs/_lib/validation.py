@@ -418,23 +418,24 @@ def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
     return found
 
 
+def rows_of_steps(what: str, value: ArrayLike | None, length: int) -> Floats:
+    """Values of each step, ``(steps, length)``; zeros of one step for None."""
+    if value is None:
+        return np.zeros((1, length))
+    found = floats(what, value)
+    if found.ndim not in (1, 2) or found.shape[-1] != length:
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
+        )
+    return found[None] if found.ndim == 1 else found
+
+
 def loads(
     load: ArrayLike | None, prescribed: ArrayLike | None, n: int, fixed: int
 ) -> list[tuple[Floats, Floats]]:
     """Total load and prescribed displacement of each step."""
-
-    def rows(what: str, value: ArrayLike | None, length: int) -> Floats:
-        if value is None:
-            return np.zeros((1, length))
-        found = floats(what, value)
-        if found.ndim not in (1, 2) or found.shape[-1] != length:
-            raise ValueError(
-                f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
-            )
-        return found[None] if found.ndim == 1 else found
-
-    forces = list(rows("load", load, n))
-    motions = list(rows("prescribed", prescribed, fixed))
+    forces = list(rows_of_steps("load", load, n))
+    motions = list(rows_of_steps("prescribed", prescribed, fixed))
     return together("prescribed", motions, "load", forces, lambda u, f: (f, u))
 
 

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.cli.ranks import World
-from bipot_rs.contact.engines.choice import METHODS
+from bipot_rs.contact.engines.choice import check_method
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
@@ -194,7 +194,7 @@ class Distributed:
 
         Displacements of the steps are on rank 0 only.
         """
-        check_method(method)
+        check_method(method, "petsc")
         loads = (
             None if load is None else [self._vector(row) for row in np.asarray(load)]
         )
@@ -220,7 +220,7 @@ class Distributed:
         **settings: Any,
     ) -> Any:
         """`ContactProblem.follow` with loads in the numbering of the model, as `solve`."""
-        check_method(method)
+        check_method(method, "petsc")
         return self.problem.follow(
             lambda s: self._vector(load(s)),
             prescribed,
@@ -276,15 +276,6 @@ class Distributed:
         )
         found._first = start._first
         return found
-
-
-def check_method(method: str) -> None:
-    """Refuse a method that this engine does not have."""
-    if method not in METHODS:
-        raise ValueError(
-            f"method is {method!r}, but engine='petsc' has only "
-            f"{' and '.join(map(repr, METHODS))}: use engine='direct'"
-        )
 
 
 def plain(step: Step, displacement: Floats | None) -> Step:

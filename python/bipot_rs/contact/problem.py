@@ -1014,10 +1014,7 @@ class ContactProblem:
             return self._direct()
         if method not in choice.METHODS:
             if self._asked == "iterative":
-                raise ValueError(
-                    f"method is {method!r}, but engine='iterative' has only "
-                    f"{' and '.join(map(repr, choice.METHODS))}: use engine='direct'"
-                )
+                choice.check_method(method, self._asked)
             return self._direct()
         if self._asked == "auto" and self._condensed is None:
             limit = self._given.memory_limit

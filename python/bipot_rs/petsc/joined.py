@@ -73,7 +73,8 @@ class Joined:
         """Follow the statuses, of which a share is loose."""
         self._tangent, self._springs = tangent, springs
         held = tangent.held
-        self._filter.prepare(held, springs)
+        if new:
+            self._filter.prepare(held, springs)
         follow = loose > _LOOSE or self.slow
         if follow and (new or not self.follows):
             self._part.set(held, springs)

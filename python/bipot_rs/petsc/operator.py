@@ -71,21 +71,17 @@ class Operator:
 
     def forces(self, f: Any) -> None:
         """``Tᵀ f`` without the prescribed rows, in place."""
-        self._to_local(f)
-
-    def _to_local(self, f: Any) -> Floats:
         f.array[self.fixed] = 0.0
         places = self.interface.gather(f)
         self.variables.forces_to_local(places)
         self.interface.write(places, f)
-        return places
 
     def product(self, y: Any) -> Any:
         """``A y``."""
         made = self.K.createVecLeft()
         self.K.mult(self.displacements(y), made)
         self.products += 1
-        self._to_local(made)
+        self.forces(made)
         return made
 
     def masked(
@@ -117,13 +113,6 @@ class Operator:
             springs.add(given, found)
         tangent.clear(found)
         self.interface.write(found, y)
-
-    def clear(self, tangent: _core.ContactTangent, x: Any) -> None:
-        """Set the held places to zero."""
-        x.array[self.fixed] = 0.0
-        places = self.interface.gather(x)
-        tangent.clear(places)
-        self.interface.write(places, x)
 
     def add_known(self, tangent: _core.ContactTangent, x: Any) -> None:
         """Set the held places to their known values."""

@@ -36,10 +36,6 @@ class OwnRows:
         """Number of rows."""
         return len(self.pointer) - 1
 
-    def rows(self) -> Ints:
-        """Row of each entry, from 0."""
-        return np.repeat(np.arange(self.count), np.diff(self.pointer))
-
     def check_finite(self) -> None:
         """Raise ``ValueError`` for an entry that is not finite."""
         wrong = ~np.isfinite(self.values)

@@ -28,6 +28,7 @@ from bipot_rs._lib.validation import (
     friction,
     gaps,
     indices,
+    rows_of_steps,
     settings,
     together,
 )
@@ -238,7 +239,8 @@ class ContactProblem:
         of_node, count = components.bodies(comm, rows, local, free, d, bring)
         motions = rigid_motions(comm, self._MPI, given.coordinates, rows.count, d)
         bodies = supports.Bodies(of_node, count, motions, prescribed)
-        held = supports.held(comm, rows, local, bodies, bring, d)
+        holding = supports.prescribed(rows, local, bodies, bring, d)
+        held = supports.held(comm, count, holding)
         interface = parts.interface
         at_places = np.column_stack(
             [interface.gather_own(column[interface.rows]) for column in motions.T]
@@ -248,7 +250,7 @@ class ContactProblem:
         free_contact = parts.contact.copy()
         free_contact.data[parts.position[free_contact.indices] < len(self._fixed)] = 0.0
         contact = free_contact, at_places, body_of_place
-        supports.check(comm, rows, local, bodies, bring, d, contact)
+        supports.check(comm, rows, local, bodies, bring, d, holding, contact)
         blocks = self._blocks(rows, interface, d)
         del rows, local
         contact_parts = parts.contact
@@ -428,7 +430,7 @@ class ContactProblem:
             chosen = settings("newton", tol, max_iterations, max_seconds)
             callback("on_step", on_step)
             state(start, contacts, d)
-            motions = _rows("prescribed", prescribed, len(self._fixed))
+            motions = rows_of_steps("prescribed", prescribed, len(self._fixed))
             steps = together(
                 "prescribed",
                 list(motions),
@@ -502,7 +504,7 @@ class ContactProblem:
 
             def one() -> tuple[Any, Floats, Floats | None]:
                 (own,) = self._loads(force)
-                (values,) = _rows("prescribed", moved, len(self._fixed))
+                (values,) = rows_of_steps("prescribed", moved, len(self._fixed))
                 if gap is None:
                     return own, values, None
                 return own, values, gaps(gap(s), contacts, d)[0]
@@ -612,15 +614,3 @@ def _coordinates(value: ArrayLike | None, rows: int, d: int) -> Floats | None:
             "expected those of a node there, with the same coordinates"
         )
     return at
-
-
-def _rows(what: str, value: ArrayLike | None, length: int) -> Floats:
-    """Values of each step, ``(steps, length)``."""
-    if value is None:
-        return np.zeros((1, length))
-    found = floats(what, value)
-    if found.ndim not in (1, 2) or found.shape[-1] != length:
-        raise ValueError(
-            f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
-        )
-    return found[None] if found.ndim == 1 else found

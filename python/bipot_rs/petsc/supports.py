@@ -47,17 +47,13 @@ class Bodies:
     fixed: Bools
 
 
-def held(
-    comm: Any,
-    rows: OwnRows,
-    local: Ints,
-    bodies: Bodies,
-    bring: Callable[[Floats], Floats],
-    d: int,
-) -> Bools:
-    """Whether a prescribed degree of freedom is coupled with each body."""
-    mine = np.zeros(bodies.count, np.int64)
-    mine[_prescribed(rows, local, bodies, bring, d)[0]] = 1
+Held = tuple[Ints, Floats]
+
+
+def held(comm: Any, count: int, prescribed: Held) -> Bools:
+    """Whether a `prescribed` degree of freedom is coupled with each of ``count`` bodies."""
+    mine = np.zeros(count, np.int64)
+    mine[prescribed[0]] = 1
     whole = np.zeros_like(mine)
     comm.Allreduce(mine, whole)
     found: Bools = whole > 0
@@ -71,19 +67,22 @@ def check(
     bodies: Bodies,
     bring: Callable[[Floats], Floats],
     d: int,
+    holding: Held,
     contact: tuple[Any, Floats, Ints],
 ) -> None:
     """Raise `NotIterativeError` on all ranks if something can move freely.
 
     Parameters
     ----------
+    holding
+        That of `prescribed`.
     contact
         ``B`` at the places of the interface, with zeros at prescribed ones; the motions
         there; and the body of each place.
     """
     m = bodies.motions.shape[1]
     R = _alone(comm, bodies, d, m)
-    _hold(comm, R, _prescribed(rows, local, bodies, bring, d))
+    _hold(comm, R, holding)
     moves = np.zeros(bodies.count, np.int64)
     np.add.at(moves, np.repeat(bodies.of_node, d)[~bodies.fixed], 1)
     whole = np.empty_like(moves)
@@ -127,9 +126,6 @@ def _alone(comm: Any, bodies: Bodies, d: int, m: int) -> Floats:
     return R
 
 
-Held = tuple[Ints, Floats]
-
-
 def _hold(comm: Any, R: Floats, found: Held) -> None:
     """Add rows, each with its body, to the triangles: a QR here, and one of all ranks."""
     body, values = found
@@ -151,14 +147,18 @@ def _hold(comm: Any, R: Floats, found: Held) -> None:
         R[one, : min(m, len(whole))] = whole
 
 
-def _prescribed(
+def prescribed(
     rows: OwnRows,
     local: Ints,
     bodies: Bodies,
     bring: Callable[[Floats], Floats],
     d: int,
 ) -> Held:
-    """A prescribed degree of freedom holds the bodies that it is coupled with."""
+    """The bodies that prescribed degrees of freedom are coupled with, and their motions.
+
+    Each pair of a body and a prescribed own row has a number of the body, and the row
+    ``(m,)`` of the motions, which holds that body.
+    """
     of_dof = np.where(bodies.fixed, -1, np.repeat(bodies.of_node, d))
     everywhere = bring(of_dof.astype(float)).astype(np.int64)
     row, entry = _entries(rows, np.flatnonzero(bodies.fixed))

@@ -159,9 +159,9 @@ class Job(SharedRunner):
 
     def _check_petsc(self, method: str, tol: float | str) -> None:
         """Refuse what engine petsc does not have, as the iterative engine does."""
-        from bipot_rs.cli.distributed import check_method
+        from bipot_rs.contact.engines.choice import check_method
 
-        check_method(method)
+        check_method(method, "petsc")
         if self.request.fclib:
             raise ValueError(
                 "--fclib writes the compliance W, which engine='petsc' does not form: use "

@@ -32,6 +32,15 @@ _FACTOR, _GROWTH = 29e9, 1.34
 _PAIR = 72
 
 
+def check_method(method: str, engine: str) -> None:
+    """Refuse a method that an engine in the displacements does not have."""
+    if method not in METHODS:
+        raise ValueError(
+            f"method is {method!r}, but engine={engine!r} has only "
+            f"{' and '.join(map(repr, METHODS))}: use engine='direct'"
+        )
+
+
 def direct_bytes(free: int, contacts: int) -> float:
     """Forecast of the memory of the direct engine in space."""
     return float(_FACTOR * (free / 1e6) ** _GROWTH + _PAIR * float(contacts) ** 2)
