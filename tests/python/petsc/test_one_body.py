@@ -10,6 +10,7 @@ import pytest
 import bipot_rs as bp
 import mpi
 from body_models import floating, on_springs
+from models_and_arrays import arguments
 from pressed_in_space import arrays, pressed
 
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
@@ -33,16 +34,8 @@ def compare(found: dict[str, Any], expected: bp.Result) -> None:
 def of(model: bp.Model) -> tuple[dict[str, Any], dict[str, Any]]:
     """Arguments of the problem, and of its load path."""
     case = model.assemble()
-    m = case.model
-    known = {
-        "K": m.K,
-        "B": m.B,
-        "gap": m.gap,
-        "mu": m.mu,
-        "fixed": m.fixed,
-        "coordinates": np.repeat(m.nodes, m.dim, axis=0),
-    }
-    return known, {"load": case.load, "prescribed": case.prescribed}
+    loads = {"load": case.load, "prescribed": case.prescribed}
+    return arguments(case.model), loads
 
 
 @pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.verify)])

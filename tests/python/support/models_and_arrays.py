@@ -10,18 +10,22 @@ import bipot_rs as bp
 from bipot_rs import fem
 
 
+def arguments(model: fem.Assembly) -> dict[str, Any]:
+    """Arguments of `ContactProblem` that a solution depends on."""
+    return {
+        "K": model.K,
+        "B": model.B,
+        "gap": model.gap,
+        "mu": model.mu,
+        "fixed": model.fixed,
+        "coordinates": np.repeat(model.nodes, model.dim, axis=0),
+    }
+
+
 def of_arrays(model: fem.Assembly) -> bp.ContactProblem:
     """The problem of a model's arrays, made as another program would make it."""
     return bp.ContactProblem(
-        model.K,
-        model.B,
-        gap=model.gap,
-        mu=model.mu,
-        fixed=model.fixed,
-        area=model.area,
-        points=model.points,
-        frame=model.frame,
-        coordinates=np.repeat(model.nodes, model.dim, axis=0),
+        **arguments(model), area=model.area, points=model.points, frame=model.frame
     )
 
 

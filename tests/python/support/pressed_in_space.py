@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from models_and_arrays import arguments
 from rollers import block
 
 Array = NDArray[np.float64]
@@ -35,13 +36,5 @@ def _moves(m: bp.Model, last: str) -> dict[str, Any]:
 def arrays(n: int = 4, factor: float = 1.0) -> tuple[dict[str, Any], Array]:
     """Arguments of `ContactProblem`, and the prescribed displacements of two steps."""
     case = pressed(n).assemble()
-    model = case.model
-    known = {
-        "K": factor * model.K,
-        "B": model.B,
-        "gap": model.gap,
-        "mu": model.mu,
-        "fixed": model.fixed,
-        "coordinates": np.repeat(model.nodes, 3, axis=0),
-    }
-    return known, case.prescribed
+    known = arguments(case.model)
+    return known | {"K": factor * known["K"]}, case.prescribed

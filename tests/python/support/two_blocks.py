@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from models_and_arrays import arguments
 
 
 def two_blocks(contrast: float = 10.0, upper: int = 8, lower: int = 8) -> bp.Model:
@@ -28,13 +29,4 @@ def two_blocks(contrast: float = 10.0, upper: int = 8, lower: int = 8) -> bp.Mod
 def arrays(*shape: Any) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """Arguments of `ContactProblem`, and the prescribed displacements of two steps."""
     case = two_blocks(*shape).assemble()
-    model = case.model
-    known = {
-        "K": model.K,
-        "B": model.B,
-        "gap": model.gap,
-        "mu": model.mu,
-        "fixed": model.fixed,
-        "coordinates": np.repeat(model.nodes, 3, axis=0),
-    }
-    return known, case.prescribed
+    return arguments(case.model), case.prescribed
