@@ -36,6 +36,7 @@ __all__ = [
     "largest_reaction",
     "least_work",
     "project",
+    "return_heap",
     "stiffness",
     "sum_of_cells",
     "threads",
@@ -437,6 +438,9 @@ def bodies(
 
 def keep_heap() -> None:
     """Keeps memory that is freed: for a process that is all ours."""
+
+def return_heap() -> None:
+    """Returns freed arrays to the system, whatever a library of MPI has set."""
 
 def forward_errors(
     problem: Reduced,

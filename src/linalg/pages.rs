@@ -63,7 +63,6 @@ pub(crate) fn release(values: Vec<f64>) {
 ///
 /// Arrays above some megabytes still come from the system and return to it. No result depends
 /// on this; with another C library it has no effect.
-/// result depends on it; where the C library is another, nothing happens.
 pub fn keep_heap() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
@@ -82,6 +81,27 @@ pub fn keep_heap() {
         if crate::threads::count(None).is_ok_and(|threads| threads > 1) {
             // Without a thread, pages are touched when they are needed.
             let _ = std::thread::Builder::new().spawn(touch_heap);
+        }
+    }
+}
+
+/// Makes the heap return freed arrays of some megabytes to the system. A library of MPI may have
+/// set that it keeps all of them; copies of a large matrix would then add up.
+///
+/// No result depends on this; with another C library it has no effect.
+pub fn return_heap() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        /// Larger arrays are not part of the heap, and the free end of the heap is no larger
+        /// [bytes].
+        const APART: i32 = 1 << 22;
+        /// Number of separate arrays, the default of the allocator.
+        const MOST: i32 = 1 << 16;
+        // SAFETY: these calls set thresholds of the allocator, which has its own lock.
+        unsafe {
+            libc::mallopt(libc::M_MMAP_MAX, MOST);
+            libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
+            libc::mallopt(libc::M_TRIM_THRESHOLD, APART);
         }
     }
 }

@@ -9,3 +9,9 @@ use crate::linalg::pages;
 pub(super) fn keep_heap() {
     pages::keep_heap();
 }
+
+/// As [`pages::return_heap`].
+#[pyfunction]
+pub(super) fn return_heap() {
+    pages::return_heap();
+}

@@ -37,7 +37,7 @@ mod _core {
     #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
-    use super::heap::keep_heap;
+    use super::heap::{keep_heap, return_heap};
     #[pymodule_export]
     use super::load_path::{PyPath, follow};
     #[pymodule_export]

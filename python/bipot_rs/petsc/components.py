@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.petsc.own_rows import OwnRows
 
-# Entries of K that are looked at together.
-_BLOCK = 1 << 22
+# Rows of K that are looked at together: copies of more entries would take as much memory as K.
+_ROWS = 1 << 13
 
 
 def bodies(
@@ -43,10 +43,8 @@ def bodies(
     )
     count = own + len(free) - rows.count
     pieces = np.arange(count)
-    for first in range(0, max(rows.count, 1), max(_BLOCK // 64, 1)):
-        last = min(first + max(_BLOCK // 64, 1), rows.count)
-        if first >= last:
-            break
+    for first in range(0, rows.count, _ROWS):
+        last = min(first + _ROWS, rows.count)
         entries = slice(rows.pointer[first], rows.pointer[last])
         i = np.repeat(np.arange(first, last), np.diff(rows.pointer[first : last + 1]))
         j = local[entries]

@@ -19,6 +19,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.petsc import options
 from bipot_rs.petsc.operator import Operator, Springs
+from bipot_rs.petsc.preconditioner import Preconditioner
 from bipot_rs.petsc.symmetric_part import SymmetricPart
 
 # Share of slipping and open contacts, and iterations of one linear system, above which the
@@ -47,10 +48,7 @@ class Joined:
         self._glued[contact] = True
         self._filter = _Filter(operator, part, PETSc)
         options.set_defaults(PETSc)
-        self._pc = PETSc.PC().create(operator.K.comm)
-        self._pc.setOptionsPrefix(options.PREFIX)
-        self._pc.setOperators(part.P, part.P)
-        self._pc.setFromOptions()
+        self._bodies = Preconditioner(part.P, options.PREFIX, PETSc)
         self.slow = False
         self.follows: bool | None = None
         self._tangent: _core.ContactTangent | None = None
@@ -78,10 +76,10 @@ class Joined:
         follow = loose > _LOOSE or self.slow
         if follow and (new or not self.follows):
             self._part.set(held, springs)
-            self._pc.setUp()
+            self._bodies.update()
         elif not follow and self.follows is not False:
             self._part.set(held | self._glued, None)
-            self._pc.setUp()
+            self._bodies.update()
         self._held = held if follow else held | self._glued
         self.follows = follow
 
@@ -100,7 +98,7 @@ class Joined:
         interface.write(first, x)
         self._residual(tangent, b, x)
         self._clear(self._left)
-        self._pc.apply(self._left, self._more)
+        self._bodies.pc.apply(self._left, self._more)
         self._clear(self._more)
         x.axpy(1.0, self._more)
         self._residual(tangent, b, x)

@@ -11,6 +11,7 @@ import bipot_rs._core as _core
 from bipot_rs.petsc import options
 from bipot_rs.petsc.joined import Joined
 from bipot_rs.petsc.operator import Operator, Springs
+from bipot_rs.petsc.preconditioner import Preconditioner
 from bipot_rs.petsc.symmetric_part import SymmetricPart
 
 
@@ -79,6 +80,7 @@ class LinearSolver:
 
         Whether there is one.
         """
+        self._destroy_garbage()
         self._tangent = tangent
         known = self._statuses is not None and np.array_equal(self._statuses, statuses)
         if known and (self._joined is None or self._joined.ready):
@@ -98,6 +100,14 @@ class LinearSolver:
                 tangent, statuses
             )
         return True
+
+    def _destroy_garbage(self) -> None:
+        """Destroy Vecs that nothing refers to; every rank calls this.
+
+        Since 3.18, petsc4py keeps them until then, because ranks must destroy them together.
+        """
+        if hasattr(self._PETSc, "garbage_cleanup"):
+            self._PETSc.garbage_cleanup(self._operator.K.comm)
 
     def solve(self, b: Any, tol: float) -> tuple[Any, int, bool]:
         """The solution to a relative residual, the products, and whether it was reached."""
@@ -164,26 +174,24 @@ class Alone:
 
     def __init__(self, part: SymmetricPart, prefix: str, PETSc: Any) -> None:
         self._part = part
-        self._pc = PETSc.PC().create(part.P.comm)
-        self._pc.setOptionsPrefix(prefix)
-        self._pc.setOperators(part.P, part.P)
-        self._pc.setFromOptions()
+        self._inside = Preconditioner(part.P, prefix, PETSc)
 
     def factor(self, mumps: bool) -> None:
         """Use a factor by Cholesky."""
-        self._pc.setType("cholesky")
+        pc = self._inside.pc
+        pc.setType("cholesky")
         if mumps:
-            self._pc.setFactorSolverType("mumps")
-        self._pc.setFromOptions()
+            pc.setFactorSolverType("mumps")
+        pc.setFromOptions()
 
     def prepare(self, tangent: _core.ContactTangent, springs: Springs) -> None:
         """Make it for the held places and springs."""
         self._part.set(tangent.held, springs)
-        self._pc.setUp()
+        self._inside.update()
 
     def apply(self, _pc: Any, b: Any, x: Any) -> None:
         """``x ≈ P⁻¹ b``; PETSc calls it."""
-        self._pc.apply(b, x)
+        self._inside.pc.apply(b, x)
 
 
 _STICK = 2

@@ -26,6 +26,13 @@ GAMG = {
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
 }
+# Names of the options that have our values.
+_OURS: set[str] = set()
+
+
+def smoother_is_ours() -> bool:
+    """Whether the user has not chosen the smoother of multigrid."""
+    return {"mg_levels_ksp_type", "mg_levels_pc_type"} <= _OURS
 
 
 def set_defaults(PETSc: Any) -> dict[str, Any]:
@@ -38,5 +45,6 @@ def set_defaults(PETSc: Any) -> dict[str, Any]:
         for name, value in defaults.items():
             if not database.hasName(name):
                 database.setValue(name, value)
+                _OURS.add(name)
             known[name] = database.getString(name, str(value))
     return known

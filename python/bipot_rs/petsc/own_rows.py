@@ -55,7 +55,7 @@ class OwnRows:
 
     def local(self, outside: Ints) -> Ints:
         """Columns in the numbering of own rows, then of those `outside`."""
-        found = self.column.astype(np.int64) - self.first
+        found = self.column - self.column.dtype.type(self.first)
         away = (found < 0) | (found >= self.count)
         found[away] = self.count + np.searchsorted(outside, self.column[away])
         return found

@@ -320,12 +320,16 @@ class ContactProblem:
         T = transformation(
             operator.K, variables.transformation(), interface, operator.fixed, d, PETSc
         )
-        A = operator.K.PtAP(T)
+        # A copy, because a product keeps what it was made of.
+        product = operator.K.PtAP(T)
+        A = product.copy()
+        product.destroy()
+        T.destroy()
         A.setBlockSize(d)
         A.setOption(PETSc.Mat.Option.SPD, True)
         A.setNearNullSpace(self._near_null_space(operator, motions))
         contact = (d * variables.nodes[:, None] + np.arange(d)).ravel()
-        part = SymmetricPart(A, interface, contact, operator.fixed, d)
+        part = SymmetricPart(A, interface, contact, operator.fixed, d, PETSc)
         joined = Joined(operator, part, contact, d, PETSc) if variables.join else None
         return LinearSolver(operator, part, joined, d, PETSc, self._factor_fits())
 

@@ -27,7 +27,13 @@ class SymmetricPart:
     """
 
     def __init__(
-        self, A: Any, interface: Interface, contact: Ints, fixed: Ints, d: int
+        self,
+        A: Any,
+        interface: Interface,
+        contact: Ints,
+        fixed: Ints,
+        d: int,
+        PETSc: Any,
     ) -> None:
         """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
 
@@ -53,7 +59,7 @@ class SymmetricPart:
         A.assemble()
         may_hold = np.zeros(len(interface.dofs) + 1, bool)
         may_hold[contact] = True
-        around = _around(A, interface)
+        around = _around(A, interface, PETSc)
         inside = (around.of_row >= 0) & (around.of_column >= 0)
         self.around = (
             around.of_row[inside],
@@ -126,34 +132,44 @@ class _Entries(NamedTuple):
         )
 
 
-def _around(A: Any, interface: Interface) -> _Entries:
-    """Entries of the own rows with a place of the interface as row or column."""
+def _around(A: Any, interface: Interface, PETSc: Any) -> _Entries:
+    """Entries of the own rows with a place of the interface as row or column.
+
+    A copy of all own rows would take as much memory as the matrix.
+    """
     first, last = A.getOwnershipRange()
-    pointer, column, values = A.getValuesCSR()
-    number = np.full(A.getSize()[1], -1, np.int32)
-    number[interface.dofs] = np.arange(len(interface.dofs), dtype=np.int32)
-    found = []
-    # In parts, because there are many more entries than those that are kept.
-    part = 1 << 16
-    for start in range(0, last - first, part):
-        end = min(start + part, last - first)
-        entries = slice(pointer[start], pointer[end])
-        rows = np.repeat(np.arange(start, end), np.diff(pointer[start : end + 1]))
-        rows += first
-        of_row, of_column = number[rows], number[column[entries]]
-        kept = (of_row >= 0) | (of_column >= 0)
-        parts = rows, column[entries], values[entries], of_row, of_column
-        found.append([values_of[kept] for values_of in parts])
-    if not found:
-        none = np.empty(0, np.int64)
-        return _Entries(none, none.astype(pointer.dtype), np.empty(0), none, none)
-    row, columns, entries_of, of_row, of_column = map(
-        np.concatenate, zip(*found, strict=True)
-    )
-    wide = np.int64
+    ours = interface.dofs[interface.own]
+    others = np.setdiff1d(np.arange(first, last), ours, assume_unique=True)
+    row, column, values = _entries(A, ours, None, PETSc)
+    of_column = interface.number(column)
+    # Columns of this part are in the order of the places.
+    row_beside, place, values_beside = _entries(A, others, ours, PETSc)
+    row = np.concatenate([row, row_beside])
+    order = np.argsort(row, kind="stable")
+    beside = interface.dofs[place].astype(column.dtype)
+    of_column = np.concatenate([of_column, place])
     return _Entries(
-        row, columns, entries_of, of_row.astype(wide), of_column.astype(wide)
+        row[order],
+        np.concatenate([column, beside])[order],
+        np.concatenate([values, values_beside])[order],
+        interface.number(row[order]),
+        of_column[order],
     )
+
+
+def _entries(
+    A: Any, rows: Ints, columns: Ints | None, PETSc: Any
+) -> tuple[Ints, Ints, Floats]:
+    """Rows, columns and values of a part of a matrix; each rank names its own ones."""
+
+    def numbers(of: Ints) -> Any:
+        return PETSc.IS().createGeneral(of.astype(PETSc.IntType), comm=A.comm)
+
+    chosen = None if columns is None else numbers(columns)
+    part = A.createSubMatrix(numbers(rows), chosen)
+    pointer, column, values = part.getValuesCSR()
+    part.destroy()
+    return np.repeat(rows, np.diff(pointer)), column, values
 
 
 def transformation(

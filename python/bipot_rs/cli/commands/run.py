@@ -96,8 +96,9 @@ class Job(SharedRunner):
         """Read, mesh, assemble, condense, solve and write."""
         # An import that a signal interrupts leaves half a module.
         self.interrupts.hold()
-        # Memory that goes back to the system between two arrays costs page faults.
-        _core.keep_heap()
+        if self.request.engine != PETSC:
+            # Memory that goes back to the system between two arrays costs page faults.
+            _core.keep_heap()
         from bipot_rs.contact.reduced import refuse_settings
         from bipot_rs.files.export import require
         from bipot_rs.scene.reading import read
@@ -106,6 +107,8 @@ class Job(SharedRunner):
         request = self.request
         if request.engine == PETSC:
             self._join()
+            # Copies of a part of K are needed for a moment only.
+            _core.return_heap()
         with self.ranks.together():
             self.scene = scene = read(request.scene or "", request.settings)
         if scene.solver.engine == PETSC and request.engine is None:

@@ -305,6 +305,7 @@ def test_every_function_of_the_core_is_called() -> None:
         "largest_friction_ratio",
         "largest_reaction",
         "least_work",
+        "return_heap",
         "threads",
         "version",
     }
