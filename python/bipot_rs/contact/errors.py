@@ -8,6 +8,7 @@ from bipot_rs._lib.types import Floats
 
 if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
+    from bipot_rs.contact.wear.record import Wear
 
 
 class BipotError(Exception):
@@ -24,9 +25,12 @@ class BipotError(Exception):
         diverged, which proves nothing.
     dof
         A degree of freedom of the body that can move freely, or ``None``.
+    wear
+        The cycles before, if `ContactProblem.wear` failed; else ``None``.
     """
 
     dof: int | None = None
+    wear: Wear | None = None
 
     def __init__(
         self,
@@ -40,7 +44,7 @@ class BipotError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         known = (*self.args, self.result, self.direction)
-        return type(self), known, {"dof": self.dof}
+        return type(self), known, {"dof": self.dof, "wear": self.wear}
 
 
 class NoEquilibriumError(BipotError):

@@ -1,0 +1,222 @@
+"""Cycles one by one, and jumps over them with an error estimate.
+
+Let ``g`` be the depth that a cycle wears off, as a function of the depth before it. From
+cycle ``n`` a jump over ``N`` cycles predicts the depth ``w + N g₁``, solves a cycle from
+there, whose worn depth is ``g₂``, and jumps to ``w + N (g₁ + g₂) / 2``. This is the sum of
+the ``N`` cycles if ``g`` changes linearly between cycles ``n`` and ``n + N + 1``: Heun's
+method, of second order. Cycle ``n + N + 1`` is then solved. It gives ``g₃`` and the estimate
+
+    N/2 |g₃ - g₂|  +  N³/6 |[g₀, g₁, g₃]|
+
+of the error: the first term is what the jump would change if it used ``g₃``, the second is
+the error of the trapezium rule, with the second divided difference that includes ``g₀`` of
+the cycle solved before. For a worn depth that decays exponentially, both together are twice
+the error. Of the allowed error, ``rtol`` times the depth, one half is shared in proportion
+to the depth that jumps wear off, the other in proportion to the cycles. The sum of the
+estimates of all jumps can then not exceed it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.solution import Step
+from bipot_rs.contact.wear.cycle import Cycle, Cycles
+from bipot_rs.contact.wear.record import LEAST, Jump, Rows, State, Wear
+from bipot_rs.contact.wear.stability import Stability
+
+# A jump is at most so many times as long as the one before.
+_GROWTH = 4.0
+# The next jump aims at this part of the allowed error to the power 1/3, because the
+# estimate grows with the cube of the length.
+_CAUTION = 0.8
+# After jumps that were too short, at most so many cycles pass before another attempt.
+_PATIENCE = 32
+# The longest jump is this divided by the rate of `Stability`. Twice as long would be stable;
+# with this, not even the predicted pressure overshoots.
+STABLE = 1.0
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """The end of a jump, after the cycle that follows it."""
+
+    cycle: Cycle
+    change: Floats
+    energy: float
+    estimate: Floats
+
+
+class Run:
+    """Solves cycles; jumps over others if ``stability`` is given.
+
+    Parameters
+    ----------
+    cycles
+        Solves one cycle.
+    state
+        Where to start.
+    count
+        Number of cycles to go on.
+    rtol
+        Allowed error of the depth, relative to the largest depth.
+    stability
+        Bounds the length of jumps; None for no jumps.
+    on_cycle
+        Called as ``on_cycle(number, depth)`` after each cycle that was solved.
+    """
+
+    def __init__(
+        self,
+        cycles: Cycles,
+        state: State,
+        count: int,
+        rtol: float,
+        stability: Stability | None,
+        on_cycle: Callable[[int, Floats], object] | None = None,
+    ) -> None:
+        self._cycles, self._state = cycles, state
+        self._end = state.cycle + count
+        self._rtol, self._stability = rtol, stability
+        self._on_cycle = on_cycle
+        self._rows = Rows.none()
+        self._last: Cycle | None = None
+        # Cycles to solve before the next attempt to jump, and their number after that.
+        self._wait, self._pause = 0, 1
+
+    def go(self) -> Wear:
+        """Solve all cycles.
+
+        Raises
+        ------
+        NoEquilibriumError, NotConvergedError
+            A cycle failed. ``.result`` holds its load steps before, ``.wear`` the cycles
+            before.
+        """
+        while self._state.cycle < self._end:
+            over = self._over()
+            if over < LEAST or not self._jump(over):
+                self._one()
+        return self._made()
+
+    def _over(self) -> int:
+        """Number of cycles to jump over; less than `LEAST` for none."""
+        if self._stability is None or self._wait > 0 or len(self._state.rates) < 2:
+            return 0
+        # The last cycle is always solved.
+        left = self._end - self._state.cycle - 1
+        return int(min(self._state.length, self._state.longest, left))
+
+    def _one(self) -> None:
+        """Solve the next cycle."""
+        number = self._state.cycle + 1
+        try:
+            cycle = self._solved(self._state.at, self._state.depth)
+        except BipotError as error:
+            said = f"cycle {number}: {error}"
+            error.args = (said,)
+            error.wear = self._made(said)
+            raise
+        self._wait = max(self._wait - 1, 0)
+        self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
+
+    def _solved(self, at: Step | None, depth: Floats) -> Cycle:
+        self._rows.paths += 1
+        return self._cycles.solve(at, depth)
+
+    def _jump(self, over: int) -> bool:
+        """Try to jump over cycles and to solve the one after; whether that worked."""
+        state = self._state
+        try:
+            trial = self._trial(over)
+        except (NoEquilibriumError, NotConvergedError):
+            self._reject(Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False))
+            return False
+        deepest = float((state.depth + trial.change).max())
+        gained = float(trial.change.max())
+        share = over / self._end
+        limit = self._rtol / 2 * (gained + share * deepest)
+        estimate = float(trial.estimate.max())
+        accepted = estimate <= limit
+        jump = Jump(state.cycle + 1, over, estimate, limit, state.longest, accepted)
+        if not accepted:
+            self._reject(jump)
+            return False
+        self._rows.jumps.append(jump)
+        factor = _GROWTH
+        if estimate > 0:
+            factor = min(_GROWTH, _CAUTION * float(np.cbrt(limit / estimate)))
+        self._state = replace(state, estimate=state.estimate + trial.estimate)
+        self._wait, self._pause = 0, 1
+        self._accept(trial.cycle, over, trial.change, trial.energy)
+        self._state = replace(self._state, length=max(over * factor, LEAST))
+        return True
+
+    def _trial(self, over: int) -> _Trial:
+        state = self._state
+        (t0, g0), (t1, g1) = state.rates
+        predicted = self._solved(state.at, state.depth + over * g1)
+        change = over * (g1 + predicted.worn) / 2
+        # From the end of the predicted cycle: its history has settled to the new gaps.
+        cycle = self._solved(predicted.last, state.depth + change)
+        g3 = cycle.worn
+        slopes = (g3 - g1) / (over + 1), (g1 - g0) / (t1 - t0)
+        bend = (slopes[0] - slopes[1]) / (over + 1 + t1 - t0)
+        estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 6 * np.abs(bend)
+        energy = over * (state.lost + predicted.dissipation) / 2
+        return _Trial(cycle, change, energy, estimate)
+
+    def _reject(self, jump: Jump) -> None:
+        self._rows.jumps.append(jump)
+        length = jump.cycles / 2
+        if length < LEAST:
+            self._wait, self._pause = self._pause, min(2 * self._pause, _PATIENCE)
+            length = LEAST
+        self._state = replace(self._state, length=length)
+
+    def _accept(self, cycle: Cycle, over: int, change: Floats, energy: float) -> None:
+        """Add a cycle, after a jump ``over`` others that changed the depth by ``change``."""
+        before, area, rows = self._state, self._cycles.area, self._rows
+        number = before.cycle + over + 1
+        depth = before.depth + change + cycle.worn
+        volume = before.volume + float((change + cycle.worn) @ area)
+        spent = cycle.dissipation
+        total = before.energy + energy + spent
+        rates = (*before.rates, (number, cycle.worn))[-2:]
+        self._state = replace(
+            before,
+            cycle=number,
+            depth=depth,
+            volume=volume,
+            energy=total,
+            lost=spent,
+            longest=self._bound(cycle),
+            at=cycle.last,
+            rates=rates,
+        )
+        self._last = cycle
+        rows.cycle.append(number)
+        rows.depth.append(depth)
+        rows.worn.append(cycle.worn)
+        rows.pressure.append(cycle.last.reaction[:, 0] / area)
+        rows.dissipation.append(spent)
+        rows.totals.append((volume, total))
+        if self._on_cycle is not None:
+            self._on_cycle(number, depth)
+
+    def _bound(self, cycle: Cycle) -> float:
+        """Longest stable jump after a cycle."""
+        if self._stability is None:
+            return np.inf
+        cycles = self._cycles
+        rate = self._stability.rate(cycles.coefficient * cycle.slid / cycles.area)
+        return STABLE / rate if rate > 0 else np.inf
+
+    def _made(self, failed: str | None = None) -> Wear:
+        result = None if self._last is None else self._last.path.result()
+        return self._rows.made(self._state, self._cycles.area, result, failed)

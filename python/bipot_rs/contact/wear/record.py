@@ -1,0 +1,227 @@
+"""What `ContactProblem.wear` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
+
+# A jump solves two cycles: over one cycle it gains nothing.
+LEAST = 2
+
+
+@dataclass(frozen=True)
+class Jump:
+    """An attempt to jump over cycles.
+
+    Attributes
+    ----------
+    first, cycles
+        The first cycle that is jumped over, from 1, and their number.
+    estimate
+        Estimated error of the depth [length]; NaN if a trial cycle had no solution.
+    limit
+        The largest estimate that was allowed [length].
+    longest
+        Bound of ``cycles`` for stability.
+    accepted
+        Whether the jump was made.
+    """
+
+    first: int
+    cycles: int
+    estimate: float
+    limit: float
+    longest: float
+    accepted: bool
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a sequence of cycles stands.
+
+    Attributes
+    ----------
+    cycle
+        Number of cycles so far.
+    depth : (n_c,)
+    volume, energy
+        Totals so far.
+    at
+        The last load step; None before the first cycle of unloaded bodies.
+    rates
+        Number and worn depth ``(n_c,)`` of the last two cycles that were solved.
+    lost
+        Energy dissipated in the last cycle.
+    length, longest
+        Length of the next jump to try, and its bound for stability.
+    estimate : (n_c,)
+        Sum of the estimates of all jumps made.
+    """
+
+    cycle: int
+    depth: Floats
+    volume: float
+    energy: float
+    at: Step | None
+    rates: tuple[tuple[int, Floats], ...]
+    lost: float
+    length: float
+    longest: float
+    estimate: Floats
+
+    @classmethod
+    def first(cls, at: Step | None, contacts: int) -> State:
+        """Before the first cycle, which follows step ``at``."""
+        new = np.zeros(contacts)
+        return cls(0, new, 0.0, 0.0, at, (), 0.0, LEAST, np.inf, new)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Wear:
+    """Wear over many cycles. Arrays have a row for each cycle that was solved.
+
+    Attributes
+    ----------
+    cycle : (m,)
+        Numbers of these cycles, ascending from 1; all of them without jumps.
+    depth : (m, n_c)
+        Depth worn off each contact until the end of the cycle [length]. The gap of a
+        contact is its own plus this depth.
+    worn : (m, n_c)
+        Depth worn off in the cycle [length].
+    pressure : (m, n_c)
+        ``r_n / area`` at the end of the cycle.
+    volume, dissipation : (m,)
+        Volume worn off in the cycle, ``Σ area worn`` [length³; in the plane that of the
+        thickness of the areas], and energy that friction dissipated in it.
+    total_volume, total_dissipation : (m,)
+        The same until the end of the cycle, including cycles that were jumped over.
+    jumps
+        All attempts to jump, also the rejected ones.
+    error_estimate
+        Largest sum of the estimates of the jumps at a contact, relative to the largest
+        depth; 0 without jumps.
+    longest
+        Bound of a jump for stability, in cycles, after the last cycle. Below 0.5 even
+        single cycles may oscillate: divide the cycle into more load steps.
+    paths
+        Number of load paths that were solved.
+    result
+        `Result` of the last cycle.
+    """
+
+    cycle: Ints
+    depth: Floats
+    worn: Floats
+    pressure: Floats
+    volume: Floats
+    dissipation: Floats
+    total_volume: Floats
+    total_dissipation: Floats
+    jumps: tuple[Jump, ...]
+    error_estimate: float
+    longest: float
+    paths: int
+    result: Result | None
+    success: bool
+    message: str
+    _state: State
+
+    def __repr__(self) -> str:
+        solved = f"{counted(len(self.cycle), 'cycle')} solved"
+        return f"Wear({self.message}, {solved}, {counted(len(self.jumps), 'jump')})"
+
+    @property
+    def rejected(self) -> int:
+        """Number of jumps that were rejected."""
+        return sum(not jump.accepted for jump in self.jumps)
+
+    def depth_at(self, cycle: float) -> Floats:
+        """Depth ``(n_c,)`` at the end of any cycle, interpolated within jumps.
+
+        The interpolation is a cubic with the depths and worn depths of the cycles before
+        and after the jump.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``cycle`` is no number, or none from the first to the last cycle.
+        """
+        at = float(floats("cycle", cycle, ndim=0))
+        known = self.cycle
+        if not len(known) or not known[0] <= at <= known[-1]:
+            ends = f"{known[0]} to {known[-1]}" if len(known) else "a cycle that was solved"
+            raise ValueError(f"cycle is {at:g}, expected {ends}")
+        k = int(np.searchsorted(known, at))
+        if known[k] == at:
+            return self.depth[k].copy()
+        span = float(known[k] - known[k - 1])
+        t = (at - known[k - 1]) / span
+        before, after = self.depth[k - 1], self.depth[k]
+        rise = t**2 * (3 - 2 * t)
+        found: Floats = before + rise * (after - before)
+        found += span * t * (1 - t) * ((1 - t) * self.worn[k - 1] - t * self.worn[k])
+        return found
+
+
+@dataclass
+class Rows:
+    """Rows of a `Wear` that is being computed."""
+
+    cycle: list[int]
+    depth: list[Floats]
+    worn: list[Floats]
+    pressure: list[Floats]
+    dissipation: list[float]
+    totals: list[tuple[float, float]]
+    jumps: list[Jump]
+    paths: int = 0
+
+    @classmethod
+    def none(cls) -> Rows:
+        """No rows."""
+        return cls([], [], [], [], [], [], [])
+
+    def made(
+        self,
+        state: State,
+        area: Floats,
+        result: Result | None,
+        failed: str | None = None,
+    ) -> Wear:
+        """The `Wear` of these rows; ``failed`` says why there are no more."""
+        contacts = len(area)
+
+        def stacked(rows: Sequence[Floats]) -> Floats:
+            return np.array(rows, np.float64).reshape(-1, contacts)
+
+        worn = stacked(self.worn)
+        totals = np.array(self.totals, np.float64).reshape(-1, 2)
+        deepest = float(state.depth.max(initial=0.0))
+        off = float(state.estimate.max(initial=0.0))
+        return Wear(
+            cycle=np.array(self.cycle, np.int64),
+            depth=stacked(self.depth),
+            worn=worn,
+            pressure=stacked(self.pressure),
+            volume=worn @ area,
+            dissipation=np.array(self.dissipation, np.float64),
+            total_volume=totals[:, 0],
+            total_dissipation=totals[:, 1],
+            jumps=tuple(self.jumps),
+            error_estimate=off / deepest if deepest > 0 else 0.0,
+            longest=state.longest,
+            paths=self.paths,
+            result=result,
+            success=failed is None,
+            message=f"{counted(state.cycle, 'cycle')}" if failed is None else failed,
+            _state=state,
+        )
