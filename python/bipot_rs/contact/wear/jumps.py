@@ -14,6 +14,11 @@ the cycle solved before. For a worn depth that decays exponentially, both togeth
 the error. Of the allowed error, ``rtol`` times the depth, one half is shared in proportion
 to the depth that jumps wear off, the other in proportion to the cycles. The sum of the
 estimates of all jumps can then not exceed it.
+
+Slip is counted from where a contact was at the end of the cycle before. Where contacts slip,
+this place depends on the depth, and moves a little with every cycle. A jump moves it on by
+``N`` times its mean motion between the last two cycles that were solved: without this, ``g₂``
+would have an error of the first order in ``N``.
 """
 
 from __future__ import annotations
@@ -27,7 +32,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
-from bipot_rs.contact.wear.record import LEAST, Jump, Rows, State, Wear
+from bipot_rs.contact.wear.record import LEAST, End, Jump, Rows, State, Wear
 from bipot_rs.contact.wear.stability import Stability
 
 # A jump is at most so many times as long as the one before.
@@ -106,7 +111,7 @@ class Run:
 
     def _over(self) -> int:
         """Number of cycles to jump over; less than `LEAST` for none."""
-        if self._stability is None or self._wait > 0 or len(self._state.rates) < 2:
+        if self._stability is None or self._wait > 0 or len(self._state.ends) < 2:
             return 0
         # The last cycle is always solved.
         left = self._end - self._state.cycle - 1
@@ -159,14 +164,18 @@ class Run:
 
     def _trial(self, over: int) -> _Trial:
         state = self._state
-        (t0, g0), (t1, g1) = state.rates
-        predicted = self._solved(state.at, state.depth + over * g1)
+        before, last = state.ends
+        g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
+        drift = (last.place - before.place) / apart
+        predicted = self._solved(
+            _moved(state.at, over * drift), state.depth + over * g1
+        )
         change = over * (g1 + predicted.worn) / 2
-        # From the end of the predicted cycle: its history has settled to the new gaps.
+        # The end of the predicted cycle has the history of about these depths.
         cycle = self._solved(predicted.last, state.depth + change)
         g3 = cycle.worn
-        slopes = (g3 - g1) / (over + 1), (g1 - g0) / (t1 - t0)
-        bend = (slopes[0] - slopes[1]) / (over + 1 + t1 - t0)
+        slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart
+        bend = (slopes[0] - slopes[1]) / (over + 1 + apart)
         estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 6 * np.abs(bend)
         energy = over * (state.lost + predicted.dissipation) / 2
         return _Trial(cycle, change, energy, estimate)
@@ -187,7 +196,7 @@ class Run:
         volume = before.volume + float((change + cycle.worn) @ area)
         spent = cycle.dissipation
         total = before.energy + energy + spent
-        rates = (*before.rates, (number, cycle.worn))[-2:]
+        end = End(number, cycle.worn, cycle.last.relative_displacement[:, 1:])
         self._state = replace(
             before,
             cycle=number,
@@ -197,7 +206,7 @@ class Run:
             lost=spent,
             longest=self._bound(cycle),
             at=cycle.last,
-            rates=rates,
+            ends=(*before.ends, end)[-2:],
         )
         self._last = cycle
         rows.cycle.append(number)
@@ -220,3 +229,12 @@ class Run:
     def _made(self, failed: str | None = None) -> Wear:
         result = None if self._last is None else self._last.path.result()
         return self._rows.made(self._state, self._cycles.area, result, failed)
+
+
+def _moved(step: Step | None, by: Floats) -> Step | None:
+    """A step whose contacts were at other places along the surface."""
+    if step is None:
+        return None
+    moved = step.relative_displacement.copy()
+    moved[:, 1:] += by
+    return replace(step, relative_displacement=moved)

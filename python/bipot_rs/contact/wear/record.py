@@ -44,6 +44,25 @@ class Jump:
 
 
 @dataclass(frozen=True)
+class End:
+    """The end of a cycle that was solved.
+
+    Attributes
+    ----------
+    cycle
+        Its number.
+    worn : (n_c,)
+        Depth that it wore off.
+    place : (n_c, d - 1)
+        Tangential relative displacement at its end.
+    """
+
+    cycle: int
+    worn: Floats
+    place: Floats
+
+
+@dataclass(frozen=True)
 class State:
     """Where a sequence of cycles stands.
 
@@ -56,8 +75,8 @@ class State:
         Totals so far.
     at
         The last load step; None before the first cycle of unloaded bodies.
-    rates
-        Number and worn depth ``(n_c,)`` of the last two cycles that were solved.
+    ends
+        Of the last two cycles that were solved.
     lost
         Energy dissipated in the last cycle.
     length, longest
@@ -71,7 +90,7 @@ class State:
     volume: float
     energy: float
     at: Step | None
-    rates: tuple[tuple[int, Floats], ...]
+    ends: tuple[End, ...]
     lost: float
     length: float
     longest: float
