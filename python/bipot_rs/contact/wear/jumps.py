@@ -11,9 +11,10 @@ method, of second order. Cycle ``n + N + 1`` is then solved. It gives ``g₃`` a
 of the error: the first term is what the jump would change if it used ``g₃``, the second is
 the error of the trapezium rule, with the second divided difference that includes ``g₀`` of
 the cycle solved before. For a worn depth that decays exponentially, both together are twice
-the error. Of the allowed error, ``rtol`` times the depth, one half is shared in proportion
-to the depth that jumps wear off, the other in proportion to the cycles. The sum of the
-estimates of all jumps can then not exceed it.
+the error. Of the allowed error, ``rtol`` times the depth, a quarter is shared in proportion
+to the depth that jumps wear off, and a quarter in proportion to the cycles. From the other
+half each jump may take an eighth of what is left, because a contact that begins or ceases to
+slip causes an error in one jump only. The sum of the estimates cannot exceed what is allowed.
 
 Slip is counted from where a contact was at the end of the cycle before. Where contacts slip,
 this place depends on the depth, and moves a little with every cycle. A jump moves it on by
@@ -40,6 +41,8 @@ _GROWTH = 4.0
 # The next jump aims at this part of the allowed error to the power 1/3, because the
 # estimate grows with the cube of the length.
 _CAUTION = 0.8
+# A jump may take one part in so many of the error that is not shared out.
+_TAKEN = 8
 # After jumps that were too short, at most so many cycles pass before another attempt.
 _PATIENCE = 32
 # The longest jump is this divided by the rate of `Stability`. Twice as long would be stable;
@@ -142,10 +145,8 @@ class Run:
         except (NoEquilibriumError, NotConvergedError):
             self._reject(Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False))
             return False
-        deepest = float((state.depth + trial.change).max())
-        gained = float(trial.change.max())
-        share = over / self._end
-        limit = self._rtol / 2 * (gained + share * deepest)
+        share, more = self._limits(over, trial.change)
+        limit = share + more
         estimate = float(trial.estimate.max())
         accepted = estimate <= limit
         jump = Jump(state.cycle + 1, over, estimate, limit, state.longest, accepted)
@@ -156,11 +157,21 @@ class Run:
         factor = _GROWTH
         if estimate > 0:
             factor = min(_GROWTH, _CAUTION * float(np.cbrt(limit / estimate)))
-        self._state = replace(state, estimate=state.estimate + trial.estimate)
+        spent = state.spent + max(estimate - share, 0.0)
+        self._state = replace(
+            state, spent=spent, estimate=state.estimate + trial.estimate
+        )
         self._wait, self._pause = 0, 1
         self._accept(trial.cycle, over, trial.change, trial.energy)
         self._state = replace(self._state, length=max(over * factor, LEAST))
         return True
+
+    def _limits(self, over: int, change: Floats) -> tuple[float, float]:
+        """Error that a jump may have by its share, and in addition."""
+        deepest = float((self._state.depth + change).max())
+        gained = float(change.max())
+        share = self._rtol / 4 * (gained + over / self._end * deepest)
+        return share, (self._rtol / 2 * deepest - self._state.spent) / _TAKEN
 
     def _trial(self, over: int) -> _Trial:
         state = self._state

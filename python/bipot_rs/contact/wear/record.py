@@ -81,6 +81,8 @@ class State:
         Energy dissipated in the last cycle.
     length, longest
         Length of the next jump to try, and its bound for stability.
+    spent
+        Allowed error that jumps have taken beyond their shares.
     estimate : (n_c,)
         Sum of the estimates of all jumps made.
     """
@@ -94,13 +96,14 @@ class State:
     lost: float
     length: float
     longest: float
+    spent: float
     estimate: Floats
 
     @classmethod
     def first(cls, at: Step | None, contacts: int) -> State:
         """Before the first cycle, which follows step ``at``."""
         new = np.zeros(contacts)
-        return cls(0, new, 0.0, 0.0, at, (), 0.0, LEAST, np.inf, new)
+        return cls(0, new, 0.0, 0.0, at, (), 0.0, LEAST, np.inf, 0.0, new)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
