@@ -8,7 +8,6 @@ from bipot_rs._lib.types import Floats
 
 if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
-    from bipot_rs.contact.wear.record import Wear
 
 
 class BipotError(Exception):
@@ -26,11 +25,11 @@ class BipotError(Exception):
     dof
         A degree of freedom of the body that can move freely, or ``None``.
     wear
-        The cycles before, if `ContactProblem.wear` failed; else ``None``.
+        A `Wear` with the cycles before, if `ContactProblem.wear` failed; else ``None``.
     """
 
     dof: int | None = None
-    wear: Wear | None = None
+    wear: Any = None
 
     def __init__(
         self,

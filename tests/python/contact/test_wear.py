@@ -38,7 +38,9 @@ PULL = np.array([[0.0, 4.0], [0.0, -4.0]])
 @cache
 def pad(d: int = 2, n: int = 8) -> tuple[Any, bp.ContactProblem, np.ndarray]:
     """A block held at its top on a curved plane, its problem, and a cycle in partial slip."""
-    body = block([2.0, 1.0] if d == 2 else [1.0] * 3, [2 * n, n][:d] + [n] * (d - 2), 1e3, 0.3)
+    body = block(
+        [2.0, 1.0] if d == 2 else [1.0] * 3, [2 * n, n][:d] + [n] * (d - 2), 1e3, 0.3
+    )
     fixed = np.concatenate([body.dofs(d - 1, 1.0, k) for k in range(d)])
     gap = 0.01 * (body.points[:, 0] - np.ptp(body.points[:, 0]) / 2) ** 2
     problem = bp.ContactProblem(
@@ -55,6 +57,18 @@ def worn_pad(**more: Any) -> Any:
     _, problem, cycle = pad()
     given = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
     return problem.wear(prescribed=cycle, **given)
+
+
+@cache
+def hertz(n: int = 6) -> tuple[Any, Any, Any, Any]:
+    """The scene of Cattaneo and Mindlin after pressing, with a cycle to and fro."""
+    scene = read("cattaneo_mindlin", [f"mesh.n={n}"])
+    case = assemble(scene, bodies(scene))
+    problem = case.problem()
+    press, shear = case.prescribed
+    pressed = problem.solve(prescribed=press, tol=TOL)
+    cycle = press + np.array([[1.0], [-1.0]]) * (shear - press)
+    return case.model, problem, pressed, cycle
 
 
 def test_the_pressure_under_a_held_displacement_decays_exponentially() -> None:
@@ -76,7 +90,7 @@ def test_the_depth_under_a_held_force_grows_linearly() -> None:
     problem = bp.ContactProblem(
         np.diag([0.0, 1e3]), np.eye(2), gap=[0.0], mu=0.0, area=[1e-4]
     )
-    path = PULL + [-10.0, 0.0]
+    path = PULL + np.array([-10.0, 0.0])
     k, slip = 1e-9, 8e-3
     for jump in (False, True):
         wear = problem.wear(path, coefficient=k, cycles=1000, jump=jump, tol=TOL)
@@ -117,21 +131,29 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
     np.testing.assert_allclose(gaps, own + before, rtol=0, atol=1e-17)
 
 
-@pytest.mark.parametrize("rtol", [1e-2, 1e-3])
-def test_jumps_agree_with_every_cycle(rtol: float) -> None:
-    given = {"coefficient": COEFFICIENT / 2, "cycles": 400}
-    every = worn_pad(jump=False, **given)
-    jumped = worn_pad(rtol=rtol, **given)
-    deepest = every.depth[-1].max()
+@pytest.mark.parametrize(
+    ("kind", "rtol"), [("pad", 1e-2), ("hertz", 1e-2), ("hertz", 1e-3)]
+)
+def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
+    def solved(**more: Any) -> Any:
+        if kind == "pad":
+            return worn_pad(coefficient=COEFFICIENT / 2, cycles=400, **more)
+        _, problem, pressed, cycle = hertz()
+        given = {"coefficient": 1e-6, "cycles": 600, "start": pressed, "tol": TOL}
+        return problem.wear(prescribed=cycle, **given, **more)
+
+    every, jumped = solved(jump=False), solved(rtol=rtol)
+    last, deepest = every.cycle[-1], every.depth[-1].max()
     error = abs(jumped.depth[-1] - every.depth[-1]).max() / deepest
     assert error <= rtol
-    # The estimates add up to less than was allowed, and not to less than the error. They
-    # are those of a linear problem; half of it leaves room for the rest.
-    assert error / 2 <= jumped.error_estimate <= rtol
-    assert jumped.paths < 200
-    assert jumped.cycle[-1] == 400
+    assert 0 < jumped.error_estimate <= rtol / 2
+    # Later cycles may amplify errors, but the estimate has the right size.
+    assert jumped.error_estimate > error / 3
+    assert jumped.paths < last / 3
+    assert jumped.cycle[-1] == last
     # The interpolation within jumps: an error of the same kind.
-    between = [abs(jumped.depth_at(c) - every.depth[c - 1]).max() for c in range(1, 401)]
+    cycles = range(1, last + 1)
+    between = [abs(jumped.depth_at(c) - every.depth[c - 1]).max() for c in cycles]
     assert max(between) <= rtol * deepest
 
 
@@ -146,24 +168,24 @@ def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) 
 
         monkeypatch.setattr(jumps.Run, "_over", length)
         if problem == "spring":
-            wear = spring().wear(PULL, coefficient=2.5e-8, cycles=294, rtol=0.9)
+            wear = spring().wear(PULL, coefficient=2.5e-8, cycles=262, rtol=0.9)
         else:
             flat, cycle = sliding()
             wear = flat.wear(
-                prescribed=cycle, coefficient=2e-6, cycles=294, rtol=0.9, tol=TOL
+                prescribed=cycle, coefficient=2e-6, cycles=262, rtol=0.9, tol=TOL
             )
         assert wear.rejected == 0
         return np.asarray(wear.depth[-1])
 
     exact = solved(None)
-    # 288 cycles in jumps with the cycle after each. A linear rate makes the error of a jump
+    # 256 cycles in jumps with the cycle after each. A linear rate makes the error of a jump
     # over N cycles N (N + 1) (N - 1) / 6 times its second derivative: N (N - 1) for each of
     # the N + 1 cycles.
-    over = np.array([7, 15, 31])
+    over = np.array([15, 31, 63])
     errors = np.array([abs(solved(int(n)) - exact).max() for n in over])
     order = np.diff(np.log(errors)) / np.diff(np.log(over * (over - 1.0))) * 2
     # The terms of higher order disturb the limit of 2.
-    assert (abs(order - 2) < 0.1).all(), order
+    assert (abs(order - 2) < 0.15).all(), order
 
 
 def test_results_do_not_depend_on_units() -> None:
@@ -217,11 +239,19 @@ def test_a_start_presses_without_wear() -> None:
     body, problem, cycle = pad()
     pressed = problem.solve(prescribed=cycle[1:2], tol=TOL)
     one = problem.wear(
-        prescribed=cycle, coefficient=1e-6 * COEFFICIENT, cycles=1, start=pressed, tol=TOL
+        prescribed=cycle,
+        coefficient=1e-6 * COEFFICIENT,
+        cycles=1,
+        start=pressed,
+        tol=TOL,
     )
     # So little wear changes nothing: the plain path from the same state.
     path = problem.solve(prescribed=cycle, start=pressed, tol=TOL)
-    worn = 1e-6 * COEFFICIENT * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
+    worn = (
+        1e-6
+        * COEFFICIENT
+        * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
+    )
     np.testing.assert_allclose(one.worn[0], worn, rtol=0, atol=1e-6 * worn.max())
     del body
 
@@ -243,7 +273,9 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_core, "Condensed", condensed)
     for jump in (False, True):
         steps = 0
-        wear = problem.wear(prescribed=cycle, coefficient=COEFFICIENT / 2, cycles=50, jump=jump)
+        wear = problem.wear(
+            prescribed=cycle, coefficient=COEFFICIENT / 2, cycles=50, jump=jump
+        )
         assert steps == 4 * wear.paths
         made = sum(j.accepted for j in wear.jumps)
         # Two cycles for each jump, one of which is the next row.
@@ -260,7 +292,9 @@ def sliding() -> tuple[Any, Any]:
         body.K, body.B, gap=np.zeros_like(body.area), mu=0.3,
         fixed=problem._fixed, area=body.area,
     )  # fmt: skip
-    return flat, cycle * [[20.0 if k < cycle.shape[1] // 2 else 1.0 for k in range(cycle.shape[1])]]
+    return flat, cycle * [
+        [20.0 if k < cycle.shape[1] // 2 else 1.0 for k in range(cycle.shape[1])]
+    ]
 
 
 def alternating(pressure: np.ndarray) -> float:
@@ -273,19 +307,17 @@ def test_longer_jumps_would_let_pressures_oscillate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flat, cycle = sliding()
-    given = {"prescribed": cycle, "coefficient": 1e-4, "cycles": 300, "tol": TOL}
+    given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 800, "tol": TOL}
     # The estimate of the error is switched off.
     monkeypatch.setattr(jumps.Run, "_limits", lambda *_: (np.inf, 0.0))
-    stable = flat.wear(**given, rtol=0.5)
-    print(stable, stable.longest, [j.cycles for j in stable.jumps])
-    every = flat.wear(**given, jump=False)
-    monkeypatch.setattr(jumps, "STABLE", 5.0)
-    unstable = flat.wear(**given, rtol=0.5)
+    stable = flat.wear(**given)
+    longest = max(j.cycles for j in stable.jumps)
+    assert 0.5 * stable.longest < longest < 2 * stable.longest
     # Wear evens out the pressure: what alternates falls. Beyond the bound it grows instead.
-    wrinkled = alternating(every.pressure[-1])
-    print(wrinkled, alternating(stable.pressure[-1]), alternating(unstable.pressure[-1]))
-    assert alternating(stable.pressure[-1]) < 3 * wrinkled + 1e-3
-    assert alternating(unstable.pressure[-1]) > 0.1
+    assert alternating(stable.pressure[-1]) < alternating(stable.pressure[0])
+    monkeypatch.setattr(jumps, "STABLE", 5.0)
+    unstable = flat.wear(**given)
+    assert alternating(unstable.pressure[-1]) > 10 * alternating(stable.pressure[-1])
 
 
 @pytest.mark.parametrize("kind", ["plane", "space", "mortar", "many"])
@@ -295,7 +327,9 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
         K, B = given.pop("K"), given.pop("B")
         problem, d = bp.ContactProblem(K, B, **given), 3
     else:
-        problem = pad(3 if kind == "space" else 2, {"space": 3, "many": 40}.get(kind, 8))[1]
+        problem = pad(
+            3 if kind == "space" else 2, {"space": 3, "many": 40}.get(kind, 8)
+        )[1]
         d = problem._shape[2]
     weights = np.random.default_rng(1).uniform(0.5, 1.0, problem._shape[1])
     parts = problem._core.stiffness()
@@ -307,26 +341,14 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
     assert exact <= found <= 3 * exact
 
 
-@cache
-def hertz(n: int = 6) -> tuple[Any, Any, Any, Any]:
-    """The scene of Cattaneo and Mindlin after pressing, with a cycle to and fro."""
-    scene = read("cattaneo_mindlin", [f"mesh.n={n}"])
-    case = assemble(scene, bodies(scene))
-    problem = case.problem()
-    press, shear = case.prescribed
-    pressed = problem.solve(prescribed=press, tol=TOL)
-    cycle = press + np.array([[1.0], [-1.0]]) * (shear - press)
-    return case.model, problem, pressed, cycle
-
-
 def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
     edges = []
-    for n in (6, 12):
+    for n in (5, 10):
         model, problem, pressed, cycle = hertz(n)
         first = problem.solve(prescribed=cycle, start=pressed)
         x, R, E = model.points[:, 0], 100.0, 210e3 / (1 - 0.3**2) / 2
         wear = problem.wear(
-            prescribed=cycle, coefficient=3e-5, cycles=3000, start=pressed, rtol=0.05
+            prescribed=cycle, coefficient=3e-5, cycles=2000, start=pressed, rtol=0.1
         )
         p, before = wear.pressure[-1], first.traction[0, :, 0]
         stick = (wear.result.status == bp.Status.STICK).all(axis=0)
@@ -347,7 +369,7 @@ def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
         hertzian = E * root / (2 * R)
         rest = force - np.pi * E * c**2 / (4 * R)
         exact = hertzian + rest / (np.pi * root)
-        # The zone ends within a cell, which is 1/9 and 1/18 of it.
+        # The zone ends within a cell.
         assert abs(p[inner] / exact - 1).max() < 0.6 / n
         edges.append(p.max() / before.max())
     # The pressure at the edge has no bound: it grows as the mesh is refined.
@@ -393,7 +415,8 @@ def test_a_step_that_fails_keeps_the_cycles_before(
     with pytest.raises(NotConvergedError, match=r"^cycle 3: load step 3: ") as raised:
         worn_pad(cycles=9, jump=False)
     error = raised.value
-    assert error.wear is not None and error.result is not None
+    assert error.wear is not None
+    assert error.result is not None
     assert len(error.result) == 2
     assert not error.wear.success
     assert error.wear.message == str(error)
@@ -405,7 +428,9 @@ def test_a_step_that_fails_keeps_the_cycles_before(
     # What was kept can be continued, also after it was sent to another process.
     again = pickle.loads(pickle.dumps(error)).wear
     rest = worn_pad(cycles=7, jump=False, start=again)
-    np.testing.assert_array_equal(rest.depth[-1], worn_pad(cycles=9, jump=False).depth[-1])
+    np.testing.assert_array_equal(
+        rest.depth[-1], worn_pad(cycles=9, jump=False).depth[-1]
+    )
 
 
 def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -421,8 +446,14 @@ def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"coefficient": -1e-9}, r"coefficient of contact 0 is -1e-09, expected zero or"),
-        ({"coefficient": [1.0, 2.0]}, r"coefficient has shape \(2,\), expected a number"),
+        (
+            {"coefficient": -1e-9},
+            r"coefficient of contact 0 is -1e-09, expected zero or",
+        ),
+        (
+            {"coefficient": [1.0, 2.0]},
+            r"coefficient has shape \(2,\), expected a number",
+        ),
         ({"coefficient": np.nan}, r"coefficient"),
         ({"cycles": 0}, r"cycles is 0, expected"),
         ({"cycles": 1.5}, r"cycles is 1.5, expected"),

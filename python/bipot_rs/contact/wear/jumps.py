@@ -11,10 +11,11 @@ method, of second order. Cycle ``n + N + 1`` is then solved. It gives ``g₃`` a
 of the error: the first term is what the jump would change if it used ``g₃``, the second is
 the error of the trapezium rule, with the second divided difference that includes ``g₀`` of
 the cycle solved before. For a worn depth that decays exponentially, both together are twice
-the error. Of the allowed error, ``rtol`` times the depth, a quarter is shared in proportion
-to the depth that jumps wear off, and a quarter in proportion to the cycles. From the other
-half each jump may take an eighth of what is left, because a contact that begins or ceases to
-slip causes an error in one jump only. The sum of the estimates cannot exceed what is allowed.
+the error. The estimates of all jumps add up to half of the allowed error, ``rtol``
+times the depth, at the most; the other half is left for errors that later cycles amplify. A
+quarter of their sum is shared in proportion to the depth that jumps wear off, and a quarter
+in proportion to the cycles. From the rest each jump may take an eighth of what is left,
+because a contact that begins or ceases to slip causes an error in one jump only.
 
 Slip is counted from where a contact was at the end of the cycle before. Where contacts slip,
 this place depends on the depth, and moves a little with every cycle. A jump moves it on by
@@ -143,7 +144,9 @@ class Run:
         try:
             trial = self._trial(over)
         except (NoEquilibriumError, NotConvergedError):
-            self._reject(Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False))
+            self._reject(
+                Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False)
+            )
             return False
         share, more = self._limits(over, trial.change)
         limit = share + more
@@ -170,8 +173,9 @@ class Run:
         """Error that a jump may have by its share, and in addition."""
         deepest = float((self._state.depth + change).max())
         gained = float(change.max())
-        share = self._rtol / 4 * (gained + over / self._end * deepest)
-        return share, (self._rtol / 2 * deepest - self._state.spent) / _TAKEN
+        whole = self._rtol / 2
+        share = whole / 4 * (gained + over / self._end * deepest)
+        return share, (whole / 2 * deepest - self._state.spent) / _TAKEN
 
     def _trial(self, over: int) -> _Trial:
         state = self._state

@@ -180,11 +180,15 @@ class Wear:
         at = float(floats("cycle", cycle, ndim=0))
         known = self.cycle
         if not len(known) or not known[0] <= at <= known[-1]:
-            ends = f"{known[0]} to {known[-1]}" if len(known) else "a cycle that was solved"
+            ends = (
+                f"{known[0]} to {known[-1]}"
+                if len(known)
+                else "a cycle that was solved"
+            )
             raise ValueError(f"cycle is {at:g}, expected {ends}")
         k = int(np.searchsorted(known, at))
         if known[k] == at:
-            return self.depth[k].copy()
+            return np.array(self.depth[k])
         span = float(known[k] - known[k - 1])
         t = (at - known[k - 1]) / span
         before, after = self.depth[k - 1], self.depth[k]

@@ -86,6 +86,7 @@ class Stability:
             # Contacts move the same degree of freedom in the same way.
             return np.inf
         energy = self._energy[own][:, own]
+
         # The eigenvalue needs numbers of order one for its start vector and tolerance only.
         def apply(v: Floats) -> Floats:
             moved = self._solve(root * v.ravel())
