@@ -658,7 +658,7 @@ class ContactProblem:
         max_iterations: int | None = None,
         max_seconds: float | None = None,
         start: Wear | Result | Step | None = None,
-        on_cycle: Callable[[int, Floats], object] | None = None,
+        on_cycle: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
@@ -690,8 +690,10 @@ class ContactProblem:
         start
             State before the first cycle: a `Result` or a step that presses the bodies, which
             wears nothing, or a `Wear` to continue, whose cycles and depths are counted on.
+            `solve` continues from ``wear.result`` with ``gap`` plus ``wear.depth[-1]``.
         on_cycle
-            Called as ``on_cycle(number, depth)`` after each cycle that was solved.
+            Called as ``on_cycle(number, step)`` with the last step of each cycle that was
+            solved; ``step.wear`` is the depth.
 
         Raises
         ------

@@ -2,6 +2,7 @@
 
 import pickle
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -473,6 +474,8 @@ def test_wear_needs_areas_and_a_matching_start() -> None:
     with pytest.raises(ValueError, match=r"^area is missing: wear needs pressures"):
         spring(area=None).wear(PULL, coefficient=1e-9, cycles=3)
     other = worn_pad(cycles=1)
+    with pytest.raises(ValueError, match=r"start is a step of worn contacts"):
+        worn_pad(start=other.result)
     with pytest.raises(ValueError, match=r"start has the wear of 17 contacts"):
         spring().wear(PULL, coefficient=1e-9, cycles=3, start=other)
     with pytest.raises(ValueError, match=r"cycle is 7, expected 1 to 1"):
@@ -481,9 +484,34 @@ def test_wear_needs_areas_and_a_matching_start() -> None:
 
 def test_the_record_is_told_cycle_by_cycle() -> None:
     told: list[tuple[int, Any]] = []
-    wear = worn_pad(on_cycle=lambda number, depth: told.append((number, depth)))
+    wear = worn_pad(on_cycle=lambda number, step: told.append((number, step.wear)))
     assert [number for number, _ in told] == wear.cycle.tolist()
     np.testing.assert_array_equal([depth for _, depth in told], wear.depth)
+    ends = wear.ends
+    assert ends[-1] is wear.result[-1]
+    assert [step.cycle for step in ends] == wear.cycle.tolist()
+    assert {step.cycle for step in wear.result} == {60}
+    np.testing.assert_array_equal(ends.traction[:, :, 0], wear.pressure)
     assert repr(wear).startswith("Wear(60 cycles, ")
     none = worn_pad(coefficient=0.0)
     assert none.depth.max() == 0 == none.error_estimate
+
+
+def test_files_keep_the_depth(tmp_path: Path) -> None:
+    ends = worn_pad(cycles=3).ends
+    ends.save(tmp_path / "worn.h5")
+    found = bp.load_result(tmp_path / "worn.h5")
+    for step, known in zip(found, ends, strict=True):
+        assert step.cycle == known.cycle
+        np.testing.assert_array_equal(step.wear, known.wear)
+
+
+def test_a_path_continues_on_worn_contacts() -> None:
+    _, problem, cycle = pad()
+    wear = worn_pad(cycles=3)
+    gap = problem._contacts["gap"] + wear.depth[-1]
+    path = problem.solve(prescribed=cycle, gap=gap, start=wear.result, tol=TOL)
+    # What the next cycle does, but for its own wear, a hundredth of that of all.
+    following = worn_pad(cycles=1, start=wear).result
+    difference = abs(path.reaction - following.reaction).max()
+    assert 0 < difference < 0.01 * path.reaction.max()

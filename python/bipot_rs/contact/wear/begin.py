@@ -39,7 +39,12 @@ def begun(start: Wear | Result | Step | None, shape: tuple[int, int]) -> State:
     """Where the first cycle starts."""
     contacts, d = shape
     if not isinstance(start, Wear):
-        return State.first(state(start, contacts, d), contacts)
+        at = state(start, contacts, d)
+        if at is not None and at.wear is not None:
+            raise ValueError(
+                "start is a step of worn contacts: pass the whole Wear to continue it"
+            )
+        return State.first(at, contacts)
     known: Any = start._state
     if known.depth.shape != (contacts,):
         raise ValueError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,8 +64,8 @@ class Cycles:
     coefficient: Floats
     area: Floats
 
-    def solve(self, at: Step | None, depth: Floats) -> Cycle:
-        """Solve a cycle from step ``at`` on, with contacts worn to ``depth (n_c,)``.
+    def solve(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+        """Solve cycle ``number`` from step ``at`` on, with contacts worn to ``depth (n_c,)``.
 
         After each load step the normal gaps grow by ``k p ‖slip‖`` with ``p = r_n / area``.
 
@@ -84,4 +84,5 @@ class Cycles:
             slip = np.linalg.norm(step.slip, axis=1)
             worn += self.coefficient * press / self.area * slip
             slid += np.where(press > 0, slip, 0.0)
+            path.steps[-1] = replace(step, wear=depth + worn, cycle=number)
         return Cycle(path, worn, slid)

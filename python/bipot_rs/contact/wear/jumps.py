@@ -77,7 +77,7 @@ class Run:
     stability
         Bounds the length of jumps; None for no jumps.
     on_cycle
-        Called as ``on_cycle(number, depth)`` after each cycle that was solved.
+        Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Run:
         count: int,
         rtol: float,
         stability: Stability | None,
-        on_cycle: Callable[[int, Floats], object] | None = None,
+        on_cycle: Callable[[int, Step], object] | None = None,
     ) -> None:
         self._cycles, self._state = cycles, state
         self._end = state.cycle + count
@@ -125,7 +125,7 @@ class Run:
         """Solve the next cycle."""
         number = self._state.cycle + 1
         try:
-            cycle = self._solved(self._state.at, self._state.depth)
+            cycle = self._solved(self._state.at, self._state.depth, number)
         except BipotError as error:
             said = f"cycle {number}: {error}"
             error.args = (said,)
@@ -134,9 +134,9 @@ class Run:
         self._wait = max(self._wait - 1, 0)
         self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
 
-    def _solved(self, at: Step | None, depth: Floats) -> Cycle:
+    def _solved(self, at: Step | None, depth: Floats, number: int) -> Cycle:
         self._rows.paths += 1
-        return self._cycles.solve(at, depth)
+        return self._cycles.solve(at, depth, number)
 
     def _jump(self, over: int) -> bool:
         """Try to jump over cycles and to solve the one after; whether that worked."""
@@ -182,12 +182,11 @@ class Run:
         before, last = state.ends
         g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
         drift = (last.place - before.place) / apart
-        predicted = self._solved(
-            _moved(state.at, over * drift), state.depth + over * g1
-        )
+        at, number = _moved(state.at, over * drift), state.cycle + over + 1
+        predicted = self._solved(at, state.depth + over * g1, number)
         change = over * (g1 + predicted.worn) / 2
         # The end of the predicted cycle has the history of about these depths.
-        cycle = self._solved(predicted.last, state.depth + change)
+        cycle = self._solved(predicted.last, state.depth + change, number)
         g3 = cycle.worn
         slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart
         bend = (slopes[0] - slopes[1]) / (over + 1 + apart)
@@ -224,14 +223,12 @@ class Run:
             ends=(*before.ends, end)[-2:],
         )
         self._last = cycle
-        rows.cycle.append(number)
-        rows.depth.append(depth)
+        rows.steps.append(cycle.last)
         rows.worn.append(cycle.worn)
-        rows.pressure.append(cycle.last.reaction[:, 0] / area)
         rows.dissipation.append(spent)
         rows.totals.append((volume, total))
         if self._on_cycle is not None:
-            self._on_cycle(number, depth)
+            self._on_cycle(number, cycle.last)
 
     def _bound(self, cycle: Cycle) -> float:
         """Longest stable jump after a cycle."""
@@ -242,8 +239,8 @@ class Run:
         return STABLE / rate if rate > 0 else np.inf
 
     def _made(self, failed: str | None = None) -> Wear:
-        result = None if self._last is None else self._last.path.result()
-        return self._rows.made(self._state, self._cycles.area, result, failed)
+        last = None if self._last is None else self._last.path
+        return self._rows.made(self._state, self._cycles.area, last, failed)
 
 
 def _moved(step: Step | None, by: Floats) -> Step | None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.load_path import Following
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
 
@@ -119,8 +121,6 @@ class Wear:
         contact is its own plus this depth.
     worn : (m, n_c)
         Depth worn off in the cycle [length].
-    pressure : (m, n_c)
-        ``r_n / area`` at the end of the cycle.
     volume, dissipation : (m,)
         Volume worn off in the cycle, ``Σ area worn`` [length³; in the plane that of the
         thickness of the areas], and energy that friction dissipated in it.
@@ -137,13 +137,15 @@ class Wear:
     paths
         Number of load paths that were solved.
     result
-        `Result` of the last cycle.
+        `Result` of the last cycle; ``None`` if there is none.
+    ends
+        `Result` with the last load step of each of these cycles, for pictures and files.
+        As in ``result``, ``step.wear`` is the depth at the end of a step.
     """
 
     cycle: Ints
     depth: Floats
     worn: Floats
-    pressure: Floats
     volume: Floats
     dissipation: Floats
     total_volume: Floats
@@ -153,6 +155,7 @@ class Wear:
     longest: float
     paths: int
     result: Result | None
+    ends: Result | None
     success: bool
     message: str
     _state: State
@@ -160,6 +163,14 @@ class Wear:
     def __repr__(self) -> str:
         solved = f"{counted(len(self.cycle), 'cycle')} solved"
         return f"Wear({self.message}, {solved}, {counted(len(self.jumps), 'jump')})"
+
+    @property
+    def pressure(self) -> Floats:
+        """``r_n / area`` at the end of each cycle, ``(m, n_c)``."""
+        traction = None if self.ends is None else self.ends.traction
+        if traction is None:
+            return np.empty_like(self.depth)
+        return np.asarray(traction[:, :, 0])
 
     @property
     def rejected(self) -> int:
@@ -202,10 +213,8 @@ class Wear:
 class Rows:
     """Rows of a `Wear` that is being computed."""
 
-    cycle: list[int]
-    depth: list[Floats]
     worn: list[Floats]
-    pressure: list[Floats]
+    steps: list[Step]
     dissipation: list[float]
     totals: list[tuple[float, float]]
     jumps: list[Jump]
@@ -214,30 +223,39 @@ class Rows:
     @classmethod
     def none(cls) -> Rows:
         """No rows."""
-        return cls([], [], [], [], [], [], [])
+        return cls([], [], [], [], [])
 
     def made(
         self,
         state: State,
         area: Floats,
-        result: Result | None,
+        last: Following | None,
         failed: str | None = None,
     ) -> Wear:
-        """The `Wear` of these rows; ``failed`` says why there are no more."""
+        """The `Wear` of these rows.
+
+        ``last`` is the load path of the last cycle, and ``failed`` says why there are no
+        more.
+        """
         contacts = len(area)
 
-        def stacked(rows: Sequence[Floats]) -> Floats:
+        def stacked(rows: Sequence[Any]) -> Floats:
             return np.array(rows, np.float64).reshape(-1, contacts)
+
+        result = None if last is None else last.result()
+        ends = None
+        if last is not None:
+            ends = last.result()
+            ends.steps, ends.start = tuple(self.steps), None
 
         worn = stacked(self.worn)
         totals = np.array(self.totals, np.float64).reshape(-1, 2)
         deepest = float(state.depth.max(initial=0.0))
         off = float(state.estimate.max(initial=0.0))
         return Wear(
-            cycle=np.array(self.cycle, np.int64),
-            depth=stacked(self.depth),
+            cycle=np.array([step.cycle for step in self.steps], np.int64),
+            depth=stacked([step.wear for step in self.steps]),
             worn=worn,
-            pressure=stacked(self.pressure),
             volume=worn @ area,
             dissipation=np.array(self.dissipation, np.float64),
             total_volume=totals[:, 0],
@@ -247,6 +265,7 @@ class Rows:
             longest=state.longest,
             paths=self.paths,
             result=result,
+            ends=ends,
             success=failed is None,
             message=f"{counted(state.cycle, 'cycle')}" if failed is None else failed,
             _state=state,
