@@ -165,6 +165,19 @@ class Wear:
         return f"Wear({self.message}, {solved}, {counted(len(self.jumps), 'jump')})"
 
     @property
+    def said(self) -> str:
+        """Load paths, jumps and their error, in one sentence."""
+        made = sum(jump.cycles for jump in self.jumps if jump.accepted)
+        paths = f"{counted(self.paths, 'load path')} solved for {self.message}"
+        if not self.jumps:
+            return paths
+        return (
+            f"{paths}; {counted(made, 'cycle')} jumped over, "
+            f"{counted(self.rejected, 'jump')} rejected, estimated error "
+            f"{self.error_estimate:.1e} of the largest depth"
+        )
+
+    @property
     def pressure(self) -> Floats:
         """``r_n / area`` at the end of each cycle, ``(m, n_c)``."""
         traction = None if self.ends is None else self.ends.traction
