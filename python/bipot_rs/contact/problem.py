@@ -664,11 +664,11 @@ class ContactProblem:
         """Repeat a load path, and wear the contacts by Archard's law.
 
         After each load step the gap of each contact grows by ``k p ‖slip‖`` with the
-        pressure ``p = r_n / area``, equation (24). The slip history continues from cycle to
+        pressure ``p = r_n / area``, equation (28). The slip history continues from cycle to
         cycle. Only gaps change: nothing is factored again. ``area`` must be known.
 
         The depth that a cycle wears off changes slowly, so that cycles may be jumped over
-        by Heun's method: see section 13 of ``docs/theory.md`` for its estimate of the error,
+        by Heun's method: see section 16 of ``docs/theory.md`` for its estimate of the error,
         and for the bound of jumps beyond which pressures would oscillate.
 
         Parameters

@@ -394,6 +394,29 @@ def test_friction_by_direction_and_three_dimensions() -> None:
         assert wear.volume[-1] > 0
 
 
+def test_other_engines_and_arguments_of_the_problem() -> None:
+    body, problem, cycle = pad(3, 3)
+    given = {"coefficient": 1e-4, "cycles": 12}
+    known = problem.wear(prescribed=cycle, **given, tol=TOL)
+    gap, fixed = problem._contacts["gap"], problem._fixed
+    own = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    nothing = np.zeros(body.K.shape[0])
+    for more, loads in (
+        ({"engine": "iterative"}, {"prescribed": cycle}),
+        ({"working_set": True}, {"prescribed": cycle}),
+        ({"loads": (nothing, cycle)}, {}),
+        ({"gaps": np.tile(gap, (4, 1))}, {"prescribed": cycle}),
+        ({}, {"prescribed": cycle, "gap": gap[None]}),
+    ):
+        other = bp.ContactProblem(body.K, body.B, **own, **more)
+        wear = other.wear(**loads, **given, tol=1e-12)
+        assert wear.cycle.tolist() == known.cycle.tolist()
+        # Reactions of both engines agree to 1e-9.
+        np.testing.assert_allclose(
+            wear.depth, known.depth, rtol=0, atol=1e-8 * known.depth.max()
+        )
+
+
 def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
     """Let load steps with these numbers end without convergence."""
     from dataclasses import replace

@@ -1,26 +1,8 @@
-"""Cycles one by one, and jumps over them with an error estimate.
+"""Cycles one by one, and jumps over them by Heun's method (29) with its error (30).
 
-Let ``g`` be the depth that a cycle wears off, as a function of the depth before it. From
-cycle ``n`` a jump over ``N`` cycles predicts the depth ``w + N g₁``, solves a cycle from
-there, whose worn depth is ``g₂``, and jumps to ``w + N (g₁ + g₂) / 2``. This is the sum of
-the ``N`` cycles if ``g`` changes linearly between cycles ``n`` and ``n + N + 1``: Heun's
-method, of second order. Cycle ``n + N + 1`` is then solved. It gives ``g₃`` and the estimate
-
-    N/2 |g₃ - g₂|  +  N³/6 |[g₀, g₁, g₃]|
-
-of the error: the first term is what the jump would change if it used ``g₃``, the second is
-the error of the trapezium rule, with the second divided difference that includes ``g₀`` of
-the cycle solved before. For a worn depth that decays exponentially, both together are twice
-the error. The estimates of all jumps add up to half of the allowed error, ``rtol``
-times the depth, at the most; the other half is left for errors that later cycles amplify. A
-quarter of their sum is shared in proportion to the depth that jumps wear off, and a quarter
-in proportion to the cycles. From the rest each jump may take an eighth of what is left,
-because a contact that begins or ceases to slip causes an error in one jump only.
-
-Slip is counted from where a contact was at the end of the cycle before. Where contacts slip,
-this place depends on the depth, and moves a little with every cycle. A jump moves it on by
-``N`` times its mean motion between the last two cycles that were solved: without this, ``g₂``
-would have an error of the first order in ``N``.
+``docs/theory.md``, section 16, derives both. The names of the formulas are used here: a cycle
+wears off ``g0`` before the last one, ``g1`` at the start of a jump, ``g2`` at the predicted
+depth, and ``g3`` after the jump.
 """
 
 from __future__ import annotations
@@ -181,11 +163,12 @@ class Run:
         state = self._state
         before, last = state.ends
         g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
+        # Slip is counted from the end of the cycle before, whose place changes with the depth.
         drift = (last.place - before.place) / apart
         at, number = _moved(state.at, over * drift), state.cycle + over + 1
         predicted = self._solved(at, state.depth + over * g1, number)
         change = over * (g1 + predicted.worn) / 2
-        # The end of the predicted cycle has the history of about these depths.
+        # The end of the predicted cycle has the slip history of about these depths.
         cycle = self._solved(predicted.last, state.depth + change, number)
         g3 = cycle.worn
         slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart

@@ -18,16 +18,9 @@ _RTOL = 0.01
 
 
 class Stability:
-    """Fastest rate, per cycle, at which wear evens out a pressure.
+    """Bounds the fastest rate, per cycle, at which wear evens out a pressure (31), (32).
 
-    A change ``δw`` of the depth changes the normal reactions by ``-S δw``, where ``S`` is
-    the stiffness of the closed contacts, and with them the depth worn in a cycle by
-    ``-Σ S δw``, ``Σ = diag(k slid / area)``. The largest eigenvalue ``λ`` of ``Σ S`` belongs
-    to pressures that alternate from node to node: explicit jumps over ``N`` cycles amplify
-    them if ``N λ > 2``. ``S`` is the least energy of the bodies with given openings, so that
-    any displacement ``u = Xᵀ v`` with these openings bounds it, ``S ≤ X K Xᵀ``. Here ``X``
-    moves only the degrees of freedom of the contacts, in proportion to their compliances
-    ``D⁻¹``, with ``D`` the diagonal of ``K``: it needs neither ``W`` nor a factor of ``K``.
+    It needs neither ``W`` nor a factor of ``K``.
 
     Parameters
     ----------
@@ -69,17 +62,17 @@ class Stability:
         except RuntimeError:
             return None
 
-    def rate(self, worn_by_stress: Floats) -> float:
-        """Estimate ``λ`` from above.
+    def rate(self, worn_by_force: Floats) -> float:
+        """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit.
 
         Parameters
         ----------
-        worn_by_stress
-            ``k slid``, depth that a unit pressure wears off each contact in a cycle,
-            divided by its area: ``(n_c,)`` [length/force].
+        worn_by_force
+            Diagonal of ``Σ``: ``k slid / area``, the depth that a unit force wears off each
+            contact in a cycle, ``(n_c,)`` [length/force].
         """
         own = np.flatnonzero(self._free)
-        root = np.sqrt(worn_by_stress[own])
+        root = np.sqrt(worn_by_force[own])
         if not root.any():
             return 0.0
         if self._solve is None:
