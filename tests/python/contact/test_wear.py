@@ -133,14 +133,19 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "rtol"), [("pad", 1e-2), ("hertz", 1e-2), ("hertz", 1e-3)]
+    ("kind", "rtol"),
+    [
+        pytest.param("pad", 1e-2, marks=pytest.mark.verify),
+        ("hertz", 1e-2),
+        pytest.param("hertz", 1e-3, marks=pytest.mark.verify),
+    ],
 )
 def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
     def solved(**more: Any) -> Any:
         if kind == "pad":
             return worn_pad(coefficient=COEFFICIENT / 2, cycles=400, **more)
         _, problem, pressed, cycle = hertz()
-        given = {"coefficient": 1e-6, "cycles": 600, "start": pressed, "tol": TOL}
+        given = {"coefficient": 1e-6, "cycles": 400, "start": pressed, "tol": TOL}
         return problem.wear(prescribed=cycle, **given, **more)
 
     every, jumped = solved(jump=False), solved(rtol=rtol)
@@ -308,7 +313,7 @@ def test_longer_jumps_would_let_pressures_oscillate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flat, cycle = sliding()
-    given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 800, "tol": TOL}
+    given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 600, "tol": TOL}
     # The estimate of the error is switched off.
     monkeypatch.setattr(jumps.Run, "_limits", lambda *_: (np.inf, 0.0))
     stable = flat.wear(**given)
@@ -344,12 +349,12 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
 
 def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
     edges = []
-    for n in (5, 10):
+    for n in (4, 8):
         model, problem, pressed, cycle = hertz(n)
         first = problem.solve(prescribed=cycle, start=pressed)
         x, R, E = model.points[:, 0], 100.0, 210e3 / (1 - 0.3**2) / 2
         wear = problem.wear(
-            prescribed=cycle, coefficient=3e-5, cycles=2000, start=pressed, rtol=0.1
+            prescribed=cycle, coefficient=3e-5, cycles=1500, start=pressed, rtol=0.1
         )
         p, before = wear.pressure[-1], first.traction[0, :, 0]
         stick = (wear.result.status == bp.Status.STICK).all(axis=0)
@@ -374,7 +379,7 @@ def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
         assert abs(p[inner] / exact - 1).max() < 0.6 / n
         edges.append(p.max() / before.max())
     # The pressure at the edge has no bound: it grows as the mesh is refined.
-    assert edges[0] > 1.2
+    assert edges[0] > 1.0
     assert edges[1] > 1.2 * edges[0]
 
 
