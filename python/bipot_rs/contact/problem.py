@@ -745,12 +745,10 @@ class ContactProblem:
         def path(at: Step | None) -> Following:
             return self._following(engine, self._mu, chosen, at)
 
-        stability = None
-        if jump:
-            parts = self._core.stiffness() if self._parts is None else self._parts
-            stability = Stability(parts, self._contact, self._fixed, self._shape[2])
+        parts = self._core.stiffness() if self._parts is None else self._parts
+        stability = Stability(parts, self._contact, self._fixed, self._shape[2])
         made = Cycles(path, totals, self._given.gap, k, area)
-        return Run(made, at, count, allowed, stability, on_cycle).go()
+        return Run(made, at, count, allowed, stability, jump, on_cycle).go()
 
     def follow(
         self,

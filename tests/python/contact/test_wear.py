@@ -347,6 +347,27 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
     assert exact <= found <= 3 * exact
 
 
+def test_contacts_of_one_degree_of_freedom_forbid_jumps() -> None:
+    # Two contacts share the pressure of one point in any way.
+    B = np.vstack([np.eye(2), np.eye(2)])
+    problem = bp.ContactProblem(
+        1e3 * np.eye(2), B, gap=[-0.01, -0.01], mu=0.0, area=[1e-4, 1e-4]
+    )
+    wear = problem.wear(PULL, coefficient=1e-9, cycles=9)
+    assert wear.longest == 0
+    assert wear.jumps == ()
+    assert wear.paths == 9
+
+
+def test_cycles_that_wear_too_much_are_told() -> None:
+    # A cycle of one contact has the rate k slip K / area; the first slips by 4 and 8 mm.
+    for k, told in ((1e-6, False), (2e-5, True)):
+        wear = spring().wear(PULL, coefficient=k, cycles=1, jump=False)
+        # Three digits.
+        assert wear.longest == pytest.approx(1 / (k * 12e-3 * 1e3 / 1e-4), rel=5e-3)
+        assert ("may oscillate" in wear.said) == told
+
+
 def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
     edges = []
     for n in (4, 8):

@@ -44,7 +44,7 @@ class _Trial:
 
 
 class Run:
-    """Solves cycles; jumps over others if ``stability`` is given.
+    """Solves cycles, and jumps over others.
 
     Parameters
     ----------
@@ -57,7 +57,9 @@ class Run:
     rtol
         Allowed error of the depth, relative to the largest depth.
     stability
-        Bounds the length of jumps; None for no jumps.
+        Bounds the length of jumps.
+    jump
+        Whether to jump.
     on_cycle
         Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
     """
@@ -68,12 +70,13 @@ class Run:
         state: State,
         count: int,
         rtol: float,
-        stability: Stability | None,
+        stability: Stability,
+        jump: bool,
         on_cycle: Callable[[int, Step], object] | None = None,
     ) -> None:
         self._cycles, self._state = cycles, state
         self._end = state.cycle + count
-        self._rtol, self._stability = rtol, stability
+        self._rtol, self._stability, self._jumps = rtol, stability, jump
         self._on_cycle = on_cycle
         self._rows = Rows.none()
         self._last: Cycle | None = None
@@ -97,7 +100,7 @@ class Run:
 
     def _over(self) -> int:
         """Number of cycles to jump over; less than `LEAST` for none."""
-        if self._stability is None or self._wait > 0 or len(self._state.ends) < 2:
+        if not self._jumps or self._wait > 0 or len(self._state.ends) < 2:
             return 0
         # The last cycle is always solved.
         left = self._end - self._state.cycle - 1
@@ -201,7 +204,8 @@ class Run:
             volume=volume,
             energy=total,
             lost=spent,
-            longest=self._bound(cycle),
+            # Without jumps, the bound after the last cycle is enough.
+            longest=self._bound(cycle) if self._jumps else np.inf,
             at=cycle.last,
             ends=(*before.ends, end)[-2:],
         )
@@ -215,15 +219,16 @@ class Run:
 
     def _bound(self, cycle: Cycle) -> float:
         """Longest stable jump after a cycle."""
-        if self._stability is None:
-            return np.inf
         cycles = self._cycles
         rate = self._stability.rate(cycles.coefficient * cycle.slid / cycles.area)
         return STABLE / rate if rate > 0 else np.inf
 
     def _made(self, failed: str | None = None) -> Wear:
-        last = None if self._last is None else self._last.path
-        return self._rows.made(self._state, self._cycles.area, last, failed)
+        state, last = self._state, self._last
+        if last is not None:
+            state = replace(state, longest=self._bound(last))
+        path = None if last is None else last.path
+        return self._rows.made(state, self._cycles.area, path, failed)
 
 
 def _moved(step: Step | None, by: Floats) -> Step | None:

@@ -132,8 +132,8 @@ class Wear:
         Largest sum of the estimates of the jumps at a contact, relative to the largest
         depth; 0 without jumps.
     longest
-        Bound of a jump for stability, in cycles, after the last cycle. Below 0.5 even
-        single cycles may oscillate: divide the cycle into more load steps.
+        Bound of a jump for stability, in cycles, after the last cycle. Below 0.5 single
+        cycles may oscillate: divide the cycle into more load steps.
     paths
         Number of load paths that were solved.
     result
@@ -169,13 +169,18 @@ class Wear:
         """Load paths, jumps and their error, in one sentence."""
         made = sum(jump.cycles for jump in self.jumps if jump.accepted)
         paths = f"{counted(self.paths, 'load path')} solved for {self.message}"
-        if not self.jumps:
-            return paths
-        return (
-            f"{paths}; {counted(made, 'cycle')} jumped over, "
-            f"{counted(self.rejected, 'jump')} rejected, estimated error "
-            f"{self.error_estimate:.1e} of the largest depth"
-        )
+        if self.jumps:
+            paths += (
+                f"; {counted(made, 'cycle')} jumped over, "
+                f"{counted(self.rejected, 'jump')} rejected, estimated error "
+                f"{self.error_estimate:.1e} of the largest depth"
+            )
+        if self.longest < 0.5:
+            paths += (
+                "; a cycle wears off so much that pressures of neighbours may oscillate: "
+                "divide it into more load steps"
+            )
+        return paths
 
     @property
     def pressure(self) -> Floats:

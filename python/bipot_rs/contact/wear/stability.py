@@ -44,26 +44,27 @@ class Stability:
         free[fixed] = False
         compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=free)
         softened = normal @ sparse.diags_array(compliance)
-        self._meeting = sparse.csc_array(softened @ normal.T)
-        self._energy = sparse.csr_array(softened @ K @ softened.T)
+        meeting = sparse.csr_array(softened @ normal.T)
         # A contact without a free degree of freedom has no determined pressure.
-        self._free = self._meeting.diagonal() > 0
-        self._solve = self._inverse()
+        self._own = np.flatnonzero(meeting.diagonal() > 0)
+        self._energy = sparse.csr_array(softened @ K @ softened.T)[self._own]
+        self._energy = self._energy[:, self._own]
+        self._solve = _inverse(sparse.csc_array(meeting[self._own][:, self._own]))
+        self._whole: Floats | None = None
+        count = len(self._own)
+        if self._solve is not None and count <= _FEW:
+            whole = np.reshape([self._apply(e) for e in np.eye(count)], (count, count))
+            self._whole = (whole + whole.T) / 2
 
-    def _inverse(self) -> Any:
-        own = np.flatnonzero(self._free)
-        part = sparse.csc_array(self._meeting[own][:, own])
-        if part.nnz == len(own):
-            # Each degree of freedom meets one contact.
-            inverse = 1.0 / part.diagonal()
-            return lambda v: inverse * v
-        try:
-            return linalg.splu(part).solve
-        except RuntimeError:
-            return None
+    def _apply(self, v: Floats) -> Floats:
+        """``X K Xᵀ v``."""
+        found: Floats = self._solve(self._energy @ self._solve(v))
+        return found
 
     def rate(self, worn_by_force: Floats) -> float:
-        """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit.
+        """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit, to three digits.
+
+        More digits would depend on the number of threads.
 
         Parameters
         ----------
@@ -71,29 +72,34 @@ class Stability:
             Diagonal of ``Σ``: ``k slid / area``, the depth that a unit force wears off each
             contact in a cycle, ``(n_c,)`` [length/force].
         """
-        own = np.flatnonzero(self._free)
-        root = np.sqrt(worn_by_force[own])
+        root = np.sqrt(worn_by_force[self._own])
         if not root.any():
             return 0.0
         if self._solve is None:
             # Contacts move the same degree of freedom in the same way.
             return np.inf
-        energy = self._energy[own][:, own]
-
-        # The eigenvalue needs numbers of order one for its start vector and tolerance only.
-        def apply(v: Floats) -> Floats:
-            moved = self._solve(root * v.ravel())
-            found: Floats = root * self._solve(energy @ moved)
-            return found
-
-        n = len(own)
-        if n <= _FEW:
-            whole = np.column_stack([apply(e) for e in np.eye(n)])
-            return float(np.linalg.eigvalsh((whole + whole.T) / 2)[-1])
-        operator = linalg.LinearOperator((n, n), matvec=apply, dtype=np.float64)
+        if self._whole is not None:
+            values = np.linalg.eigvalsh(root[:, None] * self._whole * root)
+            return float(f"{values[-1]:.3g}")
+        n = len(root)
+        operator = linalg.LinearOperator(
+            (n, n), matvec=lambda v: root * self._apply(root * v.ravel()), dtype=float
+        )
         start = np.random.default_rng(0).standard_normal(n)
         (found,) = linalg.eigsh(
             operator, k=1, which="LA", v0=start, tol=_RTOL, return_eigenvectors=False
         )
         # Lanczos approaches the eigenvalue from below.
-        return float(found) * (1 + _RTOL)
+        return float(f"{found * (1 + _RTOL):.3g}")
+
+
+def _inverse(meeting: Any) -> Any:
+    """Function that solves with ``B_n D⁻¹ B_nᵀ``; None if it is singular."""
+    if meeting.nnz == meeting.shape[0]:
+        # Each degree of freedom meets one contact.
+        inverse = 1.0 / meeting.diagonal()
+        return lambda v: inverse * v
+    try:
+        return linalg.splu(meeting).solve
+    except RuntimeError:
+        return None
