@@ -388,7 +388,7 @@ def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
         # The worn depth at the edge is sharp: nothing where contact sticks.
         assert wear.depth[-1][stick].max() < 1e-3 * wear.depth[-1].max()
         # A parabola on the stick zone carries its Hertz pressure, and the rest of the force
-        # as a flat punch [Hills, Sackfield and Paynter, 2009].
+        # as a flat punch: the limit of Hills, Sackfield and Paynter (2009).
         force = float(p @ model.area)
         c = (x[stick].max() - x[stick].min()) / 2 + np.diff(x)[len(x) // 2] / 2
         inner = abs(x) < 0.6 * c
