@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.result import Result, load, load_result
     from bipot_rs.contact.solution import Solution, Step
     from bipot_rs.contact.status import Outcome, Status
+    from bipot_rs.contact.wear.record import Wear
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
     from bipot_rs.fem import review as review
@@ -71,6 +72,7 @@ __all__ = [
     "Solution",
     "Status",
     "Step",
+    "Wear",
     "fclib",
     "load",
     "load_result",
@@ -103,6 +105,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.result": ("Result", "load", "load_result"),
         "bipot_rs.contact.solution": ("Solution", "Step"),
         "bipot_rs.contact.status": ("Outcome", "Status"),
+        "bipot_rs.contact.wear.record": ("Wear",),
         "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
         "bipot_rs.scene.builder": ("Model", "ModelResult"),
     },

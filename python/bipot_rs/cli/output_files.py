@@ -54,7 +54,9 @@ def origin(
         "message": message,
         "settings": json.dumps(settings),
     }
-    if scene is not None and not scene.path.increments:
+    if scene is not None and scene.wear is not None:
+        found["cycles"] = scene.wear.cycles
+    elif scene is not None and not scene.path.increments:
         found["planned"] = scene.path.count()
     if problem is not None:
         solved = problem.stats
@@ -100,7 +102,7 @@ class Output:
     def part(self, series: BodySeries, case: Case, k: int, step: Step) -> None:
         """Write the part of load step ``k``."""
         with self._file(f"result_{k:04d}.pvtu and its parts"):
-            series.add(step, case.stress_at_rest(k if step.s is None else step))
+            series.add(step, case.rest_of(k, step))
 
     def contact_series(self, case: Case) -> None:
         """Write the series of the contacts."""
@@ -123,9 +125,7 @@ class Output:
                     {"error": one.cells, "error_density": one.density} if one else {}
                     for one in map(self._error, range(len(steps)))
                 ),
-                at_rest=lambda k: case.stress_at_rest(
-                    k if steps[k].s is None else steps[k]
-                ),
+                at_rest=lambda k: case.rest_of(k, steps[k]),
             )
 
     def table(self, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:

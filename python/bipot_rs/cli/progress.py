@@ -50,6 +50,8 @@ class Progress:
         self.bar: Any = None
         # The largest load so far.
         self.largest = 0.0
+        # The last cycle of wear so far.
+        self.done = 0
         self.lines = not quiet and not sys.stderr.isatty()
 
     def __enter__(self) -> Progress:
@@ -122,16 +124,19 @@ class Progress:
         if "load" in row:
             self.largest = max(self.largest, abs(row["load"]))
             load = f"load {settled(row['load'], self.largest):.6g}, "
-        self.advance(
-            status,
-            f"load step {row['step'] + 1}{of}: {load}{status}, "
-            f"residual {row['residual']:.1e}",
-        )
+        number, kind = row["step"] + 1, "load step"
+        if "cycle" in row:
+            number, kind = row["cycle"], "cycle"
+            load = f"depth {row['largest_depth']:.3g}, "
+        text = f"{kind} {number}{of}: {load}{status}, residual {row['residual']:.1e}"
+        # Cycles may be jumped over.
+        self.advance(status, text, by=number - self.done if kind == "cycle" else 1)
+        self.done = number
 
-    def advance(self, short: str, line: str) -> None:
+    def advance(self, short: str, line: str, *, by: int = 1) -> None:
         """Count one step; ``short`` appears next to the bar, ``line`` without a bar."""
         if self.bar is not None:
-            self.bar.update(1, advance=1, text=short)
+            self.bar.update(1, advance=by, text=short)
         if self.lines:
             tell(line, sys.stderr)
 

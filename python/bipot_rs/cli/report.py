@@ -16,6 +16,8 @@ from bipot_rs.fem.contact_surface import surface_names
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
 # Columns of each contact surface in steps.csv. A curved surface also has COMPONENTS.
+# Columns of a cycle of wear.
+WEAR = ("cycle", "worn_volume", "largest_depth")
 FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
 _FORMS = {
@@ -23,6 +25,7 @@ _FORMS = {
     "residual": "{:.1e}",
     "seconds": "{:.3f}",
     "error": "{:.2%}",
+    **dict.fromkeys(WEAR[1:], "{:.4g}"),
     "normal_force": "{:.5g}",
     "tangential_force": "{:.5g}",
     "friction_used": "{:.4f}",
@@ -50,6 +53,14 @@ def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
         "iterations": step.iterations,
         "seconds": step.seconds,
     }
+
+
+def worn(step: Step, area: Floats) -> dict[str, Any]:
+    """`WEAR` of the end of a cycle; empty without wear."""
+    if step.wear is None:
+        return {}
+    figures = step.cycle, float(step.wear @ area), float(step.wear.max(initial=0.0))
+    return dict(zip(WEAR, figures, strict=True))
 
 
 def forces(model: Any, step: Step) -> dict[str, float | None]:
@@ -178,13 +189,13 @@ def _table(
 
 def _head(kind: str, unit: str, *, curved: bool) -> str:
     force = f" [{unit}]" if unit else ""
-    heads = {
+    heads = {name: name.replace("_", " ") for name in WEAR} | {
         "normal_force": f"Fn{force}",
         "tangential_force": f"Ft{force}",
         "friction_used": "Ft/(μFn)",
     }
     if curved:
-        heads = {
+        heads |= {
             "normal_force": f"Σrn{force}",
             "tangential_force": f"Σ|rt|{force}",
             "friction_used": "Σ|rt|/(Σμrn)",
@@ -219,10 +230,10 @@ def closing(
     contacts = last["open"] + last["slip"] + last["stick"]
     worst = max(row["residual"] for row in rows)
     residual = f"every residual at most {worst:.1e} (asked for {tol:.1e})"
-    lines = [
-        f"solved: {counted(len(rows), 'load step')}, {residual}. At the end "
-        + _state(last, contacts)
-    ]
+    done = counted(len(rows), "load step")
+    if WEAR[0] in last:
+        done = f"{counted(last[WEAR[0]], 'cycle')}, {len(rows)} of them solved"
+    lines = [f"solved: {done}, {residual}. At the end " + _state(last, contacts)]
     if all(row["open"] == contacts for row in rows):
         lines.append(f"remark: {NEVER_CLOSED}")
     else:

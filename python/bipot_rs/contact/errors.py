@@ -24,9 +24,12 @@ class BipotError(Exception):
         diverged, which proves nothing.
     dof
         A degree of freedom of the body that can move freely, or ``None``.
+    wear
+        A `Wear` with the cycles before, if `ContactProblem.wear` failed; else ``None``.
     """
 
     dof: int | None = None
+    wear: Any = None
 
     def __init__(
         self,
@@ -40,7 +43,7 @@ class BipotError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         known = (*self.args, self.result, self.direction)
-        return type(self), known, {"dof": self.dof}
+        return type(self), known, {"dof": self.dof, "wear": self.wear}
 
 
 class NoEquilibriumError(BipotError):

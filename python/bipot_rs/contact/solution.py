@@ -268,6 +268,9 @@ class Step(Solution):
     working_motion
         Amplitudes of rigid motions from which the next step begins, if the working set has
         grown to all contacts of bodies that contact alone holds; else ``None``.
+    wear, cycle
+        Depth worn off each contact until the end of the step, ``(n_c,)``, and number of the
+        cycle (`ContactProblem.wear`); else ``None``.
     """
 
     slip: Floats
@@ -279,6 +282,8 @@ class Step(Solution):
     gap: Floats | None = None
     working_set: Ints | None = None
     working_motion: Floats | None = None
+    wear: Floats | None = None
+    cycle: int | None = None
     _recover: Recovery | None = None
     _kept: dict[str, Floats] = field(default_factory=dict)
 

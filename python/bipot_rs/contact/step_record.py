@@ -77,6 +77,10 @@ def step_of(
     if "gap" in record and np.shape(record["gap"]) != (contacts, d):
         found = np.shape(record["gap"])
         raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
+    if "wear" in record:
+        worn = np.asarray(record["wear"])
+        if worn.shape != (contacts,) or not np.isfinite(worn).all():
+            raise ValueError(f"wear is wrong, expected ({contacts},) finite numbers")
     _check_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():

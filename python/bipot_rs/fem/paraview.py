@@ -190,12 +190,13 @@ def contact_fields(model: Assembly, step: Step) -> Fields:
     dict
         ``displacement`` [m], ``reaction`` [N], ``traction`` and its normal component
         ``pressure`` [Pa], ``slip`` of the step [m], remaining ``gap`` [m], ``status``
-        (0 open, 1 slip, 2 stick), and ``normal``.
+        (0 open, 1 slip, 2 stick), and ``normal``; with wear ``wear_depth`` [m].
     """
     d = model.dim
     force = np.einsum("ck,ckd->cd", step.reaction, model.frame)
     dofs = model.contact_dofs[:, :1] + np.arange(d)
-    return {
+    worn = {} if step.wear is None else {"wear_depth": step.wear}
+    return worn | {
         "displacement": step.displacement[dofs],
         "reaction": force,
         "traction": force / model.area[:, None],

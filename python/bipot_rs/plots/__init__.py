@@ -9,7 +9,7 @@ the mesh. They draw into the axes ``ax=``, or into a new figure, made without py
 show units if they are known, from ``units={"length": "mm", "force": "N", "stress": "MPa"}``
 or ``result.units``.
 
-Along a line: `tractions`, `slip`. On a flat surface: `surface_map`, `status_map`, `slip`.
+Along a line: `tractions`, `slip`, `wear`. On a flat surface: `surface_map`, `status_map`, `slip`.
 On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path: `resultants`,
 `status_shares`, `force_displacement`, `dissipation`. Solver: `convergence`.
 """
@@ -25,6 +25,7 @@ from bipot_rs.plots.path import (
 )
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.surface import slip, status_map, surface_map
+from bipot_rs.plots.wear import wear
 
 __all__ = [
     "convergence",
@@ -38,4 +39,5 @@ __all__ = [
     "surface3d",
     "surface_map",
     "tractions",
+    "wear",
 ]

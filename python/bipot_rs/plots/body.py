@@ -139,7 +139,7 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
 
 def _at_rest(case: Case, result: Any, found: Any, step: int) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
-    if getattr(found, "s", None) is not None:
+    if any(getattr(found, name, None) is not None for name in ("s", "cycle")):
         return case.stress_at_rest(found)
     number = number_of(result, step)
     if number is not None:

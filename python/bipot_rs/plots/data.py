@@ -33,6 +33,8 @@ class Contacts:
     mu : (n_c,) or (n_c, 2) or None
     reaction, status, gap, slip
         As in a `Step`; ``gap`` is the normal part of the relative displacement.
+    wear : (n_c,) or None
+        Depth worn off.
     units
         Names by ``"length"``, ``"force"``, ``"stress"``.
     surface : (n_c,) or None
@@ -52,6 +54,7 @@ class Contacts:
     gap: Floats
     slip: Floats
     units: Mapping[str, str]
+    wear: Floats | None = None
     surface: NDArray[np.integer[Any]] | None = None
     names: Sequence[str] = ()
     said: str = ""
@@ -69,7 +72,7 @@ class Contacts:
     def part(self, chosen: Any) -> Contacts:
         """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
-        given = {name: getattr(self, name) for name in (*arrays, "surface")}
+        given = {name: getattr(self, name) for name in (*arrays, "wear", "surface")}
         cut: dict[str, Any] = {
             name: None if array is None else array[chosen]
             for name, array in given.items()
@@ -229,6 +232,7 @@ def look(
         "gap": v[:, 0],
         # In a problem in the reactions only, v is the displacement of its one step.
         "slip": getattr(solution, "slip", v[:, 1:]),
+        "wear": getattr(solution, "wear", None),
     }
     seen = Contacts(
         units=units_of(found, units),

@@ -278,6 +278,25 @@ class Model:
             table["amplitude"] = _plain(amplitude)
         self._table["path"] = table
 
+    def wear(self, *, coefficient: float, cycles: int, **table: Any) -> None:
+        """Repeat the load path and wear the contacts: ``steps``, ``jump``, ``rtol``.
+
+        ``model.assemble().wear()`` then solves the cycles and returns a `Wear`.
+
+        Parameters
+        ----------
+        coefficient
+            Depth worn off per pressure and slip [1/stress].
+        cycles
+            Number of cycles.
+        table
+            ``steps``: number of load steps at the end of the path that form a cycle, by
+            default all; ``jump``: whether cycles may be jumped over; ``rtol``: error that
+            jumps may cause.
+        """
+        given = {"coefficient": coefficient, "cycles": cycles, **table}
+        self._table["wear"] = _plain(given)
+
     def solver(self, **table: Any) -> None:
         """Set the contact solver: ``method``, ``tol``, ``max_iterations``."""
         self._table["solver"] = _plain(table)

@@ -17,6 +17,7 @@ from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
+from bipot_rs.contact.wear.record import Wear
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
 from bipot_rs.fem.stress_recovery import Initial, stress
@@ -136,6 +137,8 @@ class Case:
 
     def _steps(self) -> int:
         """About as many load steps as the path takes."""
+        if self.scene is not None and self.scene.wear is not None:
+            return len(self.parameter) * self.scene.wear.cycles
         adaptive = self.scene is not None and self.scene.path.increments is not None
         return len(self.parameter) * (ADAPTIVE_STEPS if adaptive else 1)
 
@@ -186,29 +189,19 @@ class Case:
             raise ValueError(
                 "this case was made without a scene: use problem().solve(...) instead"
             )
-        settings = self.scene.solver
-        tolerance = settings.tol if tol is None else tol
-        if isinstance(tolerance, str):
+        if self.scene.wear is not None:
             raise ValueError(
-                f"tol is {tolerance!r}, expected a number; only `bipot run` computes tol "
-                "from the mesh"
+                "the scene has [wear], which `bipot run` and Case.wear solve, as in "
+                "model.assemble().wear(); remove it to solve the load path once"
             )
-        chosen: dict[str, Any] = {
-            "method": settings.method if method is None else method,
-            "tol": tolerance,
-            "max_iterations": settings.max_iterations
-            if max_iterations is None
-            else max_iterations,
-            "start": start,
-            "on_step": on_step,
-        }
+        chosen = self._settings(method, tol, max_iterations)
+        chosen |= {"start": start, "on_step": on_step}
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
         if plan is None:
             self._check_start(start, first)
-            load = None if self.load is None else self.load[first:]
-            moved = None if self.gaps is None else self.gaps[first:]
-            return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
+            rest = slice(first, None)
+            return asked.solve(*self._part(rest), gap=self._gaps_of(rest), **chosen)
         steps = self.scene.path.count()
         known: dict[float, Totals] = {}
 
@@ -234,6 +227,81 @@ class Case:
             gap=None if self.gaps is None else gap,
             **chosen,
         )
+
+    def wear(
+        self,
+        problem: ContactProblem | None = None,
+        *,
+        method: str | None = None,
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        on_cycle: Callable[[int, Step], object] | None = None,
+    ) -> Wear:
+        """Solve the load steps before the cycle, then the cycles of the table ``[wear]``.
+
+        Parameters
+        ----------
+        problem, method, tol, max_iterations
+            As in `solve`.
+        on_cycle
+            As in `ContactProblem.wear`.
+
+        Raises
+        ------
+        ValueError
+            The scene has no ``[wear]``.
+        NoEquilibriumError, NotConvergedError
+            As `ContactProblem.solve` and `ContactProblem.wear`.
+        """
+        table = None if self.scene is None else self.scene.wear
+        if table is None:
+            raise ValueError("the scene has no [wear], expected coefficient and cycles")
+        chosen = self._settings(method, tol, max_iterations)
+        asked = self.problem() if problem is None else problem
+        count = len(self.parameter)
+        once = slice(0, count - (table.steps or count))
+        cycle = slice(once.stop, count)
+        start = None
+        if once.stop:
+            start = asked.solve(*self._part(once), gap=self._gaps_of(once), **chosen)
+        return asked.wear(
+            *self._part(cycle),
+            gap=self._gaps_of(cycle),
+            coefficient=table.coefficient,
+            cycles=table.cycles,
+            jump=table.jump,
+            rtol=table.rtol,
+            start=start,
+            on_cycle=on_cycle,
+            **chosen,
+        )
+
+    def _settings(
+        self, method: str | None, tol: float | None, max_iterations: int | None
+    ) -> dict[str, Any]:
+        """Settings of the solver: those given, else those of the scene."""
+        if self.scene is None:
+            raise ValueError("this case was made without a scene")
+        settings = self.scene.solver
+        tolerance = settings.tol if tol is None else tol
+        if isinstance(tolerance, str):
+            raise ValueError(
+                f"tol is {tolerance!r}, expected a number; only `bipot run` computes tol "
+                "from the mesh"
+            )
+        limit = settings.max_iterations if max_iterations is None else max_iterations
+        return {
+            "method": settings.method if method is None else method,
+            "tol": tolerance,
+            "max_iterations": limit,
+        }
+
+    def _part(self, steps: slice) -> tuple[Floats | None, Floats]:
+        """Loads and prescribed displacements of some load steps."""
+        return None if self.load is None else self.load[steps], self.prescribed[steps]
+
+    def _gaps_of(self, steps: slice) -> Floats | None:
+        return None if self.gaps is None else self.gaps[steps]
 
     def _check_start(self, start: Result | Step | None, first: int) -> None:
         """Refuse a start whose last loads are not those of this path."""
@@ -286,6 +354,8 @@ class Case:
         acting = [load for load in self.loads if load.strain is not None]
         if not acting:
             return None
+        if isinstance(step, Step) and step.cycle is not None:
+            step = len(self.parameter) - 1
         if isinstance(step, Step):
             if step.s is None:
                 raise ValueError(
@@ -302,8 +372,16 @@ class Case:
             found[ends[load.body] : ends[load.body + 1]] += load.history[step] * unit
         return found
 
+    def rest_of(self, k: int, step: Step) -> Floats | None:
+        """`stress_at_rest` of step ``k`` of a result."""
+        given = step.s is None and step.cycle is None
+        return self.stress_at_rest(k if given else step)
+
     def step_parameter(self, k: int, step: Step) -> float:
         """Path parameter of the scene at the end of step ``k`` of a result."""
+        if step.cycle is not None:
+            # The end of a cycle.
+            return float(self.parameter[-1])
         if step.s is None:
             return float(self.parameter[k])
         if self.scene is None:

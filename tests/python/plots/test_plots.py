@@ -40,6 +40,17 @@ def line() -> tuple[fem.Assembly, bp.Result]:
 
 
 @pytest.fixture(scope="module")
+def worn(line: Any) -> tuple[fem.Assembly, bp.Result]:
+    """Ends of cycles of the same contact, dragged to and fro."""
+    model, result = line
+    press, shear = (step.prescribed for step in result)
+    cycle = [shear, 2 * press - shear]
+    wear = model.problem().wear(prescribed=cycle, coefficient=1e-5, cycles=40)
+    wear.ends.units = result.units
+    return model, wear.ends
+
+
+@pytest.fixture(scope="module")
 def cube() -> tuple[fem.Assembly, bp.Result]:
     return solved("sheared_cube", "mesh.n=7")
 
@@ -593,6 +604,8 @@ def test_a_missing_library_is_named(
 PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
     "tractions": (plots.tractions, "line", False, {}),
     "slip": (plots.slip, "line", False, {}),
+    "wear": (plots.wear, "worn", False, {}),
+    "pressure by cycle": (plots.wear, "worn", False, {"quantity": "pressure"}),
     "zones": (plots.status_map, "line", False, {}),
     "pressure": (plots.surface_map, "cube", False, {}),
     "shear": (plots.surface_map, "cube", False, {"quantity": "shear"}),
@@ -614,10 +627,11 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_parts_of_a_picture_do_not_overlap(
-    name: str, line: Any, cube: Any, cycle: Any
+    name: str, line: Any, cube: Any, cycle: Any, worn: Any
 ) -> None:
     draw, of, bodies, more = PICTURES[name]
-    model, result = {"line": line, "cube": cube, "cycle": cycle}[of]
+    scenes = {"line": line, "cube": cube, "cycle": cycle, "worn": worn}
+    model, result = scenes[of]
     ax = draw(model, result, **more) if bodies else draw(result, **more)
     assert overlaps(ax.figure) == []
 

@@ -43,6 +43,9 @@ assert_type(bp.plots.status_map(result), Axes)
 assert_type(bp.plots.status_shares(result), Axes)
 assert_type(bp.plots.surface_map(result), Axes)
 assert_type(bp.plots.tractions(result), Axes)
+worn = problem.wear([-1.0, 0.0], coefficient=1e-9, cycles=3)
+assert_type(worn, bp.Wear)
+assert_type(bp.plots.wear(worn), Axes)
 """
 WRONG = {
     "assert_type(result[-1], bp.Result)": "assert-type",

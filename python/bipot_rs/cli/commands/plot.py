@@ -47,6 +47,7 @@ Picture = Callable[[Path, Any, str, Asked], None]
 def kinds() -> dict[str, Picture]:
     """Pictures by name: that of ``bipot run --plot``, and those of `bipot_rs.plots`."""
     from bipot_rs import plots
+    from bipot_rs.plots.wear import both
 
     def one(kind: str, function: Callable[..., Any], *names: str) -> Picture:
         takes = signature(function).parameters
@@ -85,6 +86,7 @@ def kinds() -> dict[str, Picture]:
     for quantity in _IN_SPACE:
         kind = f"{quantity}_3d"
         drawn[kind] = one(kind, plots.surface3d, quantity)
+    drawn["wear"] = one("wear", both)
     return drawn
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.result import Result
     from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.wear.record import Wear
     from bipot_rs.discretisation.estimator import DiscretisationError, Estimator
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
@@ -88,6 +89,8 @@ class Job(SharedRunner):
         self.estimator: Estimator | None = None
         self.errors: list[DiscretisationError | None] = []
         self.no_error = ""
+        # With [wear]: the cycles.
+        self.wear: Wear | None = None
         # Bound of the residuals, and the reason for it if it depends on the mesh.
         self.tol = 0.0
         self.enough = ""
@@ -121,7 +124,7 @@ class Job(SharedRunner):
         files = "reads another scene, or another file that it names, than rank 0"
         self.ranks.same(stamp, files)
         with self.ranks.together():
-            message = self._earlier(stamp)
+            message = "" if scene.wear is not None else self._earlier(stamp)
         if message:
             return SOLVED, message
         with (
@@ -145,6 +148,11 @@ class Job(SharedRunner):
         from bipot_rs.cli import cost_forecast
         from bipot_rs.cli.resume import stamps
 
+        if scene.wear is not None:
+            self._check_wear(tol)
+            self.count = scene.wear.cycles
+        elif not scene.path.increments:
+            self.count = scene.path.count()
         if self.shared:
             self._check_petsc(method, tol)
         elif launched()[1] > 1 and not self.as_json:
@@ -156,9 +164,23 @@ class Job(SharedRunner):
         stamp = stamps(scene, method, tol)
         for needed in _NEEDED:
             import_module(needed)
-        if not scene.path.increments:
-            self.count = scene.path.count()
         return stamp
+
+    def _check_wear(self, tol: float | str) -> None:
+        """Refuse what a run with [wear] does not have."""
+        request, why = self.request, "this scene has [wear]"
+        if self.shared:
+            raise ValueError(f"engine is 'petsc', but {why}: use another engine")
+        if request.fclib:
+            raise ValueError(f"--fclib writes the load steps of a path, but {why}")
+        if request.error or tol == ENOUGH:
+            what = "--error" if request.error else f"tol {ENOUGH!r}"
+            raise ValueError(f"{what} is for the load steps of a path, but {why}")
+        if request.resume:
+            raise ValueError(
+                f"--resume continues the load steps of a path, but {why}: run it again, or "
+                "continue in Python with ContactProblem.wear(start=)"
+            )
 
     def _check_petsc(self, method: str, tol: float | str) -> None:
         """Refuse what engine petsc does not have, as the iterative engine does."""
@@ -298,6 +320,14 @@ class Job(SharedRunner):
                     self.reach(self._row(self.resumed + local, case, step), step)
                     self._save()
 
+            if scene.wear is not None:
+                self.wear = case.wear(
+                    problem,
+                    method=method,
+                    tol=self.tol,
+                    on_cycle=lambda _, step: on_step(len(self.reached), step),
+                )
+                return
             case.solve(
                 problem,
                 method=method,
@@ -352,8 +382,10 @@ class Job(SharedRunner):
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""
         from bipot_rs.cli.report import row as of_step
+        from bipot_rs.cli.report import worn
 
         row = of_step(k, case.step_parameter(k, step), step)
+        row |= worn(step, case.model.area)
         if self.estimator is None:
             return row
         start = perf_counter()
@@ -377,6 +409,7 @@ class Job(SharedRunner):
     def failed(self, error: BipotError) -> tuple[int, str]:
         """As of any command, with the load step counted from the start of the path."""
         code, message = super().failed(error)
+        self.wear = error.wear
         of = "" if self.count is None else f" of {self.count}"
         return code, later(message, self.resumed, of)
 
@@ -419,7 +452,7 @@ class Job(SharedRunner):
             self.peaks = self.ranks.gather(peak_mb())
         if code != SOLVED:
             message += f" (load steps in {folder}: {len(self.reached)})"
-            if interrupted and self.reached:
+            if interrupted and self.reached and (scene is None or scene.wear is None):
                 message += "; --resume continues from there"
         return code, message
 
@@ -463,6 +496,10 @@ class Job(SharedRunner):
         return {**origin(name, settings, self.scene, problem, message), **stamp}
 
     def _extra(self) -> tuple[str, ...]:
+        from bipot_rs.cli.report import WEAR
+
+        if self.scene is not None and self.scene.wear is not None:
+            return WEAR
         return () if self.estimator is None else ("error", "error_kind")
 
     def _rows(self, case: Case) -> list[dict[str, Any]]:
@@ -486,7 +523,7 @@ class Job(SharedRunner):
             rows,
             title=self.scene.title,
             unit=self.scene.units.force,
-            more=self._extra()[:1],
+            more=[name for name in self._extra() if name != "error_kind"],
         )
         lines = [self.enough] if self.enough else []
         known = [error for error in self.errors if error is not None]
@@ -502,6 +539,8 @@ class Job(SharedRunner):
         if code == SOLVED:
             remarks = review(model, [step for _, step in self.reached])
             lines += closing(rows, self.tol, folder, remarks)
+        if self.wear is not None:
+            lines.append(f"wear: {self.wear.said}")
         times = ", ".join(
             f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
         )

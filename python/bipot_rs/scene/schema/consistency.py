@@ -59,6 +59,7 @@ def inconsistencies(
         *_contacts(scene, known, dim),
         *_obstacles(scene, dim),
         *_path(scene),
+        *_wear(scene),
     ]
 
 
@@ -462,6 +463,23 @@ def _path(scene: Scene) -> Iterator[str]:
             "path.automatic: needs smallest <= first <= largest, got "
             f"{automatic.smallest:g}, {automatic.first}, {automatic.largest:g}"
         )
+
+
+def _wear(scene: Scene) -> Iterator[str]:
+    wear, count = scene.wear, scene.path.count()
+    if wear is None:
+        return
+    if wear.steps is not None and wear.steps > count:
+        yield (
+            f"wear.steps: is {wear.steps}, but the path has only "
+            f"{counted(count, 'load step')}"
+        )
+    if scene.path.increments is not None:
+        yield "path.automatic: remove it, wear repeats the given load steps"
+    if scene.solver.engine == "petsc":
+        yield "solver.engine: should not be 'petsc', which does not compute wear"
+    if isinstance(scene.solver.tol, str):
+        yield f"solver.tol: should be a number for wear, got {scene.solver.tol!r}"
 
 
 def _no_amplitude(name: str, scene: Scene) -> str:

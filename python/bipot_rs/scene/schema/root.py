@@ -22,6 +22,7 @@ from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import Block, Mesh
 from bipot_rs.scene.schema.path import LoadPath
 from bipot_rs.scene.schema.table import AXES, Table, Varying
+from bipot_rs.scene.schema.wear import Wear
 
 # Cells of an element, by dimension.
 _CARRIES = {
@@ -75,6 +76,7 @@ class Scene(Table):
     strain: list[InitialStrain] = Field(default_factory=list)
     contact: Annotated[list[Touch], Field(min_length=1)]
     path: LoadPath = Field(default_factory=LoadPath)
+    wear: Wear | None = None
     solver: Solver = Field(default_factory=Solver)
 
     # Relative names of files refer to this folder.

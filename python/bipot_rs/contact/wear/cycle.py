@@ -1,0 +1,88 @@
+"""One cycle of a load path, in which each load step wears the contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.load_path import Following
+from bipot_rs.contact.load_steps import Totals
+from bipot_rs.contact.solution import Step
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A cycle that was solved.
+
+    Attributes
+    ----------
+    path
+        Its load steps, and what makes their `Result`.
+    worn : (n_c,)
+        Depth that it wore off each contact [length].
+    slid : (n_c,)
+        Length of slip of each contact while closed [length].
+    """
+
+    path: Following
+    worn: Floats
+    slid: Floats
+
+    @property
+    def last(self) -> Step:
+        """Its last load step."""
+        return self.path.steps[-1]
+
+    @property
+    def dissipation(self) -> float:
+        """Energy that friction dissipated in it."""
+        return sum(step.dissipation for step in self.path.steps)
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Solves cycles of one load path.
+
+    Attributes
+    ----------
+    path
+        Makes a load path that continues from a step, or from the unloaded bodies.
+    totals
+        Totals of each load step of a cycle.
+    gap : (n_c, d)
+        Gaps of the load steps that have none of their own.
+    coefficient, area : (n_c,)
+        Wear coefficient [1/stress], tributary areas.
+    """
+
+    path: Callable[[Step | None], Following]
+    totals: Sequence[Totals]
+    gap: Floats
+    coefficient: Floats
+    area: Floats
+
+    def solve(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+        """Solve cycle ``number`` from step ``at`` on, with contacts worn to ``depth (n_c,)``.
+
+        After each load step the normal gaps grow by ``k p ‖slip‖`` with ``p = r_n / area``.
+
+        Raises
+        ------
+        NoEquilibriumError, NotConvergedError
+            A load step failed. ``.result`` holds the load steps of this cycle before it.
+        """
+        path = self.path(at)
+        worn, slid = np.zeros_like(depth), np.zeros_like(depth)
+        for load, prescribed, gap in self.totals:
+            opened = (self.gap if gap is None else gap).copy()
+            opened[:, 0] += depth + worn
+            step = path.advance(load, prescribed, opened)
+            press = np.maximum(step.reaction[:, 0], 0.0)
+            slip = np.linalg.norm(step.slip, axis=1)
+            worn += self.coefficient * press / self.area * slip
+            slid += np.where(press > 0, slip, 0.0)
+            path.steps[-1] = replace(step, wear=depth + worn, cycle=number)
+        return Cycle(path, worn, slid)

@@ -1,0 +1,240 @@
+"""Cycles one by one, and jumps over them by Heun's method (29) with its error (30).
+
+``docs/theory.md``, section 16, derives both. The names of the formulas are used here: a cycle
+wears off ``g0`` before the last one, ``g1`` at the start of a jump, ``g2`` at the predicted
+depth, and ``g3`` after the jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.solution import Step
+from bipot_rs.contact.wear.cycle import Cycle, Cycles
+from bipot_rs.contact.wear.record import LEAST, End, Jump, Rows, State, Wear
+from bipot_rs.contact.wear.stability import Stability
+
+# A jump is at most so many times as long as the one before.
+_GROWTH = 4.0
+# The next jump aims at this part of the allowed error to the power 1/3, because the
+# estimate grows with the cube of the length.
+_CAUTION = 0.8
+# A jump may take one part in so many of the error that is not shared out.
+_TAKEN = 8
+# After jumps that were too short, at most so many cycles pass before another attempt.
+_PATIENCE = 32
+# The longest jump is this divided by the rate of `Stability`. Twice as long would be stable;
+# with this, not even the predicted pressure overshoots.
+STABLE = 1.0
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """The end of a jump, after the cycle that follows it."""
+
+    cycle: Cycle
+    change: Floats
+    energy: float
+    estimate: Floats
+
+
+class Run:
+    """Solves cycles, and jumps over others.
+
+    Parameters
+    ----------
+    cycles
+        Solves one cycle.
+    state
+        Where to start.
+    count
+        Number of cycles to go on.
+    rtol
+        Allowed error of the depth, relative to the largest depth.
+    stability
+        Bounds the length of jumps.
+    jump
+        Whether to jump.
+    on_cycle
+        Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
+    """
+
+    def __init__(
+        self,
+        cycles: Cycles,
+        state: State,
+        count: int,
+        rtol: float,
+        stability: Stability,
+        jump: bool,
+        on_cycle: Callable[[int, Step], object] | None = None,
+    ) -> None:
+        self._cycles, self._state = cycles, state
+        self._end = state.cycle + count
+        self._rtol, self._stability, self._jumps = rtol, stability, jump
+        self._on_cycle = on_cycle
+        self._rows = Rows.none()
+        self._last: Cycle | None = None
+        # Cycles to solve before the next attempt to jump, and their number after that.
+        self._wait, self._pause = 0, 1
+
+    def go(self) -> Wear:
+        """Solve all cycles.
+
+        Raises
+        ------
+        NoEquilibriumError, NotConvergedError
+            A cycle failed. ``.result`` holds its load steps before, ``.wear`` the cycles
+            before.
+        """
+        while self._state.cycle < self._end:
+            over = self._over()
+            if over < LEAST or not self._jump(over):
+                self._one()
+        return self._made()
+
+    def _over(self) -> int:
+        """Number of cycles to jump over; less than `LEAST` for none."""
+        if not self._jumps or self._wait > 0 or len(self._state.ends) < 2:
+            return 0
+        # The last cycle is always solved.
+        left = self._end - self._state.cycle - 1
+        return int(min(self._state.length, self._state.longest, left))
+
+    def _one(self) -> None:
+        """Solve the next cycle."""
+        number = self._state.cycle + 1
+        try:
+            cycle = self._solved(self._state.at, self._state.depth, number)
+        except BipotError as error:
+            said = f"cycle {number}: {error}"
+            error.args = (said,)
+            error.wear = self._made(said)
+            raise
+        self._wait = max(self._wait - 1, 0)
+        self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
+
+    def _solved(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+        self._rows.paths += 1
+        return self._cycles.solve(at, depth, number)
+
+    def _jump(self, over: int) -> bool:
+        """Try to jump over cycles and to solve the one after; whether that worked."""
+        state = self._state
+        try:
+            trial = self._trial(over)
+        except (NoEquilibriumError, NotConvergedError):
+            self._reject(
+                Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False)
+            )
+            return False
+        share, more = self._limits(over, trial.change)
+        limit = share + more
+        estimate = float(trial.estimate.max())
+        accepted = estimate <= limit
+        jump = Jump(state.cycle + 1, over, estimate, limit, state.longest, accepted)
+        if not accepted:
+            self._reject(jump)
+            return False
+        self._rows.jumps.append(jump)
+        factor = _GROWTH
+        if estimate > 0:
+            factor = min(_GROWTH, _CAUTION * float(np.cbrt(limit / estimate)))
+        spent = state.spent + max(estimate - share, 0.0)
+        self._state = replace(
+            state, spent=spent, estimate=state.estimate + trial.estimate
+        )
+        self._wait, self._pause = 0, 1
+        self._accept(trial.cycle, over, trial.change, trial.energy)
+        self._state = replace(self._state, length=max(over * factor, LEAST))
+        return True
+
+    def _limits(self, over: int, change: Floats) -> tuple[float, float]:
+        """Error that a jump may have by its share, and in addition."""
+        deepest = float((self._state.depth + change).max())
+        gained = float(change.max())
+        whole = self._rtol / 2
+        share = whole / 4 * (gained + over / self._end * deepest)
+        return share, (whole / 2 * deepest - self._state.spent) / _TAKEN
+
+    def _trial(self, over: int) -> _Trial:
+        state = self._state
+        before, last = state.ends
+        g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
+        # Slip is counted from the end of the cycle before, whose place changes with the depth.
+        drift = (last.place - before.place) / apart
+        at, number = _moved(state.at, over * drift), state.cycle + over + 1
+        predicted = self._solved(at, state.depth + over * g1, number)
+        change = over * (g1 + predicted.worn) / 2
+        # The end of the predicted cycle has the slip history of about these depths.
+        cycle = self._solved(predicted.last, state.depth + change, number)
+        g3 = cycle.worn
+        slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart
+        bend = (slopes[0] - slopes[1]) / (over + 1 + apart)
+        estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 6 * np.abs(bend)
+        energy = over * (state.lost + predicted.dissipation) / 2
+        return _Trial(cycle, change, energy, estimate)
+
+    def _reject(self, jump: Jump) -> None:
+        self._rows.jumps.append(jump)
+        length = jump.cycles / 2
+        if length < LEAST:
+            self._wait, self._pause = self._pause, min(2 * self._pause, _PATIENCE)
+            length = LEAST
+        self._state = replace(self._state, length=length)
+
+    def _accept(self, cycle: Cycle, over: int, change: Floats, energy: float) -> None:
+        """Add a cycle, after a jump ``over`` others that changed the depth by ``change``."""
+        before, area, rows = self._state, self._cycles.area, self._rows
+        number = before.cycle + over + 1
+        depth = before.depth + change + cycle.worn
+        volume = before.volume + float((change + cycle.worn) @ area)
+        spent = cycle.dissipation
+        total = before.energy + energy + spent
+        end = End(number, cycle.worn, cycle.last.relative_displacement[:, 1:])
+        self._state = replace(
+            before,
+            cycle=number,
+            depth=depth,
+            volume=volume,
+            energy=total,
+            lost=spent,
+            # Without jumps, the bound after the last cycle is enough.
+            longest=self._bound(cycle) if self._jumps else np.inf,
+            at=cycle.last,
+            ends=(*before.ends, end)[-2:],
+        )
+        self._last = cycle
+        rows.steps.append(cycle.last)
+        rows.worn.append(cycle.worn)
+        rows.dissipation.append(spent)
+        rows.totals.append((volume, total))
+        if self._on_cycle is not None:
+            self._on_cycle(number, cycle.last)
+
+    def _bound(self, cycle: Cycle) -> float:
+        """Longest stable jump after a cycle."""
+        cycles = self._cycles
+        rate = self._stability.rate(cycles.coefficient * cycle.slid / cycles.area)
+        return STABLE / rate if rate > 0 else np.inf
+
+    def _made(self, failed: str | None = None) -> Wear:
+        state, last = self._state, self._last
+        if last is not None:
+            state = replace(state, longest=self._bound(last))
+        path = None if last is None else last.path
+        return self._rows.made(state, self._cycles.area, path, failed)
+
+
+def _moved(step: Step | None, by: Floats) -> Step | None:
+    """A step whose contacts were at other places along the surface."""
+    if step is None:
+        return None
+    moved = step.relative_displacement.copy()
+    moved[:, 1:] += by
+    return replace(step, relative_displacement=moved)

@@ -1,0 +1,290 @@
+"""What `ContactProblem.wear` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.load_path import Following
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
+
+# A jump solves two cycles: over one cycle it gains nothing.
+LEAST = 2
+
+
+@dataclass(frozen=True)
+class Jump:
+    """An attempt to jump over cycles.
+
+    Attributes
+    ----------
+    first, cycles
+        The first cycle that is jumped over, from 1, and their number.
+    estimate
+        Estimated error of the depth [length]; NaN if a trial cycle had no solution.
+    limit
+        The largest estimate that was allowed [length].
+    longest
+        Bound of ``cycles`` for stability.
+    accepted
+        Whether the jump was made.
+    """
+
+    first: int
+    cycles: int
+    estimate: float
+    limit: float
+    longest: float
+    accepted: bool
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a cycle that was solved.
+
+    Attributes
+    ----------
+    cycle
+        Its number.
+    worn : (n_c,)
+        Depth that it wore off.
+    place : (n_c, d - 1)
+        Tangential relative displacement at its end.
+    """
+
+    cycle: int
+    worn: Floats
+    place: Floats
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a sequence of cycles stands.
+
+    Attributes
+    ----------
+    cycle
+        Number of cycles so far.
+    depth : (n_c,)
+    volume, energy
+        Totals so far.
+    at
+        The last load step; None before the first cycle of unloaded bodies.
+    ends
+        Of the last two cycles that were solved.
+    lost
+        Energy dissipated in the last cycle.
+    length, longest
+        Length of the next jump to try, and its bound for stability.
+    spent
+        Allowed error that jumps have taken beyond their shares.
+    estimate : (n_c,)
+        Sum of the estimates of all jumps made.
+    """
+
+    cycle: int
+    depth: Floats
+    volume: float
+    energy: float
+    at: Step | None
+    ends: tuple[End, ...]
+    lost: float
+    length: float
+    longest: float
+    spent: float
+    estimate: Floats
+
+    @classmethod
+    def first(cls, at: Step | None, contacts: int) -> State:
+        """Before the first cycle, which follows step ``at``."""
+        new = np.zeros(contacts)
+        return cls(0, new, 0.0, 0.0, at, (), 0.0, LEAST, np.inf, 0.0, new)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Wear:
+    """Wear over many cycles. Arrays have a row for each cycle that was solved.
+
+    Attributes
+    ----------
+    cycle : (m,)
+        Numbers of these cycles, ascending from 1; all of them without jumps.
+    depth : (m, n_c)
+        Depth worn off each contact until the end of the cycle [length]. The gap of a
+        contact is its own plus this depth.
+    worn : (m, n_c)
+        Depth worn off in the cycle [length].
+    volume, dissipation : (m,)
+        Volume worn off in the cycle, ``Σ area worn`` [length³; in the plane that of the
+        thickness of the areas], and energy that friction dissipated in it.
+    total_volume, total_dissipation : (m,)
+        The same until the end of the cycle, including cycles that were jumped over.
+    jumps
+        All attempts to jump, also the rejected ones.
+    error_estimate
+        Largest sum of the estimates of the jumps at a contact, relative to the largest
+        depth; 0 without jumps.
+    longest
+        Bound of a jump for stability, in cycles, after the last cycle. Below 0.5 single
+        cycles may oscillate: divide the cycle into more load steps.
+    paths
+        Number of load paths that were solved.
+    result
+        `Result` of the last cycle; ``None`` if there is none.
+    ends
+        `Result` with the last load step of each of these cycles, for pictures and files.
+        As in ``result``, ``step.wear`` is the depth at the end of a step.
+    """
+
+    cycle: Ints
+    depth: Floats
+    worn: Floats
+    volume: Floats
+    dissipation: Floats
+    total_volume: Floats
+    total_dissipation: Floats
+    jumps: tuple[Jump, ...]
+    error_estimate: float
+    longest: float
+    paths: int
+    result: Result | None
+    ends: Result | None
+    success: bool
+    message: str
+    _state: State
+
+    def __repr__(self) -> str:
+        solved = f"{counted(len(self.cycle), 'cycle')} solved"
+        return f"Wear({self.message}, {solved}, {counted(len(self.jumps), 'jump')})"
+
+    @property
+    def said(self) -> str:
+        """Load paths, jumps and their error, in one sentence."""
+        made = sum(jump.cycles for jump in self.jumps if jump.accepted)
+        paths = f"{counted(self.paths, 'load path')} solved for {self.message}"
+        if self.jumps:
+            paths += (
+                f"; {counted(made, 'cycle')} jumped over, "
+                f"{counted(self.rejected, 'jump')} rejected, estimated error "
+                f"{self.error_estimate:.1e} of the largest depth"
+            )
+        if self.longest < 0.5:
+            paths += (
+                "; a cycle wears off so much that pressures of neighbours may oscillate: "
+                "divide it into more load steps"
+            )
+        return paths
+
+    @property
+    def pressure(self) -> Floats:
+        """``r_n / area`` at the end of each cycle, ``(m, n_c)``."""
+        traction = None if self.ends is None else self.ends.traction
+        if traction is None:
+            return np.empty_like(self.depth)
+        return np.asarray(traction[:, :, 0])
+
+    @property
+    def rejected(self) -> int:
+        """Number of jumps that were rejected."""
+        return sum(not jump.accepted for jump in self.jumps)
+
+    def depth_at(self, cycle: float) -> Floats:
+        """Depth ``(n_c,)`` at the end of any cycle, interpolated within jumps.
+
+        The interpolation is a cubic with the depths and worn depths of the cycles before
+        and after the jump.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``cycle`` is no number, or none from the first to the last cycle.
+        """
+        at = float(floats("cycle", cycle, ndim=0))
+        known = self.cycle
+        if not len(known) or not known[0] <= at <= known[-1]:
+            ends = (
+                f"{known[0]} to {known[-1]}"
+                if len(known)
+                else "a cycle that was solved"
+            )
+            raise ValueError(f"cycle is {at:g}, expected {ends}")
+        k = int(np.searchsorted(known, at))
+        if known[k] == at:
+            return np.array(self.depth[k])
+        span = float(known[k] - known[k - 1])
+        t = (at - known[k - 1]) / span
+        before, after = self.depth[k - 1], self.depth[k]
+        rise = t**2 * (3 - 2 * t)
+        found: Floats = before + rise * (after - before)
+        found += span * t * (1 - t) * ((1 - t) * self.worn[k - 1] - t * self.worn[k])
+        return found
+
+
+@dataclass
+class Rows:
+    """Rows of a `Wear` that is being computed."""
+
+    worn: list[Floats]
+    steps: list[Step]
+    dissipation: list[float]
+    totals: list[tuple[float, float]]
+    jumps: list[Jump]
+    paths: int = 0
+
+    @classmethod
+    def none(cls) -> Rows:
+        """No rows."""
+        return cls([], [], [], [], [])
+
+    def made(
+        self,
+        state: State,
+        area: Floats,
+        last: Following | None,
+        failed: str | None = None,
+    ) -> Wear:
+        """The `Wear` of these rows.
+
+        ``last`` is the load path of the last cycle, and ``failed`` says why there are no
+        more.
+        """
+        contacts = len(area)
+
+        def stacked(rows: Sequence[Any]) -> Floats:
+            return np.array(rows, np.float64).reshape(-1, contacts)
+
+        result = None if last is None else last.result()
+        ends = None
+        if last is not None:
+            ends = last.result()
+            ends.steps, ends.start = tuple(self.steps), None
+
+        worn = stacked(self.worn)
+        totals = np.array(self.totals, np.float64).reshape(-1, 2)
+        deepest = float(state.depth.max(initial=0.0))
+        off = float(state.estimate.max(initial=0.0))
+        return Wear(
+            cycle=np.array([step.cycle for step in self.steps], np.int64),
+            depth=stacked([step.wear for step in self.steps]),
+            worn=worn,
+            volume=worn @ area,
+            dissipation=np.array(self.dissipation, np.float64),
+            total_volume=totals[:, 0],
+            total_dissipation=totals[:, 1],
+            jumps=tuple(self.jumps),
+            error_estimate=off / deepest if deepest > 0 else 0.0,
+            longest=state.longest,
+            paths=self.paths,
+            result=result,
+            ends=ends,
+            success=failed is None,
+            message=f"{counted(state.cycle, 'cycle')}" if failed is None else failed,
+            _state=state,
+        )

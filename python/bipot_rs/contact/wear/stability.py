@@ -1,0 +1,105 @@
+"""How many cycles a jump may have before pressures oscillate between neighbours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg
+
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Csr, Parts
+
+# With no more contacts, the eigenvalue is computed from the dense matrix.
+_FEW = 64
+# Relative error of the eigenvalue: far below that of the estimate.
+_RTOL = 0.01
+
+
+class Stability:
+    """Bounds the fastest rate, per cycle, at which wear evens out a pressure (31), (32).
+
+    It needs neither ``W`` nor a factor of ``K``.
+
+    Parameters
+    ----------
+    stiffness
+        Row pointers, columns and values of K.
+    contact
+        B, checked.
+    fixed
+        Prescribed degrees of freedom.
+    d
+        Components of a contact.
+    """
+
+    def __init__(self, stiffness: Parts, contact: Csr, fixed: Ints, d: int) -> None:
+        n = contact.shape[1]
+        K = sparse.csr_array(stiffness[::-1], shape=(n, n))
+        B = sparse.csr_array(contact.parts[::-1], shape=contact.shape)
+        normal = B[::d]
+        diagonal = K.diagonal()
+        free = diagonal > 0
+        free[fixed] = False
+        compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=free)
+        softened = normal @ sparse.diags_array(compliance)
+        meeting = sparse.csr_array(softened @ normal.T)
+        # A contact without a free degree of freedom has no determined pressure.
+        self._own = np.flatnonzero(meeting.diagonal() > 0)
+        self._energy = sparse.csr_array(softened @ K @ softened.T)[self._own]
+        self._energy = self._energy[:, self._own]
+        self._solve = _inverse(sparse.csc_array(meeting[self._own][:, self._own]))
+        self._whole: Floats | None = None
+        count = len(self._own)
+        if self._solve is not None and count <= _FEW:
+            whole = np.reshape([self._apply(e) for e in np.eye(count)], (count, count))
+            self._whole = (whole + whole.T) / 2
+
+    def _apply(self, v: Floats) -> Floats:
+        """``X K Xᵀ v``."""
+        found: Floats = self._solve(self._energy @ self._solve(v))
+        return found
+
+    def rate(self, worn_by_force: Floats) -> float:
+        """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit, to three digits.
+
+        More digits would depend on the number of threads.
+
+        Parameters
+        ----------
+        worn_by_force
+            Diagonal of ``Σ``: ``k slid / area``, the depth that a unit force wears off each
+            contact in a cycle, ``(n_c,)`` [length/force].
+        """
+        root = np.sqrt(worn_by_force[self._own])
+        if not root.any():
+            return 0.0
+        if self._solve is None:
+            # Contacts move the same degree of freedom in the same way.
+            return np.inf
+        if self._whole is not None:
+            values = np.linalg.eigvalsh(root[:, None] * self._whole * root)
+            return float(f"{values[-1]:.3g}")
+        n = len(root)
+        operator = linalg.LinearOperator(
+            (n, n), matvec=lambda v: root * self._apply(root * v.ravel()), dtype=float
+        )
+        start = np.random.default_rng(0).standard_normal(n)
+        (found,) = linalg.eigsh(
+            operator, k=1, which="LA", v0=start, tol=_RTOL, return_eigenvectors=False
+        )
+        # Lanczos approaches the eigenvalue from below.
+        return float(f"{found * (1 + _RTOL):.3g}")
+
+
+def _inverse(meeting: Any) -> Any:
+    """Function that solves with ``B_n D⁻¹ B_nᵀ``; None if it is singular."""
+    if meeting.nnz == meeting.shape[0]:
+        # Each degree of freedom meets one contact.
+        inverse = 1.0 / meeting.diagonal()
+        return lambda v: inverse * v
+    try:
+        return linalg.splu(meeting).solve
+    except RuntimeError:
+        return None

@@ -1,0 +1,566 @@
+"""Archard wear over cycles: closed forms, conservation, jumps and their bounds."""
+
+import pickle
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import _core
+from bipot_rs.contact.errors import NotConvergedError
+from bipot_rs.contact.load_path import Following
+from bipot_rs.contact.status import Outcome
+from bipot_rs.contact.wear import jumps
+from bipot_rs.contact.wear.stability import Stability
+from bipot_rs.scene.build import bodies
+from bipot_rs.scene.reading import assemble, read
+from bodies import block
+from two_blocks import arrays
+
+# Reactions solved to η = 1e-13, and sums of some hundred of them.
+TOL, SAME = 1e-13, 1e-11
+# Of `pad`: wear evens out pressures of neighbours in about 100 cycles.
+COEFFICIENT = 1e-3
+
+
+def spring(**changed: Any) -> bp.ContactProblem:
+    """A point on two springs, which presses on a wall by 10 N."""
+    given = {"gap": [-0.01], "mu": 0.0, "area": [1e-4]} | changed
+    return bp.ContactProblem(1e3 * np.eye(2), np.eye(2), **given)
+
+
+# Forces that move the point by 4 mm to and fro: 8 mm of slip a load step.
+PULL = np.array([[0.0, 4.0], [0.0, -4.0]])
+
+
+@cache
+def pad(d: int = 2, n: int = 8) -> tuple[Any, bp.ContactProblem, np.ndarray]:
+    """A block held at its top on a curved plane, its problem, and a cycle in partial slip."""
+    body = block(
+        [2.0, 1.0] if d == 2 else [1.0] * 3, [2 * n, n][:d] + [n] * (d - 2), 1e3, 0.3
+    )
+    fixed = np.concatenate([body.dofs(d - 1, 1.0, k) for k in range(d)])
+    gap = 0.01 * (body.points[:, 0] - np.ptp(body.points[:, 0]) / 2) ** 2
+    problem = bp.ContactProblem(
+        body.K, body.B, gap=gap, mu=0.3, fixed=fixed, area=body.area
+    )
+    ways = np.zeros((4, d))
+    ways[:, -1] = -0.01
+    ways[:, 0] = 7.5e-3 * np.array([1.0, 0.0, -1.0, 0.0])
+    cycle = np.repeat(ways.T, len(fixed) // d, axis=0).reshape(len(fixed), 4).T
+    return body, problem, np.ascontiguousarray(cycle)
+
+
+def worn_pad(**more: Any) -> Any:
+    _, problem, cycle = pad()
+    given = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
+    return problem.wear(prescribed=cycle, **given)
+
+
+@cache
+def hertz(n: int = 6) -> tuple[Any, Any, Any, Any]:
+    """The scene of Cattaneo and Mindlin after pressing, with a cycle to and fro."""
+    scene = read("cattaneo_mindlin", [f"mesh.n={n}"])
+    case = assemble(scene, bodies(scene))
+    problem = case.problem()
+    press, shear = case.prescribed
+    pressed = problem.solve(prescribed=press, tol=TOL)
+    cycle = press + np.array([[1.0], [-1.0]]) * (shear - press)
+    return case.model, problem, pressed, cycle
+
+
+def test_the_pressure_under_a_held_displacement_decays_exponentially() -> None:
+    # A step wears by k p s and lowers the pressure by K / area times that.
+    k, slip, steps = 2.5e-8, 8e-3, 800
+    lost = k * slip * 1e3 / 1e-4
+    wear = spring().wear(PULL, coefficient=k, cycles=400, jump=False, tol=TOL)
+    # The first step slips by half as much.
+    after = (1 - lost / 2) * (1 - lost) ** np.arange(0, steps, 2)
+    # The pressure at the end of a cycle does not feel the wear of its last step.
+    np.testing.assert_allclose(wear.pressure[:, 0], 1e5 * after, rtol=SAME)
+    at = np.arange(0.5, steps, 2)
+    # Explicit steps: (1 - x)^n differs from exp(-n x) by n x² / 2 at the most.
+    exact = 1e5 * np.exp(-lost * at)
+    assert (abs(wear.pressure[:, 0] / exact - 1) < steps * lost**2).all()
+
+
+def test_the_depth_under_a_held_force_grows_linearly() -> None:
+    problem = bp.ContactProblem(
+        np.diag([0.0, 1e3]), np.eye(2), gap=[0.0], mu=0.0, area=[1e-4]
+    )
+    path = PULL + np.array([-10.0, 0.0])
+    k, slip = 1e-9, 8e-3
+    for jump in (False, True):
+        wear = problem.wear(path, coefficient=k, cycles=1000, jump=jump, tol=TOL)
+        depth = k * 10.0 / 1e-4 * slip * (2 * wear.cycle - 0.5)
+        np.testing.assert_allclose(wear.depth[:, 0], depth, rtol=SAME)
+    # Jumps that grow fourfold, over 1000 cycles whose rates differ by rounding.
+    assert wear.rejected <= 2
+    assert wear.paths <= 30
+
+
+@pytest.mark.parametrize("jump", [False, True])
+def test_the_worn_volume_is_the_heat_times_k_over_mu(jump: bool) -> None:
+    wear = worn_pad(jump=jump)
+    assert jump == (len(wear.jumps) > wear.rejected)
+    factor = COEFFICIENT / 0.3
+    np.testing.assert_allclose(wear.volume, factor * wear.dissipation, rtol=SAME)
+    np.testing.assert_allclose(
+        wear.total_volume, factor * wear.total_dissipation, rtol=SAME
+    )
+    area = pad()[0].area
+    np.testing.assert_allclose(wear.total_volume, wear.depth @ area, rtol=SAME)
+    np.testing.assert_allclose(wear.volume, wear.worn @ area, rtol=SAME)
+    # Of the last cycle, step by step.
+    steps = wear.result
+    slip = np.linalg.norm(steps.slip, axis=2)
+    worn = COEFFICIENT * (steps.traction[:, :, 0] * slip).sum(axis=0)
+    np.testing.assert_allclose(worn, wear.worn[-1], rtol=SAME)
+
+
+def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
+    wear = worn_pad(jump=False, cycles=3)
+    k, steps = COEFFICIENT, wear.result
+    each = k * steps.traction[:, :, 0] * np.linalg.norm(steps.slip, axis=2)
+    before = wear.depth[-2] + np.vstack([np.zeros(each.shape[1]), each[:-1]]).cumsum(0)
+    gaps = np.array([step.gap[:, 0] for step in steps])
+    own = wear.result.contacts["gap"]
+    # Sums of gaps up to 0.01, rounded.
+    np.testing.assert_allclose(gaps, own + before, rtol=0, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rtol"),
+    [
+        pytest.param("pad", 1e-2, marks=pytest.mark.verify),
+        ("hertz", 1e-2),
+        pytest.param("hertz", 1e-3, marks=pytest.mark.verify),
+    ],
+)
+def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
+    def solved(**more: Any) -> Any:
+        if kind == "pad":
+            return worn_pad(coefficient=COEFFICIENT / 2, cycles=400, **more)
+        _, problem, pressed, cycle = hertz()
+        given = {"coefficient": 1e-6, "cycles": 400, "start": pressed, "tol": TOL}
+        return problem.wear(prescribed=cycle, **given, **more)
+
+    every, jumped = solved(jump=False), solved(rtol=rtol)
+    last, deepest = every.cycle[-1], every.depth[-1].max()
+    error = abs(jumped.depth[-1] - every.depth[-1]).max() / deepest
+    assert error <= rtol
+    assert 0 < jumped.error_estimate <= rtol / 2
+    # Later cycles may amplify errors, but the estimate has the right size.
+    assert jumped.error_estimate > error / 3
+    assert jumped.paths < last / 3
+    assert jumped.cycle[-1] == last
+    # The interpolation within jumps: an error of the same kind.
+    cycles = range(1, last + 1)
+    between = [abs(jumped.depth_at(c) - every.depth[c - 1]).max() for c in cycles]
+    assert max(between) <= rtol * deepest
+
+
+@pytest.mark.parametrize("problem", ["spring", "sliding"])
+def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def solved(over: int | None) -> np.ndarray:
+        def length(run: Any) -> int:
+            # The first cycles differ by the history of the loads.
+            if over is None or run._state.cycle < 6:
+                return 0
+            return int(min(over, run._end - run._state.cycle - 1))
+
+        monkeypatch.setattr(jumps.Run, "_over", length)
+        if problem == "spring":
+            wear = spring().wear(PULL, coefficient=2.5e-8, cycles=262, rtol=0.9)
+        else:
+            flat, cycle = sliding()
+            wear = flat.wear(
+                prescribed=cycle, coefficient=2e-6, cycles=262, rtol=0.9, tol=TOL
+            )
+        assert wear.rejected == 0
+        return np.asarray(wear.depth[-1])
+
+    exact = solved(None)
+    # 256 cycles in jumps with the cycle after each. A linear rate makes the error of a jump
+    # over N cycles N (N + 1) (N - 1) / 6 times its second derivative: N (N - 1) for each of
+    # the N + 1 cycles.
+    over = np.array([15, 31, 63])
+    errors = np.array([abs(solved(int(n)) - exact).max() for n in over])
+    order = np.diff(np.log(errors)) / np.diff(np.log(over * (over - 1.0))) * 2
+    # The terms of higher order disturb the limit of 2.
+    assert (abs(order - 2) < 0.15).all(), order
+
+
+def test_results_do_not_depend_on_units() -> None:
+    # Powers of two: nothing is rounded.
+    length, force = 2.0**10, 2.0**-7
+    _, _, cycle = pad()
+    body, problem, _ = pad()
+    scaled = bp.ContactProblem(
+        body.K * (force / length),
+        body.B,
+        gap=problem._contacts["gap"] * length,
+        mu=0.3,
+        fixed=problem._fixed,
+        area=body.area * length,
+    )
+    k = COEFFICIENT
+    wear = worn_pad(coefficient=k, cycles=100)
+    # Stress in the plane is force / length, of unit thickness.
+    other = scaled.wear(
+        prescribed=cycle * length, coefficient=k * length / force, cycles=100, tol=TOL
+    )
+    assert [(j.cycles, j.accepted) for j in other.jumps] == [
+        (j.cycles, j.accepted) for j in wear.jumps
+    ]
+    np.testing.assert_allclose(other.depth, wear.depth * length, rtol=SAME)
+
+
+def test_wear_continues_to_the_same_bits() -> None:
+    whole = worn_pad(jump=False, cycles=5)
+    first = worn_pad(jump=False, cycles=2)
+    rest = worn_pad(jump=False, cycles=3, start=pickle.loads(pickle.dumps(first)))
+    assert rest.cycle.tolist() == [3, 4, 5]
+    np.testing.assert_array_equal(rest.depth, whole.depth[2:])
+    np.testing.assert_array_equal(rest.total_volume, whole.total_volume[2:])
+    np.testing.assert_array_equal(rest.result.reaction, whole.result.reaction)
+
+
+def test_wear_continues_with_jumps() -> None:
+    given = {"coefficient": COEFFICIENT / 2, "rtol": 1e-2}
+    every = worn_pad(cycles=200, jump=False, **given)
+    half = worn_pad(cycles=90, **given)
+    rest = worn_pad(cycles=110, start=half, **given)
+    assert rest.cycle[-1] == 200
+    # It goes on with jumps as long as before.
+    assert max(j.cycles for j in rest.jumps[:2]) > 4
+    error = abs(rest.depth[-1] - every.depth[-1]).max()
+    assert error <= 1e-2 * every.depth[-1].max()
+
+
+def test_a_start_presses_without_wear() -> None:
+    body, problem, cycle = pad()
+    pressed = problem.solve(prescribed=cycle[1:2], tol=TOL)
+    one = problem.wear(
+        prescribed=cycle,
+        coefficient=1e-6 * COEFFICIENT,
+        cycles=1,
+        start=pressed,
+        tol=TOL,
+    )
+    # So little wear changes nothing: the plain path from the same state.
+    path = problem.solve(prescribed=cycle, start=pressed, tol=TOL)
+    worn = (
+        1e-6
+        * COEFFICIENT
+        * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
+    )
+    np.testing.assert_allclose(one.worn[0], worn, rtol=0, atol=1e-6 * worn.max())
+    del body
+
+
+def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, problem, cycle = pad()
+    steps = 0
+    attempt = Following.attempt
+
+    def counted(self: Any, *asked: Any) -> Any:
+        nonlocal steps
+        steps += 1
+        return attempt(self, *asked)
+
+    def condensed(*_: Any) -> None:
+        raise AssertionError("wear must not condense again")
+
+    monkeypatch.setattr(Following, "attempt", counted)
+    monkeypatch.setattr(_core, "Condensed", condensed)
+    for jump in (False, True):
+        steps = 0
+        wear = problem.wear(
+            prescribed=cycle, coefficient=COEFFICIENT / 2, cycles=50, jump=jump
+        )
+        assert steps == 4 * wear.paths
+        made = sum(j.accepted for j in wear.jumps)
+        # Two cycles for each jump, one of which is the next row.
+        assert wear.paths <= len(wear.cycle) + made + 2 * wear.rejected
+        if not jump:
+            assert wear.paths == 50
+    del body
+
+
+def sliding() -> tuple[Any, Any]:
+    """A block whose top is held and moved so far that all contacts slide."""
+    body, problem, cycle = pad(n=8)
+    flat = bp.ContactProblem(
+        body.K, body.B, gap=np.zeros_like(body.area), mu=0.3,
+        fixed=problem._fixed, area=body.area,
+    )  # fmt: skip
+    return flat, cycle * [
+        [20.0 if k < cycle.shape[1] // 2 else 1.0 for k in range(cycle.shape[1])]
+    ]
+
+
+def alternating(pressure: np.ndarray) -> float:
+    """Largest part of a pressure that alternates from node to node, away from the ends."""
+    third = pressure[:-2] - 2 * pressure[1:-1] + pressure[2:]
+    return float(abs(third[4:-4]).max() / pressure.mean())
+
+
+def test_longer_jumps_would_let_pressures_oscillate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flat, cycle = sliding()
+    given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 600, "tol": TOL}
+    # The estimate of the error is switched off.
+    monkeypatch.setattr(jumps.Run, "_limits", lambda *_: (np.inf, 0.0))
+    stable = flat.wear(**given)
+    longest = max(j.cycles for j in stable.jumps)
+    assert 0.5 * stable.longest < longest < 2 * stable.longest
+    # Wear evens out the pressure: what alternates falls. Beyond the bound it grows instead.
+    assert alternating(stable.pressure[-1]) < alternating(stable.pressure[0])
+    monkeypatch.setattr(jumps, "STABLE", 5.0)
+    unstable = flat.wear(**given)
+    assert alternating(unstable.pressure[-1]) > 10 * alternating(stable.pressure[-1])
+
+
+@pytest.mark.parametrize("kind", ["plane", "space", "mortar", "many"])
+def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None:
+    if kind == "mortar":
+        given, _ = arrays(10.0, 4, 3)
+        K, B = given.pop("K"), given.pop("B")
+        problem, d = bp.ContactProblem(K, B, **given), 3
+    else:
+        problem = pad(
+            3 if kind == "space" else 2, {"space": 3, "many": 40}.get(kind, 8)
+        )[1]
+        d = problem._shape[2]
+    weights = np.random.default_rng(1).uniform(0.5, 1.0, problem._shape[1])
+    parts = problem._core.stiffness()
+    found = Stability(parts, problem._contact, problem._fixed, d).rate(weights)
+    S = np.linalg.inv(problem.compliance[::d, ::d])
+    exact = np.linalg.eigvals(weights[:, None] * S).real.max()
+    # An upper bound, which moves only the nodes of the contacts: what it adds is the energy
+    # that the nodes behind them give up.
+    assert exact <= found <= 3 * exact
+
+
+def test_contacts_of_one_degree_of_freedom_forbid_jumps() -> None:
+    # Two contacts share the pressure of one point in any way.
+    B = np.vstack([np.eye(2), np.eye(2)])
+    problem = bp.ContactProblem(
+        1e3 * np.eye(2), B, gap=[-0.01, -0.01], mu=0.0, area=[1e-4, 1e-4]
+    )
+    wear = problem.wear(PULL, coefficient=1e-9, cycles=9)
+    assert wear.longest == 0
+    assert wear.jumps == ()
+    assert wear.paths == 9
+
+
+def test_cycles_that_wear_too_much_are_told() -> None:
+    # A cycle of one contact has the rate k slip K / area; the first slips by 4 and 8 mm.
+    for k, told in ((1e-6, False), (2e-5, True)):
+        wear = spring().wear(PULL, coefficient=k, cycles=1, jump=False)
+        # Three digits.
+        assert wear.longest == pytest.approx(1 / (k * 12e-3 * 1e3 / 1e-4), rel=5e-3)
+        assert ("may oscillate" in wear.said) == told
+
+
+def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
+    edges = []
+    for n in (4, 8):
+        model, problem, pressed, cycle = hertz(n)
+        first = problem.solve(prescribed=cycle, start=pressed)
+        x, R, E = model.points[:, 0], 100.0, 210e3 / (1 - 0.3**2) / 2
+        wear = problem.wear(
+            prescribed=cycle, coefficient=3e-5, cycles=1500, start=pressed, rtol=0.1
+        )
+        p, before = wear.pressure[-1], first.traction[0, :, 0]
+        stick = (wear.result.status == bp.Status.STICK).all(axis=0)
+        # It is that of the unworn contact, up to one contact at each end.
+        unworn = (first.status == bp.Status.STICK).all(axis=0)
+        assert 0 <= unworn.sum() - stick.sum() <= 2
+        # The pressure outside of the stick zone goes to zero.
+        assert p[~stick].max() < 0.02 * p.max()
+        assert before[~stick].max() > 0.4 * before.max()
+        # The worn depth at the edge is sharp: nothing where contact sticks.
+        assert wear.depth[-1][stick].max() < 1e-3 * wear.depth[-1].max()
+        # A parabola on the stick zone carries its Hertz pressure, and the rest of the force
+        # as a flat punch: the limit of Hills, Sackfield and Paynter (2009).
+        force = float(p @ model.area)
+        c = (x[stick].max() - x[stick].min()) / 2 + np.diff(x)[len(x) // 2] / 2
+        inner = abs(x) < 0.6 * c
+        root = np.sqrt(c**2 - x[inner] ** 2)
+        hertzian = E * root / (2 * R)
+        rest = force - np.pi * E * c**2 / (4 * R)
+        exact = hertzian + rest / (np.pi * root)
+        # The zone ends within a cell.
+        assert abs(p[inner] / exact - 1).max() < 0.6 / n
+        edges.append(p.max() / before.max())
+    # The pressure at the edge has no bound: it grows as the mesh is refined.
+    assert edges[0] > 1.0
+    assert edges[1] > 1.2 * edges[0]
+
+
+def test_friction_by_direction_and_three_dimensions() -> None:
+    body, problem, cycle = pad(3, 3)
+    two = bp.ContactProblem(
+        body.K, body.B, gap=problem._contacts["gap"],
+        mu=np.tile([0.3, 0.2], (len(body.area), 1)), fixed=problem._fixed, area=body.area,
+    )  # fmt: skip
+    k = np.linspace(1e-5, 2e-5, len(body.area))
+    for own in (problem, two):
+        wear = own.wear(prescribed=cycle, coefficient=k, cycles=8, tol=TOL)
+        steps = wear.result
+        slip = np.linalg.norm(steps.slip, axis=2)
+        worn = k * (steps.traction[:, :, 0] * slip).sum(axis=0)
+        np.testing.assert_allclose(worn, wear.worn[-1], rtol=SAME)
+        assert wear.volume[-1] > 0
+
+
+def test_other_engines_and_arguments_of_the_problem() -> None:
+    body, problem, cycle = pad(3, 3)
+    given = {"coefficient": 1e-4, "cycles": 12}
+    known = problem.wear(prescribed=cycle, **given, tol=TOL)
+    gap, fixed = problem._contacts["gap"], problem._fixed
+    own = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    nothing = np.zeros(body.K.shape[0])
+    for more, loads in (
+        ({"engine": "iterative"}, {"prescribed": cycle}),
+        ({"working_set": True}, {"prescribed": cycle}),
+        ({"loads": (nothing, cycle)}, {}),
+        ({"gaps": np.tile(gap, (4, 1))}, {"prescribed": cycle}),
+        ({}, {"prescribed": cycle, "gap": gap[None]}),
+    ):
+        other = bp.ContactProblem(body.K, body.B, **own, **more)
+        wear = other.wear(**loads, **given, tol=1e-12)
+        assert wear.cycle.tolist() == known.cycle.tolist()
+        # Reactions of both engines agree to 1e-9.
+        np.testing.assert_allclose(
+            wear.depth, known.depth, rtol=0, atol=1e-8 * known.depth.max()
+        )
+
+
+def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
+    """Let load steps with these numbers end without convergence."""
+    from dataclasses import replace
+
+    attempt, steps = Following.attempt, 0
+
+    def failing(self: Any, *asked: Any) -> Any:
+        nonlocal steps
+        steps += 1
+        found = attempt(self, *asked)
+        return replace(found, outcome=Outcome.STALLED) if steps in numbers else found
+
+    monkeypatch.setattr(Following, "attempt", failing)
+
+
+def test_a_step_that_fails_keeps_the_cycles_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stalls(monkeypatch, 4 * 2 + 3)
+    with pytest.raises(NotConvergedError, match=r"^cycle 3: load step 3: ") as raised:
+        worn_pad(cycles=9, jump=False)
+    error = raised.value
+    assert error.wear is not None
+    assert error.result is not None
+    assert len(error.result) == 2
+    assert not error.wear.success
+    assert error.wear.message == str(error)
+    assert error.wear.cycle.tolist() == [1, 2]
+    monkeypatch.undo()
+    np.testing.assert_array_equal(
+        error.wear.depth, worn_pad(cycles=2, jump=False).depth
+    )
+    # What was kept can be continued, also after it was sent to another process.
+    again = pickle.loads(pickle.dumps(error)).wear
+    rest = worn_pad(cycles=7, jump=False, start=again)
+    np.testing.assert_array_equal(
+        rest.depth[-1], worn_pad(cycles=9, jump=False).depth[-1]
+    )
+
+
+def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = spring().wear(PULL, coefficient=1e-9, cycles=60)
+    stalls(monkeypatch, 2 * 2 + 2)
+    wear = spring().wear(PULL, coefficient=1e-9, cycles=60)
+    assert not wear.jumps[0].accepted
+    assert np.isnan(wear.jumps[0].estimate)
+    # The accuracy is that of rtol = 0.01.
+    assert abs(wear.depth[-1] / plain.depth[-1] - 1).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (
+            {"coefficient": -1e-9},
+            r"coefficient of contact 0 is -1e-09, expected zero or",
+        ),
+        (
+            {"coefficient": [1.0, 2.0]},
+            r"coefficient has shape \(2,\), expected a number",
+        ),
+        ({"coefficient": np.nan}, r"coefficient"),
+        ({"cycles": 0}, r"cycles is 0, expected"),
+        ({"cycles": 1.5}, r"cycles is 1.5, expected"),
+        ({"rtol": 0.0}, r"rtol is 0, expected a number between 0 and 1"),
+        ({"jump": 1}, r"jump is 1, expected a bool"),
+        ({"on_cycle": 1}, r"on_cycle is 1, expected a function"),
+        ({"start": 1}, r"start is"),
+    ],
+)
+def test_wrong_arguments_are_refused(changed: dict[str, Any], message: str) -> None:
+    given: dict[str, Any] = {"coefficient": 1e-9, "cycles": 3} | changed
+    with pytest.raises((TypeError, ValueError), match=message):
+        spring().wear(PULL, **given)
+
+
+def test_wear_needs_areas_and_a_matching_start() -> None:
+    with pytest.raises(ValueError, match=r"^area is missing: wear needs pressures"):
+        spring(area=None).wear(PULL, coefficient=1e-9, cycles=3)
+    other = worn_pad(cycles=1)
+    with pytest.raises(ValueError, match=r"start is a step of worn contacts"):
+        worn_pad(start=other.result)
+    with pytest.raises(ValueError, match=r"start has the wear of 17 contacts"):
+        spring().wear(PULL, coefficient=1e-9, cycles=3, start=other)
+    with pytest.raises(ValueError, match=r"cycle is 7, expected 1 to 1"):
+        other.depth_at(7)
+
+
+def test_the_record_is_told_cycle_by_cycle() -> None:
+    told: list[tuple[int, Any]] = []
+    wear = worn_pad(on_cycle=lambda number, step: told.append((number, step.wear)))
+    assert [number for number, _ in told] == wear.cycle.tolist()
+    np.testing.assert_array_equal([depth for _, depth in told], wear.depth)
+    ends = wear.ends
+    assert ends[-1] is wear.result[-1]
+    assert [step.cycle for step in ends] == wear.cycle.tolist()
+    assert {step.cycle for step in wear.result} == {60}
+    np.testing.assert_array_equal(ends.traction[:, :, 0], wear.pressure)
+    assert repr(wear).startswith("Wear(60 cycles, ")
+    none = worn_pad(coefficient=0.0)
+    assert none.depth.max() == 0 == none.error_estimate
+
+
+def test_files_keep_the_depth(tmp_path: Path) -> None:
+    ends = worn_pad(cycles=3).ends
+    ends.save(tmp_path / "worn.h5")
+    found = bp.load_result(tmp_path / "worn.h5")
+    for step, known in zip(found, ends, strict=True):
+        assert step.cycle == known.cycle
+        np.testing.assert_array_equal(step.wear, known.wear)
+
+
+def test_a_path_continues_on_worn_contacts() -> None:
+    _, problem, cycle = pad()
+    wear = worn_pad(cycles=3)
+    gap = problem._contacts["gap"] + wear.depth[-1]
+    path = problem.solve(prescribed=cycle, gap=gap, start=wear.result, tol=TOL)
+    # What the next cycle does, but for its own wear, a hundredth of that of all.
+    following = worn_pad(cycles=1, start=wear).result
+    difference = abs(path.reaction - following.reaction).max()
+    assert 0 < difference < 0.01 * path.reaction.max()
