@@ -36,7 +36,7 @@ def stress_of_motion(
     energy = np.einsum("kapq,kapq->pq", adjoint, stress)
     for k in range(len(found)):
         found[k, k] += energy
-    return found
+    return np.asarray(found, np.float64)
 
 
 class AreaVectors:

@@ -60,7 +60,8 @@ def _turning(arm: Floats, slope: Floats) -> Floats:
     far = length(arm)
     unit = arm / far[:, None]
     along = np.einsum("nk,nkj->nj", unit, slope)
-    return (slope - unit[:, :, None] * along[:, None]) / far[:, None, None]
+    turned = (slope - unit[:, :, None] * along[:, None]) / far[:, None, None]
+    return np.asarray(turned, np.float64)
 
 
 def _round(arm: Floats, slope: Floats, inside: bool) -> Floats:
