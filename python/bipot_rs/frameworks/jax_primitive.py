@@ -105,7 +105,7 @@ def _jvp(
 ) -> Any:
     count = len(host.shapes)
     if any(type(t) is not ad.Zero for t in tangents[:count]):
-        raise NotImplementedError(
+        raise ValueError(
             "second derivatives of a contact solution are not available: "
             "differentiate it once"
         )

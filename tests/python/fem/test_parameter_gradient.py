@@ -414,3 +414,50 @@ def test_a_plane_under_mortar_moves_the_gap() -> None:
     product = Product(at(0.0))
     (own,) = product.gradient(at(0.0)).obstacles
     assert own[2] == pytest.approx(slope(lambda h: product(at(h)), 0.01), rel=1e-9)
+
+
+def test_reactions_of_a_pressed_block_that_sticks() -> None:
+    """All nodes stick: M (u, r) = (f, -g) with M = [[K, -Bᵀ], [B, 0]], for which the adjoint
+    is one solution with Mᵀ, and the differences are those of the contact solver.
+    """
+    mesh = fem.box([np.linspace(0, 1, 4), np.linspace(0, 1, 4)], "quadrilateral")
+    base, top = lowest(mesh), highest(mesh)
+    rng = np.random.default_rng(8)
+    way = rng.normal(size=mesh.p.shape)
+    weights = rng.normal(size=(1, 4, 2))
+    load = fem.Load("one", top, pressure=1.0)
+
+    def made(h: float, young: float = 30.0, move: float = 0.0) -> fem.Assembly:
+        contact = fem.Contact("one", base, 5.0, plane=([0, move], [0.0, 1.0]))
+        body = fem.Body(
+            "one", with_points(mesh, mesh.p + h * way), fem.Material(young, 0.3)
+        )
+        spring = fem.Spring("one", top, stiffness=2.0)
+        return fem.assemble([body], [contact], springs=[spring])
+
+    def value(model: fem.Assembly) -> float:
+        f = load.forces(model.bodies[0])
+        result = model.problem().solve(f, tol=1e-13)
+        assert (result.status[-1] == 2).all()
+        return float(np.sum(weights * result.reaction))
+
+    model = made(0.0)
+    result = model.problem().solve(load.forces(model.bodies[0]))
+    B, n = model.B.toarray(), model.n
+    M = np.block([[model.K.toarray(), -B.T], [B, np.zeros((len(B), len(B)))]])
+    y = np.linalg.solve(M.T, np.r_[np.zeros(n), weights.ravel()])
+    found = fem.ParameterGradient(
+        model,
+        adjoint=y[None, :n],
+        displacement=[result[0].displacement],
+        gap=-y[n:].reshape(weights.shape),
+        reaction=result.reaction,
+        loads=[load],
+    )
+    # Differences of solutions: rounding of some 1e-12 over the step.
+    wanted = slope(lambda h: value(made(h)), 1e-3)
+    assert np.sum(found.nodes * way.T) == pytest.approx(wanted, rel=1e-7)
+    wanted = slope(lambda h: value(made(0.0, young=30.0 + h)), 1.0)
+    assert found.young["one"][0] == pytest.approx(wanted, rel=1e-6)
+    wanted = slope(lambda h: value(made(0.0, move=h)), 1e-3)
+    assert found.obstacles[0][1] == pytest.approx(wanted, rel=1e-7)

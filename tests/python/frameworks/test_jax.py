@@ -78,9 +78,10 @@ def test_a_point_on_springs() -> None:
     np.testing.assert_allclose(several[:, 0, 0, 1], [-1.0, -2.0, -5.0], rtol=1e-9)
 
 
-@pytest.mark.skipif(not hasattr(bp.Result, "vjp"), reason="Result has no vjp")
 def test_derivatives_of_a_point_on_springs() -> None:
     """The friction of a sliding point is -μ P: d/dμ = -P and d/dP = -μ."""
+    if not hasattr(bp.Result, "vjp"):
+        pytest.skip("needs Result.vjp")
     load = jnp.array([-10.0, 5.0])
 
     def friction(load: Any, mu: Any) -> Any:
@@ -105,7 +106,7 @@ def test_what_is_refused() -> None:
     def f(x: Any) -> Any:
         return bp.jax.solve(problem, x, *arguments(False)[1:]).slip.sum()
 
-    with pytest.raises(NotImplementedError, match="second derivatives"):
+    with pytest.raises(ValueError, match="second derivatives"):
         jax.jacfwd(jax.grad(f))(arguments(False)[0])
     jax.config.update("jax_enable_x64", False)
     try:
