@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
     from bipot_rs.fem import review as review
+    from bipot_rs.frameworks import jax as jax
+    from bipot_rs.frameworks import torch as torch
     from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
     from bipot_rs.scene import builder as model  # noqa: F401
     from bipot_rs.scene.builder import Model as Model
@@ -115,6 +117,7 @@ __getattr__, __dir__ = lazily(
         "fclib": "bipot_rs.fclib",
         "fem": "bipot_rs.fem",
         "inspection": "bipot_rs.fem.inspection",
+        "jax": "bipot_rs.frameworks.jax",
         "model": "bipot_rs.scene.builder",
         "obstacle": "bipot_rs.obstacle",
         "paraview": "bipot_rs.fem.paraview",
@@ -123,5 +126,6 @@ __getattr__, __dir__ = lazily(
         "review": "bipot_rs.fem.review",
         "scene": "bipot_rs.scene",
         "theory": "bipot_rs.theory",
+        "torch": "bipot_rs.frameworks.torch",
     },
 )

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
     from bipot_rs.fem.contact import Contact
     from bipot_rs.fem.elasticity import stiffness
+    from bipot_rs.fem.loads import Load
     from bipot_rs.fem.materials import Material, Orthotropic
+    from bipot_rs.fem.parameter_gradient import ParameterGradient
     from bipot_rs.fem.stress_recovery import stress, thermal, von_mises
     from bipot_rs.mesh.boxes import FACES, box
     from bipot_rs.mesh.elements import second_order
@@ -23,9 +25,11 @@ __all__ = [
     "Assembly",
     "Body",
     "Contact",
+    "Load",
     "Material",
     "Model",
     "Orthotropic",
+    "ParameterGradient",
     "Spring",
     "Support",
     "Symmetry",
@@ -54,7 +58,9 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.fem.boundary": ("Spring", "Symmetry", "surface", "with_surfaces"),
         "bipot_rs.fem.contact": ("Contact",),
         "bipot_rs.fem.elasticity": ("stiffness",),
+        "bipot_rs.fem.loads": ("Load",),
         "bipot_rs.fem.materials": ("Material", "Orthotropic"),
+        "bipot_rs.fem.parameter_gradient": ("ParameterGradient",),
         "bipot_rs.fem.stress_recovery": ("stress", "thermal", "von_mises"),
         "bipot_rs.mesh.boxes": ("FACES", "box"),
         "bipot_rs.mesh.elements": ("second_order",),

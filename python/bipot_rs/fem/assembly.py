@@ -31,6 +31,8 @@ from bipot_rs.fem.contact import (
 )
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
+from bipot_rs.fem.loads import Load
+from bipot_rs.fem.parameter_gradient import ParameterGradient, of_gradient
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
 from bipot_rs.obstacle.motion import Motion
@@ -282,6 +284,19 @@ class Assembly:
                 zip((body.name for body in self.bodies), self.offset, strict=True)
             ),
         )
+
+    def gradient(self, gradient: Any, loads: Sequence[Load] = ()) -> ParameterGradient:
+        """The gradient of a result with respect to materials, shape and obstacles.
+
+        Parameters
+        ----------
+        gradient
+            What ``result.vjp(...)`` returned for a result of `problem`.
+        loads
+            The loads of the path, whose nodal forces change with the parameters. Without
+            loads the nodal forces are held constant.
+        """
+        return of_gradient(self, gradient, loads)
 
     def gaps(self, steps: int) -> Floats | None:
         """Gaps of a load path, as ``gap`` of `ContactProblem.solve`.

@@ -143,7 +143,7 @@ def meet(
         gap = np.einsum("cd,cd->c", frame[:, 0], between)
     else:
         frame, moved = _rigid(
-            contact, _obstacle(contact, body.dim), points, _normals(facets)[nodes]
+            contact, rigid_obstacle(contact, body.dim), points, _normals(facets)[nodes]
         )
         gap = moved[0, :, 0].copy()
     clearance = _clearance(contact, points)
@@ -203,7 +203,7 @@ def gaps_onwards(
     before
         Gaps after the first step, ``(n_c, d)``.
     """
-    obstacle = _obstacle(contact, points.shape[1])
+    obstacle = rigid_obstacle(contact, points.shape[1])
     if contact.pairing == "match":
         distance, drag = onwards(obstacle, motion, points)
         distance = distance + _clearance(contact, points)
@@ -257,7 +257,7 @@ def _check(contact: Contact, dim: int) -> None:
         )
 
 
-def _obstacle(contact: Contact, dim: int) -> Obstacle:
+def rigid_obstacle(contact: Contact, dim: int) -> Obstacle:
     """The rigid obstacle of a contact."""
     if contact.obstacle is not None:
         return contact.obstacle
@@ -379,7 +379,7 @@ def _against_rigid(
             f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' for a rigid "
             "obstacle"
         )
-    obstacle, motion = _obstacle(contact, body.dim), contact.motion
+    obstacle, motion = rigid_obstacle(contact, body.dim), contact.motion
     smooth, nodal = _clearances(contact, body)
     out = outward(body, contact.surface)
     known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}

@@ -21,7 +21,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field
 from bipot_rs.fem.elasticity import distinct_cells
-from bipot_rs.fem.materials import Elastic
+from bipot_rs.fem.material_derivative import elasticity
 from bipot_rs.mesh.elements import inverse, jacobian, reference
 
 # The six components of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
@@ -106,7 +106,7 @@ class MeanStress:
         six = np.empty((count, 6))
         for k, material in enumerate(body.materials):
             here = self._material == k
-            law = _in_space(body, material)[ROWS, COLUMNS][:, ROWS, COLUMNS]
+            law = elasticity(material, body.dim)[ROWS, COLUMNS][:, ROWS, COLUMNS]
             law[:, 3:] *= 2.0  # the mirrored component of a shear
             six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])
         found = np.empty((count, 3, 3))
@@ -123,7 +123,7 @@ def stress_at_points(
     Parameters as in `stress`.
     """
     d, u = body.dim, _nodal(body, displacement)[body.cells]
-    gradient = np.einsum("qiap,pik->kapq", _slopes(body), u)
+    gradient = np.einsum("qiap,pik->kapq", slopes_at_points(body), u)
     strain = np.zeros((3, 3, *gradient.shape[2:]))
     strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
     if initial is not None:
@@ -131,7 +131,7 @@ def stress_at_points(
     found = np.empty_like(strain)
     for k, material in enumerate(body.materials):
         here = body.material_of_cells == k
-        law = _in_space(body, material)
+        law = elasticity(material, body.dim)
         found[:, :, here] = np.einsum("abcd,cdpq->abpq", law, strain[:, :, here])
     return found
 
@@ -176,7 +176,9 @@ def internal_forces(body: Body, stresses: Floats) -> Floats:
     """
     d = body.dim
     weights = body.depth * body.volume().weights
-    cell = np.einsum("qiap,kapq,pq->kpi", _slopes(body), stresses[:d, :d], weights)
+    cell = np.einsum(
+        "qiap,kapq,pq->kpi", slopes_at_points(body), stresses[:d, :d], weights
+    )
     nodes, count = body.cells.ravel(), len(body.points)
     parts = [np.bincount(nodes, part.ravel(), minlength=count) for part in cell]
     return np.asarray(np.stack(parts, axis=1).ravel(), dtype=np.float64)
@@ -248,16 +250,7 @@ def _nodal(body: Body, displacement: ArrayLike) -> Floats:
     return given.reshape(nodes, d)
 
 
-def _in_space(body: Body, material: Elastic) -> Floats:
-    """Elasticity ``(3, 3, 3, 3)``; in plane stress zero out of the plane."""
-    if body.dim == 3 or not material.plane_stress:
-        return material.tensor(3)
-    law = np.zeros((3, 3, 3, 3))
-    law[:2, :2, :2, :2] = material.tensor(2)
-    return law
-
-
-def _slopes(body: Body) -> Floats:
+def slopes_at_points(body: Body) -> Floats:
     """``∂_a φ_i`` at the points of the cells, ``(q, i, a, cells)``."""
     _, slopes, _ = reference(body.kind.scalar, body.kind.order)
     inner, _ = inverse(jacobian(body.points[body.cells], slopes))

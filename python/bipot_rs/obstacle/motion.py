@@ -142,6 +142,16 @@ class Motion:
         """Load steps."""
         return len(self._angle) - 1
 
+    @property
+    def turns(self) -> bool:
+        """Whether it rotates in any step."""
+        return bool(self._angle.any())
+
+    @property
+    def shifts(self) -> Floats:
+        """Translation at the start and at the end of each step, ``(1 + steps, d)`` [m]."""
+        return self._shift
+
     def forwards(self, directions: Floats, state: int) -> Floats:
         """Rotate directions ``(n, d)`` of the obstacle from the start to ``state``.
 

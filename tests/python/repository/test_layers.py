@@ -162,6 +162,8 @@ PYTHON_NAMES = {
     "h5py": ("files.export", "fclib"),
     "petsc4py": ("petsc.library",),
     "mpi4py": ("petsc.library",),
+    "jax": ("frameworks.jax_primitive",),
+    "torch": ("frameworks.torch_function",),
 }
 # Files allowed at the top of the package, besides folders.
 TOP = {"__init__.py", "__main__.py", "_core.pyi", "analytic.py", "fclib.py", "py.typed"}

@@ -1,0 +1,190 @@
+"""Derivatives of gaps and of B with respect to node coordinates and obstacle positions.
+
+With the gap cotangent G of each step by component, the adjoint displacement λ, the
+displacement u and the reaction r, what depends on the geometry of the contacts is
+
+    Σ_k  λ_kᵀ Bᵀ r_k  +  G_k · (B u_k + g_k).
+
+The rows of B are the frame of the contact, and the frame depends on its normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.contact import Contact, both, rigid_obstacle
+from bipot_rs.fem.shape_derivative import AreaVectors
+from bipot_rs.obstacle.curvature import curvature
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.shapes import Plane
+
+
+@dataclass(frozen=True)
+class Meets:
+    """The contacts of one `Contact`, with what multiplies their derivatives.
+
+    Attributes
+    ----------
+    contact
+        The surface and its obstacle.
+    points : (m, d)
+        Positions of the nodes [m].
+    frame : (m, d, d)
+        Rows n, t1[, t2].
+    gap : (steps, m, d)
+        Cotangent G of the gaps, by component.
+    rows : (m, d, d)
+        Cotangent of the frame as rows of B: ``Σ_k r_k ⊗ λ_k + G_k ⊗ u_k``, with λ and u
+        relative to the partner.
+    """
+
+    contact: Contact
+    points: Floats
+    frame: Floats
+    gap: Floats
+    rows: Floats
+
+    def at_rigid(self) -> Floats:
+        """Derivative with respect to the points, for a rigid obstacle, ``(m, d)``.
+
+        Its negative sum is the derivative with respect to the position of the obstacle.
+
+        Raises
+        ------
+        ValueError
+            The obstacle turns, or its normals have no formula for the derivative.
+        """
+        contact = self.contact
+        what = f"contact on {contact.surface!r} of body {contact.body!r}"
+        obstacle = rigid_obstacle(contact, self.points.shape[1])
+        motion = contact.motion
+        if motion is not None and motion.turns:
+            raise ValueError(
+                f"{what}: its obstacle turns, and derivatives are available only for "
+                "obstacles that rest or are translated"
+            )
+        if contact.pairing != "match" and not isinstance(obstacle, Plane):
+            raise ValueError(
+                f"{what}: with pairing {contact.pairing!r} the derivative of the gap is "
+                "available only for a plane"
+            )
+        try:
+            found, cotangent = np.zeros_like(self.points), self.rows.copy()
+            seen = [
+                obstacle.closest(self.points - shift)
+                for shift in _shifts(motion, self.points.shape[1])
+            ]
+            nearest = np.argmin([one.distance for one in seen], axis=0)
+            shift = _shifts(motion, self.points.shape[1])
+            slope = curvature(obstacle, self.points - shift[nearest])
+        except ValueError as error:
+            raise ValueError(f"{what}: {error}") from None
+        for k, G in enumerate(self.gap):
+            # Without a motion all steps have the gap of the start.
+            state = 0 if motion is None else k + 1
+            found += G[:, :1] * seen[state].normal
+            cotangent[:, 1:] -= G[:, 1:, None] * shift[state]
+        normal = of_normal(self.frame, cotangent, contact)
+        return np.asarray(found + np.einsum("cij,ci->cj", slope, normal))
+
+
+def _shifts(motion: Motion | None, dim: int) -> Floats:
+    """Translation of the obstacle at the start and after each step, ``(states, d)``."""
+    return np.zeros((1, dim)) if motion is None else motion.shifts
+
+
+def of_normal(frame: Floats, cotangent: Floats, contact: Contact) -> Floats:
+    """Derivative with respect to the unit normals, from that of the frames of `frames`.
+
+    Parameters
+    ----------
+    frame, cotangent
+        ``(m, d, d)``.
+    contact
+        Its ``axis`` sets the tangents in space.
+
+    Returns
+    -------
+    (m, d)
+        Orthogonal to the normal, as its changes are.
+    """
+    n, t = frame[:, 0], frame[:, 1]
+    along, found = cotangent[:, 1].copy(), cotangent[:, 0].copy()
+    if frame.shape[1] == 3:
+        # t2 = s n × t1 with the sign s of the frame.
+        own = np.linalg.det(frame)[:, None] * cotangent[:, 2]
+        found += np.cross(t, own)
+        along += np.cross(own, n)
+    reference = _first_axis(n, contact)
+    # t1 = (e - (e·n) n) / size, of which the part along t1 is normalised away.
+    size = np.sum(reference * t, axis=1, keepdims=True)
+    along -= np.sum(along * t, axis=1, keepdims=True) * t
+    e_n = np.sum(reference * n, axis=1, keepdims=True)
+    found -= (np.sum(along * n, axis=1, keepdims=True) * reference + e_n * along) / size
+    return np.asarray(found - np.sum(found * n, axis=1, keepdims=True) * n)
+
+
+def _first_axis(normal: Floats, contact: Contact) -> Floats:
+    """The direction from which `frames` makes t1, ``(m, d)``."""
+    if contact.axis is not None:
+        return np.broadcast_to(np.asarray(contact.axis, np.float64), normal.shape)
+    nearest = np.argmax(np.abs(normal), axis=1)
+    return np.asarray(np.eye(normal.shape[1])[np.where(nearest > 0, 0, 1)])
+
+
+def of_matching(
+    meets: Meets, body: Body, nodes: Ints, partners: Floats
+) -> tuple[Floats, Floats]:
+    """Derivatives for two bodies whose nodes match.
+
+    Parameters
+    ----------
+    body, nodes
+        The body of the contact, and the node of each contact ``(m,)``.
+    partners
+        Positions of the nodes opposite, ``(m, d)``.
+
+    Returns
+    -------
+    own, opposite
+        With respect to the nodes of the body, ``(nodes, d)``, and to the partners,
+        ``(m, d)``.
+    """
+    contact, n, G = meets.contact, meets.frame[:, 0], meets.gap[:, :, 0].sum(axis=0)
+    found = np.zeros_like(body.points)
+    cotangent = meets.rows.copy()
+    cotangent[:, 0] += G[:, None] * (meets.points - partners)
+    normal = of_normal(meets.frame, cotangent, contact)
+    # n is minus the sum of area vectors, weighted by φ, over its length.
+    facets = AreaVectors(body, contact.surface)
+    weighted = np.einsum("dpq,cq,q->pcd", facets.vectors, facets.phi, facets.weights)
+    total = np.zeros_like(found)
+    np.add.at(total, facets.corners.ravel(), weighted.reshape(-1, body.dim))
+    nodal = np.zeros_like(found)
+    nodal[nodes] = -normal / np.linalg.norm(total[nodes], axis=1, keepdims=True)
+    found += facets.adjoint(facets.at_points(nodal) * facets.weights)
+    np.add.at(found, nodes, G[:, None] * n)
+    return found, -G[:, None] * n
+
+
+def refuse_moving_nodes(contacts: Sequence[Contact]) -> None:
+    """Refuse contacts whose derivative with respect to node coordinates is not known."""
+    for contact in contacts:
+        what = f"contact on {contact.surface!r} of body {contact.body!r}"
+        if contact.pairing != "match":
+            other = both(contact) if contact.against else "an obstacle"
+            raise ValueError(
+                f"{what}: with pairing {contact.pairing!r} ({other}) the derivative of B "
+                "and of the gap with respect to node coordinates is not available: use "
+                "pairing='match'"
+            )
+        if callable(contact.clearance):
+            raise ValueError(
+                f"{what}: clearance is a function of the positions, whose derivative is "
+                "not known: give numbers"
+            )

@@ -1,0 +1,89 @@
+"""Loads by description, whose derivatives with respect to parameters are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats, number
+from bipot_rs.fem.body import Body, Field
+from bipot_rs.fem.elasticity import nodal_forces
+from bipot_rs.fem.stress_recovery import Initial, initial_forces
+
+_KINDS = ("traction", "pressure", "force", "strain")
+
+
+@dataclass(frozen=True)
+class Load:
+    """One load of a body, in proportion to a factor of each load step.
+
+    Give exactly one of ``traction``, ``pressure``, ``force`` and ``strain``.
+
+    Parameters
+    ----------
+    body
+        Name of the body.
+    surface
+        Name of the surface of a traction or a pressure.
+    traction, pressure, force, strain
+        As ``value`` of `Assembly.traction`, `Assembly.pressure` and
+        `Assembly.body_force`, and ``strain`` of `Assembly.initial_strain`.
+    factors
+        Multiplies the load in each step, ``(steps,)``; a number for all steps.
+    """
+
+    body: str
+    surface: str | None = None
+    traction: Field | None = None
+    pressure: float | None = None
+    force: Field | None = None
+    strain: Initial | None = None
+    factors: ArrayLike = 1.0
+
+    def __post_init__(self) -> None:
+        given = [name for name in _KINDS if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"load of body {self.body!r} has {' and '.join(given) or 'no value'}, "
+                "expected exactly one of traction, pressure, force and strain"
+            )
+        (kind,) = given
+        if (self.surface is None) == (kind in ("traction", "pressure")):
+            raise ValueError(
+                f"load of body {self.body!r} is a {kind}, and surface is "
+                f"{self.surface!r}: a traction or a pressure needs a surface, others none"
+            )
+        if self.pressure is not None:
+            number("pressure", self.pressure)
+        floats(f"factors of the load of body {self.body!r}", self.factors)
+
+    @property
+    def kind(self) -> str:
+        """``"traction"``, ``"pressure"``, ``"force"`` or ``"strain"``."""
+        return next(name for name in _KINDS if getattr(self, name) is not None)
+
+    def of_steps(self, steps: int) -> Floats:
+        """The factor of each step, ``(steps,)``; `ValueError` for another number."""
+        found = floats(f"factors of the load of body {self.body!r}", self.factors)
+        if found.shape not in ((), (steps,)):
+            raise ValueError(
+                f"factors of the load of body {self.body!r} has shape {found.shape}, "
+                f"expected a number or ({steps},)"
+            )
+        return np.broadcast_to(found, (steps,))
+
+    def forces(self, body: Body) -> Floats:
+        """Nodal forces ``(dim * nodes,)`` of the body for a factor of 1 [N]."""
+        if self.strain is not None:
+            return initial_forces(body, self.strain)
+        if self.force is not None:
+            return nodal_forces(body, body.volume(), self.force)
+        points = body.surface(str(self.surface))
+        if self.traction is not None:
+            return nodal_forces(body, points, self.traction)
+        return nodal_forces(
+            body, points, -float(self.pressure or 0.0) * np.asarray(points.normals)
+        )

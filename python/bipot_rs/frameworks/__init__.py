@@ -1,0 +1,1 @@
+"""Contact problems as differentiable functions of JAX and PyTorch."""

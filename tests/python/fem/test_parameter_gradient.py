@@ -1,0 +1,464 @@
+"""Derivatives with respect to parameters, against differences of what `assemble` makes.
+
+With any λ, u, r and G, `ParameterGradient` is the derivative of
+
+    L = Σ_k  λ_kᵀ (f_k - K u_k + Bᵀ r_k) + G_k · (B u_k + g_k),
+
+which is computed here from the assembled K, B, gaps and loads.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import fem, obstacle
+from bipot_rs.mesh import elements
+
+STEPS = 2
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+# Fourth-order differences: their error, h⁴ and ε/h, is below 1e-10 of the largest term.
+# The derivative may be smaller than its terms by a factor of 1000.
+CLOSE = 1e-7
+
+
+class Product:
+    """λ, u, r and G at random, and L for any model of the same size."""
+
+    def __init__(self, model: fem.Assembly, loads: Sequence[fem.Load] = ()) -> None:
+        rng = np.random.default_rng(7)
+        shape = (STEPS, len(model.group), model.dim)
+        self.adjoint, self.u = rng.normal(size=(2, STEPS, model.n))
+        self.reaction, self.gap = rng.normal(size=(2, *shape))
+        self.loads = loads
+
+    def __call__(
+        self, model: fem.Assembly, loads: Sequence[fem.Load] | None = None
+    ) -> float:
+        loads = self.loads if loads is None else loads
+        total = 0.0
+        given = np.zeros((STEPS, len(model.group), model.dim))
+        given[:, :, 0] = model.gap
+        given = given if model.moving is None else model.moving
+        names = [body.name for body in model.bodies]
+        for k in range(STEPS):
+            f = np.zeros(model.n)
+            for load in loads:
+                b = names.index(load.body)
+                own = load.of_steps(STEPS)[k] * load.forces(model.bodies[b])
+                f[model.offset[b] :][: own.size] += own
+            B, r, G = model.B, self.reaction[k].ravel(), self.gap[k].ravel()
+            total += self.adjoint[k] @ (f - model.K @ self.u[k] + B.T @ r)
+            total += G @ (B @ self.u[k] + given[k].ravel())
+        return float(total)
+
+    def gradient(self, model: fem.Assembly) -> fem.ParameterGradient:
+        return fem.ParameterGradient(
+            model,
+            adjoint=self.adjoint,
+            displacement=self.u,
+            gap=self.gap,
+            reaction=self.reaction,
+            loads=self.loads,
+        )
+
+
+def slope(function: Callable[[float], float], step: float) -> float:
+    """Central difference of fourth order at zero."""
+    a, b, c, d = (function(k * step) for k in (-2, -1, 1, 2))
+    return (a - d + 8 * (c - b)) / (12 * step)
+
+
+def bent(cell: str, degree: int, seed: int = 1) -> Any:
+    """A mesh whose cells are curved and all differ."""
+    dim = CELLS[cell]
+    mesh = fem.box([np.linspace(0, 1, 3)] * dim, cell)
+    if degree == 2:
+        mesh = elements.second_order(mesh)
+    moved = mesh.p + 0.03 * np.random.default_rng(seed).uniform(-1, 1, mesh.p.shape)
+    return with_points(mesh, moved)
+
+
+def with_points(mesh: Any, p: Any) -> Any:
+    return replace(mesh, doflocs=np.ascontiguousarray(p))
+
+
+def lowest(mesh: Any) -> str:
+    return min(
+        mesh.boundaries,
+        key=lambda name: mesh.p[-1, mesh.facets[:, mesh.boundaries[name]]].mean(),
+    )
+
+
+def highest(mesh: Any) -> str:
+    return max(
+        mesh.boundaries,
+        key=lambda name: mesh.p[-1, mesh.facets[:, mesh.boundaries[name]]].mean(),
+    )
+
+
+def loads_of(mesh: Any) -> list[fem.Load]:
+    dim, top = mesh.p.shape[0], highest(mesh)
+    strain = np.diag([0.3, -0.2, 0.5])
+    strain[0, 1] = strain[1, 0] = 0.1
+    return [
+        fem.Load("one", top, traction=[0.3, -0.7, 0.2][:dim], factors=[1.0, 0.4]),
+        fem.Load("one", top, pressure=0.9, factors=[0.2, 0.7]),
+        fem.Load("one", force=[0.5, -0.3, 0.8][:dim], factors=[0.6, -1.0]),
+        fem.Load("one", strain=strain, factors=[0.5, 2.0]),
+    ]
+
+
+def ball(dim: int) -> obstacle.Sphere:
+    return obstacle.Sphere([0.45, 0.55, -2.1][3 - dim :], 2.0)
+
+
+def model_of(
+    mesh: Any,
+    material: fem.Material | None = None,
+    springs: Sequence[fem.Spring] | None = None,
+    **contact: Any,
+) -> fem.Assembly:
+    dim, base = mesh.p.shape[0], lowest(mesh)
+    if springs is None:
+        springs = [fem.Spring("one", highest(mesh), stiffness=[0.3, 0.7, 0.4][:dim])]
+        springs += [fem.Spring("one", highest(mesh), normal=0.8, tangential=0.3)]
+    contact = contact or {"obstacle": ball(dim)}
+    lumps = elements.KINDS[type(mesh)].facet.lumps
+    own = [fem.Contact("one", base, 0.3, **contact)] if lumps else []
+    body = fem.Body("one", mesh, material or fem.Material(1.3, 0.27, thickness=0.6))
+    return fem.assemble([body], own, springs=springs)
+
+
+def meshes() -> list[Any]:
+    return [(cell, degree) for cell in CELLS for degree in (1, 2)]
+
+
+@pytest.mark.parametrize(("cell", "degree"), meshes())
+def test_node_coordinates_in_random_directions(cell: str, degree: int) -> None:
+    """K, B, the gap to a ball, springs and loads of all kinds, on curved cells."""
+    mesh = bent(cell, degree)
+    loads = loads_of(mesh)
+    model = model_of(mesh)
+    product = Product(model, loads)
+    way = np.random.default_rng(3).normal(size=mesh.p.shape)
+    wanted = slope(
+        lambda h: product(model_of(with_points(mesh, mesh.p + h * way))), 1e-4
+    )
+    found = np.sum(product.gradient(model).nodes * way.T)
+    assert found == pytest.approx(wanted, rel=CLOSE)
+
+
+@pytest.mark.parametrize("serendipity", [elements.MeshQuadS2, elements.MeshHexS2])
+def test_node_coordinates_of_serendipity_cells(serendipity: Any) -> None:
+    dim = 2 if serendipity is elements.MeshQuadS2 else 3
+    cell = {2: "quadrilateral", 3: "hexahedron"}[dim]
+    plain = fem.box([np.linspace(0, 1, 2)] * dim, cell)
+    mesh = elements.second_order(plain, serendipity=True)
+    rng = np.random.default_rng(4)
+    mesh = with_points(mesh, mesh.p + 0.03 * rng.uniform(-1, 1, mesh.p.shape))
+    product = Product(model_of(mesh), loads_of(mesh))
+    way = rng.normal(size=mesh.p.shape)
+    wanted = slope(
+        lambda h: product(model_of(with_points(mesh, mesh.p + h * way))), 1e-4
+    )
+    found = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
+    assert found == pytest.approx(wanted, rel=CLOSE)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_second_order_of_central_differences(cell: str) -> None:
+    """The error falls by four when the step is halved: the derivative is the limit."""
+    mesh = bent(cell, 1)
+    product = Product(model_of(mesh), loads_of(mesh))
+    way = np.random.default_rng(3).normal(size=mesh.p.shape)
+    found = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
+
+    def error(h: float) -> float:
+        ends = [
+            product(model_of(with_points(mesh, mesh.p + s * h * way))) for s in (-1, 1)
+        ]
+        return abs((ends[1] - ends[0]) / (2 * h) - found)
+
+    order = np.log2(error(2e-3) / error(1e-3))
+    # The next term, h⁴, is 1 % of the error.
+    assert order == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize("plane_stress", [False, True])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_moduli_and_thickness(cell: str, plane_stress: bool) -> None:
+    mesh = bent(cell, 1)
+    material = fem.Material(1.3, 0.27, plane_stress=plane_stress, thickness=0.6)
+    model = model_of(mesh, material)
+    product = Product(model, loads_of(mesh))
+    found = product.gradient(model)
+    for name in ("young", "poisson", "thickness")[: 3 if CELLS[cell] == 2 else 2]:
+
+        def at(h: float, name: str = name) -> float:
+            value = getattr(material, name) + h
+            return product(model_of(mesh, replace(material, **{name: value})))
+
+        own = getattr(found, name)["one"]
+        assert np.squeeze(own) == pytest.approx(slope(at, 1e-3), rel=CLOSE)
+
+
+def test_stiffness_is_proportional_to_young_and_thickness() -> None:
+    """θ ∂K/∂θ = K for Young's modulus, and with springs for the thickness: to rounding."""
+    mesh = bent("quadrilateral", 2)
+    for springs, name, factor in (([], "young", 1.3), (None, "thickness", 0.6)):
+        model = model_of(mesh, springs=springs)
+        product = Product(model)
+        energy = sum(
+            -a @ (model.K @ u) for a, u in zip(product.adjoint, product.u, strict=True)
+        )
+        found = np.squeeze(getattr(product.gradient(model), name)["one"])
+        # Sums of some hundred terms of both signs.
+        assert factor * found == pytest.approx(energy, rel=1e-12)
+
+
+def test_materials_of_volumes() -> None:
+    mesh = bent("triangle", 1)
+    left = np.flatnonzero(mesh.p[0, mesh.t].mean(axis=0) < 0.5)
+    right = np.setdiff1d(np.arange(mesh.t.shape[1]), left)
+    mesh = mesh.with_subdomains({"left": left, "right": right})
+
+    def at(h: float) -> fem.Assembly:
+        parts = {"left": fem.Material(1.0, 0.2), "right": fem.Material(3.0, 0.4 + h)}
+        return fem.assemble([fem.Body("one", mesh, parts)], [])
+
+    product = Product(at(0.0), [fem.Load("one", strain={"right": np.eye(3)})])
+    found = product.gradient(at(0.0)).poisson["one"]
+    assert found.shape == (2,)
+    assert found[1] == pytest.approx(slope(lambda h: product(at(h)), 1e-4), rel=CLOSE)
+
+
+def test_springs_and_initial_strain() -> None:
+    mesh = bent("tetrahedron", 1)
+    model = model_of(mesh)
+    loads = loads_of(mesh)
+    product = Product(model, loads)
+    found = product.gradient(model)
+    for i, name, k in (
+        (0, "stiffness", 1),
+        (1, "normal", None),
+        (1, "tangential", None),
+    ):
+
+        def at(h: float, i: int = i, name: str = name, k: int | None = k) -> float:
+            springs = list(model.springs)
+            value = np.array(getattr(springs[i], name), float)
+            value = value + h * (1.0 if k is None else np.eye(3)[k])
+            plain = value.tolist()
+            springs[i] = replace(springs[i], **{name: plain})
+            return product(model_of(mesh, springs=springs))
+
+        own = found.springs[i][name]
+        own = own if k is None else own[k]
+        # L is linear in a stiffness: differences have rounding errors alone.
+        assert own == pytest.approx(slope(at, 0.1), rel=1e-9)
+    way = np.array([[0.2, 0.4, 0.1], [0.4, -0.5, 0.3], [0.1, 0.3, 0.7]])
+
+    def strained(h: float) -> float:
+        added = replace(loads[3], strain=np.asarray(loads[3].strain) + h * way)
+        return product(model, [*loads[:3], added])
+
+    own = np.sum(found.initial_strain[3] * way)
+    assert own == pytest.approx(slope(strained, 0.1), rel=1e-9)
+    assert found.initial_strain[:3] == [None] * 3
+
+
+def shifted(shape: Any, by: Any) -> Any:
+    if isinstance(shape, obstacle.Union):
+        return obstacle.Union([shifted(one, by) for one in shape.obstacles])
+    name = "point" if hasattr(shape, "point") else "centre"
+    return replace(shape, **{name: np.asarray(getattr(shape, name)) + by})
+
+
+SHAPES = {
+    "plane": obstacle.Plane([0, 0, -0.1], [0.1, 0.2, 1.0]),
+    "sphere": ball(3),
+    "bowl": obstacle.Sphere([0.4, 0.5, 3.0], 3.3, inside=True),
+    "cylinder": obstacle.Cylinder([0.4, 0.5, -1.5], 1.3, axis=[1.0, 0.3, 0.1]),
+    "torus": obstacle.Torus([0.4, 0.5, -1.5], [0.1, 1.0, 0.2], 1.0, 0.3),
+    "two balls": obstacle.Union(
+        [obstacle.Sphere([0.0, 0.4, -1.1], 1.0), obstacle.Sphere([1.1, 0.6, -1.4], 1.3)]
+    ),
+}
+
+
+@pytest.mark.parametrize("motion", [False, True])
+@pytest.mark.parametrize("name", SHAPES)
+def test_obstacles_and_the_nodes_above_them(name: str, motion: bool) -> None:
+    """The frames of curved obstacles turn with the nodes, and with them B."""
+    mesh, shape = bent("hexahedron", 1), SHAPES[name]
+    moved = (
+        obstacle.Motion([[0.05, 0.02, 0.03], [0.1, -0.03, 0.01]]) if motion else None
+    )
+
+    def at(h: float, way: Any, by: Any) -> fem.Assembly:
+        own = shifted(shape, h * by)
+        moving = with_points(mesh, mesh.p + h * way)
+        return model_of(moving, springs=[], obstacle=own, motion=moved)
+
+    rng = np.random.default_rng(5)
+    product = Product(at(0.0, 0.0, np.zeros(3)))
+    found = product.gradient(at(0.0, 0.0, np.zeros(3)))
+    by, way = rng.normal(size=3), rng.normal(size=mesh.p.shape)
+    wanted = slope(lambda h: product(at(h, 0.0, by)), 1e-4)
+    assert found.obstacles[0] @ by == pytest.approx(wanted, rel=CLOSE)
+    wanted = slope(lambda h: product(at(h, way, np.zeros(3))), 1e-4)
+    assert np.sum(found.nodes * way.T) == pytest.approx(wanted, rel=CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("cell", "axis"),
+    [
+        ("triangle", None),
+        ("quadrilateral", None),
+        ("hexahedron", None),
+        ("hexahedron", [1.0, 0.4, 0.3]),
+    ],
+)
+def test_two_bodies_whose_nodes_match(cell: str, axis: Any) -> None:
+    dim = CELLS[cell]
+    upper = fem.box([np.linspace(0, 1, 3)] * dim, cell)
+    lower = fem.box([np.linspace(0, 1, 3)] * dim, cell)
+    lower = with_points(lower, lower.p - np.eye(dim)[-1][:, None])
+
+    def bodies(one: Any, other: Any) -> Any:
+        return [
+            fem.Body("one", one, fem.Material(1.0, 0.3)),
+            fem.Body("other", other, fem.Material(2.0, 0.2)),
+        ]
+
+    contact = fem.Contact(
+        "one", lowest(upper), 0.3, against=("other", highest(lower)), axis=axis
+    )
+    model = fem.assemble(bodies(upper, lower), [contact])
+    product = Product(model)
+    nodes = product.gradient(model).nodes
+    rng = np.random.default_rng(6)
+    # The nodes opposite move with their partners, so that they still match.
+    way = 0.3 * rng.normal(size=(2, *upper.p.shape))
+    low, high = upper.p[-1] < 1e-9, lower.p[-1] > -1e-9
+    way[1][:, high] = way[0][:, low]
+
+    def at(h: float) -> float:
+        moved = bodies(
+            with_points(upper, upper.p + h * way[0]),
+            with_points(lower, lower.p + h * way[1]),
+        )
+        return product(fem.assemble(moved, [contact]))
+
+    whole = np.concatenate([way[0].T, way[1].T])
+    assert np.sum(nodes * whole) == pytest.approx(slope(at, 1e-4), rel=CLOSE)
+
+
+def test_clearance() -> None:
+    mesh = bent("hexahedron", 1)
+    count = len(model_of(mesh).group)
+
+    def at(h: float) -> fem.Assembly:
+        extra = 0.1 + h * np.arange(count)
+        return model_of(mesh, springs=[], obstacle=ball(3), clearance=extra)
+
+    product = Product(at(0.0))
+    (own,) = product.gradient(at(0.0)).clearance
+    wanted = slope(lambda h: product(at(h)), 0.1)
+    assert own @ np.arange(count) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_what_is_no_derivative_is_refused() -> None:
+    mesh = bent("hexahedron", 1)
+
+    def of(loads: Sequence[fem.Load] = (), **contact: Any) -> fem.ParameterGradient:
+        model = model_of(mesh, springs=[], **contact)
+        return Product(model, loads).gradient(model)
+
+    flat = {"plane": ([0, 0, -0.1], [0, 0, 1])}
+    with pytest.raises(ValueError, match="pairing 'mortar'"):
+        _ = of(**flat, pairing="mortar").nodes
+    with pytest.raises(ValueError, match="clearance is a function"):
+        _ = of(**flat, clearance=lambda x: 0 * x[:, 0]).nodes
+    turning = obstacle.Motion(rotation=[0.1, 0.2], axis=[0, 1, 0])
+    with pytest.raises(ValueError, match="its obstacle turns"):
+        _ = of(**flat, motion=turning).obstacles
+    known = obstacle.Distance(lambda x: x[:, 2] + 0.1)
+    with pytest.raises(ValueError, match="is a Distance"):
+        _ = of(obstacle=known).obstacles
+    varying = fem.Load("one", force=lambda x: x)
+    with pytest.raises(ValueError, match="varies with the position"):
+        _ = of([varying], **flat).nodes
+    with pytest.raises(ValueError, match="no thickness"):
+        _ = of(**flat).thickness
+    oak = fem.Orthotropic((12.0, 1.0, 1.0), (0.3, 0.3, 0.3), (0.7, 0.7, 0.1))
+    wood = model_of(mesh, oak)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="orthotropic"):
+        _ = Product(wood).gradient(wood).young
+    with pytest.raises(ValueError, match="exactly one of traction"):
+        fem.Load("one")
+    with pytest.raises(ValueError, match="needs a surface"):
+        fem.Load("one", pressure=1.0)
+
+
+def test_a_plane_under_mortar_moves_the_gap() -> None:
+    mesh = bent("hexahedron", 1)
+
+    def at(h: float) -> fem.Assembly:
+        plane = ([0, 0, -0.1 + h], [0.1, 0.2, 1.0])
+        return model_of(mesh, springs=[], plane=plane, pairing="mortar")
+
+    product = Product(at(0.0))
+    (own,) = product.gradient(at(0.0)).obstacles
+    assert own[2] == pytest.approx(slope(lambda h: product(at(h)), 0.01), rel=1e-9)
+
+
+def test_reactions_of_a_pressed_block_that_sticks() -> None:
+    """All nodes stick: M (u, r) = (f, -g) with M = [[K, -Bᵀ], [B, 0]], for which the adjoint
+    is one solution with Mᵀ, and the differences are those of the contact solver.
+    """
+    mesh = fem.box([np.linspace(0, 1, 4), np.linspace(0, 1, 4)], "quadrilateral")
+    base, top = lowest(mesh), highest(mesh)
+    rng = np.random.default_rng(8)
+    way = rng.normal(size=mesh.p.shape)
+    weights = rng.normal(size=(1, 4, 2))
+    load = fem.Load("one", top, pressure=1.0)
+
+    def made(h: float, young: float = 30.0, move: float = 0.0) -> fem.Assembly:
+        contact = fem.Contact("one", base, 5.0, plane=([0, move], [0.0, 1.0]))
+        body = fem.Body(
+            "one", with_points(mesh, mesh.p + h * way), fem.Material(young, 0.3)
+        )
+        spring = fem.Spring("one", top, stiffness=2.0)
+        return fem.assemble([body], [contact], springs=[spring])
+
+    def value(model: fem.Assembly) -> float:
+        f = load.forces(model.bodies[0])
+        result = model.problem().solve(f, tol=1e-13)
+        assert (result.status[-1] == 2).all()
+        return float(np.sum(weights * result.reaction))
+
+    model = made(0.0)
+    result = model.problem().solve(load.forces(model.bodies[0]))
+    B, n = model.B.toarray(), model.n
+    M = np.block([[model.K.toarray(), -B.T], [B, np.zeros((len(B), len(B)))]])
+    y = np.linalg.solve(M.T, np.r_[np.zeros(n), weights.ravel()])
+    found = fem.ParameterGradient(
+        model,
+        adjoint=y[None, :n],
+        displacement=[result[0].displacement],
+        gap=-y[n:].reshape(weights.shape),
+        reaction=result.reaction,
+        loads=[load],
+    )
+    # Differences of solutions: rounding of some 1e-12 over the step.
+    wanted = slope(lambda h: value(made(h)), 1e-3)
+    assert np.sum(found.nodes * way.T) == pytest.approx(wanted, rel=1e-7)
+    # Small, since the load is given: the rounding of the values is 1e-8 of it.
+    wanted = slope(lambda h: value(made(0.0, young=30.0 + h)), 0.1)
+    assert found.young["one"][0] == pytest.approx(wanted, rel=1e-6)
+    wanted = slope(lambda h: value(made(0.0, move=h)), 1e-3)
+    assert found.obstacles[0][1] == pytest.approx(wanted, rel=1e-7)
