@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         FloatingBodyError,
         NoEquilibriumError,
         NotConvergedError,
+        NotDifferentiableError,
     )
     from bipot_rs.contact.existence import Existence
     from bipot_rs.contact.one_call import solve
@@ -67,6 +68,7 @@ __all__ = [
     "FloatingBodyError",
     "NoEquilibriumError",
     "NotConvergedError",
+    "NotDifferentiableError",
     "Outcome",
     "Pairs",
     "ReducedProblem",
@@ -98,6 +100,7 @@ __getattr__, __dir__ = lazily(
             "FloatingBodyError",
             "NoEquilibriumError",
             "NotConvergedError",
+            "NotDifferentiableError",
         ),
         "bipot_rs.contact.existence": ("Existence",),
         "bipot_rs.contact.one_call": ("solve",),

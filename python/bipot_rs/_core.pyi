@@ -19,6 +19,8 @@ __all__ = [
     "Primal",
     "PrimalPath",
     "Reduced",
+    "TangentSystem",
+    "TangentView",
     "answers",
     "assess",
     "assess_step",
@@ -36,6 +38,7 @@ __all__ = [
     "largest_reaction",
     "least_work",
     "project",
+    "reduced_tangent",
     "return_heap",
     "stiffness",
     "sum_of_cells",
@@ -348,6 +351,54 @@ class Reduced:
         num_threads: int | None,
         callback: Callable[[int, float, float], object] | None = None,
     ) -> dict[str, Any]: ...
+
+@final
+class TangentView:
+    """The contacts of a problem that close in a load path, for its derivatives."""
+
+    def __new__(cls, problem: Condensed, contacts: _Indices) -> TangentView:
+        """`contacts` are those that `W` is needed of."""
+    @property
+    def members(self) -> NDArray[np.int64]:
+        """Numbers of the contacts that `W` is known of, ascending."""
+    @property
+    def diagonal(self) -> _Floats:
+        """The diagonal of `W` of the members, ``(m, d)``."""
+    @property
+    def modes(self) -> _Floats:
+        """Each rigid motion at the members, a row each."""
+    def free_part(self, load: _Floats, prescribed: _Floats) -> tuple[_Floats, _Floats]:
+        """`q` of the members without gaps, and `e`."""
+    def product(self, reaction: _Floats, rigid: _Floats) -> _Floats:
+        """`W r + R a` of the members."""
+    def displacements(
+        self, states: list[tuple[_Floats, _Floats, _Floats, _Floats]]
+    ) -> _Floats:
+        """`u` of total loads, prescribed displacements, reactions and rigid motions."""
+    def system(
+        self, closed: _Indices, by_r: _Floats, by_v: _Floats
+    ) -> TangentSystem | None:
+        """Factors the system of some members; nothing if it is singular.
+
+        `closed` are places among the members. `by_r` and `by_v` have `d` rows for each.
+        """
+
+@final
+class TangentSystem:
+    """The factored system of the derivatives of one step."""
+
+    @property
+    def reciprocal_condition(self) -> float:
+        """Estimate of the reciprocal condition, independent of units."""
+    def solve(self, right: _Floats) -> _Floats:
+        """`dr` of its contacts and `da`, a row for each right side."""
+    def solve_transposed(self, right: _Floats) -> _Floats:
+        """The same with the transposed matrix."""
+
+def reduced_tangent(
+    problem: Reduced, closed: _Indices, by_r: _Floats, by_v: _Floats
+) -> TangentSystem | None:
+    """The system of some contacts of a reduced problem; nothing if it is singular."""
 
 def is_sparse(blocks: int, contacts: int) -> bool:
     """Whether an island of so many blocks and contacts is kept sparse."""

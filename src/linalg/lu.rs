@@ -86,6 +86,17 @@ impl Lu {
             b[row] = value;
         }
     }
+
+    /// `b ← A⁻ᵀ b`.
+    ///
+    /// # Panics
+    /// If the length of `b` is not the order of the matrix.
+    pub fn solve_transposed(&self, b: &mut [f64]) {
+        assert_eq!(b.len(), self.n);
+        let mut exchanged: Vec<f64> = self.order.iter().map(|&row| b[row]).collect();
+        dense::lu_solve(&self.factors, self.n, &mut exchanged);
+        b.copy_from_slice(&exchanged);
+    }
 }
 
 /// The order of the rows, and whether it needs an odd number of exchanges.

@@ -300,12 +300,25 @@ pub fn around<const D: usize>(
     reaction: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<View<D>, Error> {
+    let carries = |&i: &usize| reaction[i].iter().any(|&r| r != 0.0);
+    with(problem, (0..reaction.len()).filter(carries), stop)
+}
+
+/// The problem of some contacts and of the initial ones, or of all contacts if `W` of all is
+/// formed.
+///
+/// # Errors
+/// As [`Candidates::view`].
+pub fn with<const D: usize>(
+    problem: &Problem<D>,
+    contacts: impl Iterator<Item = usize>,
+    stop: &AtomicBool,
+) -> Result<View<D>, Error> {
     let Problem::Growing { candidates, mu } = problem else {
         return all(problem, stop);
     };
     let mut members = candidates.seeds().to_vec();
-    let carries = |&i: &usize| reaction[i].iter().any(|&r| r != 0.0);
-    members.extend((0..reaction.len()).filter(carries));
+    members.extend(contacts);
     members.sort_unstable();
     members.dedup();
     match candidates.view(members, mu, None) {

@@ -19,6 +19,7 @@ mod load_path;
 mod primal;
 mod problem;
 mod solver;
+mod tangent;
 
 use pyo3::prelude::*;
 
@@ -46,6 +47,8 @@ mod _core {
     use super::problem::PyCondensed;
     #[pymodule_export]
     use super::solver::{PyReduced, is_sparse, isotropic, project, threads};
+    #[pymodule_export]
+    use super::tangent::{PyTangentSystem, PyTangentView, reduced_tangent};
 
     /// Two friction coefficients of a contact are within this factor of each other.
     #[pymodule_export]

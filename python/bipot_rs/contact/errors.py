@@ -64,6 +64,14 @@ class NotConvergedError(BipotError):
     """The solver did not reach the tolerance. A solution may exist."""
 
 
+class NotDifferentiableError(BipotError):
+    """The derivative of a solution does not exist or is not unique there.
+
+    Reactions are not determined, or contacts on a border between two statuses allow no
+    change, or several, in the direction of the data.
+    """
+
+
 class NotIterativeError(ValueError):
     """``engine="iterative"`` was asked for a problem that it cannot solve.
 

@@ -18,6 +18,7 @@ from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_steps import Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
 from bipot_rs.contact.result import Result
+from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Outcome
 
@@ -49,6 +50,7 @@ class Following:
         bodies: Mapping[str, int] | None = None,
         known: Known | None = None,
         remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
+        model: PathModel | None = None,
     ) -> None:
         self._engine = engine
         self._contacts = contacts
@@ -59,6 +61,7 @@ class Following:
         self._bodies = bodies
         self._known = known
         self._remarks = remarks
+        self._model = model
         self.before = state(start, *shape)
         self._first = done(start)
         self.steps: list[Step] = []
@@ -185,6 +188,7 @@ class Following:
             remarks=() if self._remarks is None else self._remarks(self.steps),
         )
         made._first = self._first
+        made._model = self._model
         if self._known is not None:
             made.stiffness_rtol = self._known.digits.rtol
             made.rigid_motions_off = self._known.off

@@ -55,6 +55,7 @@ from bipot_rs.contact.load_path import Following, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
+from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
@@ -284,6 +285,7 @@ class ContactProblem:
         self._loading = Loading.of(
             n, len(self._fixed), contacts, d, loads, gaps, held=self._held
         )
+        self._gaps_by_component = np.ndim(gaps) == 3 if gaps is not None else False
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
         self._contact = contact
@@ -637,7 +639,7 @@ class ContactProblem:
         callback("on_step", on_step)
         steps = self._loading.totals(load, prescribed, gap, start)
         engine = self._engine(len(steps), method)
-        following = self._following(engine, self._mu, chosen, start)
+        following = self._following(engine, self._mu, chosen, start, gap)
         for k, asked in enumerate(steps):
             step = following.advance(*asked)
             if on_step is not None:
@@ -827,7 +829,7 @@ class ContactProblem:
         plan = increments(stops, first, largest, smallest, slip)
         loads = self._loading.along(load, prescribed, gap, plan.stops[-1])
         engine = self._engine(choice.ADAPTIVE_STEPS * len(plan.stops), method)
-        following = self._following(engine, self._mu, chosen, start)
+        following = self._following(engine, self._mu, chosen, start, gap)
         return follow(following, loads, plan, on_step)
 
     def solve_many(
@@ -900,7 +902,8 @@ class ContactProblem:
                 if case.get("mu") is not None:
                     mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
                     own = own.with_mu(mu)
-                paths.append(self._following(own, mu, chosen, case.get("start")))
+                start, gap = case.get("start"), case.get("gap")
+                paths.append(self._following(own, mu, chosen, start, gap))
             except (TypeError, ValueError) as error:
                 raise type(error)(f"case {k}: {error}") from None
         made = [path.path for path in paths]
@@ -1177,6 +1180,7 @@ class ContactProblem:
         mu: Floats,
         chosen: Settings,
         start: Result | Step | None,
+        gap: ArrayLike | Callable[[float], ArrayLike] | None = None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
         before, known = self._remarks, self._strength
@@ -1195,7 +1199,23 @@ class ContactProblem:
             bodies=self._bodies,
             known=self._known,
             remarks=said,
+            model=PathModel(
+                self._contact.matrix,
+                self._fixed,
+                np.shape(self._contacts["gap"]),
+                self._by_component(gap),
+                self._loading.held,
+            ),
         )
+
+    def _by_component(
+        self, gap: ArrayLike | Callable[[float], ArrayLike] | None
+    ) -> bool | None:
+        """Whether the gaps of steps are by component; None without gaps of steps."""
+        if gap is None:
+            own = self._loading.gaps
+            return None if own is None else self._gaps_by_component
+        return callable(gap) or np.ndim(gap) == 3
 
 
 def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:

@@ -31,6 +31,7 @@ from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
+from bipot_rs.contact.sensitivity.reduced import ReducedModel
 from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
 
@@ -349,6 +350,12 @@ class ReducedProblem:
                 )
         return found
 
+    def _model(self) -> ReducedModel:
+        """The data of this problem, for derivatives."""
+        W = self.W if hasattr(self.W, "tocsr") else np.asarray(self.W)
+        modes = np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+        return ReducedModel(self._core, W, self.mu, modes)
+
     def _has_several(self, solution: Solution) -> bool:
         exhausted = _core.answers(self._core)
         if exhausted is not None and len(exhausted[0]) > 1:
@@ -377,7 +384,7 @@ class ReducedProblem:
         return Solution(
             **solution_fields(raw),
             _words=words,
-            _problem=_ReducedInquiry(self._core, tried),
+            _problem=_ReducedInquiry(self._core, tried, self._model()),
         )
 
 
@@ -387,6 +394,7 @@ class _ReducedInquiry:
 
     core: _core.Reduced
     tried: Tried
+    model: ReducedModel
 
     def unique(self, solution: Solution, /) -> str:
         return _core.assess(self.core, solution.reaction)
@@ -405,6 +413,9 @@ class _ReducedInquiry:
 
     def diagnosis(self, solution: Solution, /) -> str:
         return diagnose(self.tried, solution, solution.relative_displacement)
+
+    def derivatives(self) -> ReducedModel:
+        return self.model
 
 
 _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]

@@ -6,19 +6,24 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.sensitivity.gradient import Gradient
+    from bipot_rs.contact.sensitivity.tangent import Tangent
 
 # Attributes of a file whose stiffness has a known relative error.
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
@@ -80,6 +85,11 @@ class Result(Sequence[Step]):
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
+        # For derivatives; None for a result without its problem.
+        self._model: PathModel | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_model": None}
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -233,6 +243,101 @@ class Result(Sequence[Step]):
     def converged(self) -> Bools:
         """Whether each step converged, ``(steps,)``."""
         return self._stack("converged", (0,), np.bool_)
+
+    def jvp(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        gap: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+        *,
+        K: Any = None,
+    ) -> Tangent:
+        """Exact derivatives of the whole path in a direction of its data (33).
+
+        Each argument is a change of the quantity of that name, shaped as in
+        `ContactProblem`: the default is zero. A single row is the change in all steps.
+        ``K`` is a symmetric change of the stiffness, ``(n, n)``, sparse or dense. The state
+        of ``start`` does not change. Each step costs one factorisation of the system of its
+        closed contacts; ``K`` is not factored again.
+
+        If contacts are on a border between two statuses (`Tangent.one_sided`), the result
+        is the directional derivative there: it is not linear in the direction.
+
+        A result of the iterative engine is differentiated with the factor of the direct
+        one, which is made for it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong, or the problem of the result is not available: it was read
+            from a file or came from another process. With ``loads=`` there is no factor,
+            and only ``gap`` and ``mu`` may change.
+        NotDifferentiableError
+            The derivative does not exist or is not unique: reactions are not determined,
+            or several changes of statuses fit the direction.
+        MemoryError
+            The system of a step does not fit into memory.
+
+        Examples
+        --------
+        A point on two springs of 1000 N/m is pressed onto a wall by 10 N, pulled along it
+        by 5 N, and slips. With μ its friction force changes by -10 N, and its slip by the
+        opposite force over the stiffness:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> tangent = problem.solve([-10.0, 5.0]).jvp(mu=1.0)
+        >>> tangent.reaction[0, 0].round(9), tangent.slip[0, 0].round(9)
+        (array([  0., -10.]), array([-0.01]))
+        """
+        from bipot_rs.contact.sensitivity import tangent
+
+        return tangent.jvp(self, load, prescribed, gap, mu, K)
+
+    def vjp(
+        self,
+        reaction: ArrayLike | None = None,
+        displacement: ArrayLike | None = None,
+        relative_displacement: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
+    ) -> Gradient:
+        """Exact gradient, through the whole path, of a number that depends on it (34).
+
+        Parameters
+        ----------
+        reaction, displacement, relative_displacement, slip
+            Derivatives of the number by the quantity of that name, shaped as in `Result`;
+            the default is zero. For a path of one step, that step may be left out of the
+            shape.
+
+        Returns
+        -------
+        Gradient
+            Derivatives of the number by ``load``, ``prescribed``, ``gap``, ``mu`` and
+            ``K``. It costs one factorisation of the system of the closed contacts for each
+            step; ``K`` is not factored again.
+
+        Raises
+        ------
+        TypeError, ValueError, NotDifferentiableError, MemoryError
+            As `jvp`.
+
+        Examples
+        --------
+        The friction force of a sliding point, -μ r_n, and its derivatives:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> gradient = problem.solve([-10.0, 5.0]).vjp(reaction=[[0.0, 1.0]])
+        >>> gradient.mu.round(9), gradient.load.round(9)
+        (array([-10.]), array([[0.3, 0. ]]))
+        """
+        from bipot_rs.contact.sensitivity import gradient
+
+        return gradient.vjp(self, reaction, displacement, relative_displacement, slip)
 
     def save(
         self, path: str | os.PathLike[str], *, displacements: bool | None = None

@@ -5,16 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact import error_bound, summary
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.sensitivity.reduced import (
+        ReducedGradient,
+        ReducedModel,
+        ReducedTangent,
+    )
 
 # Displacements are computed in blocks: more right sides gain nothing in a pass over the
 # factor.
@@ -177,6 +185,81 @@ class Solution:
         """
         return str(self._ask("unique", "unknown"))
 
+    def jvp(
+        self,
+        W: Any = None,
+        q: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+    ) -> ReducedTangent:
+        """Exact derivatives of the solution of a `ReducedProblem` in a direction (33).
+
+        Parameters
+        ----------
+        W, q, mu
+            Changes of the data, shaped as in `ReducedProblem`; the default is zero.
+
+        Returns
+        -------
+        ReducedTangent
+            Derivatives of ``reaction`` and ``relative_displacement``. With contacts on a
+            border between two statuses (``one_sided``) these are directional derivatives.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong, the solve did not converge, or the problem is not
+            available.
+        NotDifferentiableError
+            The derivative does not exist or is not unique: reactions are not determined,
+            or several changes of statuses fit the direction.
+
+        Examples
+        --------
+        >>> import bipot_rs as bp
+        >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
+        >>> problem.solve().jvp(mu=1.0).reaction.round(12)
+        array([[ 0. , -0.5]])
+        """
+        return self._derivatives().jvp(self, W, q, mu)
+
+    def vjp(
+        self,
+        reaction: ArrayLike | None = None,
+        relative_displacement: ArrayLike | None = None,
+    ) -> ReducedGradient:
+        """Exact gradient of a number that depends on a solution of a `ReducedProblem` (34).
+
+        Parameters
+        ----------
+        reaction, relative_displacement
+            Derivatives of the number by these, ``(n_c, d)``; the default is zero.
+
+        Returns
+        -------
+        ReducedGradient
+            Derivatives by ``W``, ``q`` and ``mu``.
+
+        Raises
+        ------
+        TypeError, ValueError, NotDifferentiableError
+            As `jvp`.
+        """
+        return self._derivatives().vjp(self, reaction, relative_displacement)
+
+    def _derivatives(self) -> ReducedModel:
+        if self._problem is None:
+            raise ValueError(
+                "the problem of this solution is not available: it was read from a file or "
+                "came from another process; solve again to differentiate"
+            )
+        made = getattr(self._problem, "derivatives", None)
+        if made is None:
+            raise ValueError(
+                "this is a step of a load path: use jvp and vjp of its Result"
+            )
+        found: ReducedModel = made()
+        return found
+
     def __getstate__(self) -> dict[str, Any]:
         # Without the problem, which may be gigabytes.
         return self.__dict__ | {"_problem": None}
@@ -240,6 +323,15 @@ class Recovery(Protocol):
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that displacements need."""
+
+    def condensed(self) -> _core.Condensed:
+        """The condensed bodies, for derivatives.
+
+        Raises
+        ------
+        MemoryError
+            They were not condensed, and the factor does not fit into memory.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,6 +245,10 @@ class _Recovery:
     def has_factor(self) -> bool:
         """Displacements are always available."""
         return True
+
+    def condensed(self) -> NoReturn:
+        """Nothing is condensed."""
+        raise ValueError("engine='petsc' does not condense: use engine='direct'")
 
     def __call__(self, _steps: Sequence[Step]) -> Floats:
         raise ValueError("the displacements of this step are not available")

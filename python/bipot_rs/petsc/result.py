@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, NoReturn
 
 from bipot_rs.contact import load_path, result, solution
 from bipot_rs.contact.result import Result as WholeResult
 from bipot_rs.petsc.agreement import agreed
+
+_NO_DERIVATIVES = (
+    "engine='petsc' has no derivatives, which need a factor of K: solve with "
+    "bipot_rs.ContactProblem on one machine"
+)
 
 
 class Step(solution.Step):
@@ -85,6 +90,14 @@ class Result(result.Result):
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series for ParaView; all ranks call it."""
         self._write_once(lambda: self._whole().write(path))
+
+    def jvp(self, *_data: Any, **_named: Any) -> NoReturn:
+        """Not available: derivatives need a factor of K."""
+        raise ValueError(_NO_DERIVATIVES)
+
+    def vjp(self, *_cotangents: Any, **_named: Any) -> NoReturn:
+        """Not available: derivatives need a factor of K."""
+        raise ValueError(_NO_DERIVATIVES)
 
     def _whole(self) -> WholeResult:
         whole = WholeResult(

@@ -469,6 +469,7 @@ class ModelResult(Result):
             self.units = {name: unit for name, unit in units if unit}
         self.case = case
         self._first = first
+        self._model = result._model
         self._reviewed: Remarks | None = None
 
     @property

@@ -56,6 +56,17 @@ pub fn lu_update(columns: &mut [f64], panel: &[f64], n: usize, first: usize) {
     faer_matmul(bottom, Accum::Add, lower, top.as_ref(), -1.0, Par::Seq);
 }
 
+/// `b ← U⁻¹ L⁻¹ b` for the factors of an LU, `L` with a unit diagonal.
+///
+/// # Panics
+/// If a slice does not have the length of its matrix.
+pub fn lu_solve(factors: &[f64], n: usize, b: &mut [f64]) {
+    let factors = MatRef::from_column_major_slice(factors, n, n);
+    let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
+    solve_unit_lower_triangular_in_place(factors, b.rb_mut(), Par::Seq);
+    solve_upper_triangular_in_place(factors, b, Par::Seq);
+}
+
 /// `b ← L⁻ᵀ U⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
 ///
 /// # Panics

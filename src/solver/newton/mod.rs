@@ -5,3 +5,4 @@ pub mod linearisation;
 pub mod newton;
 pub mod refine;
 pub mod stiffness_form;
+pub mod tangent_system;

@@ -99,7 +99,7 @@ RUST_SIBLINGS = {
         "solve",
     ),
     "solver/newton": (
-        "linearisation",
+        "linearisation tangent_system",
         "compliance_form",
         "stiffness_form",
         "newton",
@@ -137,7 +137,7 @@ RUST_SIBLINGS = {
         "assembly solver",
         "problem",
         "contact_variables enumeration load_path",
-        "bound contact_path estimate primal",
+        "bound contact_path estimate primal tangent",
     ),
 }
 # A word in the code, and the only files that may contain it. An upgrade of a library, or

@@ -166,6 +166,10 @@ class _Recovery:
         """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 
+    def condensed(self) -> _core.Condensed:
+        """The condensed bodies, for derivatives."""
+        return self.core
+
     def __call__(self, steps: Sequence[Step]) -> Floats:
         began = time.perf_counter()
         none = np.empty(0)

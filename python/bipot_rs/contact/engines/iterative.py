@@ -158,6 +158,10 @@ class _Recovery:
         """Displacements are always available."""
         return True
 
+    def condensed(self) -> _core.Condensed:
+        """The bodies as the direct engine condenses them, for derivatives."""
+        return self.engine.replacement().recovery(self.seconds, self.gap).condensed()
+
     def __call__(self, steps: Sequence[Step]) -> Floats:
         return self.engine.replacement().recovery(self.seconds, self.gap)(steps)
 

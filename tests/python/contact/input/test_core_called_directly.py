@@ -26,6 +26,8 @@ EYE = (np.arange(5), np.arange(4), np.ones(4))
 GAP, MU = np.full((2, 2), -0.1), np.full(2, 0.3)
 LOAD, NONE = np.array([-1.0, 0.1, -1.0, 0.1]), np.zeros(0)
 ISLAND = [([0, 1], np.eye(4).ravel(), None)]
+# Contact 1 sticks: by_v = I.
+CLOSED, STICKS, ROWS, RIGHT = np.array([1]), np.zeros((2, 2)), np.eye(2), np.ones((1, 2))
 MODES = np.ascontiguousarray(np.tile(np.eye(2), (1, 2)))
 
 
@@ -136,6 +138,9 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     condensed = _core.Condensed(EYE, EYE, GAP, MU, np.zeros(0, np.int64), 2)
     held = _core.Reduced(ISLAND, GAP, MU, np.zeros((0, 4)), NONE)
     floating = _core.Reduced(ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1]))
+    tangents = _core.TangentView(condensed, CLOSED)
+    linear = _core.reduced_tangent(held, CLOSED, STICKS, ROWS)
+    assert linear is not None
     limits = ["auto", 1e-10, 50, 1.0]
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
     primal = _core.Primal(EYE, EYE, GAP, MU, none, 2, places)
@@ -268,6 +273,17 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             _core.error_bound_of_step,
             [condensed, LOAD, NONE, None, GAP, GAP, NONE],
         ),
+        "TangentView": (_core.TangentView, [condensed, CLOSED]),
+        "TangentView, free_part": (tangents.free_part, [LOAD, NONE]),
+        "TangentView, product": (tangents.product, [GAP, NONE]),
+        "TangentView, displacements": (
+            lambda *a: tangents.displacements([a]),
+            [LOAD, NONE, GAP, NONE],
+        ),
+        "TangentView, system": (tangents.system, [CLOSED, STICKS, ROWS]),
+        "TangentSystem": (linear.solve, [RIGHT]),
+        "TangentSystem, transposed": (linear.solve_transposed, [RIGHT]),
+        "reduced_tangent": (_core.reduced_tangent, [held, CLOSED, STICKS, ROWS]),
         "bodies": (_core.bodies, [EYE, np.eye(4)[:, :2].copy(), True]),
         "forward_errors": (_core.forward_errors, [held, GAP, NONE]),
         "forward_errors, floating": (

@@ -1,0 +1,72 @@
+"""Contacts on a border between two statuses, where only one-sided derivatives exist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.sensitivity.laws import Point
+
+# Distance to a border below which a contact counts as on it, in tolerances of the step: the
+# certificate of a converged step allows as large a penetration.
+_TOLERANCES = 10.0
+
+
+@dataclass(frozen=True)
+class Borders:
+    """Contacts on borders, each ``(n_c,)``.
+
+    Attributes
+    ----------
+    touching
+        Just touches: ``v_n = 0`` and ``r_n = 0``.
+    yielding
+        At the friction limit without slip.
+    resting
+        Touches, and has neither slip nor reaction: all three statuses meet. Part of
+        ``touching``.
+    """
+
+    touching: Bools
+    yielding: Bools
+    resting: Bools
+
+    @property
+    def any(self) -> Bools:
+        """Contacts on a border."""
+        found: Bools = self.touching | self.yielding
+        return found
+
+
+def borders(point: Point, compliance: Floats, tolerance: float) -> Borders:
+    """The contacts that are on a border up to the tolerance of the step.
+
+    Parameters
+    ----------
+    compliance
+        Mean of the diagonal of each block of W, ``(n_c,)``; zero if not known.
+    tolerance
+        Relative tolerance of η, which the step met.
+    """
+    known = compliance > 0
+    root = np.sqrt(np.where(known, compliance, 1.0))
+    # As in the certificate (13): r √w and v / √w have the same unit.
+    r = point.reaction * root[:, None]
+    opening = np.abs(point.opening) / root
+    slip = np.linalg.norm(point.slip, axis=1) / root
+    size = float(np.linalg.norm(r))
+    if size == 0.0:
+        size = float(opening[known].max(initial=0.0))
+    near = _TOLERANCES * tolerance * size
+    rough = point.friction[:, 0] > 0
+    D = np.where(point.friction > 0, point.friction, 1.0)
+    left = r[:, 0] - np.linalg.norm(r[:, 1:] / D, axis=1)
+    touching = known & (np.maximum(r[:, 0], opening) <= near)
+    still = slip <= near
+    return Borders(
+        touching=touching,
+        yielding=known & rough & ~touching & (r[:, 0] > 0) & still & (left <= near),
+        resting=touching & rough & still,
+    )

@@ -1,0 +1,191 @@
+"""Gradients of a load path, backward through its steps (34)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
+from bipot_rs.contact.sensitivity.path import LinearPath, linearised
+from bipot_rs.contact.solution import BLOCK
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.result import Result
+
+
+class Gradient:
+    """Derivatives of one number that depends on the results of a load path.
+
+    Attributes
+    ----------
+    gap
+        As ``gap`` of the problem, or ``(steps, n_c)`` or ``(steps, n_c, d)`` if the path
+        had gaps of each step.
+    gap_by_component : (steps, n_c, d)
+        The same for each step and component.
+    mu
+        As ``mu`` of the problem, ``(n_c,)`` or ``(n_c, 2)``.
+    one_sided : (steps, n_c)
+        Contacts on a border between two statuses, where only one-sided derivatives exist.
+        The gradient is then an element of the generalised gradient: the one with every
+        contact on the side of its reported `Status`.
+    result
+        The `Result` that was differentiated.
+    """
+
+    def __init__(
+        self,
+        result: Result,
+        path: LinearPath,
+        reaction: Floats | None,
+        displacement: Floats | None,
+        relative_displacement: Floats | None,
+        slip: Floats | None,
+    ) -> None:
+        self.result = result
+        self._path = path
+        self.one_sided: Bools = path.one_sided
+        steps, shape = len(path.steps), path.shape
+        self._displacement = displacement
+        self.gap_by_component = np.zeros((steps, *shape))
+        self._amounts = np.zeros((steps, path.response.motions))
+        self.mu = np.zeros_like(path.mu)
+        self._backward(
+            np.zeros((steps, *shape)) if reaction is None else reaction,
+            relative_displacement,
+            slip,
+        )
+        self.gap = gap_gradient(path.model, self.gap_by_component)
+
+    def _backward(
+        self, reaction: Floats, moved: Floats | None, slip: Floats | None
+    ) -> None:
+        path = self._path
+        # Cotangent of the tangential displacement that the step after this one starts from.
+        carried = np.zeros((path.shape[0], path.shape[1] - 1))
+        for k in reversed(range(len(path.steps))):
+            v = np.zeros(path.shape) if moved is None else moved[k].copy()
+            v[:, 1:] += carried
+            if slip is not None:
+                v[:, 1:] += slip[k]
+            system = path.linear(k).reported
+            laws = system.laws
+            q, e = self._free(k, v)
+            w, b = system.solve_transposed(reaction[k] + q, e)
+            # Cᵀ w, the adjoint force of the laws.
+            pulled = np.zeros(path.shape)
+            at = laws.contacts
+            pulled[at] = np.einsum("ijk,ij->ik", laws.by_v, w[at])
+            self.gap_by_component[k] = v - pulled
+            self._amounts[k] = -b
+            by_tangent = np.einsum("ijk,ij->ik", laws.by_mu, w[at])
+            self.mu[at] += by_tangent if self.mu.ndim == 2 else by_tangent.sum(axis=1)
+            carried = pulled[:, 1:] if slip is None else pulled[:, 1:] - slip[k]
+
+    def _free(self, k: int, v: Floats) -> tuple[Floats, Floats]:
+        """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""
+        path, response = self._path, self._path.response
+        still = np.zeros(response.motions)
+        if self._displacement is None:
+            if not v.any():
+                return np.zeros(path.shape), still
+            if response.whole:
+                return response.moved(v, still), response.work(v)
+        force = np.asarray(path.model.contact.T @ v.ravel())
+        if self._displacement is not None:
+            force = force + self._displacement[k]
+        return response.free(force, np.zeros(len(path.model.fixed)))
+
+    @cached_property
+    def load(self) -> Floats:
+        """Derivatives by the loads, ``(steps, n)``, computed on first use.
+
+        These are the adjoint displacements, one solve with the factor of K a step. They are
+        zero at prescribed degrees of freedom.
+
+        Raises
+        ------
+        ValueError
+            The problem was made with ``loads=`` and has no factor.
+        """
+        path = self._path
+        count, fixed = len(path.steps), np.zeros(len(path.model.fixed))
+        u = self._displacement
+        none = np.zeros(path.model.n)
+        states = [
+            (
+                none if u is None else np.ascontiguousarray(u[k]),
+                fixed,
+                self.gap_by_component[k],
+                self._amounts[k],
+            )
+            for k in range(count)
+        ]
+        blocks = [
+            path.response.displacements(states[k : k + BLOCK])
+            for k in range(0, count, BLOCK)
+        ]
+        return np.concatenate(blocks)
+
+    @cached_property
+    def prescribed(self) -> Floats:
+        """Derivatives by the prescribed displacements, ``(steps, len(fixed))``."""
+        path = self._path
+        pushed = self.gap_by_component.reshape(len(path.steps), -1)
+        force = (path.model.contact.T @ pushed.T).T
+        if self._displacement is not None:
+            force = force + self._displacement
+        left: Floats = force - (self._stiffness @ self.load.T).T
+        return np.ascontiguousarray(left[:, path.model.fixed])
+
+    @cached_property
+    def K(self) -> Any:
+        """Derivatives by the entries of K, sparse ``(n, n)``, symmetric, on its pattern.
+
+        The change of the number with a symmetric change ``dK`` is the sum of all products
+        of entries, ``(gradient.K * dK).sum()``. Entries between prescribed degrees of
+        freedom, on which nothing depends, are not stored.
+        """
+        from scipy.sparse import csr_array
+
+        K = self._stiffness
+        rows = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
+        values = np.zeros(K.nnz)
+        for adjoint, u in zip(self.load, self.result.displacement, strict=True):
+            values -= adjoint[rows] * u[K.indices] + adjoint[K.indices] * u[rows]
+        return csr_array((values / 2, K.indices, K.indptr), shape=K.shape)
+
+    @cached_property
+    def _stiffness(self) -> Any:
+        return self._path.response.stiffness()
+
+
+def vjp(
+    result: Result,
+    reaction: ArrayLike | None,
+    displacement: ArrayLike | None,
+    relative_displacement: ArrayLike | None,
+    slip: ArrayLike | None,
+) -> Gradient:
+    """`Result.vjp`."""
+    path = linearised(result)
+    steps, (contacts, d) = len(path.steps), path.shape
+    stacked = steps, contacts, d
+    u = cotangents("displacement", displacement, (steps, path.model.n))
+    if u is not None and not path.has_factor:
+        raise ValueError(
+            "displacement has a cotangent, but the problem was made with loads= and has no "
+            "factor of K: make it without loads="
+        )
+    return Gradient(
+        result,
+        path,
+        cotangents("reaction", reaction, stacked),
+        None if u is None else path.model.forces(u),
+        cotangents("relative_displacement", relative_displacement, stacked),
+        cotangents("slip", slip, (steps, contacts, d - 1)),
+    )

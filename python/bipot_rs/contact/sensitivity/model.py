@@ -1,0 +1,187 @@
+"""What the derivatives of a load path need of its problem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats, loads
+from bipot_rs._lib.validation import gap as gap_of_step
+from bipot_rs._lib.validation import gaps as gaps_of_steps
+
+
+class Inclined(Protocol):
+    """Nodes on inclined supports."""
+
+    def load(self, force: Floats) -> Floats:
+        """Forces without the reactions of these supports."""
+
+    def prescribed(self, values: Floats) -> None:
+        """Raise for displacements that these supports do not allow."""
+
+
+@dataclass(frozen=True)
+class PathModel:
+    """The contact operator and the shapes of the data of a load path.
+
+    Attributes
+    ----------
+    contact : sparse (d n_c, n)
+        B.
+    fixed
+        Numbers of the prescribed degrees of freedom.
+    gap_shape
+        Shape of ``gap`` of the problem.
+    gaps_by_component
+        Whether the gaps of each step were given by component; None if there are none.
+    held
+        Nodes on inclined supports.
+    """
+
+    contact: Any
+    fixed: Ints
+    gap_shape: tuple[int, ...]
+    gaps_by_component: bool | None = None
+    held: Inclined | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of degrees of freedom."""
+        return int(self.contact.shape[1])
+
+    def forces(self, values: Floats) -> Floats:
+        """Forces ``(steps, n)`` without the reactions of inclined supports."""
+        if self.held is None:
+            return values
+        return np.stack([self.held.load(row) for row in values])
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Changes of the data of each step, None for those that do not change.
+
+    Attributes
+    ----------
+    load : (steps, n), prescribed : (steps, fixed), gap : (steps, n_c, d)
+    friction : (n_c, d - 1)
+    stiffness : sparse (n, n)
+    """
+
+    load: Floats | None
+    prescribed: Floats | None
+    gap: Floats | None
+    friction: Floats
+    stiffness: Any
+
+
+def directions(
+    model: PathModel,
+    steps: int,
+    mu: Floats,
+    shape: tuple[int, int],
+    load: ArrayLike | None,
+    prescribed: ArrayLike | None,
+    gap: ArrayLike | None,
+    change: ArrayLike | None,
+    stiffness: Any,
+) -> Directions:
+    """Check the arguments of `Result.jvp`; ``change`` is that of ``mu``."""
+    forces = motions = None
+    fixed = len(model.fixed)
+    if load is not None:
+        pairs = loads(load, None, model.n, fixed)
+        forces = model.forces(_rows("load", [f for f, _ in pairs], steps))
+    if prescribed is not None:
+        pairs = loads(None, prescribed, model.n, fixed)
+        motions = _rows("prescribed", [u for _, u in pairs], steps)
+        if model.held is not None:
+            for row in motions:
+                model.held.prescribed(row)
+    return Directions(
+        forces,
+        motions,
+        None if gap is None else _gaps(model, gap, steps, shape),
+        by_tangent("mu", change, mu, shape[1]),
+        _matrix(stiffness, model.n),
+    )
+
+
+def by_tangent(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Floats:
+    """A change of the friction coefficients along each tangent, ``(n_c, d - 1)``."""
+    if change is None:
+        return np.zeros((len(mu), d - 1))
+    found = floats(what, change)
+    if found.ndim == 0:
+        found = np.full(mu.shape, float(found))
+    if found.shape != mu.shape:
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected a number or {mu.shape}"
+        )
+    return along_tangents(found, d)
+
+
+def along_tangents(mu: Floats, d: int) -> Floats:
+    """Coefficients along each tangent, ``(n_c, d - 1)``."""
+    if mu.ndim == 2:
+        return mu
+    return np.repeat(mu[:, None], d - 1, axis=1)
+
+
+def _gaps(
+    model: PathModel, gap: ArrayLike, steps: int, shape: tuple[int, int]
+) -> Floats:
+    if model.gaps_by_component is None and np.ndim(gap) < 3:
+        found = np.asarray(gap, dtype=object)
+        if found.shape in ((shape[0],), shape):
+            return np.repeat(gap_of_step(gap, *shape)[None], steps, axis=0)
+    return _rows("gap", list(gaps_of_steps(gap, *shape)), steps)
+
+
+def _rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
+    """One row for each step; a single row is used for all."""
+    if len(rows) not in (1, steps):
+        raise ValueError(
+            f"{what} has {len(rows)} steps, expected one or {steps} as the path"
+        )
+    return np.stack([rows[min(k, len(rows) - 1)] for k in range(steps)])
+
+
+def _matrix(stiffness: Any, n: int) -> Any:
+    if stiffness is None:
+        return None
+    from scipy.sparse import csr_array, issparse
+
+    found = csr_array(stiffness if issparse(stiffness) else floats("K", stiffness))
+    if found.shape != (n, n):
+        raise ValueError(f"K has shape {found.shape}, expected {(n, n)}")
+    if not np.isfinite(found.data).all():
+        raise ValueError("K has entries that are not finite")
+    apart = abs(found - found.T)
+    size = abs(found).max() if found.nnz else 0.0
+    if apart.nnz and apart.max() > 1e-10 * size:
+        raise ValueError("K is not symmetric, expected a symmetric change of K")
+    return found
+
+
+def cotangents(
+    what: str, values: ArrayLike | None, shape: tuple[int, ...]
+) -> Floats | None:
+    """A cotangent of a quantity of this shape; a single step may be left out of it."""
+    if values is None:
+        return None
+    if shape[0] == 1 and np.shape(values) == shape[1:]:
+        return floats(what, values, shape=shape[1:])[None]
+    return floats(what, values, shape=shape)
+
+
+def gap_gradient(model: PathModel, by_component: Floats) -> Floats:
+    """Gradients ``(steps, n_c, d)`` in the shape of the gap of the path or problem."""
+    if model.gaps_by_component is not None:
+        return by_component if model.gaps_by_component else by_component[:, :, 0]
+    whole = by_component.sum(axis=0)
+    return whole if len(model.gap_shape) == 2 else whole[:, 0]

@@ -1,0 +1,170 @@
+"""Derivatives of the solution of a reduced problem ``v = W r + R a + q`` (33), (34)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.sensitivity.borders import borders
+from bipot_rs.contact.sensitivity.directional import Change, Linear
+from bipot_rs.contact.sensitivity.laws import Point
+from bipot_rs.contact.sensitivity.model import (
+    along_tangents,
+    by_tangent,
+    cotangents,
+)
+from bipot_rs.contact.sensitivity.response import Given
+
+
+@dataclass(frozen=True)
+class ReducedTangent:
+    """Directional derivatives of a solution.
+
+    Attributes
+    ----------
+    reaction, relative_displacement : (n_c, d)
+    one_sided : (n_c,)
+        Contacts on a border between two statuses. The derivatives then hold on the side of
+        the direction alone.
+    """
+
+    reaction: Floats
+    relative_displacement: Floats
+    one_sided: Bools
+
+
+@dataclass(frozen=True)
+class ReducedGradient:
+    """Derivatives of one number that depends on a solution.
+
+    Attributes
+    ----------
+    q : (n_c, d)
+    mu : (n_c,) or (n_c, 2)
+    one_sided : (n_c,)
+        Contacts on a border between two statuses, where only one-sided derivatives exist.
+        The gradient is then an element of the generalised gradient: the one with every
+        contact on the side of its reported `Status`.
+    """
+
+    q: Floats
+    mu: Floats
+    one_sided: Bools
+    _reaction: Floats
+    _pattern: Any
+
+    @cached_property
+    def W(self) -> Any:
+        """Derivatives by the entries of W, on the pattern of a sparse W, else dense.
+
+        W is not assumed to be symmetric: its entries are independent data.
+        """
+        adjoint, r = self.q.ravel(), self._reaction.ravel()
+        if not hasattr(self._pattern, "tocsr"):
+            return np.outer(adjoint, r)
+        from scipy.sparse import csr_array
+
+        own = csr_array(self._pattern)
+        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
+        values = adjoint[rows] * r[own.indices]
+        return csr_array((values, own.indices, own.indptr), shape=own.shape)
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """The data of a reduced problem, for the derivatives of its solutions.
+
+    Attributes
+    ----------
+    core
+        The problem in the core.
+    W, mu
+        As given.
+    modes : (d n_c, k)
+        R.
+    """
+
+    core: Any
+    W: Any
+    mu: Floats
+    modes: Floats
+
+    def linear(self, solution: Any) -> Linear:
+        """The problem, linearised at a solution.
+
+        Raises
+        ------
+        ValueError
+            The solution did not converge.
+        """
+        if not solution.converged:
+            raise ValueError(
+                f"the solution did not converge ({solution.outcome}): it has no derivatives"
+            )
+        r, v = solution.reaction, solution.relative_displacement
+        friction = along_tangents(self.mu, r.shape[1])
+        point = Point(r, v[:, 0], v[:, 1:], solution.status, friction)
+        response = Given(self.core, self.W, r.shape, self.modes)
+        compliance = response.diagonal.mean(axis=1)
+        return Linear(response, point, borders(point, compliance, solution.tolerance))
+
+    def jvp(
+        self,
+        solution: Any,
+        W: Any,
+        q: ArrayLike | None,
+        mu: ArrayLike | None,
+    ) -> ReducedTangent:
+        """`Solution.jvp`."""
+        shape = solution.reaction.shape
+        free = np.zeros(shape) if q is None else floats("q", q, shape=shape)
+        if W is not None:
+            free = free + self._moved(W, solution.reaction)
+        friction = by_tangent("mu", mu, self.mu, shape[1])
+        linear = self.linear(solution)
+        still = np.zeros(self.modes.shape[1])
+        r, a = linear.change(Change(free, still, friction))
+        v = free + linear.response.moved(r, a)
+        return ReducedTangent(r, v, linear.borders.any)
+
+    def _moved(self, W: Any, reaction: Floats) -> Floats:
+        """``dW r``."""
+        size = reaction.size
+        change = W if hasattr(W, "tocsr") else floats("W", W, ndim=2)
+        if change.shape != (size, size):
+            raise ValueError(f"W has shape {change.shape}, expected {(size, size)}")
+        moved = np.asarray(change @ reaction.ravel(), np.float64)
+        return moved.reshape(reaction.shape)
+
+    def vjp(
+        self,
+        solution: Any,
+        reaction: ArrayLike | None,
+        relative_displacement: ArrayLike | None,
+    ) -> ReducedGradient:
+        """`Solution.vjp`."""
+        shape = solution.reaction.shape
+        given = cotangents("reaction", reaction, shape)
+        r = np.zeros(shape) if given is None else given
+        moved = cotangents("relative_displacement", relative_displacement, shape)
+        v = np.zeros(shape) if moved is None else moved
+        linear = self.linear(solution)
+        system = linear.reported
+        pushed = np.asarray(self.W.T @ v.ravel(), np.float64).reshape(shape)
+        w, _ = system.solve_transposed(r + pushed, self.modes.T @ v.ravel())
+        laws = system.laws
+        at = laws.contacts
+        pulled = np.zeros(shape)
+        pulled[at] = np.einsum("ijk,ij->ik", laws.by_v, w[at])
+        by_mu = np.zeros_like(self.mu)
+        along = np.einsum("ijk,ij->ik", laws.by_mu, w[at])
+        by_mu[at] = along if self.mu.ndim == 2 else along.sum(axis=1)
+        return ReducedGradient(
+            v - pulled, by_mu, linear.borders.any, solution.reaction, self.W
+        )

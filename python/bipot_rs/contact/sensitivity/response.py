@@ -1,0 +1,202 @@
+"""How the contacts respond to reactions: the linear part of the derivatives of a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+import bipot_rs._core as _core
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.contact.errors import NotDifferentiableError
+from bipot_rs.contact.sensitivity.laws import Laws
+
+# Below this multiple of the rounding error of a sum of as many terms as unknowns, the
+# reciprocal condition of a system is rounding.
+_ROUNDING = 8 * np.finfo(float).eps
+
+
+class Response(Protocol):
+    """``dv = W dr + R da``, of some contacts or of all.
+
+    Attributes
+    ----------
+    motions
+        Number of rigid motions, the length of ``da``.
+    diagonal : (n_c, d)
+        Diagonal of W; zero at contacts that W is not known of.
+    """
+
+    motions: int
+    diagonal: Floats
+
+    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+        """The system (33) of these laws; None if it is singular."""
+
+    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+        """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
+
+    def movable(self) -> Bools:
+        """Components that a reaction moves, ``(n_c, d)``."""
+
+
+@dataclass(frozen=True)
+class System:
+    """The factored system (33) of one step, and its transpose (34)."""
+
+    laws: Laws
+    core: _core.TangentSystem
+    shape: tuple[int, int]
+
+    def solve(self, right: Floats, balance: Floats) -> tuple[Floats, Floats]:
+        """``dr (n_c, d)`` and ``da`` of right sides ``(m, d)`` and ``(k,)``."""
+        return self._split(self.core.solve(_joined(right, balance)))
+
+    def solve_transposed(self, moved: Floats, motion: Floats) -> tuple[Floats, Floats]:
+        """Multipliers ``w (n_c, d)`` of the laws and ``b`` of the rigid motions.
+
+        The right side is given for all contacts, ``(n_c, d)``; that of open ones has no
+        effect.
+        """
+        own = moved[self.laws.contacts]
+        return self._split(self.core.solve_transposed(_joined(own, motion)))
+
+    def _split(self, solved: Floats) -> tuple[Floats, Floats]:
+        m, d = len(self.laws.contacts), self.shape[1]
+        whole = np.zeros(self.shape)
+        whole[self.laws.contacts] = solved[0, : m * d].reshape(m, d)
+        return whole, solved[0, m * d :]
+
+
+def system(response: Response, laws: Laws, shape: tuple[int, int]) -> System:
+    """The system of these laws.
+
+    Raises
+    ------
+    NotDifferentiableError
+        It is singular.
+    """
+    core = response.factored(laws)
+    order = laws.contacts.size * shape[1] + response.motions
+    if core is None or core.reciprocal_condition <= _ROUNDING * max(order, 1):
+        raise NotDifferentiableError(
+            "the linearised contact problem is singular: the reactions are not determined "
+            "by the loads (redundant supports), or a small change of the data ends the "
+            "equilibrium; make the supports statically determinate, or add friction or "
+            "stiffness"
+        )
+    return System(laws, core, shape)
+
+
+def _joined(rows: Floats, rest: Floats) -> Floats:
+    return np.concatenate([rows.ravel(), rest])[None]
+
+
+class Condensed:
+    """The response of bodies that the direct engine condensed.
+
+    Attributes
+    ----------
+    core
+        The bodies and the contacts that close in the path.
+    members : (m,)
+        Contacts that W is known of.
+    """
+
+    def __init__(self, core: _core.Condensed, closed: Ints, contacts: int) -> None:
+        self.core = _core.TangentView(core, np.asarray(closed, np.int64))
+        self.members = self.core.members
+        self._stiffness = core.stiffness
+        own, modes = self.core.diagonal, self.core.modes
+        self.motions, self._modes = len(modes), modes
+        self.diagonal = np.zeros((contacts, own.shape[1]))
+        self.diagonal[self.members] = own
+        self._place = np.full(contacts, -1)
+        self._place[self.members] = np.arange(len(self.members))
+        self._felt = np.abs(modes).max(axis=0, initial=0.0).reshape(own.shape) > 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether W is known of all contacts."""
+        return len(self.members) == len(self._place)
+
+    def stiffness(self) -> Any:
+        """K, sparse, without the entries between prescribed degrees of freedom."""
+        from scipy.sparse import csr_array
+
+        start, column, values = self._stiffness()
+        n = len(start) - 1
+        return csr_array((values, column, start), shape=(n, n))
+
+    def movable(self) -> Bools:
+        """Components that a reaction moves, ``(n_c, d)``."""
+        found: Bools = self.diagonal > 0
+        found[self.members] |= self._felt
+        return found
+
+    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+        """The system (33) of these laws; None if it is singular."""
+        d = self.diagonal.shape[1]
+        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
+        return self.core.system(self._place[laws.contacts], by_r, by_v)
+
+    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+        """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
+        return self._spread(self.core.product(self._own(reaction), rigid))
+
+    def work(self, v: Floats) -> Floats:
+        """``Rᵀ v`` of relative displacements that vanish where W is not known."""
+        return self._modes @ v[self.members].ravel()
+
+    def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
+        """``B K⁻¹ f (n_c, d)``, zero at other contacts, and ``e``."""
+        q, e = self.core.free_part(load, prescribed)
+        return self._spread(q), e
+
+    def displacements(
+        self, states: list[tuple[Floats, Floats, Floats, Floats]]
+    ) -> Floats:
+        """``u`` of loads, prescribed displacements, reactions and rigid motions."""
+        own = [(f, u, self._own(r), np.ascontiguousarray(a)) for f, u, r, a in states]
+        return self.core.displacements(own)
+
+    def _own(self, reaction: Floats) -> Floats:
+        return np.ascontiguousarray(reaction[self.members])
+
+    def _spread(self, own: Floats) -> Floats:
+        whole = np.zeros_like(self.diagonal)
+        whole[self.members] = own
+        return whole
+
+
+class Given:
+    """The response of a reduced problem, whose ``W`` may be asymmetric."""
+
+    def __init__(
+        self,
+        core: _core.Reduced,
+        W: Any,
+        shape: tuple[int, int],
+        modes: Floats,
+    ) -> None:
+        self._core, self._W, self._shape, self._modes = core, W, shape, modes
+        self.motions = modes.shape[1]
+        self.diagonal = np.asarray(W.diagonal(), float).reshape(shape)
+
+    def movable(self) -> Bools:
+        """Components that a reaction moves, ``(n_c, d)``."""
+        felt = np.abs(self._modes).max(axis=1, initial=0.0).reshape(self._shape) > 0
+        found: Bools = (self.diagonal > 0) | felt
+        return found
+
+    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+        """The system (33) of these laws; None if it is singular."""
+        d = self._shape[1]
+        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
+        return _core.reduced_tangent(self._core, laws.contacts, by_r, by_v)
+
+    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+        """``W r + R a``, ``(n_c, d)``."""
+        v = self._W @ reaction.ravel() + self._modes @ rigid
+        return np.asarray(v, np.float64).reshape(self._shape)

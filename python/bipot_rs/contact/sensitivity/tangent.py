@@ -1,0 +1,122 @@
+"""Directional derivatives of a load path, forward through its steps (33)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.sensitivity.directional import Change
+from bipot_rs.contact.sensitivity.model import Directions, directions
+from bipot_rs.contact.sensitivity.path import LinearPath, linearised
+from bipot_rs.contact.solution import BLOCK
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.result import Result
+
+
+class Tangent:
+    """Directional derivatives of the results of a load path, stacked as in `Result`.
+
+    Attributes
+    ----------
+    reaction, relative_displacement : (steps, n_c, d)
+    slip : (steps, n_c, d - 1)
+    one_sided : (steps, n_c)
+        Contacts on a border between two statuses. The derivatives then hold on the side of
+        the direction alone.
+    """
+
+    def __init__(
+        self, path: LinearPath, given: Directions, displacement: Floats | None
+    ) -> None:
+        self._path, self._given = path, given
+        self.one_sided: Bools = path.one_sided
+        steps, shape = len(path.steps), path.shape
+        self.reaction = np.zeros((steps, *shape))
+        self.relative_displacement = np.zeros((steps, *shape))
+        self.slip = np.zeros((steps, shape[0], shape[1] - 1))
+        self._amounts = np.zeros((steps, path.response.motions))
+        self._load = given.load
+        if given.stiffness is not None and displacement is not None:
+            # K du + dK u = df.
+            pulled = path.model.forces(-(given.stiffness @ displacement.T).T)
+            self._load = pulled if given.load is None else given.load + pulled
+        self._forward()
+
+    def _forward(self) -> None:
+        path, given = self._path, self._given
+        before = np.zeros((path.shape[0], path.shape[1] - 1))
+        for k in range(len(path.steps)):
+            free, balance = self._free(k)
+            moved = free.copy()
+            moved[:, 1:] -= before
+            change = Change(moved, balance, given.friction)
+            self.reaction[k], self._amounts[k] = path.linear(k).change(change)
+            self.relative_displacement[k] = self._moved(k, free)
+            self.slip[k] = self.relative_displacement[k, :, 1:] - before
+            before = self.relative_displacement[k, :, 1:]
+
+    def _free(self, k: int) -> tuple[Floats, Floats]:
+        """``dq (n_c, d)`` with the change of the gap, and ``de``."""
+        path, given = self._path, self._given
+        free, balance = np.zeros(path.shape), np.zeros(path.response.motions)
+        if self._load is not None or given.prescribed is not None:
+            free, balance = path.response.free(*self._loads(k))
+        return (free if given.gap is None else free + given.gap[k]), balance
+
+    def _loads(self, k: int) -> tuple[Floats, Floats]:
+        model = self._path.model
+        load, moved = self._load, self._given.prescribed
+        return (
+            np.zeros(model.n) if load is None else np.ascontiguousarray(load[k]),
+            np.zeros(len(model.fixed)) if moved is None else moved[k],
+        )
+
+    def _moved(self, k: int, free: Floats) -> Floats:
+        path, gap = self._path, self._given.gap
+        if path.response.whole:
+            return free + path.response.moved(self.reaction[k], self._amounts[k])
+        (u,) = self._displacements([k])
+        moved: Floats = (path.model.contact @ u).reshape(path.shape)
+        return moved if gap is None else moved + gap[k]
+
+    def _displacements(self, steps: list[int]) -> Floats:
+        states = [(*self._loads(k), self.reaction[k], self._amounts[k]) for k in steps]
+        return self._path.response.displacements(states)
+
+    @cached_property
+    def displacement(self) -> Floats:
+        """Derivatives of the displacements, ``(steps, n)``, computed on first use.
+
+        Raises
+        ------
+        ValueError
+            The problem was made with ``loads=`` and has no factor.
+        """
+        count = len(self._path.steps)
+        blocks = [
+            self._displacements(list(range(k, min(k + BLOCK, count))))
+            for k in range(0, count, BLOCK)
+        ]
+        return np.concatenate(blocks)
+
+
+def jvp(
+    result: Result,
+    load: ArrayLike | None,
+    prescribed: ArrayLike | None,
+    gap: ArrayLike | None,
+    mu: ArrayLike | None,
+    K: Any,
+) -> Tangent:
+    """`Result.jvp`."""
+    path = linearised(result)
+    shape = path.shape[0], path.shape[1]
+    given = directions(
+        path.model, len(path.steps), path.mu, shape, load, prescribed, gap, mu, K
+    )
+    return Tangent(path, given, None if K is None else result.displacement)

@@ -1,0 +1,384 @@
+//! Derivatives of the steps of a load path: the contacts that close, and the systems (33), (34).
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+
+use crate::condensation::bodies::Loaded;
+use crate::condensation::candidates::View;
+use crate::error::Error;
+use crate::linalg::small::Block;
+use crate::path::working_set;
+use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::problem::{AnyProblem, PyCondensed};
+use crate::python::solver::{AnyReduced, PyReduced};
+use crate::python::interrupt;
+use crate::reduced::elliptic_scaling::EllipticScaling;
+use crate::reduced::reduced::{Reduced, Rigid};
+use crate::solver::newton::tangent_system::{ClosedLaw, TangentSystem};
+
+enum AnyView {
+    Two(View<2>),
+    Three(View<3>),
+}
+
+/// Calls one generic expression for both dimensions.
+macro_rules! either {
+    ($kind:expr, $inner:ident => $body:expr) => {
+        match $kind {
+            AnyView::Two($inner) => $body,
+            AnyView::Three($inner) => $body,
+        }
+    };
+}
+
+/// The contacts of a problem that close in a load path, for its derivatives.
+#[pyclass(frozen, name = "TangentView", module = "bipot_rs._core")]
+pub(super) struct PyTangentView {
+    kind: AnyView,
+    /// `T` of the members, component by component.
+    factors: Vec<f64>,
+    num_threads: Option<usize>,
+}
+
+/// Relative displacements without gaps, and the work on rigid motions.
+type Free<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+#[pymethods]
+impl PyTangentView {
+    /// `contacts` are those that `W` is needed of.
+    #[new]
+    fn new(py: Python<'_>, problem: &PyCondensed, contacts: Indices<'_>) -> PyResult<Self> {
+        let contacts = arrays::indices(&contacts, "contacts")?;
+        let threads = problem.num_threads;
+        let kind = match &problem.kind {
+            AnyProblem::Two(inner) => AnyView::Two(interrupt::run(py, threads, |stop| {
+                working_set::with(inner, contacts.into_iter(), stop)
+            })?),
+            AnyProblem::Three(inner) => AnyView::Three(interrupt::run(py, threads, |stop| {
+                working_set::with(inner, contacts.into_iter(), stop)
+            })?),
+        };
+        let (kind, factors) = match kind {
+            AnyView::Two(view) => {
+                let factors = factors::<2>(&view.members, problem.elliptic.as_ref());
+                (AnyView::Two(without_gaps(view)), factors)
+            }
+            AnyView::Three(view) => {
+                let factors = factors::<3>(&view.members, problem.elliptic.as_ref());
+                (AnyView::Three(without_gaps(view)), factors)
+            }
+        };
+        Ok(Self {
+            kind,
+            factors,
+            num_threads: threads,
+        })
+    }
+
+    /// Numbers of the contacts that `W` is known of, ascending.
+    #[getter]
+    fn members<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        arrays::from_indices(py, either!(&self.kind, view => view.members.clone()))
+    }
+
+    /// The diagonal of `W` of the members.
+    #[getter]
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        fn of<const D: usize>(view: &View<D>) -> Vec<f64> {
+            let compliance = view.problem.compliance();
+            let blocks: Vec<[f64; D]> = (0..compliance.contacts())
+                .map(|i| compliance.block(i).diagonal().into())
+                .collect();
+            compliance.scatter(&blocks).as_flattened().to_vec()
+        }
+        let (diagonal, d) = match &self.kind {
+            AnyView::Two(view) => (of(view), 2),
+            AnyView::Three(view) => (of(view), 3),
+        };
+        // W = T⁻¹ W̃ T⁻¹.
+        let own = diagonal.iter().zip(&self.factors);
+        let own: Vec<f64> = own.map(|(w, t)| w / (t * t)).collect();
+        let rows = own.len() / d;
+        arrays::square(py, own, rows, d)
+    }
+
+    /// Each rigid motion at the members, as a row.
+    #[getter]
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let modes = either!(&self.kind, view => {
+            let modes = view.problem.modes();
+            modes.iter().map(|mode| mode.as_flattened().to_vec()).collect::<Vec<_>>()
+        });
+        let own = modes.iter().flat_map(|mode| over(mode, &self.factors));
+        arrays::square(py, own.collect(), modes.len(), self.factors.len())
+    }
+
+    /// `q` of the members without gaps, and `e`.
+    fn free_part<'py>(
+        &self,
+        py: Python<'py>,
+        load: Vector<'py>,
+        prescribed: Vector<'py>,
+    ) -> PyResult<Free<'py>> {
+        let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+        let (q, e, d) = either!(&self.kind, view => {
+            let part = interrupt::run(py, self.num_threads, |_| {
+                view.problem.free_part(load, prescribed)
+            })?;
+            let q = over(part.q.as_flattened(), &self.factors);
+            (q, part.rigid.load, part.q.first().map_or(2, |v| v.len()))
+        });
+        let rows = q.len() / d;
+        Ok((arrays::square(py, q, rows, d)?, arrays::from_vec(py, e)))
+    }
+
+    /// `W r + R a` of the members.
+    fn product<'py>(
+        &self,
+        py: Python<'py>,
+        reaction: Matrix<'py>,
+        rigid: Vector<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        fn of<const D: usize>(
+            view: &View<D>,
+            factors: &[f64],
+            reaction: &Matrix<'_>,
+            rigid: &[f64],
+        ) -> PyResult<(Vec<f64>, usize)> {
+            let given = arrays::rows_of::<D>("reaction", reaction, view.members.len())?;
+            let modes = view.problem.modes();
+            arrays::length("rigid", rigid.len(), modes.len())?;
+            let own = over(given.as_flattened(), factors);
+            let compliance = view.problem.compliance();
+            let r = compliance.gather(own.as_chunks::<D>().0);
+            let mut v = vec![[0.0; D]; r.len()];
+            compliance.product(&r, &mut v);
+            let mut v = compliance.scatter(&v);
+            for (mode, amount) in modes.iter().zip(rigid) {
+                for (v, m) in v.as_flattened_mut().iter_mut().zip(mode.as_flattened()) {
+                    *v += amount * m;
+                }
+            }
+            Ok((over(v.as_flattened(), factors), D))
+        }
+        let rigid = rigid.as_slice()?;
+        let (v, d) = either!(&self.kind, view => of(view, &self.factors, &reaction, rigid)?);
+        let rows = v.len() / d;
+        arrays::square(py, v, rows, d)
+    }
+
+    /// `u` of loads, prescribed displacements, reactions of the members and rigid motions.
+    fn displacements<'py>(
+        &self,
+        py: Python<'py>,
+        states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        fn of<const D: usize>(
+            py: Python<'_>,
+            view: &PyTangentView,
+            inner: &View<D>,
+            states: &[(Vector<'_>, Vector<'_>, Matrix<'_>, Vector<'_>)],
+        ) -> PyResult<(Vec<f64>, usize)> {
+            let mut reactions = Vec::with_capacity(states.len());
+            for (_, _, reaction, _) in states {
+                let given = arrays::rows_of::<D>("reaction", reaction, inner.members.len())?;
+                let own = over(given.as_flattened(), &view.factors);
+                reactions.push(own.as_chunks::<D>().0.to_vec());
+            }
+            let mut loaded = Vec::with_capacity(states.len());
+            for ((load, prescribed, _, rigid), reaction) in states.iter().zip(&reactions) {
+                loaded.push(Loaded {
+                    load: load.as_slice()?,
+                    prescribed: prescribed.as_slice()?,
+                    reaction,
+                    rigid: rigid.as_slice()?,
+                });
+            }
+            let problem = &inner.problem;
+            let all = interrupt::run(py, view.num_threads, |_| {
+                problem.bodies().displacements(problem.surface(), &loaded)
+            })?;
+            Ok((all.concat(), problem.bodies().order()))
+        }
+        let (u, n) = either!(&self.kind, inner => of(py, self, inner, &states)?);
+        arrays::square(py, u, states.len(), n)
+    }
+
+    /// Factors the system of some members; nothing if it is singular. `by_r` and `by_v` have
+    /// `d` rows for each of them.
+    fn system(
+        &self,
+        py: Python<'_>,
+        closed: Indices<'_>,
+        by_r: Matrix<'_>,
+        by_v: Matrix<'_>,
+    ) -> PyResult<Option<PyTangentSystem>> {
+        fn of<const D: usize>(
+            py: Python<'_>,
+            view: &View<D>,
+            factors: &[f64],
+            (closed, by_r, by_v): (&[usize], &Matrix<'_>, &Matrix<'_>),
+            threads: Option<usize>,
+        ) -> PyResult<Option<TangentSystem>> {
+            let compliance = view.problem.compliance();
+            let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
+            let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
+            let factor = |i: usize, k: usize| factors[D * i + k];
+            let laws = laws(closed, compliance.order(), (by_r, by_v), factor)?;
+            let modes = view.problem.modes();
+            interrupt::run(py, threads, |stop| {
+                let contacts = view.members.len();
+                let load = vec![0.0; modes.len()];
+                let (q, mu) = (vec![[0.0; D]; contacts], vec![0.0; contacts]);
+                let problem = Reduced::new(compliance, &q, &mu, &Rigid { modes, load })?;
+                TangentSystem::new(&problem, &laws, stop)
+            })
+        }
+        let closed = arrays::indices(&closed, "closed")?;
+        let given = (&closed[..], &by_r, &by_v);
+        let threads = self.num_threads;
+        let (made, d) = match &self.kind {
+            AnyView::Two(view) => (of(py, view, &self.factors, given, threads)?, 2),
+            AnyView::Three(view) => (of(py, view, &self.factors, given, threads)?, 3),
+        };
+        let at = |&i: &usize| &self.factors[d * i..d * (i + 1)];
+        let factors = closed.iter().flat_map(at).copied().collect();
+        Ok(made.map(|system| PyTangentSystem { system, factors }))
+    }
+}
+
+/// The system of some contacts of a reduced problem; nothing if it is singular.
+#[pyfunction]
+pub(super) fn reduced_tangent(
+    py: Python<'_>,
+    problem: &PyReduced,
+    closed: Indices<'_>,
+    by_r: Matrix<'_>,
+    by_v: Matrix<'_>,
+) -> PyResult<Option<PyTangentSystem>> {
+    let closed = arrays::indices(&closed, "closed")?;
+    macro_rules! of {
+        ($owned:expr, $d:literal) => {{
+            let factor = |i: usize, k: usize| {
+                $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k))
+            };
+            let by_r = arrays::rows_of::<$d>("by_r", &by_r, $d * closed.len())?;
+            let by_v = arrays::rows_of::<$d>("by_v", &by_v, $d * closed.len())?;
+            let made = $owned.run(py, None, None, |problem, stop, _| {
+                let order = problem.compliance.order();
+                let given = laws(&closed, order, (by_r, by_v), factor)?;
+                TangentSystem::new(problem, &given, stop)
+            })?;
+            let components = |&i: &usize| (0..$d).map(move |k| factor(i, k));
+            (made, closed.iter().flat_map(components).collect())
+        }};
+    }
+    let (made, factors) = match &problem.kind {
+        AnyReduced::Two(owned) => of!(owned, 2),
+        AnyReduced::Three(owned) => of!(owned, 3),
+    };
+    Ok(made.map(|system| PyTangentSystem { system, factors }))
+}
+
+/// The factored system of one step.
+#[pyclass(frozen, name = "TangentSystem", module = "bipot_rs._core")]
+pub(super) struct PyTangentSystem {
+    system: TangentSystem,
+    /// `T` of its contacts: `r = T r̃`.
+    factors: Vec<f64>,
+}
+
+#[pymethods]
+impl PyTangentSystem {
+    /// `dr` of the contacts and `da`, a row for each right side.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        right: Matrix<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.each(py, &right, |x| {
+            self.system.solve(x);
+            for (value, t) in x.iter_mut().zip(&self.factors) {
+                *value *= t;
+            }
+        })
+    }
+
+    /// The same with the transposed matrix.
+    fn solve_transposed<'py>(
+        &self,
+        py: Python<'py>,
+        right: Matrix<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.each(py, &right, |x| {
+            for (value, t) in x.iter_mut().zip(&self.factors) {
+                *value *= t;
+            }
+            self.system.solve_transposed(x);
+        })
+    }
+
+    /// Estimate of the reciprocal condition, independent of units.
+    #[getter]
+    fn reciprocal_condition(&self) -> f64 {
+        self.system.reciprocal_condition()
+    }
+}
+
+impl PyTangentSystem {
+    fn each<'py>(
+        &self,
+        py: Python<'py>,
+        right: &Matrix<'py>,
+        solve: impl Fn(&mut [f64]),
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (rows, columns) = right.as_array().dim();
+        arrays::length("right", columns, self.system.order())?;
+        let mut all = right.as_slice()?.to_vec();
+        for x in all.chunks_exact_mut(columns.max(1)) {
+            solve(x);
+        }
+        arrays::square(py, all, rows, columns)
+    }
+}
+
+/// `T` of some contacts.
+fn factors<const D: usize>(members: &[usize], elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+    let of = |&i: &usize| (0..D).map(move |k| elliptic.map_or(1.0, |s| s.factor(i, k)));
+    members.iter().flat_map(of).collect()
+}
+
+fn without_gaps<const D: usize>(mut view: View<D>) -> View<D> {
+    view.problem = view.problem.with_gap(vec![[0.0; D]; view.members.len()]);
+    view
+}
+
+fn over(values: &[f64], factors: &[f64]) -> Vec<f64> {
+    values.iter().zip(factors).map(|(x, t)| x / t).collect()
+}
+
+/// Laws of contacts, in the variables of the problem: `r = T r̃`, `v = T⁻¹ ṽ`.
+fn laws<const D: usize>(
+    closed: &[usize],
+    order: &[usize],
+    (by_r, by_v): (&[[f64; D]], &[[f64; D]]),
+    factor: impl Fn(usize, usize) -> f64,
+) -> Result<Vec<ClosedLaw<D>>, Error> {
+    let mut place = vec![None; order.len()];
+    for (position, &node) in order.iter().enumerate() {
+        place[node] = Some(position);
+    }
+    let of = |(c, &i): (usize, &usize)| {
+        let position = place.get(i).copied().flatten().ok_or(Error::Shape {
+            what: "closed",
+            expected: order.len(),
+            found: i,
+        })?;
+        Ok(ClosedLaw {
+            position,
+            by_r: Block::from_fn(|k, l| by_r[D * c + k][l] * factor(i, l)),
+            by_v: Block::from_fn(|k, l| by_v[D * c + k][l] / factor(i, l)),
+        })
+    };
+    closed.iter().enumerate().map(of).collect()
+}

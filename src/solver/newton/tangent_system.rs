@@ -1,0 +1,205 @@
+//! The linearised contact laws of one step together with (5): the system of the derivatives of
+//! a solution, and its transpose, (33) and (34).
+//!
+//! At each closed contact `by_r dr + by_v dv = s`, with `dv = W dr + R da + dq` and
+//! `Rᵀ dr = −de`. The unknowns are `dr` of the closed contacts and `da`:
+//!
+//! ```text
+//! ⎡ by_r + by_v W   by_v R ⎤ ⎡ dr ⎤   ⎡ s − by_v dq ⎤
+//! ⎣ Rᵀ              0      ⎦ ⎣ da ⎦ = ⎣ −de         ⎦
+//! ```
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::lu::Lu;
+use crate::linalg::pages;
+use crate::linalg::small::{Block, Vector};
+use crate::reduced::memory;
+use crate::reduced::reduced::Reduced;
+
+/// The law of one closed contact, in the variables of the problem.
+#[derive(Clone, Copy, Debug)]
+pub struct ClosedLaw<const D: usize> {
+    /// Position of the contact.
+    pub position: usize,
+    pub by_r: Block<D>,
+    pub by_v: Block<D>,
+}
+
+/// The factored system. Unknowns are the components of `dr`, contact by contact, then `da`.
+#[derive(Debug)]
+pub struct TangentSystem {
+    lu: Lu,
+    /// Factors of the rows and of the columns of the matrix that is factored, which make its
+    /// entries independent of units.
+    rows: Vec<f64>,
+    columns: Vec<f64>,
+    /// Largest sum of absolute values of a row of that matrix.
+    norm: f64,
+}
+
+impl TangentSystem {
+    /// Factors the system of some closed contacts; `None` if it is singular.
+    ///
+    /// # Errors
+    /// [`Error::Memory`], [`Error::Interrupted`].
+    pub fn new<const D: usize>(
+        problem: &Reduced<D>,
+        laws: &[ClosedLaw<D>],
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        let modes = &problem.rigid.modes;
+        let n = D * laws.len() + modes.len();
+        memory::check("the tangent system", 8 * (n as u128).pow(2))?;
+        let scaling = &problem.scaling;
+        let (mut rows, mut columns) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for law in laws {
+            let (to_v, to_r) = (scaling.to_v[law.position], scaling.to_r[law.position]);
+            for k in 0..D {
+                let of = |block: &Block<D>, scale: f64| block.row(k).amax() / scale;
+                let size = of(&law.by_r, to_r).max(of(&law.by_v, to_v));
+                rows.push(inverse(size));
+                columns.push(1.0 / to_r);
+            }
+        }
+        for mode in modes {
+            let terms = |to: &[f64]| {
+                let of_law = |law: &ClosedLaw<D>| {
+                    let motion = Vector::from(mode[law.position]);
+                    motion.amax() * to[law.position]
+                };
+                laws.iter().map(of_law).fold(0.0_f64, f64::max)
+            };
+            columns.push(inverse(terms(&scaling.to_v)));
+            let over_r: Vec<f64> = scaling.to_r.iter().map(|s| 1.0 / s).collect();
+            rows.push(inverse(terms(&over_r)));
+        }
+        let matrix = matrix(problem, laws, &rows, &columns);
+        let sums = matrix.chunks_exact(n.max(1));
+        let norm = sums.map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
+        let norm = norm.fold(0.0_f64, f64::max);
+        Ok(Lu::new(matrix, n, stop)?.map(|lu| Self {
+            lu,
+            rows,
+            columns,
+            norm,
+        }))
+    }
+
+    /// Number of unknowns.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.lu.order()
+    }
+
+    /// `x ← M⁻¹ x`.
+    pub fn solve(&self, x: &mut [f64]) {
+        multiply(x, &self.rows);
+        self.lu.solve(x);
+        multiply(x, &self.columns);
+    }
+
+    /// `x ← M⁻ᵀ x`.
+    pub fn solve_transposed(&self, x: &mut [f64]) {
+        multiply(x, &self.columns);
+        self.lu.solve_transposed(x);
+        multiply(x, &self.rows);
+    }
+
+    /// Estimate of the reciprocal condition of the scaled matrix in the largest norm of rows,
+    /// by the power method of Hager (1984).
+    #[must_use]
+    pub fn reciprocal_condition(&self) -> f64 {
+        /// Usually two suffice.
+        const STEPS: usize = 5;
+        let n = self.order();
+        if n == 0 {
+            return 1.0;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "an order")]
+        let mut x = vec![1.0 / n as f64; n];
+        let mut largest = 0.0_f64;
+        for _ in 0..STEPS {
+            // The 1-norm of M⁻ᵀ is the norm of rows of M⁻¹.
+            self.lu.solve_transposed(&mut x);
+            let sum: f64 = x.iter().map(|x| x.abs()).sum();
+            if !sum.is_finite() {
+                return 0.0;
+            }
+            if sum <= largest {
+                break;
+            }
+            largest = sum;
+            let mut signs: Vec<f64> = x.iter().map(|x| 1.0_f64.copysign(*x)).collect();
+            self.lu.solve(&mut signs);
+            let at = (0..n).max_by(|&i, &j| signs[i].abs().total_cmp(&signs[j].abs()));
+            x.fill(0.0);
+            x[at.unwrap_or_default()] = 1.0;
+        }
+        1.0 / (self.norm * largest)
+    }
+}
+
+fn inverse(size: f64) -> f64 {
+    if size > 0.0 { 1.0 / size } else { 1.0 }
+}
+
+fn multiply(x: &mut [f64], factors: &[f64]) {
+    for (value, factor) in x.iter_mut().zip(factors) {
+        *value *= factor;
+    }
+}
+
+/// Rows of the scaled matrix.
+fn matrix<const D: usize>(
+    problem: &Reduced<D>,
+    laws: &[ClosedLaw<D>],
+    rows: &[f64],
+    columns: &[f64],
+) -> Vec<f64> {
+    let modes = &problem.rigid.modes;
+    let contact = D * laws.len();
+    let n = contact + modes.len();
+    let mut matrix = pages::zeros(n * n);
+    if n == 0 {
+        return matrix;
+    }
+    let (of_laws, balance) = matrix.split_at_mut(contact * n);
+    let of_contact = |(i, out): (usize, &mut [f64])| {
+        let law = &laws[i];
+        for (j, other) in laws.iter().enumerate() {
+            let w = problem.compliance.pair(law.position, other.position);
+            let mut block = law.by_v * w;
+            if i == j {
+                block += law.by_r;
+            }
+            for k in 0..D {
+                for l in 0..D {
+                    out[k * n + D * j + l] = block[(k, l)] * rows[D * i + k] * columns[D * j + l];
+                }
+            }
+        }
+        for (c, mode) in modes.iter().enumerate() {
+            let motion = law.by_v * Vector::from(mode[law.position]);
+            for k in 0..D {
+                out[k * n + contact + c] = motion[k] * rows[D * i + k] * columns[contact + c];
+            }
+        }
+    };
+    of_laws
+        .par_chunks_mut(D * n)
+        .with_min_len(16)
+        .enumerate()
+        .for_each(of_contact);
+    for (c, (mode, out)) in modes.iter().zip(balance.chunks_exact_mut(n)).enumerate() {
+        for (j, law) in laws.iter().enumerate() {
+            for l in 0..D {
+                out[D * j + l] = mode[law.position][l] * rows[contact + c] * columns[D * j + l];
+            }
+        }
+    }
+    matrix
+}

@@ -1,0 +1,102 @@
+"""Derivatives of random load paths against finite differences, and jvp against vjp."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from random_paths import (
+    FIELDS,
+    KINDS,
+    apart,
+    cotangents,
+    differences,
+    jvp,
+    products,
+    random_direction,
+    random_path,
+    solvable,
+)
+
+# Of the fourth order with h = 1e-3: h⁴ = 1e-12 times a fifth derivative, and rounding of
+# 1e-15 times the condition over h, both far below this.
+CLOSE = 1e-7
+# Two orders of the same sums: rounding times the condition of the tangent systems.
+SAME = 1e-10
+
+
+def judged(count: int) -> tuple[int, int]:
+    """Compare so many paths; how many were compared with differences, and how many not."""
+    compared = skipped = 0
+    for name, given, data, result, seed in solvable(count):
+        by = random_direction(data, seed)
+        tangent = jvp(result, by)
+        bars = cotangents(result, seed)
+        gradient = result.vjp(**bars)
+        left = products(gradient, by)
+        terms = [np.sum(bars[f] * getattr(tangent, f)) for f in FIELDS]
+        size = sum(np.abs(bars[f] * getattr(tangent, f)).sum() for f in FIELDS)
+        if not tangent.one_sided.any():
+            assert abs(left - sum(terms)) <= SAME * size, name
+        compared += _compared(name, given, data, by, tangent)
+        skipped = count - compared
+    return compared, skipped
+
+
+def _compared(name: str, given: Any, data: Any, by: Any, tangent: Any) -> bool:
+    for h in (1e-3, 1e-4):
+        try:
+            found = differences(lambda t: given.solve(data.moved(by, t)), h)
+        except bp.BipotError:
+            return False
+        if found is not None:
+            off = apart(tangent, found)
+            if off <= CLOSE:
+                return True
+    assert found is None or off <= CLOSE, f"{name}: {off:.1e}"
+    return False
+
+
+def test_random_paths() -> None:
+    """A path is skipped only if a contact changes its status within h."""
+    compared, skipped = judged(120)
+    assert skipped <= 0.1 * compared
+
+
+@pytest.mark.verify
+def test_ten_thousand_random_paths() -> None:
+    compared, skipped = judged(11_000)
+    assert compared > 10_000
+    assert skipped <= 0.1 * compared
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_slips_and_sticks(kind: str) -> None:
+    """The random paths are no special case: all statuses occur, and in paths of some steps."""
+    seen = set()
+    for _, _, _, result, _ in solvable(12, (kind,)):
+        seen |= set(np.unique(result.status).tolist())
+    expected = {0, 1} if kind == "frictionless" else {1, 2}
+    assert expected <= seen
+
+
+def test_observed_order() -> None:
+    """Central differences approach the derivative with the order 2, until rounding."""
+    given, data = random_path("elliptic", 3, 4)
+    by = random_direction(data, 4)
+    exact = jvp(given.solve(data), by)
+    errors = []
+    for h in (4e-3, 2e-3, 1e-3, 5e-4):
+        ahead, behind = given.solve(data.moved(by, h)), given.solve(data.moved(by, -h))
+        slope = (ahead.reaction - behind.reaction) / (2 * h)
+        errors.append(np.abs(slope - exact.reaction).max())
+    order = np.log2(np.array(errors[:-1]) / errors[1:])
+    # The next term of the expansion is of the order h², at most 1e-3 of the first one.
+    np.testing.assert_allclose(order, 2.0, atol=0.02)
+    least = np.abs(slope).max() * 1e-10
+    for h in (1e-5,):
+        ahead, behind = given.solve(data.moved(by, h)), given.solve(data.moved(by, -h))
+        slope = (ahead.reaction - behind.reaction) / (2 * h)
+        # h² = 1e-10 and rounding of 1e-15 over h.
+        assert np.abs(slope - exact.reaction).max() <= 30 * least

@@ -1,0 +1,136 @@
+"""Derivatives with a closed form."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bars import BAR, bar_problem, pulled
+
+EA, Q = BAR["stiffness"], BAR["limit"]
+NODES, MU = 20, 0.4
+H = 1.0 / NODES
+
+
+def end(result: bp.Result) -> Any:
+    """Cotangent of the displacement of the end of the bar after the last step."""
+    bar = np.zeros_like(result.displacement)
+    bar[-1, -1] = 1.0
+    return bar
+
+
+def test_a_contact_that_slides_and_one_that_sticks() -> None:
+    """r = (P, -μP), u_t = (T - μP)/k; r = (P, -T), u_t = 0."""
+    k, P, T, mu = 1e3, 10.0, 5.0, 0.3
+    problem = bp.ContactProblem(k * np.eye(2), np.eye(2), gap=[0.0], mu=mu)
+    slides = problem.solve([-P, T]).vjp(displacement=[0.0, 1.0])
+    np.testing.assert_allclose(slides.load, [[mu / k, 1 / k]], rtol=1e-14)
+    np.testing.assert_allclose(slides.mu, [-P / k], rtol=1e-14)
+    # r_n = P - k g presses less when the wall is farther: u_t = (T - μ (P - k g))/k.
+    np.testing.assert_allclose(slides.gap, [mu], rtol=1e-14)
+    # By k_nn, k_tt and the coupling; u = (0, (T - μP)/k).
+    u = (T - mu * P) / k
+    np.testing.assert_allclose(slides.K.toarray(), [[0, 0], [0, -u / k]], atol=1e-18)
+    sticks = problem.solve([-P, 1.0]).vjp(reaction=[[0.0, 1.0]])
+    np.testing.assert_allclose(sticks.load, [[0.0, -1.0]], atol=1e-15)
+    np.testing.assert_array_equal(sticks.mu, [0.0])
+
+
+def test_a_bar_on_a_rough_foundation() -> None:
+    """u = P²/(2 EA q), which the chain meets with its slope where P/(qh) is an integer."""
+    problem, load = bar_problem(NODES, MU)
+    for m in (1, 3, 7, 12):
+        P = m * Q * H
+        gradient = problem.solve(pulled(load, [P]), tol=1e-13).vjp(
+            displacement=end(problem.solve(pulled(load, [P])))
+        )
+        np.testing.assert_allclose(gradient.load[0, -1], P / (EA * Q), rtol=1e-11)
+        # q = μ N: a change of all μ is a change of q.
+        by_q = gradient.mu.sum() * MU / Q
+        np.testing.assert_allclose(by_q, -(P**2) / (2 * EA * Q**2), rtol=1e-11)
+
+
+def test_a_bar_pulled_to_and_fro() -> None:
+    """u = P₀²/(2 EA q) - (P₀ - P)²/(4 EA q) after a reversal: the first step is history."""
+    problem, load = bar_problem(NODES, MU)
+    peak, back = 8 * Q * H, 2 * Q * H
+    result = problem.solve(pulled(load, [0.5 * peak, peak, back]), tol=1e-13)
+    gradient = result.vjp(displacement=end(result))
+    since = (peak - back) / (2 * EA * Q)
+    expected = [0.0, peak / (EA * Q) - since, since]
+    np.testing.assert_allclose(gradient.load[:, -1], expected, atol=1e-13)
+    by_q = gradient.mu.sum() * MU / Q
+    exact = -(peak**2) / (2 * EA * Q**2) + (peak - back) ** 2 / (4 * EA * Q**2)
+    np.testing.assert_allclose(by_q, exact, rtol=1e-11)
+    # The stiffness of the chain: u is proportional to 1/EA.
+    chain = sparse.csr_array(problem._direct().core.stiffness()[::-1])
+    by_tangents = sparse.diags_array(np.tile([0.0, 1.0], NODES))
+    by_EA = (gradient.K * (by_tangents @ chain)).sum()
+    np.testing.assert_allclose(by_EA, -result.displacement[-1, -1], rtol=1e-11)
+
+
+def test_release_and_new_contact() -> None:
+    """After a release the history of slip remains; the new contact starts where it was."""
+    k, mu = 1e3, 0.3
+    problem = bp.ContactProblem(k * np.eye(2), np.eye(2), gap=[0.0], mu=mu)
+    path = [[-10.0, 5.0], [2.0, 1.0], [-10.0, 2.0]]
+    result = problem.solve(path, tol=1e-13)
+    assert result.status[:, 0].tolist() == [1, 0, 2]
+    # It touches and sticks at u_t = 1/k of the free step.
+    gradient = result.vjp(displacement=np.array([[0, 0], [0, 0], [0, 1.0]]))
+    np.testing.assert_allclose(gradient.load, [[0, 0], [0, 1 / k], [0, 0]], atol=1e-17)
+
+
+def test_complex_step() -> None:
+    """A sliding contact in space, in complex arithmetic: no difference is rounded."""
+    k, mu = np.array([900.0, 1100.0, 700.0]), 0.35
+    load = np.array([-8.0, 5.0, 3.0])
+    off = np.array([0.0, 40.0, -30.0])
+    K = np.diag(k)
+    K[1, 2] = K[2, 1] = off[1]
+    K[0, 1] = K[1, 0] = off[2]
+    problem = bp.ContactProblem(K, np.eye(3), gap=[0.0], mu=mu)
+    result = problem.solve(load, tol=1e-14)
+    assert result.status[0, 0] == bp.Status.SLIP
+    direction = np.array([0.7, -0.2, 0.4])
+    tangent = result.jvp(direction, mu=0.1)
+
+    def slid(load: Any, mu: Any) -> Any:
+        """u_n = 0, K_tt s + μ r_n s/‖s‖ = f_t with r_n = K_nt s - f_n, by Newton."""
+        s = result.slip[0, 0].astype(complex)
+        for _ in range(20):
+            far = np.sqrt(s @ s)
+            p = s / far
+            r_n = K[0, 1:] @ s - load[0]
+            left = K[1:, 1:] @ s + mu * r_n * p - load[1:]
+            across = (np.eye(2) - np.outer(p, p)) / far
+            J = K[1:, 1:] + mu * (np.outer(p, K[0, 1:]) + r_n * across)
+            s = s - np.linalg.solve(J, left)
+        return s
+
+    tiny = 1e-30
+    exact = slid(load + 1j * tiny * direction, mu + 1j * tiny * 0.1).imag / tiny
+    np.testing.assert_allclose(tangent.slip[0, 0], exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_homogeneity(d: int) -> None:
+    """Loads and gaps times c give results times c: the derivative there is the result."""
+    rng = np.random.default_rng(d)
+    n = 5 * d
+    root = rng.normal(size=(n, n)) / np.sqrt(n)
+    K = root @ root.T + np.eye(n)
+    load = rng.normal(size=(4, n))
+    load[:, ::d] -= 1.0
+    gap = 0.2 * np.abs(rng.normal(size=5))
+    result = bp.ContactProblem(K, np.eye(n), gap=gap, mu=0.3).solve(load, tol=1e-13)
+    tangent = result.jvp(load, gap=gap)
+    for name in ("reaction", "displacement", "relative_displacement", "slip"):
+        found, exact = getattr(tangent, name), getattr(result, name)
+        np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+    # Stiffness and loads times c: the displacements stay, the reactions are times c.
+    tangent = result.jvp(load, K=K)
+    np.testing.assert_allclose(tangent.reaction, result.reaction, atol=1e-11)
+    np.testing.assert_allclose(tangent.displacement, 0.0, atol=1e-11)

@@ -1,0 +1,129 @@
+"""What derivatives cost, counted, and what they refuse."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import _core
+from bipot_rs.contact.sensitivity.response import Condensed
+from random_paths import random_path
+
+
+@pytest.fixture
+def path() -> bp.Result:
+    given, data = random_path("held", 3, 25)
+    return given.solve(data)
+
+
+def test_nothing_is_factored_again(
+    path: bp.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gradient factors K zero times, and one tangent system a step."""
+    made = []
+    factored = Condensed.factored
+
+    def counted(self: Condensed, laws: Any) -> Any:
+        made.append(len(laws.contacts))
+        return factored(self, laws)
+
+    monkeypatch.setattr(Condensed, "factored", counted)
+
+    def refused(*_: Any) -> None:
+        pytest.fail("K was factored again")
+
+    monkeypatch.setattr(_core, "Condensed", refused)
+    gradient = path.vjp(np.ones_like(path.reaction), np.ones_like(path.displacement))
+    assert gradient.K.nnz
+    assert gradient.load.size
+    closed = (path.status != bp.Status.OPEN).sum(axis=1)
+    # Only over the contacts that are closed.
+    assert made == closed[::-1].tolist()
+
+
+def test_displacements_without_a_factor() -> None:
+    """With loads= gaps and friction may change, and what needs the factor says so."""
+    given, data = random_path("held", 2, 3)
+    arguments = {"gap": data.gap, "mu": data.mu}
+    kept = bp.ContactProblem(data.K, given.B, **arguments).solve(data.load, tol=1e-13)
+    problem = bp.ContactProblem(data.K, given.B, **arguments, loads=data.load)
+    result = problem.solve(tol=1e-13)
+    bar = np.random.default_rng(0).normal(size=result.reaction.shape)
+    ours, theirs = (
+        result.vjp(bar, slip=bar[:, :, 1:]),
+        kept.vjp(bar, slip=bar[:, :, 1:]),
+    )
+    np.testing.assert_allclose(ours.mu, theirs.mu, rtol=1e-9)
+    np.testing.assert_allclose(ours.gap, theirs.gap, rtol=1e-9, atol=1e-9)
+    one, other = result.jvp(mu=1.0), kept.jvp(mu=1.0)
+    np.testing.assert_allclose(one.slip, other.slip, rtol=1e-9, atol=1e-12)
+    for work in (
+        lambda: ours.load,
+        lambda: one.displacement,
+        lambda: result.jvp(load=data.load),
+        lambda: result.vjp(displacement=np.zeros_like(kept.displacement)),
+    ):
+        with pytest.raises(ValueError, match="factor"):
+            work()
+
+
+def test_results_without_their_problem(path: bp.Result, tmp_path: Path) -> None:
+    path.save(tmp_path / "x.h5")
+    for lost in (bp.load(tmp_path / "x.h5"), pickle.loads(pickle.dumps(path))):
+        with pytest.raises(ValueError, match="read from a file"):
+            lost.jvp(mu=1.0)
+        with pytest.raises(ValueError, match="read from a file"):
+            lost.vjp()
+    with pytest.raises(ValueError, match="use jvp and vjp of its Result"):
+        path[0].jvp(mu=1.0)
+
+
+def test_a_path_that_ended_early() -> None:
+    """The steps that converged have derivatives; without any there is none."""
+    problem = bp.ContactProblem(np.zeros((2, 2)), np.eye(2), gap=[0.0], mu=0.3)
+    with pytest.raises(bp.NoEquilibriumError) as error:
+        problem.solve([[1.0, 0.0]])
+    assert error.value.result is not None
+    with pytest.raises(ValueError, match="no steps"):
+        error.value.result.jvp(mu=1.0)
+
+
+def test_wrong_arguments(path: bp.Result) -> None:
+    steps, n = path.displacement.shape
+    with pytest.raises(ValueError, match="load has shape"):
+        path.jvp(load=np.ones(n + 1))
+    with pytest.raises(ValueError, match=f"load has {steps + 1} steps"):
+        path.jvp(load=np.ones((steps + 1, n)))
+    with pytest.raises(ValueError, match="gap has shape"):
+        path.jvp(gap=np.ones(77))
+    with pytest.raises(ValueError, match="mu has shape"):
+        path.jvp(mu=np.ones(77))
+    with pytest.raises(ValueError, match="K has shape"):
+        path.jvp(K=np.eye(n + 1))
+    with pytest.raises(ValueError, match="K is not symmetric"):
+        path.jvp(K=sparse.csr_array(np.triu(np.ones((n, n)))))
+    with pytest.raises(TypeError, match="reaction"):
+        path.vjp(reaction="much")
+    with pytest.raises(ValueError, match="slip has shape"):
+        path.vjp(slip=np.ones(3))
+
+
+def test_shapes_of_gaps() -> None:
+    """As the gap of the problem, or as the gaps of each step."""
+    problem = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.1], mu=0.3)
+    load = np.array([[-1.0, 0.2, -1.0, 0.1], [-1.0, -0.2, -1.0, 0.4]])
+    bar = np.ones((2, 2, 2))
+    moving = np.zeros((2, 2))
+    assert problem.solve(load).vjp(bar).gap.shape == (2,)
+    assert problem.solve(load, gap=moving).vjp(bar).gap.shape == (2, 2)
+    whole = problem.solve(load, gap=np.zeros((2, 2, 2))).vjp(bar)
+    assert whole.gap.shape == (2, 2, 2)
+    np.testing.assert_array_equal(
+        problem.solve(load, gap=moving).vjp(bar).gap, whole.gap[:, :, 0]
+    )
+    one = bp.ContactProblem(np.eye(4), np.eye(4), gap=np.zeros((2, 2)), mu=0.3)
+    assert one.solve(load).vjp(bar).gap.shape == (2, 2)

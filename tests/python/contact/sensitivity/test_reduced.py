@@ -1,0 +1,91 @@
+"""Derivatives of the solutions of reduced problems."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from random_problems import KINDS, random_problem
+
+TOL = 1e-13
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("redundant", "flat")])
+def test_random_problems(kind: str, d: int) -> None:
+    """Against differences of the fourth order, and jvp against vjp."""
+    assert sum(_compared(kind, d, seed) for seed in range(8)) >= 3
+
+
+def _compared(kind: str, d: int, seed: int) -> bool:
+    given = random_problem(kind, d, seed)
+    rng = np.random.default_rng(seed)
+    # A measured W is not symmetric.
+    W = given.W * (1 + 0.02 * rng.normal(size=given.W.shape))
+    size = np.abs(given.q).mean(axis=1)
+    dq = 0.1 * rng.normal(size=given.q.shape) * size[:, None]
+    dW = 0.1 * W * rng.normal(size=W.shape)
+    dmu = 0.1 * rng.normal(size=given.mu.shape) * (given.mu > 0)
+
+    def solve(t: float) -> bp.Solution:
+        problem = bp.ReducedProblem(
+            W + t * dW, given.q + t * dq, given.mu + t * dmu, rigid=given.rigid
+        )
+        return problem.solve(tol=TOL)
+
+    at = solve(0.0)
+    if not at.converged:
+        return False
+    tangent = at.jvp(dW, dq, dmu)
+    bars = rng.normal(size=at.reaction.shape), rng.normal(size=at.reaction.shape)
+    gradient = at.vjp(*bars)
+    pairs = (gradient.W, dW), (gradient.q, dq), (gradient.mu, dmu)
+    left = sum(np.sum(by * change) for by, change in pairs)
+    terms = bars[0] * tangent.reaction, bars[1] * tangent.relative_displacement
+    # Rounding times the condition of the tangent system.
+    allowed = 1e-10 * sum(np.abs(t).sum() for t in terms)
+    assert abs(left - sum(map(np.sum, terms))) <= allowed
+    h = 1e-3
+    near = [solve(t * h) for t in (-2, -1, 1, 2)]
+    if any((s.status != at.status).any() or not s.converged for s in near):
+        return False
+    weights = np.array([1, -8, 8, -1]) / (12 * h)
+    for name in ("reaction", "relative_displacement"):
+        slope = sum(w * getattr(s, name) for w, s in zip(weights, near, strict=True))
+        scale = np.abs(slope).max(axis=1, keepdims=True)
+        scale = np.maximum(scale, 1e-3 * scale.max(initial=0.0))
+        off = np.abs(getattr(tangent, name) - slope) / np.where(scale > 0, scale, 1.0)
+        # As in the tests of paths.
+        assert off.max(initial=0.0) <= 1e-7, (kind, d, seed, name)
+    return True
+
+
+def test_a_sparse_compliance() -> None:
+    """The gradient has the pattern of a sparse W, and the values of a dense one."""
+    rng = np.random.default_rng(0)
+    blocks = [random_problem("held", 3, seed) for seed in (1, 2, 3)]
+    W = sparse.block_diag([b.W for b in blocks], format="csr")
+    q = np.concatenate([b.q for b in blocks])
+    mu = np.concatenate([b.mu for b in blocks])
+    bar = rng.normal(size=q.shape)
+    sparsely = bp.ReducedProblem(W, q, mu).solve(tol=TOL).vjp(bar, bar)
+    densely = bp.ReducedProblem(W.toarray(), q, mu).solve(tol=TOL).vjp(bar, bar)
+    assert sparsely.W.nnz == W.nnz
+    kept = W.toarray() != 0
+    np.testing.assert_allclose(sparsely.W.toarray(), densely.W * kept, atol=1e-10)
+    np.testing.assert_allclose(sparsely.q, densely.q, atol=1e-10)
+
+
+def test_wrong_arguments() -> None:
+    solution = bp.ReducedProblem(np.eye(2), [[-1.0, 0.5]], 0.3).solve()
+    with pytest.raises(ValueError, match=r"W has shape \(3, 3\), expected \(2, 2\)"):
+        solution.jvp(W=np.eye(3))
+    with pytest.raises(ValueError, match="q has shape"):
+        solution.jvp(q=[1.0])
+    with pytest.raises(ValueError, match="reaction has shape"):
+        solution.vjp(reaction=[1.0])
+    stopped = bp.ReducedProblem(np.eye(2), [[-1.0, 0.5]], 0.3).solve(
+        "uzawa", tol=1e-14, max_iterations=1
+    )
+    with pytest.raises(ValueError, match="did not converge"):
+        stopped.jvp(q=[[1.0, 0.0]])
