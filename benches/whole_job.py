@@ -335,8 +335,8 @@ def short(rows):
             (
                 f"{scene}, {n}",
                 f"{int(bipot['dofs']):,}",
-                bipot["contacts"],
-                bipot["steps"],
+                str(bipot["contacts"]),
+                str(bipot["steps"]),
                 tables.figures(float(bipot["job_min"])),
                 f"{tables.figures(float(best['job_min']))} {best['program']}",
                 f"{float(best['ratio']):.1f}",

@@ -496,7 +496,7 @@ def of_gradient(
         model,
         adjoint=gradient.load,
         displacement=np.stack([step.displacement for step in result]),
-        gap=gradient.gap,
+        gap=gradient.gap_by_component,
         reaction=result.reaction,
         loads=loads,
     )

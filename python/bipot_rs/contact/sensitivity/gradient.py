@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +159,23 @@ class Gradient:
         for adjoint, u in zip(self.load, self.result.displacement, strict=True):
             values -= adjoint[rows] * u[K.indices] + adjoint[K.indices] * u[rows]
         return csr_array((values / 2, K.indices, K.indptr), shape=K.shape)
+
+    def fem(self, model: Any, loads: Sequence[Any] = ()) -> Any:
+        """Derivatives by the parameters of the model that the problem was made of.
+
+        Parameters
+        ----------
+        model
+            The `fem.Assembly` of the problem.
+        loads
+            The loads of the path as `fem.Load`, whose nodal forces change with the
+            parameters; all others are held constant.
+
+        Returns
+        -------
+        fem.ParameterGradient
+        """
+        return model.gradient(self, loads)
 
     @cached_property
     def _stiffness(self) -> Any:
