@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.sensitivity.borders import Borders
@@ -29,6 +30,10 @@ _ITERATIONS = 100
 # Violation of a complementarity condition, relative to the change of all border contacts,
 # that counts as rounding.
 _SATISFIED = 1e-9
+# Relative difference of two answers, far above the rounding of both.
+_SAME = 1e-6
+# Singular values below this share of the largest one are rounding.
+_RANK = 1e-13
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,23 @@ class Linear:
         if self._reported is None:
             self._reported = self._with(self.point.status, self.direction)
         return self._reported
+
+    def adjoint(self) -> System:
+        """`reported`, for gradients.
+
+        Raises
+        ------
+        NotDifferentiableError
+            It is singular, also with the contacts that just touch closed: reactions are
+            then not determined beside this point.
+        """
+        touching = self.borders.touching & (self.point.status == Status.OPEN)
+        if touching.any():
+            side = self.point.status.copy()
+            side[touching] = Status.SLIP
+            side[touching & self.borders.resting] = Status.STICK
+            self._with(side, self.direction)
+        return self.reported
 
     @property
     def direction(self) -> Floats:
@@ -189,11 +211,11 @@ class _Bordered:
         if count <= _TRIED:
             found = self._only(found)
         if found is None:
-            contacts = ", ".join(map(str, self.at[:5]))
             raise NotDifferentiableError(
-                f"{len(self.at)} contacts are on a border between two statuses (contacts "
-                f"{contacts}), and no change of their statuses fits this direction: the "
-                "directional derivative is not known there; change the load a little"
+                f"{counted(len(self.at), 'contact')} on a border between two statuses "
+                f"(the first is contact {self.at[0]}): no change of their statuses was "
+                "found that fits this direction, and the directional derivative is not "
+                "known; change the load a little"
             )
         dr, da = self.base
         for amount, (by_dr, by_da) in zip(found, self.columns, strict=True):
@@ -215,23 +237,32 @@ class _Bordered:
     def _only(self, known: Floats | None) -> Floats | None:
         """The answer among all combinations of sides; raise if there are several."""
         for sides in itertools.product(*self.sides):
-            z = self._at(list(sides))
-            if z is None or self._violation(z) > _SATISFIED:
-                continue
-            if known is not None:
-                one, other = self._pair(z), self._pair(known)
-                unit = np.sqrt(self.spring.reshape(-1, self.d))
-                size = _size(other[0] * unit, other[1] / unit)
-                apart = _size((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
-                if apart > 1e-6 * size:
-                    raise NotDifferentiableError(
-                        f"{len(self.at)} contacts are on a border between two statuses, "
-                        "and several changes of their statuses fit this direction: the "
-                        "solution is not a function of the data there"
-                    )
+            matrix, right = self._matrix(list(sides))
+            singular = _is_singular(matrix)
+            if singular:
+                # One of the answers, if there is any; all others differ by a null vector.
+                z = np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+                if _size(matrix @ z - right) > _SATISFIED * (_size(right) or 1.0):
+                    continue
             else:
-                known = z
+                z = np.linalg.solve(matrix, right)
+            if self._violation(z) > _SATISFIED:
+                continue
+            if singular or (known is not None and self._differ(z, known)):
+                raise NotDifferentiableError(
+                    f"{counted(len(self.at), 'contact')} on a border between two statuses: "
+                    "several changes of their statuses fit this direction, and the "
+                    "reactions are not determined there"
+                )
+            known = z
         return known
+
+    def _differ(self, z: Floats, known: Floats) -> bool:
+        one, other = self._pair(z), self._pair(known)
+        unit = np.sqrt(self.spring.reshape(-1, self.d))
+        size = _size(other[0] * unit, other[1] / unit)
+        apart = _size((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
+        return apart > _SAME * size
 
     def _sides_of(self, j: int) -> list[tuple[int, Floats]]:
         """Sides of a border contact, each with a direction of slip."""
@@ -243,8 +274,8 @@ class _Bordered:
         ways = [np.eye(self.d - 1)[0], -np.eye(self.d - 1)[0]]
         return ends + [(int(Status.SLIP), way) for way in ways]
 
-    def _at(self, sides: list[tuple[int, Floats]]) -> Floats | None:
-        """``z`` with each border contact on one side; None if this is singular."""
+    def _matrix(self, sides: list[tuple[int, Floats]]) -> tuple[Floats, Floats]:
+        """The equations of ``z`` with each border contact on one side."""
         matrix, right = np.zeros((self.size, self.size)), np.zeros(self.size)
         for j, (side, p) in enumerate(sides):
             by_r, by_v, known = self._law(j, side, p)
@@ -255,10 +286,13 @@ class _Bordered:
             matrix[rows, rows] += by_v
             right[rows] = known - (by_r - by_v * springs) @ self.p[rows]
         scale = np.abs(matrix).max(axis=1)
-        if not (scale > 0).all():
-            return None
-        matrix, right = matrix / scale[:, None], right / scale
-        if np.linalg.cond(matrix) > 1 / (self.size * np.finfo(float).eps):
+        scale = np.where(scale > 0, scale, 1.0)
+        return matrix / scale[:, None], right / scale
+
+    def _at(self, sides: list[tuple[int, Floats]]) -> Floats | None:
+        """``z`` with each border contact on one side; None if this is singular."""
+        matrix, right = self._matrix(sides)
+        if _is_singular(matrix):
             return None
         found: Floats = np.linalg.solve(matrix, right)
         return found
@@ -354,7 +388,7 @@ class _Bordered:
         dr, dv = self._pair(z)
         worst = 0.0
         unit = np.sqrt(self.spring.reshape(-1, self.d))
-        size = _size(dr * unit, dv / unit, self.p * unit.ravel())
+        size = _size(dr * unit, dv / unit, self.p * unit.ravel(), self._rubbed(unit))
         for j, i in enumerate(self.at):
             root, D = unit[j, 0], self.point.friction[i]
             r, v = dr[j] * root, dv[j] / root
@@ -377,7 +411,16 @@ class _Bordered:
                 # No slip, or a reaction that opposes it.
                 aside = float(np.linalg.norm(along + r[0] * slid / far))
                 worst = max(worst, min(far, aside))
-        return worst / size if size > 0 else 0.0
+        return worst / size if size > 0 else worst
+
+    def _rubbed(self, unit: Floats) -> Floats:
+        """Changes of the friction limits of yielding contacts, scaled as reactions."""
+        of = self.of.friction[self.at] * self.point.reaction[self.at, :1]
+        D = np.where(
+            self.point.friction[self.at] > 0, self.point.friction[self.at], 1.0
+        )
+        found: Floats = unit[:, :1] * of / D * self.yielding[:, None]
+        return found
 
     def _yields(self, j: int, r: Floats, v: Floats, root: float) -> float:
         """Violation of ``0 ≤ dσ ⊥ β ≥ 0`` and of the direction of slip."""
@@ -388,6 +431,11 @@ class _Bordered:
         beta = float(p @ slid)
         aside = float(np.linalg.norm(slid - beta * p))
         return max(-excess, -beta, min(excess, beta), aside)
+
+
+def _is_singular(matrix: Floats) -> bool:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return bool(values[-1] <= _RANK * values[0])
 
 
 def _size(*parts: Floats) -> float:

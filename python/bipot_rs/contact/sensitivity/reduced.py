@@ -155,7 +155,7 @@ class ReducedModel:
         moved = cotangents("relative_displacement", relative_displacement, shape)
         v = np.zeros(shape) if moved is None else moved
         linear = self.linear(solution)
-        system = linear.reported
+        system = linear.adjoint()
         pushed = np.asarray(self.W.T @ v.ravel(), np.float64).reshape(shape)
         w, _ = system.solve_transposed(r + pushed, self.modes.T @ v.ravel())
         laws = system.laws
