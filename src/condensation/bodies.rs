@@ -250,14 +250,30 @@ impl Bodies {
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
     ) -> Result<Vec<[Vec<f64>; 2]>, Error> {
+        let of_state = |(both, left): (_, Vec<Imbalance>)| {
+            left.iter().try_for_each(Imbalance::check)?;
+            Ok(both)
+        };
+        let recovered = self.recovered(surface, states)?;
+        recovered.into_iter().map(of_state).collect()
+    }
+
+    /// The displacements of each state and the digits below their rounding, and the imbalance of
+    /// each body.
+    fn recovered<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        states: &[Loaded<'_, D>],
+    ) -> Result<Vec<([Vec<f64>; 2], Vec<Imbalance>)>, Error> {
         let mut forces = Vec::with_capacity(states.len());
         for state in states {
             check_length("reaction", state.reaction.len(), surface.contacts())?;
             check_length("rigid motion", state.rigid.len(), self.motions.len())?;
             forces.push(self.supports.force(state.load, state.prescribed)?);
         }
-        let mut all = vec![[(); 2].map(|()| vec![0.0; self.order()]); states.len()];
-        for ([u, _], state) in all.iter_mut().zip(states) {
+        let none = || ([(); 2].map(|()| vec![0.0; self.order()]), Vec::new());
+        let mut all: Vec<_> = states.iter().map(|_| none()).collect();
+        for (([u, _], _), state) in all.iter_mut().zip(states) {
             for (&dof, &value) in self.fixed().iter().zip(state.prescribed) {
                 u[dof] = value;
             }
@@ -272,10 +288,12 @@ impl Bodies {
             let pushes: Vec<f64> = states.iter().flat_map(push).collect();
             let n = body.dofs().len();
             let recovered = body.displacements(&forces, &pushes, &own)?;
-            recovered.left.iter().try_for_each(Imbalance::check)?;
+            for ((_, left), of_body) in all.iter_mut().zip(&recovered.left) {
+                left.push(*of_body);
+            }
             let parts = [recovered.u, recovered.low];
             for (part, values) in parts.iter().enumerate() {
-                for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
+                for ((u, _), values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
                     for (&i, value) in body.dofs().iter().zip(values) {
                         u[part][i] = *value;
                     }
@@ -283,6 +301,20 @@ impl Bodies {
             }
         }
         Ok(all)
+    }
+
+    /// [`Bodies::displacements`] of states that are differences, whose forces may cancel to
+    /// rounding: their balance is not checked.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
+    pub fn changes<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        states: &[Loaded<'_, D>],
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let recovered = self.recovered(surface, states)?;
+        Ok(recovered.into_iter().map(|([u, _], _)| u).collect())
     }
 
     /// [`Bodies::displacements`] of one state.

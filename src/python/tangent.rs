@@ -196,7 +196,7 @@ impl PyTangentView {
             }
             let problem = &inner.problem;
             let all = interrupt::run(py, view.num_threads, |_| {
-                problem.bodies().displacements(problem.surface(), &loaded)
+                problem.bodies().changes(problem.surface(), &loaded)
             })?;
             Ok((all.concat(), problem.bodies().order()))
         }

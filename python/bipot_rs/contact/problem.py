@@ -1202,7 +1202,7 @@ class ContactProblem:
             model=PathModel(
                 self._contact.matrix,
                 self._fixed,
-                np.shape(self._contacts["gap"]),
+                np.shape(np.asarray(self._contacts["gap"])),
                 self._by_component(gap),
                 self._loading.held,
             ),

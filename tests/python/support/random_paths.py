@@ -1,6 +1,6 @@
 """Random load paths of every kind, and their derivatives by finite differences."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -240,18 +240,15 @@ def products(gradient: Any, by: Data) -> float:
     return float(sum(terms))
 
 
-def solvable(count: int, kinds: tuple[str, ...] = KINDS) -> Iterator[tuple[Any, ...]]:
-    """So many random paths that have a solution, with a direction: all kinds in turn."""
-    seed = 0
-    made = 0
-    while made < count:
+def solvable(
+    seeds: Iterable[int], kinds: tuple[str, ...] = KINDS
+) -> Iterator[tuple[str, Given, Data, bp.Result, int]]:
+    """The random paths of some seeds that have a solution: all kinds in turn."""
+    for seed in seeds:
         kind, d = kinds[seed % len(kinds)], 2 + (seed // len(kinds)) % 2
         try:
             given, data = random_path(kind, d, seed)
             result = given.solve(data)
         except bp.BipotError:
-            seed += 1
             continue
         yield f"{kind}, d = {d}, seed {seed}", given, data, result, seed
-        made += 1
-        seed += 1

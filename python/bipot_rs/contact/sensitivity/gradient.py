@@ -17,6 +17,9 @@ from bipot_rs.contact.solution import BLOCK
 if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
 
+# Entries of K whose products are computed together: their factors stay in the cache.
+_ENTRIES = 1 << 14
+
 
 class Gradient:
     """Derivatives of one number that depends on the results of a load path.
@@ -53,6 +56,9 @@ class Gradient:
         steps, shape = len(path.steps), path.shape
         self._displacement = displacement
         self.gap_by_component = np.zeros((steps, *shape))
+        # Forces that were condensed; adjoint reactions are given beside them.
+        self._forces: dict[int, Floats] = {}
+        self._reactions = np.zeros((steps, *shape))
         self._amounts = np.zeros((steps, path.response.motions))
         self.mu = np.zeros_like(path.mu)
         self._backward(
@@ -73,7 +79,7 @@ class Gradient:
             v[:, 1:] += carried
             if slip is not None:
                 v[:, 1:] += slip[k]
-            system = path.linear(k).reported
+            system = path.linear(k).adjoint()
             laws = system.laws
             q, e = self._free(k, v)
             w, b = system.solve_transposed(reaction[k] + q, e)
@@ -82,6 +88,9 @@ class Gradient:
             at = laws.contacts
             pulled[at] = np.einsum("ijk,ij->ik", laws.by_v, w[at])
             self.gap_by_component[k] = v - pulled
+            # The core removes the rigid part of forces, and not that of reactions: λ must
+            # have the same division as the right side.
+            self._reactions[k] = -pulled if k in self._forces else v - pulled
             self._amounts[k] = -b
             by_tangent = np.einsum("ijk,ij->ik", laws.by_mu, w[at])
             self.mu[at] += by_tangent if self.mu.ndim == 2 else by_tangent.sum(axis=1)
@@ -99,6 +108,7 @@ class Gradient:
         force = np.asarray(path.model.contact.T @ v.ravel())
         if self._displacement is not None:
             force = force + self._displacement[k]
+        self._forces[k] = force
         return response.free(force, np.zeros(len(path.model.fixed)))
 
     @cached_property
@@ -115,15 +125,9 @@ class Gradient:
         """
         path = self._path
         count, fixed = len(path.steps), np.zeros(len(path.model.fixed))
-        u = self._displacement
         none = np.zeros(path.model.n)
         states = [
-            (
-                none if u is None else np.ascontiguousarray(u[k]),
-                fixed,
-                self.gap_by_component[k],
-                self._amounts[k],
-            )
+            (self._forces.get(k, none), fixed, self._reactions[k], self._amounts[k])
             for k in range(count)
         ]
         blocks = [
@@ -155,10 +159,21 @@ class Gradient:
 
         K = self._stiffness
         rows = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
-        values = np.zeros(K.nnz)
-        for adjoint, u in zip(self.load, self.result.displacement, strict=True):
-            values -= adjoint[rows] * u[K.indices] + adjoint[K.indices] * u[rows]
-        return csr_array((values / 2, K.indices, K.indptr), shape=K.shape)
+        # The steps of one degree of freedom side by side.
+        adjoint = np.ascontiguousarray(self.load.T)
+        moved = np.ascontiguousarray(self.result.displacement.T)
+        values = np.empty(K.nnz)
+        for first in range(0, K.nnz, _ENTRIES):
+            own = slice(first, first + _ENTRIES)
+            pairs = adjoint[rows[own]], moved[K.indices[own]]
+            np.einsum("ek,ek->e", *pairs, out=values[own])
+        half = csr_array((values / -2, K.indices, K.indptr), shape=K.shape)
+        # With the zeros of the pattern: a sum of two matrices would keep them out.
+        mirrored = half.T.tocsr()
+        mirrored.sort_indices()
+        return csr_array(
+            (half.data + mirrored.data, K.indices, K.indptr), shape=K.shape
+        )
 
     def fem(self, model: Any, loads: Sequence[Any] = ()) -> Any:
         """Derivatives by the parameters of the model that the problem was made of.

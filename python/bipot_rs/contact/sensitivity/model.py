@@ -184,4 +184,5 @@ def gap_gradient(model: PathModel, by_component: Floats) -> Floats:
     if model.gaps_by_component is not None:
         return by_component if model.gaps_by_component else by_component[:, :, 0]
     whole = by_component.sum(axis=0)
-    return whole if len(model.gap_shape) == 2 else whole[:, 0]
+    own: Floats = whole if len(model.gap_shape) == 2 else whole[:, 0]
+    return own

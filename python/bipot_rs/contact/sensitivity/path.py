@@ -9,8 +9,8 @@ import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.sensitivity.borders import borders
-from bipot_rs.contact.sensitivity.directional import Linear
 from bipot_rs.contact.sensitivity.laws import Point
+from bipot_rs.contact.sensitivity.linear import Linear
 from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
 from bipot_rs.contact.sensitivity.response import Condensed
 from bipot_rs.contact.solution import Step
@@ -53,7 +53,7 @@ class LinearPath:
                 step.reaction,
                 step.relative_displacement[:, 0],
                 step.slip,
-                step.status,
+                step.status.astype(np.int64),
                 friction,
             )
             for step in steps

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.sensitivity.borders import borders
-from bipot_rs.contact.sensitivity.directional import Change, Linear
+from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.laws import Point
+from bipot_rs.contact.sensitivity.linear import Change, Linear
 from bipot_rs.contact.sensitivity.model import (
     along_tangents,
     by_tangent,
@@ -109,7 +110,8 @@ class ReducedModel:
             )
         r, v = solution.reaction, solution.relative_displacement
         friction = along_tangents(self.mu, r.shape[1])
-        point = Point(r, v[:, 0], v[:, 1:], solution.status, friction)
+        status = solution.status.astype(np.int64)
+        point = Point(r, v[:, 0], v[:, 1:], status, friction)
         response = Given(self.core, self.W, r.shape, self.modes)
         compliance = response.diagonal.mean(axis=1)
         return Linear(response, point, borders(point, compliance, solution.tolerance))
@@ -129,7 +131,7 @@ class ReducedModel:
         friction = by_tangent("mu", mu, self.mu, shape[1])
         linear = self.linear(solution)
         still = np.zeros(self.modes.shape[1])
-        r, a = linear.change(Change(free, still, friction))
+        r, a = changed(linear, Change(free, still, friction))
         v = free + linear.response.moved(r, a)
         return ReducedTangent(r, v, linear.borders.any)
 
@@ -155,7 +157,7 @@ class ReducedModel:
         moved = cotangents("relative_displacement", relative_displacement, shape)
         v = np.zeros(shape) if moved is None else moved
         linear = self.linear(solution)
-        system = linear.reported
+        system = linear.adjoint()
         pushed = np.asarray(self.W.T @ v.ravel(), np.float64).reshape(shape)
         w, _ = system.solve_transposed(r + pushed, self.modes.T @ v.ravel())
         laws = system.laws

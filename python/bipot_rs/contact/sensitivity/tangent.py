@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.sensitivity.directional import Change
+from bipot_rs.contact.sensitivity.directional import changed
+from bipot_rs.contact.sensitivity.linear import Change
 from bipot_rs.contact.sensitivity.model import Directions, directions
 from bipot_rs.contact.sensitivity.path import LinearPath, linearised
 from bipot_rs.contact.solution import BLOCK
@@ -55,7 +56,7 @@ class Tangent:
             moved = free.copy()
             moved[:, 1:] -= before
             change = Change(moved, balance, given.friction)
-            self.reaction[k], self._amounts[k] = path.linear(k).change(change)
+            self.reaction[k], self._amounts[k] = changed(path.linear(k), change)
             self.relative_displacement[k] = self._moved(k, free)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]

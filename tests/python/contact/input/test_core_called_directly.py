@@ -27,7 +27,12 @@ GAP, MU = np.full((2, 2), -0.1), np.full(2, 0.3)
 LOAD, NONE = np.array([-1.0, 0.1, -1.0, 0.1]), np.zeros(0)
 ISLAND = [([0, 1], np.eye(4).ravel(), None)]
 # Contact 1 sticks: by_v = I.
-CLOSED, STICKS, ROWS, RIGHT = np.array([1]), np.zeros((2, 2)), np.eye(2), np.ones((1, 2))
+CLOSED, STICKS, ROWS, RIGHT = (
+    np.array([1]),
+    np.zeros((2, 2)),
+    np.eye(2),
+    np.ones((1, 2)),
+)
 MODES = np.ascontiguousarray(np.tile(np.eye(2), (1, 2)))
 
 

@@ -1,5 +1,6 @@
 """Derivatives of random load paths against finite differences, and jvp against vjp."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -26,22 +27,21 @@ CLOSE = 1e-7
 SAME = 1e-10
 
 
-def judged(count: int) -> tuple[int, int]:
-    """Compare so many paths; how many were compared with differences, and how many not."""
-    compared = skipped = 0
-    for name, given, data, result, seed in solvable(count):
+def judged(seeds: Iterable[int]) -> tuple[int, int]:
+    """Compare paths; how many were compared with differences, and how many were not."""
+    compared = count = 0
+    for name, given, data, result, seed in solvable(seeds):
         by = random_direction(data, seed)
         tangent = jvp(result, by)
         bars = cotangents(result, seed)
         gradient = result.vjp(**bars)
-        left = products(gradient, by)
-        terms = [np.sum(bars[f] * getattr(tangent, f)) for f in FIELDS]
-        size = sum(np.abs(bars[f] * getattr(tangent, f)).sum() for f in FIELDS)
+        terms = [bars[field] * getattr(tangent, field) for field in FIELDS]
         if not tangent.one_sided.any():
-            assert abs(left - sum(terms)) <= SAME * size, name
+            apart = abs(products(gradient, by) - sum(map(np.sum, terms)))
+            assert apart <= SAME * sum(np.abs(t).sum() for t in terms), name
         compared += _compared(name, given, data, by, tangent)
-        skipped = count - compared
-    return compared, skipped
+        count += 1
+    return compared, count - compared
 
 
 def _compared(name: str, given: Any, data: Any, by: Any, tangent: Any) -> bool:
@@ -60,14 +60,16 @@ def _compared(name: str, given: Any, data: Any, by: Any, tangent: Any) -> bool:
 
 def test_random_paths() -> None:
     """A path is skipped only if a contact changes its status within h."""
-    compared, skipped = judged(120)
+    compared, skipped = judged(range(120))
+    assert compared > 100
     assert skipped <= 0.1 * compared
 
 
 @pytest.mark.verify
-def test_ten_thousand_random_paths() -> None:
-    compared, skipped = judged(11_000)
-    assert compared > 10_000
+@pytest.mark.parametrize("part", range(12))
+def test_ten_thousand_random_paths(part: int) -> None:
+    compared, skipped = judged(range(1000 * (part + 1), 1000 * (part + 2)))
+    assert compared > 850
     assert skipped <= 0.1 * compared
 
 
@@ -75,7 +77,7 @@ def test_ten_thousand_random_paths() -> None:
 def test_each_kind_slips_and_sticks(kind: str) -> None:
     """The random paths are no special case: all statuses occur, and in paths of some steps."""
     seen = set()
-    for _, _, _, result, _ in solvable(12, (kind,)):
+    for _, _, _, result, _ in solvable(range(14), (kind,)):
         seen |= set(np.unique(result.status).tolist())
     expected = {0, 1} if kind == "frictionless" else {1, 2}
     assert expected <= seen

@@ -64,7 +64,7 @@ def test_displacements_without_a_factor() -> None:
     for work in (
         lambda: ours.load,
         lambda: one.displacement,
-        lambda: result.jvp(load=data.load),
+        lambda: result.jvp(load=np.ones_like(data.load)),
         lambda: result.vjp(displacement=np.zeros_like(kept.displacement)),
     ):
         with pytest.raises(ValueError, match="factor"):

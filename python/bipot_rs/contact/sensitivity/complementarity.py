@@ -1,0 +1,306 @@
+"""The complementarity problem of the contacts on borders (35).
+
+The other contacts are eliminated, with springs in place of the border contacts: ``w dr + dv =
+z``, with ``w`` from the diagonal of W. Both ``dr`` and ``dv`` are then affine in ``z``, and
+the side of each border contact is found by an active-set iteration, or by trying all sides.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.errors import NotDifferentiableError
+from bipot_rs.contact.sensitivity.laws import Point, laws
+from bipot_rs.contact.sensitivity.linear import Change, Linear, right_side
+from bipot_rs.contact.status import Status
+
+# Combinations of sides that are all tried, which also shows whether there are several
+# answers.
+_TRIED = 4096
+_ITERATIONS = 100
+# Violation of a complementarity condition, relative to the change of all border contacts,
+# that counts as rounding.
+_SATISFIED = 1e-9
+# Relative difference of two answers, far above the rounding of both.
+_SAME = 1e-6
+# Singular values below this share of the largest one are rounding.
+_RANK = 1e-13
+
+# A side of a border contact, and a direction of slip.
+Side = tuple[int, Floats]
+
+
+class BorderProblem:
+    """The complementarity problem of the border contacts."""
+
+    def __init__(self, linear: Linear, direction: Floats, of: Change) -> None:
+        self.linear, self.of = linear, of
+        self.point, known = linear.point, linear.borders
+        self.at = np.flatnonzero(known.any)
+        self.direction = direction
+        self.resting, self.yielding = known.resting[self.at], known.yielding[self.at]
+        d = self.point.reaction.shape[1]
+        self.d, self.size = d, len(self.at) * d
+        self._eliminate()
+        # Each combination of sides that is tried is a list of these.
+        self.sides = [self._sides_of(j) for j in range(len(self.at))]
+
+    def _eliminate(self) -> None:
+        """``dr``, ``da`` and ``dv`` of all contacts as affine functions of ``z``."""
+        point, response, d = self.point, self.linear.response, self.d
+        side = point.status.copy()
+        side[self.at] = Status.STICK
+        own = self.linear.laws(side, self.direction)
+        place = np.searchsorted(own.contacts, self.at)
+        springs = response.diagonal[self.at].mean(axis=1)
+        own.by_r[place] = springs[:, None, None] * np.eye(d)
+        own.by_v[place] = np.eye(d)
+        own.by_mu[place] = 0.0
+        made = self.linear.system(own)
+        right = right_side(own, self.of)
+        self.base = made.solve(right, -self.of.balance)
+        self.columns = []
+        for i, k in itertools.product(place, range(d)):
+            unit = np.zeros_like(right)
+            unit[i, k] = 1.0
+            self.columns.append(made.solve(unit, np.zeros_like(self.of.balance)))
+        self.spring = np.repeat(springs, d)
+        # dr = P z + p, dv = z - w dr at the border contacts.
+        self.P = np.stack([dr[self.at].ravel() for dr, _ in self.columns], axis=1)
+        self.p = self.base[0][self.at].ravel()
+
+    def solve(self) -> tuple[Floats, Floats]:
+        """``dr`` and ``da``."""
+        found = self._iterate()
+        count = np.prod([float(len(sides)) for sides in self.sides])
+        if count <= _TRIED:
+            found = self._only(found)
+        if found is None:
+            raise NotDifferentiableError(
+                f"{counted(len(self.at), 'contact')} on a border between two statuses "
+                f"(the first is contact {self.at[0]}): no change of their statuses was "
+                "found that fits this direction, and the directional derivative is not "
+                "known; change the load a little"
+            )
+        dr, da = self.base[0].copy(), self.base[1]
+        for amount, (by_dr, by_da) in zip(found, self.columns, strict=True):
+            dr, da = dr + amount * by_dr, da + amount * by_da
+        opens = [side == Status.OPEN for side, _ in self._preferred(found)]
+        dr[self.at[opens]] = 0.0
+        return dr, da
+
+    def _pair(self, z: Floats) -> tuple[Floats, Floats]:
+        """``dr`` and ``dv`` of the border contacts."""
+        dr = self.P @ z + self.p
+        return dr.reshape(-1, self.d), (z - self.spring * dr).reshape(-1, self.d)
+
+    def _only(self, known: Floats | None) -> Floats | None:
+        """The answer among all combinations of sides; raise if there are several."""
+        for sides in itertools.product(*self.sides):
+            matrix, right = self._matrix(list(sides))
+            singular = _is_singular(matrix)
+            z: Floats
+            if singular:
+                # One of the answers, if there is any; all others differ by a null vector.
+                z = np.asarray(
+                    np.linalg.lstsq(matrix, right, rcond=_RANK)[0], np.float64
+                )
+                if _size(matrix @ z - right) > _SATISFIED * (_size(right) or 1.0):
+                    continue
+            else:
+                z = np.asarray(np.linalg.solve(matrix, right), np.float64)
+            if self._violation(z) > _SATISFIED:
+                continue
+            if singular or (known is not None and self._differ(z, known)):
+                raise NotDifferentiableError(
+                    f"{counted(len(self.at), 'contact')} on a border between two statuses: "
+                    "several changes of their statuses fit this direction, and the "
+                    "reactions are not determined there"
+                )
+            known = z
+        return known
+
+    def _differ(self, z: Floats, known: Floats) -> bool:
+        one, other = self._pair(z), self._pair(known)
+        unit = np.sqrt(self.spring.reshape(-1, self.d))
+        size = _size(other[0] * unit, other[1] / unit)
+        apart = _size((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
+        return apart > _SAME * size
+
+    def _sides_of(self, j: int) -> list[Side]:
+        """Sides of a border contact, each with a direction of slip."""
+        p = self.direction[self.at[j]]
+        if not self.resting[j]:
+            first = Status.STICK if self.yielding[j] else Status.OPEN
+            return [(int(first), p), (int(Status.SLIP), p)]
+        ends = [(int(Status.OPEN), p), (int(Status.STICK), p)]
+        ways = [np.eye(self.d - 1)[0], -np.eye(self.d - 1)[0]]
+        return ends + [(int(Status.SLIP), way) for way in ways]
+
+    def _matrix(self, sides: list[Side]) -> tuple[Floats, Floats]:
+        """The equations of ``z`` with each border contact on one side."""
+        side = np.array([s for s, _ in sides])
+        p = np.stack([p for _, p in sides])
+        d, of = self.d, self.of.friction[self.at]
+        by_r = np.tile(np.eye(d), (len(sides), 1, 1))  # open: dr = 0
+        by_v, known = np.zeros_like(by_r), np.zeros((len(sides), d))
+        own = laws(self._limit(p), side, p, self.linear.movable[self.at])
+        by_r[own.contacts], by_v[own.contacts] = own.by_r, own.by_v
+        known[own.contacts] = np.einsum("ijk,ik->ij", own.by_mu, of[own.contacts])
+        springs = self.spring.reshape(-1, 1, d)
+        across = (by_r - by_v * springs).astype(np.float64)
+        rows = self.P.reshape(len(sides), d, -1)
+        matrix = np.einsum("ijk,ikl->ijl", across, rows).reshape(self.size, self.size)
+        for j in range(len(sides)):
+            rest = slice(d * j, d * (j + 1))
+            matrix[rest, rest] += by_v[j]
+        moved = np.einsum("ijk,ik->ij", across, self.p.reshape(-1, d))
+        scale = np.abs(matrix).max(axis=1)
+        scale = np.where(scale > 0, scale, 1.0)
+        return matrix / scale[:, None], (known - moved).ravel() / scale
+
+    def _limit(self, p: Floats) -> Point:
+        """The border contacts, exactly on their borders and about to slip along ``p``."""
+        point, at = self.point, self.at
+        D = point.friction[at]
+        reaction = np.where(self.yielding[:, None], point.reaction[at], 0.0)
+        # At rest the length of the slip has no effect.
+        begins = p / np.where(D > 0, D, 1.0) * self.resting[:, None]
+        slip = np.where(
+            self.yielding[:, None] | self.resting[:, None], begins, point.slip[at]
+        )
+        return Point(reaction, np.zeros(len(at)), slip, point.status[at], D)
+
+    def _at(self, sides: list[Side]) -> Floats | None:
+        """``z`` with each border contact on one side; None if this is singular."""
+        matrix, right = self._matrix(sides)
+        if _is_singular(matrix):
+            return None
+        found: Floats = np.linalg.solve(matrix, right)
+        return found
+
+    def _normal(self, j: int) -> float:
+        """``r_n``, which is zero at a contact that just touches."""
+        return float(self.point.reaction[self.at[j], 0]) if self.yielding[j] else 0.0
+
+    def _excess(self, j: int, dr: Floats) -> float:
+        """``d(r_n - ‖D⁻¹ r_t‖)`` of a contact at the friction limit."""
+        i = self.at[j]
+        D, p = self.point.friction[i], self.direction[i]
+        grown = dr[1:] / D + self._normal(j) * p * self.of.friction[i] / D
+        return float(dr[0] + p @ grown)
+
+    def _preferred(self, z: Floats) -> list[Side]:
+        """The side on which the natural map puts each border contact."""
+        dr, dv = self._pair(z)
+        chosen = []
+        for j, i in enumerate(self.at):
+            w, p = self.spring[self.d * j], self.direction[i]
+            D = self.point.friction[i]
+            side = Status.SLIP
+            if self.yielding[j]:
+                slides = float(p @ (D * dv[j, 1:]))
+                # D² w and w dr_n have the units of the slip D s.
+                if w * float(D.max()) ** 2 * self._excess(j, dr[j]) >= slides:
+                    side = Status.STICK
+            elif w * dr[j, 0] <= dv[j, 0]:
+                side = Status.OPEN
+            elif self.resting[j]:
+                pushed = w * dr[j] - dv[j]
+                along = pushed[1:] / D
+                far = float(np.linalg.norm(along))
+                if far <= pushed[0]:
+                    side = Status.STICK
+                elif far > 0:
+                    p = -np.asarray(along, np.float64) / far
+            chosen.append((int(side), p))
+        return chosen
+
+    def _iterate(self) -> Floats | None:
+        """Active-set iteration from some starts; None if it does not end."""
+        for z in self._starts():
+            for _ in range(_ITERATIONS):
+                after = self._at(self._preferred(z))
+                if after is None:
+                    break
+                change = _size(after - z)
+                z = after
+                if change <= 1e-14 * _size(z):
+                    break
+            if self._violation(z) <= _SATISFIED:
+                return z
+        return None
+
+    def _starts(self) -> Iterator[Floats]:
+        yield np.zeros(self.size)
+        for side in (Status.STICK, Status.SLIP, Status.OPEN):
+            chosen = []
+            for sides in self.sides:
+                own = [s for s in sides if s[0] == side]
+                chosen.append((own or sides)[0])
+            z = self._at(chosen)
+            if z is not None:
+                yield z
+
+    def _violation(self, z: Floats) -> float:
+        """Largest violation of the laws of the border contacts, relative to their change."""
+        dr, dv = self._pair(z)
+        worst = 0.0
+        unit = np.sqrt(self.spring.reshape(-1, self.d))
+        size = _size(dr * unit, dv / unit, self.p * unit.ravel(), self._rubbed(unit))
+        for j, i in enumerate(self.at):
+            root, D = unit[j, 0], self.point.friction[i]
+            r, v = dr[j] * root, dv[j] / root
+            if self.yielding[j]:
+                worst = max(worst, abs(v[0]), self._yields(j, dr[j] * root, v, root))
+                continue
+            worst = max(worst, -r[0], -v[0], min(r[0], v[0]))
+            if D[0] == 0:
+                worst = max(worst, float(np.abs(r[1:]).max()))
+                continue
+            along = r[1:] / D
+            if not self.resting[j]:
+                p = self.direction[i]
+                worst = max(worst, float(np.abs(along + r[0] * p).max()))
+                continue
+            worst = max(worst, float(np.linalg.norm(along)) - r[0])
+            slid = D * v[1:]
+            far = float(np.linalg.norm(slid))
+            if r[0] > v[0] and far > 0:
+                # No slip, or a reaction that opposes it.
+                aside = float(np.linalg.norm(along + r[0] * slid / far))
+                worst = max(worst, min(far, aside))
+        return worst / size if size > 0 else worst
+
+    def _rubbed(self, unit: Floats) -> Floats:
+        """Changes of the friction limits of yielding contacts, scaled as reactions."""
+        of = self.of.friction[self.at] * self.point.reaction[self.at, :1]
+        D = np.where(
+            self.point.friction[self.at] > 0, self.point.friction[self.at], 1.0
+        )
+        found: Floats = unit[:, :1] * of / D * self.yielding[:, None]
+        return found
+
+    def _yields(self, j: int, r: Floats, v: Floats, root: float) -> float:
+        """Violation of ``0 ≤ dσ ⊥ β ≥ 0`` and of the direction of slip."""
+        i = self.at[j]
+        D, p = self.point.friction[i], self.direction[i]
+        excess = self._excess(j, r / root) * root
+        slid = D * v[1:]
+        beta = float(p @ slid)
+        aside = float(np.linalg.norm(slid - beta * p))
+        return max(-excess, -beta, min(excess, beta), aside)
+
+
+def _is_singular(matrix: Floats) -> bool:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return bool(values[-1] <= _RANK * values[0])
+
+
+def _size(*parts: Floats) -> float:
+    return float(np.sqrt(sum(np.sum(np.square(part)) for part in parts)))

@@ -1,0 +1,98 @@
+"""The linearised problem of one step, with each contact on one side of its borders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.contact.sensitivity.borders import Borders
+from bipot_rs.contact.sensitivity.laws import Laws, Point, laws, tangents
+from bipot_rs.contact.sensitivity.response import Response, System, system
+from bipot_rs.contact.status import Status
+
+
+@dataclass(frozen=True)
+class Change:
+    """Changes of the data of a step.
+
+    Attributes
+    ----------
+    free : (n_c, d)
+        ``dq``, with the change of the gap, less that of the slip before in its tangential
+        components.
+    balance : (k,)
+        ``de``.
+    friction : (n_c, d - 1)
+        ``dD``.
+    """
+
+    free: Floats
+    balance: Floats
+    friction: Floats
+
+
+class Linear:
+    """The linearised problem of one step.
+
+    Attributes
+    ----------
+    point
+        Its solution.
+    borders
+        Contacts on borders.
+    """
+
+    def __init__(self, response: Response, point: Point, borders: Borders) -> None:
+        self.response, self.point, self.borders = response, point, borders
+        self._scale = np.sqrt(response.diagonal.mean(axis=1))
+        self.movable: Bools = response.movable()
+        self._reported: System | None = None
+
+    @property
+    def reported(self) -> System:
+        """The system with each border contact on the side of its reported status."""
+        if self._reported is None:
+            own = self.laws(self.point.status, self.direction)
+            self._reported = self.system(own)
+        return self._reported
+
+    def adjoint(self) -> System:
+        """`reported`, for gradients.
+
+        Raises
+        ------
+        NotDifferentiableError
+            It is singular, also with the contacts that just touch closed: reactions are
+            then not determined beside this point.
+        """
+        touching = self.borders.touching & (self.point.status == Status.OPEN)
+        if touching.any():
+            side = self.point.status.copy()
+            side[touching] = Status.SLIP
+            side[touching & self.borders.resting] = Status.STICK
+            self.system(self.laws(side, self.direction))
+        return self.reported
+
+    @property
+    def direction(self) -> Floats:
+        """Direction of slip of each contact."""
+        return tangents(self.point, self._scale)
+
+    def laws(self, side: Ints, direction: Floats) -> Laws:
+        """The law of each contact on a side of its borders."""
+        return laws(self.point, side, direction, self.movable)
+
+    def system(self, own: Laws) -> System:
+        """The system (33) of these laws."""
+        contacts, d = self.point.reaction.shape
+        return system(self.response, own, (contacts, d))
+
+
+def right_side(own: Laws, of: Change) -> Floats:
+    """Right side of (33)."""
+    at = own.contacts
+    moved = np.einsum("ijk,ik->ij", own.by_v, of.free[at])
+    rubbed = np.einsum("ijk,ik->ij", own.by_mu, of.friction[at])
+    return np.asarray(rubbed - moved, np.float64)
