@@ -350,6 +350,12 @@ impl<const D: usize> Condensed<D> {
     }
 
     #[must_use]
+    pub fn shared_compliance(&self) -> &Arc<Compliance<'static, D>> {
+        &self.compliance
+    }
+
+    /// `W`.
+    #[must_use]
     pub fn compliance(&self) -> &Compliance<'static, D> {
         &self.compliance
     }

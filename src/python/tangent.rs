@@ -14,7 +14,8 @@ use crate::python::solver::{AnyReduced, PyReduced};
 use crate::python::interrupt;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
-use crate::solver::newton::tangent_system::{ClosedLaw, TangentSystem};
+use crate::solver::newton::tangent_stiffness_form::TangentStiffnessForm;
+use crate::solver::newton::tangent_system::{ClosedLaw, Factored, TangentSystem};
 
 enum AnyView {
     Two(View<2>),
@@ -219,7 +220,7 @@ impl PyTangentView {
             factors: &[f64],
             (closed, by_r, by_v): (&[usize], &Matrix<'_>, &Matrix<'_>),
             threads: Option<usize>,
-        ) -> PyResult<Option<TangentSystem>> {
+        ) -> PyResult<Option<Box<dyn Factored>>> {
             let compliance = view.problem.compliance();
             let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
             let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
@@ -230,8 +231,17 @@ impl PyTangentView {
                 let contacts = view.members.len();
                 let load = vec![0.0; modes.len()];
                 let (q, mu) = (vec![[0.0; D]; contacts], vec![0.0; contacts]);
+                let still = modes.is_empty();
                 let problem = Reduced::new(compliance, &q, &mu, &Rigid { modes, load })?;
-                TangentSystem::new(&problem, &laws, stop)
+                if still {
+                    let shared = view.problem.shared_compliance();
+                    let small =
+                        TangentStiffnessForm::new(shared, &problem.scaling, &laws, stop)?;
+                    if let Some(small) = small {
+                        return Ok(Some(Box::new(small) as Box<dyn Factored>));
+                    }
+                }
+                boxed(TangentSystem::new(&problem, &laws, stop))
             })
         }
         let closed = arrays::indices(&closed, "closed")?;
@@ -267,7 +277,7 @@ pub(super) fn reduced_tangent(
             let made = $owned.run(py, None, None, |problem, stop, _| {
                 let order = problem.compliance.order();
                 let given = laws(&closed, order, (by_r, by_v), factor)?;
-                TangentSystem::new(problem, &given, stop)
+                boxed(TangentSystem::new(problem, &given, stop))
             })?;
             let components = |&i: &usize| (0..$d).map(move |k| factor(i, k));
             (made, closed.iter().flat_map(components).collect())
@@ -283,7 +293,7 @@ pub(super) fn reduced_tangent(
 /// The factored system of one step.
 #[pyclass(frozen, name = "TangentSystem", module = "bipot_rs._core")]
 pub(super) struct PyTangentSystem {
-    system: TangentSystem,
+    system: Box<dyn Factored>,
     /// `T` of its contacts: `r = T r̃`.
     factors: Vec<f64>,
 }
@@ -340,6 +350,10 @@ impl PyTangentSystem {
         }
         arrays::square(py, all, rows, columns)
     }
+}
+
+fn boxed(made: Result<Option<TangentSystem>, Error>) -> Result<Option<Box<dyn Factored>>, Error> {
+    Ok(made?.map(|system| Box::new(system) as Box<dyn Factored>))
 }
 
 /// `T` of some contacts.

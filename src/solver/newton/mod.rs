@@ -5,4 +5,5 @@ pub mod linearisation;
 pub mod newton;
 pub mod refine;
 pub mod stiffness_form;
+pub mod tangent_stiffness_form;
 pub mod tangent_system;

@@ -29,55 +29,51 @@ pub struct ClosedLaw<const D: usize> {
     pub by_v: Block<D>,
 }
 
-/// The factored system. Unknowns are the components of `dr`, contact by contact, then `da`.
+/// The factored system of one step, in one form or another.
+pub trait Factored: Send + Sync {
+    /// Number of unknowns.
+    fn order(&self) -> usize;
+
+    /// `x ← M⁻¹ x`.
+    fn solve(&self, x: &mut [f64]);
+
+    /// `x ← M⁻ᵀ x`.
+    fn solve_transposed(&self, x: &mut [f64]);
+
+    /// Estimate of the reciprocal condition of the matrix that was factored, independent of units.
+    fn reciprocal_condition(&self) -> f64;
+}
+
+/// A factored matrix whose rows and columns are scaled, so that its entries are independent of
+/// units.
 #[derive(Debug)]
-pub struct TangentSystem {
+pub(super) struct Conditioned {
     lu: Lu,
-    /// Factors of the rows and of the columns of the matrix that is factored, which make its
-    /// entries independent of units.
     rows: Vec<f64>,
     columns: Vec<f64>,
-    /// Largest sum of absolute values of a row of that matrix.
+    /// Largest sum of absolute values of a row of the scaled matrix.
     norm: f64,
 }
 
-impl TangentSystem {
-    /// Factors the system of some closed contacts; `None` if it is singular.
+impl Conditioned {
+    /// Factors a matrix given by rows, with the sizes of its rows and the scales of its columns;
+    /// `None` if it is singular.
     ///
     /// # Errors
-    /// [`Error::Memory`], [`Error::Interrupted`].
-    pub fn new<const D: usize>(
-        problem: &Reduced<D>,
-        laws: &[ClosedLaw<D>],
+    /// [`Error::Interrupted`].
+    pub(super) fn new(
+        mut matrix: Vec<f64>,
+        sizes: Vec<f64>,
+        columns: Vec<f64>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        let modes = &problem.rigid.modes;
-        let n = D * laws.len() + modes.len();
-        memory::check("the tangent system", 8 * (n as u128).pow(2))?;
-        let scaling = &problem.scaling;
-        let (mut rows, mut columns) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        for law in laws {
-            let (to_v, to_r) = (scaling.to_v[law.position], scaling.to_r[law.position]);
-            for k in 0..D {
-                let of = |block: &Block<D>, scale: f64| block.row(k).amax() / scale;
-                let size = of(&law.by_r, to_r).max(of(&law.by_v, to_v));
-                rows.push(inverse(size));
-                columns.push(1.0 / to_r);
+        let n = columns.len();
+        let rows: Vec<f64> = sizes.into_iter().map(inverse).collect();
+        for (row, scale) in matrix.chunks_exact_mut(n.max(1)).zip(&rows) {
+            for (value, column) in row.iter_mut().zip(&columns) {
+                *value *= scale * column;
             }
         }
-        for mode in modes {
-            let terms = |to: &[f64]| {
-                let of_law = |law: &ClosedLaw<D>| {
-                    let motion = Vector::from(mode[law.position]);
-                    motion.amax() * to[law.position]
-                };
-                laws.iter().map(of_law).fold(0.0_f64, f64::max)
-            };
-            columns.push(inverse(terms(&scaling.to_v)));
-            let over_r: Vec<f64> = scaling.to_r.iter().map(|s| 1.0 / s).collect();
-            rows.push(inverse(terms(&over_r)));
-        }
-        let matrix = matrix(problem, laws, &rows, &columns);
         let sums = matrix.chunks_exact(n.max(1));
         let norm = sums.map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
         let norm = norm.fold(0.0_f64, f64::max);
@@ -89,21 +85,15 @@ impl TangentSystem {
         }))
     }
 
-    /// Number of unknowns.
-    #[must_use]
-    pub fn order(&self) -> usize {
-        self.lu.order()
-    }
-
     /// `x ← M⁻¹ x`.
-    pub fn solve(&self, x: &mut [f64]) {
+    pub(super) fn solve(&self, x: &mut [f64]) {
         multiply(x, &self.rows);
         self.lu.solve(x);
         multiply(x, &self.columns);
     }
 
     /// `x ← M⁻ᵀ x`.
-    pub fn solve_transposed(&self, x: &mut [f64]) {
+    pub(super) fn solve_transposed(&self, x: &mut [f64]) {
         multiply(x, &self.columns);
         self.lu.solve_transposed(x);
         multiply(x, &self.rows);
@@ -112,10 +102,10 @@ impl TangentSystem {
     /// Estimate of the reciprocal condition of the scaled matrix in the largest norm of rows,
     /// by the power method of Hager (1984).
     #[must_use]
-    pub fn reciprocal_condition(&self) -> f64 {
+    pub(super) fn reciprocal_condition(&self) -> f64 {
         /// Usually two suffice.
         const STEPS: usize = 5;
-        let n = self.order();
+        let n = self.lu.order();
         if n == 0 {
             return 1.0;
         }
@@ -143,6 +133,70 @@ impl TangentSystem {
     }
 }
 
+/// The factored system. Unknowns are the components of `dr`, contact by contact, then `da`.
+#[derive(Debug)]
+pub struct TangentSystem {
+    conditioned: Conditioned,
+}
+
+impl TangentSystem {
+    /// Factors the system of some closed contacts; `None` if it is singular.
+    ///
+    /// # Errors
+    /// [`Error::Memory`], [`Error::Interrupted`].
+    pub fn new<const D: usize>(
+        problem: &Reduced<D>,
+        laws: &[ClosedLaw<D>],
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        let modes = &problem.rigid.modes;
+        let n = D * laws.len() + modes.len();
+        memory::check("the tangent system", 8 * (n as u128).pow(2))?;
+        let scaling = &problem.scaling;
+        let (mut sizes, mut columns) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for law in laws {
+            let (to_v, to_r) = (scaling.to_v[law.position], scaling.to_r[law.position]);
+            for k in 0..D {
+                let of = |block: &Block<D>, scale: f64| block.row(k).amax() / scale;
+                sizes.push(of(&law.by_r, to_r).max(of(&law.by_v, to_v)));
+                columns.push(1.0 / to_r);
+            }
+        }
+        for mode in modes {
+            let terms = |to: &[f64]| {
+                let of_law = |law: &ClosedLaw<D>| {
+                    let motion = Vector::from(mode[law.position]);
+                    motion.amax() * to[law.position]
+                };
+                laws.iter().map(of_law).fold(0.0_f64, f64::max)
+            };
+            columns.push(inverse(terms(&scaling.to_v)));
+            let over_r: Vec<f64> = scaling.to_r.iter().map(|s| 1.0 / s).collect();
+            sizes.push(terms(&over_r));
+        }
+        let made = Conditioned::new(matrix(problem, laws), sizes, columns, stop)?;
+        Ok(made.map(|conditioned| Self { conditioned }))
+    }
+}
+
+impl Factored for TangentSystem {
+    fn order(&self) -> usize {
+        self.conditioned.lu.order()
+    }
+
+    fn solve(&self, x: &mut [f64]) {
+        self.conditioned.solve(x);
+    }
+
+    fn solve_transposed(&self, x: &mut [f64]) {
+        self.conditioned.solve_transposed(x);
+    }
+
+    fn reciprocal_condition(&self) -> f64 {
+        self.conditioned.reciprocal_condition()
+    }
+}
+
 fn inverse(size: f64) -> f64 {
     if size > 0.0 { 1.0 / size } else { 1.0 }
 }
@@ -153,13 +207,8 @@ fn multiply(x: &mut [f64], factors: &[f64]) {
     }
 }
 
-/// Rows of the scaled matrix.
-fn matrix<const D: usize>(
-    problem: &Reduced<D>,
-    laws: &[ClosedLaw<D>],
-    rows: &[f64],
-    columns: &[f64],
-) -> Vec<f64> {
+/// Rows of the matrix.
+fn matrix<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>]) -> Vec<f64> {
     let modes = &problem.rigid.modes;
     let contact = D * laws.len();
     let n = contact + modes.len();
@@ -178,14 +227,14 @@ fn matrix<const D: usize>(
             }
             for k in 0..D {
                 for l in 0..D {
-                    out[k * n + D * j + l] = block[(k, l)] * rows[D * i + k] * columns[D * j + l];
+                    out[k * n + D * j + l] = block[(k, l)];
                 }
             }
         }
         for (c, mode) in modes.iter().enumerate() {
             let motion = law.by_v * Vector::from(mode[law.position]);
             for k in 0..D {
-                out[k * n + contact + c] = motion[k] * rows[D * i + k] * columns[contact + c];
+                out[k * n + contact + c] = motion[k];
             }
         }
     };
@@ -194,10 +243,10 @@ fn matrix<const D: usize>(
         .with_min_len(16)
         .enumerate()
         .for_each(of_contact);
-    for (c, (mode, out)) in modes.iter().zip(balance.chunks_exact_mut(n)).enumerate() {
+    for (mode, out) in modes.iter().zip(balance.chunks_exact_mut(n)) {
         for (j, law) in laws.iter().enumerate() {
             for l in 0..D {
-                out[D * j + l] = mode[law.position][l] * rows[contact + c] * columns[D * j + l];
+                out[D * j + l] = mode[law.position][l];
             }
         }
     }
