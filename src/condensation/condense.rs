@@ -349,6 +349,7 @@ impl<const D: usize> Condensed<D> {
         &self.mu
     }
 
+    /// `W`, for what outlives this problem.
     #[must_use]
     pub fn shared_compliance(&self) -> &Arc<Compliance<'static, D>> {
         &self.compliance

@@ -113,7 +113,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         for (u, value) in self.unknowns.iter().zip(solved) {
             y[u.position][u.component] = value;
         }
-        self.closed(self.inverse(&y))
+        self.closed(&self.inverse(&y))
     }
 
     /// `w` of a right side, without refinement.
@@ -156,7 +156,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
     }
 
     /// The reactions of closed contacts; those of open ones are rounding.
-    fn closed(&self, r: Vec<[f64; D]>) -> Vec<[f64; D]> {
+    fn closed(&self, r: &[[f64; D]]) -> Vec<[f64; D]> {
         let mut found = vec![[0.0; D]; r.len()];
         for law in &self.laws {
             found[law.position] = r[law.position];
