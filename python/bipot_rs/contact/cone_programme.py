@@ -18,15 +18,19 @@ from bipot_rs._lib.types import Floats
 
 # Steps end here at the latest; 8 to 25 are usual.
 _STEPS = 80
-# Relative residuals and gap at which steps end: a hundred roundings. Where they fall no
-# further, the best point is taken, with its gap.
-_ENOUGH = 1e-14
+# Relative residuals and gap at which steps end: far below 1e-9, far above rounding. Where
+# they rise again by this factor, rounding has the word: the best point is taken.
+_ENOUGH = 1e-13
+_WORSE = 1e3
 # Share of the longest step inside the cones.
 _INSIDE = 0.99
 # Shorter steps only add rounding.
 _SHORT = 1e-8
 # A direction leaves the cones by at most this share of its size.
 _RAY = 1e-9
+# The largest share of y = 0 in a point: more would be no correction of rounding. Where
+# y = 0 itself is on the border of a cone, there is no such share.
+_SHRINK = 1e-10
 
 
 @dataclass(frozen=True)
@@ -59,30 +63,64 @@ class _Point:
     kappa: float
 
 
-def minimise(c: Floats, G: Floats, h: Floats) -> Optimum:
-    """Find the least ``c·y`` with ``h + G y`` in the cones, or a direction without one.
+class Programme:
+    """The set ``h + G y`` in ``L``, over which many functions are minimised.
 
     Parameters
     ----------
-    c, G, h
-        Cost ``(k,)``, matrix ``(m, d, k)`` with independent columns, and ``(m, d)`` in the
-        cones, so that ``y = 0`` is allowed. ``c`` and ``h`` are of the order of one.
+    G, h
+        Matrix ``(m, d, k)`` with independent columns, and ``(m, d)`` in the cones, so that
+        ``y = 0`` is allowed. ``h`` is of the order of one, columns are of unit length.
     """
-    m, d = h.shape
-    whole = G.reshape(m * d, -1)
-    unit = np.zeros((m, d))
-    unit[:, 0] = 1.0
-    p = _Point(np.zeros(len(c)), unit.copy(), unit.copy(), 1.0, 1.0)
-    best, least = p, np.inf
-    for _ in range(_STEPS):
-        merit = _merit(p, c, whole, h)
-        if merit < least:
-            best, least = p, merit
-        after = _advance(p, c, whole, h) if merit > _ENOUGH else None
-        if after is None:
-            break
-        p = after
-    return _end(best, c, whole, h)
+
+    def __init__(self, G: Floats, h: Floats) -> None:
+        self.h = h
+        self.G = G.reshape(h.size, G.shape[2])
+        k = self.G.shape[1]
+        # Newton steps factor G, or what is across its columns if that is smaller.
+        few = h.size - k < k
+        self.across: tuple[Floats, Floats] | None = None
+        if few:
+            U, size, V = np.linalg.svd(self.G, full_matrices=True)
+            self.across = U[:, k:], (V.T / size) @ U[:, :k].T
+
+    def minimise(self, c: Floats) -> Optimum:
+        """Find the least ``c·y`` (``c`` of unit length), or a direction without one."""
+        if self.h.shape[1] == 2:
+            found = self._minimise_in_the_plane(c)
+            if found is not None:
+                return found
+        m, d = self.h.shape
+        unit = np.zeros((m, d))
+        unit[:, 0] = 1.0
+        p = _Point(np.zeros(len(c)), unit, unit, 1.0, 1.0)
+        best, least = p, np.inf
+        for _ in range(_STEPS):
+            merit = _merit(p, c, self.G, self.h)
+            if merit < least:
+                best, least = p, merit
+            if merit <= _ENOUGH or merit > _WORSE * least:
+                break
+            after = _advance(p, c, self)
+            if after is None:
+                break
+            p = after
+        return _end(best, c, self.G, self.h)
+
+    def _minimise_in_the_plane(self, c: Floats) -> Optimum | None:
+        """A vertex, to rounding, since the cones are angles; None without a least value."""
+        from scipy.optimize import linprog
+
+        G, h = self.G.reshape(*self.h.shape, -1), self.h
+        # s_0 >= |s_1| is two inequalities; a half-line gives its own twice.
+        A = np.concatenate([G[:, 0] + G[:, 1], G[:, 0] - G[:, 1]])
+        b = np.concatenate([h[:, 0] + h[:, 1], h[:, 0] - h[:, 1]])
+        found = linprog(c, A_ub=-A, b_ub=b, bounds=(None, None), method="highs-ds")
+        if found.x is None:
+            return None
+        up, down = np.split(-found.ineqlin.marginals, 2)
+        z = np.stack([up + down, up - down], axis=1)
+        return _bounded(found.x, z, c, self.G, h)
 
 
 def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
@@ -98,16 +136,16 @@ def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     return float(min(max(primal, dual, gap), ray))
 
 
-def _advance(p: _Point, c: Floats, G: Floats, h: Floats) -> _Point | None:
+def _advance(p: _Point, c: Floats, over: Programme) -> _Point | None:
     """Take a step, a predictor with its corrector; None if rounding ends them."""
     with np.errstate(all="ignore"):
         try:
-            newton = _Newton(p, c, G, h)
+            newton = _Newton(p, c, over)
         except np.linalg.LinAlgError:
             return None
         lam = newton.lam
         product = p.tau * p.kappa
-        mean = (np.vdot(p.s, p.z) + product) / (len(h) + 1)
+        mean = (np.vdot(p.s, p.z) + product) / (len(p.s) + 1)
         towards = -_product(lam, lam)
         predicted = newton.step(1.0, towards, -product)
         share = (1 - min(1.0, _longest(p, lam, predicted))) ** 3
@@ -140,12 +178,17 @@ def _advance(p: _Point, c: Floats, G: Floats, h: Floats) -> _Point | None:
 class _Newton:
     """The Newton system of a point; ``s`` and ``z`` of its steps are scaled."""
 
-    def __init__(self, p: _Point, c: Floats, G: Floats, h: Floats) -> None:
-        self.p, self.c = p, c
+    def __init__(self, p: _Point, c: Floats, over: Programme) -> None:
+        self.p, self.c, self.across = p, c, over.across
+        G, h = over.G, over.h
         self.scaling = _Scaling(p.s, p.z)
         self.lam = self.scaling.times(p.z)
-        scaled = self.scaling.inverse(G.reshape(*h.shape, -1))
-        self.Q, self.T = np.linalg.qr(scaled.reshape(h.size, -1))
+        if self.across is None:
+            factored = self.scaling.inverse(G.reshape(*h.shape, -1))
+        else:
+            # Gᵀ D = 0: the columns of w D are across those of w⁻¹ G.
+            factored = self.scaling.times(self.across[0].reshape(*h.shape, -1))
+        self.Q, self.T = np.linalg.qr(factored.reshape(h.size, -1))
         self.h = self.scaling.inverse(h)
         self.dual = G.T @ p.z.ravel() - c * p.tau
         self.primal = self.scaling.inverse(
@@ -156,7 +199,11 @@ class _Newton:
         self.slope = c @ self.along[0] + np.vdot(self.h, self.along[1])
 
     def _solve(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-        """Solve ``Ĝᵀ z = a``, ``Ĝ y + z = b`` with the scaled ``Ĝ = Q T``."""
+        """Solve ``Ĝᵀ z = a``, ``Ĝ y + z = b`` with the scaled ``Ĝ = w⁻¹ G``."""
+        if self.across is not None:
+            some = self.scaling.times((a @ self.across[1]).reshape(b.shape))
+            z = some + (self.Q @ (self.Q.T @ (b - some).ravel())).reshape(b.shape)
+            return self.across[1] @ self.scaling.times(b - z).ravel(), z
         part = np.linalg.solve(self.T.T, a)
         image = self.Q.T @ b.ravel()
         y = np.linalg.solve(self.T, image - part)
@@ -184,23 +231,21 @@ class _Scaling:
         self.size = np.sqrt(depth_s / depth_z)
 
     def times(self, x: Floats) -> Floats:
-        """``w x``, of vectors ``(m, d)``."""
-        return self._act(x[..., None], self.axis)[..., 0] * self.size[:, None]
+        """``w x``, of vectors ``(m, d)`` or matrices ``(m, d, k)``."""
+        return self._act(x, self.axis, self.size)
 
     def inverse(self, x: Floats) -> Floats:
         """``w⁻¹ x``, of vectors ``(m, d)`` or matrices ``(m, d, k)``."""
-        axis = self.axis * _signs(self.axis.shape[1])
-        if x.ndim == 2:
-            return self._act(x[..., None], axis)[..., 0] / self.size[:, None]
-        return self._act(x, axis) / self.size[:, None, None]
+        return self._act(x, self.axis * _signs(x.shape[1]), 1 / self.size)
 
-    @staticmethod
-    def _act(x: Floats, axis: Floats) -> Floats:
+    def _act(self, x: Floats, axis: Floats, size: Floats) -> Floats:
+        if x.ndim == 2:
+            return self._act(x[..., None], axis, size)[..., 0]
         along = np.einsum("md,mdk->mk", axis[:, 1:], x[:, 1:])
         first = axis[:, :1] * x[:, 0] + along
         part = x[:, 0] + along / (1 + axis[:, :1])
         rest = x[:, 1:] + axis[:, 1:, None] * part[:, None]
-        return np.concatenate([first[:, None], rest], axis=1)
+        return np.concatenate([first[:, None], rest], axis=1) * size[:, None, None]
 
 
 def _signs(d: int) -> Floats:
@@ -213,9 +258,14 @@ def _square(x: Floats) -> Floats:
     return np.asarray((x[:, 0] - length) * (x[:, 0] + length))
 
 
+def _depths(x: Floats) -> Floats:
+    """``x_0 - |x_t|`` of each row: negative outside of the cone."""
+    return np.asarray(x[:, 0] - np.linalg.norm(x[:, 1:], axis=1))
+
+
 def _depth(x: Floats) -> float:
-    """The least ``x_0 - |x_t|``: negative outside of the cones."""
-    return float((x[:, 0] - np.linalg.norm(x[:, 1:], axis=1)).min(initial=np.inf))
+    """The least of `_depths`."""
+    return float(_depths(x).min(initial=np.inf))
 
 
 def _product(x: Floats, y: Floats) -> Floats:
@@ -266,6 +316,12 @@ def _end(p: _Point, c: Floats, G: Floats, h: Floats) -> Optimum:
 
 def _bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
     """A point with the gap that its multipliers prove."""
+    # A share of y = 0, which is in the cones, removes what rounding left outside.
+    s = h + (G @ y).reshape(h.shape)
+    lack = _depths(s)
+    inside = _depths(h)
+    share = np.divide(-lack, inside - lack, out=np.zeros(len(h)), where=lack < 0)
+    y = y * (1 - float(share[share <= _SHRINK].max(initial=0.0)))
     missing = c - G.T @ z.ravel()
     z = z + (np.linalg.lstsq(G.T, missing, rcond=None)[0]).reshape(z.shape)
     short = max(-_depth(z), 0.0)
@@ -276,17 +332,3 @@ def _bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
     rest = short * reach + wide * float(np.abs(z[:, 0]).sum())
     return Optimum(y, True, max(gap, 0.0) + rest)
 
-
-def minimise_in_the_plane(c: Floats, G: Floats, h: Floats) -> Optimum:
-    """`minimise` with ``d = 2``, where it is a linear programme: at a vertex, to rounding."""
-    from scipy.optimize import linprog
-
-    # s_0 >= |s_1| is two inequalities; a half-line gives its own twice.
-    A = np.concatenate([G[:, 0] + G[:, 1], G[:, 0] - G[:, 1]])
-    b = np.concatenate([h[:, 0] + h[:, 1], h[:, 0] - h[:, 1]])
-    found = linprog(c, A_ub=-A, b_ub=b, bounds=(None, None), method="highs-ds")
-    if found.x is None:
-        return minimise(c, G, h)
-    up, down = np.split(-found.ineqlin.marginals, 2)
-    z = np.stack([up + down, up - down], axis=1)
-    return _bounded(found.x, z, c, G.reshape(h.size, -1), h)

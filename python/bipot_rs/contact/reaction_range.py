@@ -17,7 +17,7 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.cone_programme import Optimum, minimise, minimise_in_the_plane
+from bipot_rs.contact.cone_programme import Programme
 from bipot_rs.contact.existence import contact_scale, dense
 from bipot_rs.contact.solution import Solution
 
@@ -103,16 +103,14 @@ class _Answers:
     """All reactions with one relative displacement, ``r = factor (base + span y)``.
 
     Components are scaled: friction is isotropic, contacts have unit compliance, and the
-    largest reaction is 1. ``cone`` and ``offset`` give the vectors ``offset + cone y``
-    that lie in circular cones, ``(m, d, k)`` and ``(m, d)``.
+    largest reaction is 1. ``law`` is the set of ``y`` that the contact law allows.
     """
 
     found: Floats
     factor: Floats
     base: Floats
     span: Floats
-    cone: Floats
-    offset: Floats
+    law: Programme
 
     @classmethod
     def of(
@@ -150,8 +148,8 @@ class _Answers:
         span = (free @ null).reshape(*q.shape, -1)
         moved = np.linalg.norm(span, axis=(1, 2)) > _DETERMINED
         span[~moved] = 0.0
-        cone, offset = _cones(span[moved], base[moved], mu[moved], free, moved)
-        return cls(solution.reaction, factor * size, base, span, cone, offset)
+        law = Programme(*_cones(span[moved], base[moved], mu[moved], free, moved))
+        return cls(solution.reaction, factor * size, base, span, law)
 
     def range(self, contact: int, component: int) -> ReactionRange:
         """Range of one component of one reaction."""
@@ -171,7 +169,7 @@ class _Answers:
             )
         ends: list[tuple[float, Floats, Floats | None, float]] = []
         for sign in (1.0, -1.0):
-            end = self._minimise(sign * cost / size)
+            end = self.law.minimise(sign * cost / size)
             moved = self.span @ end.y
             if end.bounded:
                 reaction = self.factor * (self.base + moved)
@@ -194,11 +192,6 @@ class _Answers:
             direction_to_largest=high[2],
             gap=max(low[3], high[3]),
         )
-
-    def _minimise(self, cost: Floats) -> Optimum:
-        if self.offset.shape[1] == 2:
-            return minimise_in_the_plane(cost, self.cone, self.offset)
-        return minimise(cost, self.cone, self.offset)
 
 
 def _range(columns: Floats) -> Floats:
