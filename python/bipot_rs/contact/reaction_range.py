@@ -143,7 +143,8 @@ class _Answers:
         # W z + R b = 0 for some b: W z has no part across the motions.
         across = scaled - motions @ (motions.T @ scaled)
         rows = np.vstack([across, motions.T])
-        x, null = _null_space(rows @ free, free, r, rows)
+        blur = _TOLERANCES * solution.residual
+        x, null = _null_space(rows @ free, free, r, rows, blur)
         base = (free @ x).reshape(q.shape)
         span = (free @ null).reshape(*q.shape, -1)
         moved = np.linalg.norm(span, axis=(1, 2)) > _DETERMINED
@@ -229,12 +230,16 @@ def _directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
 
 
 def _null_space(
-    A: Floats, free: Floats, r: Floats, rows: Floats
+    A: Floats, free: Floats, r: Floats, rows: Floats, blur: float
 ) -> tuple[Floats, Floats]:
-    """Unknowns nearest to ``r`` with the same image, and the null space of ``A``."""
+    """Unknowns nearest to ``r`` with the same image, and the null space of ``A``.
+
+    Slip has an error, and so have the columns of ``A``, relative to its largest singular
+    value ``blur``: what is smaller is zero.
+    """
     x = free.T @ r.ravel()
     U, size, V = np.linalg.svd(A, full_matrices=len(A) < A.shape[1])
-    zero = _ROUNDING * max(A.shape, default=0) * size.max(initial=0.0)
+    zero = max(_ROUNDING * max(A.shape), blur) * size.max(initial=0.0)
     rank = int((size > zero).sum())
     missing = rows @ r.ravel() - A @ x
     x = x + V[:rank].T @ (U[:, :rank].T @ missing / size[:rank])

@@ -236,3 +236,116 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
         slack = 1e-8
         assert outer[0] - slack <= one.least <= inner[0] + slack
         assert inner[1] - slack <= one.largest <= outer[1] + slack
+
+
+def test_a_table_that_slides() -> None:
+    """Friction opposes the slip at every leg: only normal reactions are exchanged."""
+    mu, push = 0.2, np.array([3.0, 4.0]) / 5
+    problem, _ = table(mu, np.array([2 * push[0], 2 * push[1], -4, 0, 0, 0]))
+    v = problem.solve().relative_displacement
+    np.testing.assert_allclose(v[:, 1:], np.tile(1.2 * push, (4, 1)), atol=1e-10)
+    for component, factor in enumerate([1, *(-mu * push)]):
+        for one in problem.reaction_ranges(component):
+            ends = sorted([0, 2 * factor])
+            np.testing.assert_allclose([one.least, one.largest], ends, atol=SPACE)
+            passes(problem, one, v)
+
+
+def test_an_open_leg_carries_nothing() -> None:
+    """With one leg raised, three legs are statically determinate without friction."""
+    problem, _ = table(0.0, np.array([0, 0, -4.0, 0.1, 0, 0]))
+    q = problem.q.copy()
+    q[0, 0] += 1.0
+    raised = bp.ReducedProblem(problem.W, q, 0.0)
+    solution = raised.solve()
+    assert solution.status[0] == bp.Status.OPEN
+    for one, r in zip(raised.reaction_ranges(), solution.reaction, strict=True):
+        assert one.determined
+        assert one.least == one.largest == r[0]
+        assert one.gap == 0
+
+
+def test_reactions_that_are_determined() -> None:
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(12, 12))
+    problem = bp.ReducedProblem(A @ A.T + np.eye(12), rng.normal(size=(4, 3)), 0.3)
+    solution = problem.solve()
+    for component in range(3):
+        for i, one in enumerate(problem.reaction_ranges(component, solution=solution)):
+            r = solution.reaction[i, component]
+            assert (one.least, one.largest, one.gap) == (r, r, 0)
+
+
+def elliptic_table() -> tuple[bp.ReducedProblem, Array]:
+    mu = np.array([[0.4, 0.1], [0.2, 0.2], [0.3, 0.15], [0.1, 0.3]])
+    return table(mu, np.array([0.05, 0.02, -4, 0.4, 0.2, 0]))
+
+
+def test_two_friction_coefficients() -> None:
+    """With equal pairs as with one; each answer with the work of the scaled law."""
+    load = np.array([0.1, 0.05, -4, 0.4, 0.2, 0.02])
+    pairs, _ = table(np.full((4, 2), 0.3), load)
+    single, _ = table(0.3, load)
+    for component in (0, 2):
+        one = pairs.reaction_range(0, component)
+        other = single.reaction_range(0, component)
+        ends = [other.least, other.largest]
+        np.testing.assert_allclose([one.least, one.largest], ends, atol=4 * SPACE)
+    problem, _ = elliptic_table()
+    v = problem.solve().relative_displacement
+    for component in range(3):
+        for one in problem.reaction_ranges(component):
+            assert 0 < one.gap <= 4 * SPACE
+            passes(problem, one, v)
+            for r in (one.reaction_at_least, one.reaction_at_largest):
+                used = np.linalg.norm(r[:, 1:] / problem.mu, axis=1)
+                assert (used <= r[:, 0] + 4 * SPACE).all()
+
+
+@pytest.mark.parametrize("elliptic", [False, True])
+def test_units_and_numbering(elliptic: bool) -> None:
+    """Forces in other units; contacts in other order; to the accuracy in space."""
+    problem = elliptic_table()[0]
+    mu = problem.mu if elliptic else np.array([0.4, 0.2, 0.3, 0.1])
+    problem = bp.ReducedProblem(problem.W, problem.q, mu)
+    known = problem.reaction_ranges(1)
+    order = np.array([2, 0, 3, 1])
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    for force, length in ((1e-9, 1e6), (1e12, 1e-7)):
+        W = problem.W[np.ix_(rows, rows)] * length / force
+        other = bp.ReducedProblem(W, problem.q[order] * length, mu[order])
+        for i, one in zip(order, other.reaction_ranges(1), strict=True):
+            ends = [known[i].least, known[i].largest]
+            found = np.array([one.least, one.largest]) / force
+            np.testing.assert_allclose(found, ends, atol=4 * SPACE)
+
+
+def test_a_body_that_turns_easily() -> None:
+    """W of the middle contact is a millionth of that of the others."""
+    x = np.array([[-1.0, 0], [0, 0], [0.5, 0], [1, 0]])
+    H = plane_body(x, np.full(4, np.pi / 2))
+    W = H @ np.diag([1.0, 1.0, 1e6]) @ H.T
+    problem = bp.ReducedProblem(W, (H @ [0.0, -1.0, 0.0]).reshape(-1, 2), 0.0)
+    known = [(0, 1 / 2), (0, 1), (0, 2 / 3), (0, 1 / 2)]
+    for one, ends in zip(problem.reaction_ranges(), known, strict=True):
+        # Rounding of W times its condition number.
+        np.testing.assert_allclose([one.least, one.largest], ends, atol=1e-9)
+
+
+def test_wrong_arguments() -> None:
+    problem = wedge(0.3, 0.1)
+    with pytest.raises(ValueError, match="contact is 2, expected 0 to 1"):
+        problem.reaction_range(2)
+    with pytest.raises(ValueError, match="component is 2, expected 0 to 1"):
+        problem.reaction_range(0, 2)
+    with pytest.raises(TypeError, match="component is 'normal', expected an integer"):
+        problem.reaction_ranges("normal")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="solution is a list, expected a Solution"):
+        problem.reaction_ranges(solution=[1])  # type: ignore[arg-type]
+    other = wedge(0.2, 0.1).solve()
+    with pytest.raises(ValueError, match="it is of another problem"):
+        problem.reaction_ranges(solution=other)
+    with pytest.raises(ValueError, match="solution did not converge"):
+        problem.reaction_ranges(solution=problem.solve(max_iterations=1, tol=1e-300))
+    with pytest.raises(bp.NoEquilibriumError):
+        bp.ReducedProblem(np.zeros((2, 2)), [[-1.0, 0.0]], 0.0).reaction_ranges()
