@@ -133,7 +133,7 @@ def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     ray = np.inf
     if falls > 0:
         ray = float(np.linalg.norm(G @ p.y - p.s.ravel())) / falls
-    return float(min(max(primal, dual, gap), ray))
+    return min(float(np.max([primal, dual, gap])), ray)
 
 
 def _advance(p: _Point, c: Floats, over: Programme) -> _Point | None:
@@ -145,7 +145,7 @@ def _advance(p: _Point, c: Floats, over: Programme) -> _Point | None:
             return None
         lam = newton.lam
         product = p.tau * p.kappa
-        mean = (np.vdot(p.s, p.z) + product) / (len(p.s) + 1)
+        mean = float(np.vdot(p.s, p.z) + product) / (len(p.s) + 1)
         towards = -_product(lam, lam)
         predicted = newton.step(1.0, towards, -product)
         share = (1 - min(1.0, _longest(p, lam, predicted))) ** 3
@@ -191,9 +191,7 @@ class _Newton:
         self.Q, self.T = np.linalg.qr(factored.reshape(h.size, -1))
         self.h = self.scaling.inverse(h)
         self.dual = G.T @ p.z.ravel() - c * p.tau
-        self.primal = self.scaling.inverse(
-            (G @ p.y).reshape(h.shape) + h * p.tau - p.s
-        )
+        self.primal = self.scaling.inverse((G @ p.y).reshape(h.shape) + h * p.tau - p.s)
         self.last = p.kappa + c @ p.y + np.vdot(h, p.z)
         self.along = self._solve(c, -self.h)
         self.slope = c @ self.along[0] + np.vdot(self.h, self.along[1])
@@ -331,4 +329,3 @@ def _bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
     gap = float(c @ y + np.vdot(h, z))
     rest = short * reach + wide * float(np.abs(z[:, 0]).sum())
     return Optimum(y, True, max(gap, 0.0) + rest)
-

@@ -174,6 +174,8 @@ class _Answers:
             moved = self.span @ end.y
             if end.bounded:
                 reaction = self.factor * (self.base + moved)
+                # Rounding of zero, of both signs.
+                reaction[:, 0] = np.maximum(reaction[:, 0], 0.0) + 0.0
                 value = float(reaction[contact, component])
                 ends.append((value, reaction, None, end.gap * size * unit))
             else:

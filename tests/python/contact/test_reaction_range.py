@@ -176,7 +176,9 @@ def test_vertices_of_random_bodies_in_the_plane(seed: int) -> None:
     """Three contacts on the lower half of a body: bounded, because they all push up."""
     rng = np.random.default_rng(seed)
     angles = np.pi / 2 + rng.uniform(-0.3, 0.3, 3)
-    x = np.stack([np.array([-1, 0, 1]) + rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.1, 0.1, 3)], 1)
+    x = np.stack(
+        [np.array([-1, 0, 1]) + rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.1, 0.1, 3)], 1
+    )
     H = plane_body(x, angles)
     mu = 0.4
     problem = rigid(H, np.array([0.05, -1.0, 0.1]), mu, 2)
@@ -215,8 +217,12 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
     contacts, mu = 4, 0.3
     x = np.c_[rng.uniform(-1, 1, (contacts, 2)), rng.uniform(-0.2, 0.0, contacts)]
     x[:3, :2] = [[1, 0], [-1, 1], [-1, -1]]
-    axes = np.array([np.roll(np.linalg.qr(np.c_[n, np.eye(3)[:, :2]])[0].T, 0, axis=0)
-                     for n in rng.normal(0, 0.1, (contacts, 3)) + [0, 0, 1]])
+    axes = np.array(
+        [
+            np.linalg.qr(np.c_[n, np.eye(3)[:, :2]])[0].T
+            for n in rng.normal([0, 0, 1], 0.1, (contacts, 3))
+        ]
+    )
     axes *= np.sign(axes[:, :1, 2:])
     H = space_body(x, axes)
     problem = rigid(H, np.array([0.05, 0.02, -1, 0.02, 0.01, 0.01]), mu, 3)
