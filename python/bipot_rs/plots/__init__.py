@@ -10,8 +10,9 @@ show units if they are known, from ``units={"length": "mm", "force": "N", "stres
 or ``result.units``.
 
 Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface:
-`surface_map`, `status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path: `resultants`,
-`status_shares`, `force_displacement`, `dissipation`. Solver: `convergence`.
+`surface_map`, `status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`.
+Load path: `resultants`, `status_shares`, `force_displacement`, `dissipation`. Solver:
+`convergence`.
 """
 
 from bipot_rs.plots.body import deformed
