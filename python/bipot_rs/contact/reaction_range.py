@@ -244,7 +244,9 @@ def _null_space(
     zero = max(_ROUNDING * max(A.shape), blur) * size.max(initial=0.0)
     rank = int((size > zero).sum())
     missing = rows @ r.ravel() - A @ x
-    x = x + V[:rank].T @ (U[:, :rank].T @ missing / size[:rank])
+    # What is missing is an error of the solution, which small values would enlarge.
+    safe = int((size > np.sqrt(zero * size.max(initial=0.0))).sum())
+    x = x + V[:safe].T @ (U[:, :safe].T @ missing / size[:safe])
     return x, V[rank:].T
 
 

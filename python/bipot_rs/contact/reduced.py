@@ -36,6 +36,9 @@ from bipot_rs.contact.reaction_range import ReactionRange, ranges
 from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
 
+# A residual that most problems reach; the limit is rounding if that is larger.
+_TIGHT = 1e-14
+
 
 class ReducedProblem:
     """A contact problem whose only unknowns are the reactions, ``v = W r + q`` (5).
@@ -308,8 +311,8 @@ class ReducedProblem:
         component
             0 for the normal component, 1 or 2 for a tangential one.
         solution
-            A solution of this problem, whose relative displacement is kept. Default:
-            ``solve()``.
+            A solution of this problem, whose relative displacement is kept. Default: one
+            solved to rounding. Bounds are as exact as the slip in the solution.
 
         Raises
         ------
@@ -352,7 +355,10 @@ class ReducedProblem:
     ) -> list[ReactionRange]:
         component = integer("component", component, least=0, most=self.q.shape[1] - 1)
         if solution is None:
-            solution = self.solve()
+            # Slip to rounding, if it can be had: it decides which reactions are answers.
+            solution = self.solve(tol=_TIGHT)
+            if not solution.converged:
+                solution = self.solve()
             if solution.outcome is Outcome.NO_EQUILIBRIUM:
                 raise NoEquilibriumError(solution.message)
             if not solution.converged:
