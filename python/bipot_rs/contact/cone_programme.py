@@ -11,6 +11,7 @@ direction ``y`` with ``G y`` in ``L`` and ``c·y < 0``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,9 +20,9 @@ from bipot_rs._lib.types import Floats
 # Steps end here at the latest; 8 to 25 are usual.
 _STEPS = 80
 # Relative residuals and gap at which steps end: far below 1e-9, far above rounding. Where
-# they rise again by this factor, rounding has the word: the best point is taken.
-_ENOUGH = 1e-13
-_WORSE = 1e3
+# they were near and rise by the factor _WORSE, rounding prevails: the best point is taken.
+_ENOUGH = 1e-12
+_NEAR, _WORSE = 1e-7, 1e2
 # Share of the longest step inside the cones.
 _INSIDE = 0.99
 # Shorter steps only add rounding.
@@ -31,6 +32,9 @@ _RAY = 1e-9
 # The largest share of y = 0 in a point: more would be no correction of rounding. Where
 # y = 0 itself is on the border of a cone, there is no such share.
 _SHRINK = 1e-10
+
+# Orthonormal columns across those of G, and the pseudoinverse of G.
+Across: TypeAlias = tuple[Floats, Floats] | None
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ class Programme:
         k = self.G.shape[1]
         # Newton steps factor G, or what is across its columns if that is smaller.
         few = h.size - k < k
-        self.across: tuple[Floats, Floats] | None = None
+        self.across: Across = None
         if few:
             U, size, V = np.linalg.svd(self.G, full_matrices=True)
             self.across = U[:, k:], (V.T / size) @ U[:, :k].T
@@ -93,19 +97,27 @@ class Programme:
         m, d = self.h.shape
         unit = np.zeros((m, d))
         unit[:, 0] = 1.0
-        p = _Point(np.zeros(len(c)), unit, unit, 1.0, 1.0)
+        best = _Point(np.zeros(len(c)), unit, unit, 1.0, 1.0)
+        if self.across is not None:
+            best = self._follow(best, c, self.across)
+        # Where what is across lost digits, G itself has more.
+        best = self._follow(best, c, None)
+        return _end(best, c, self.G, self.h)
+
+    def _follow(self, p: _Point, c: Floats, across: Across) -> _Point:
+        """The best point of at most so many steps."""
         best, least = p, np.inf
         for _ in range(_STEPS):
             merit = _merit(p, c, self.G, self.h)
             if merit < least:
                 best, least = p, merit
-            if merit <= _ENOUGH or merit > _WORSE * least:
+            if merit <= _ENOUGH or (least < _NEAR and merit > _WORSE * least):
                 break
-            after = _advance(p, c, self)
+            after = _advance(p, c, self, across)
             if after is None:
                 break
             p = after
-        return _end(best, c, self.G, self.h)
+        return best
 
     def _minimise_in_the_plane(self, c: Floats) -> Optimum | None:
         """A vertex, to rounding, since the cones are angles; None without a least value."""
@@ -136,11 +148,11 @@ def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     return min(float(np.max([primal, dual, gap])), ray)
 
 
-def _advance(p: _Point, c: Floats, over: Programme) -> _Point | None:
+def _advance(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | None:
     """Take a step, a predictor with its corrector; None if rounding ends them."""
     with np.errstate(all="ignore"):
         try:
-            newton = _Newton(p, c, over)
+            newton = _Newton(p, c, over, across)
         except np.linalg.LinAlgError:
             return None
         lam = newton.lam
@@ -178,8 +190,8 @@ def _advance(p: _Point, c: Floats, over: Programme) -> _Point | None:
 class _Newton:
     """The Newton system of a point; ``s`` and ``z`` of its steps are scaled."""
 
-    def __init__(self, p: _Point, c: Floats, over: Programme) -> None:
-        self.p, self.c, self.across = p, c, over.across
+    def __init__(self, p: _Point, c: Floats, over: Programme, across: Across) -> None:
+        self.p, self.c, self.across = p, c, across
         G, h = over.G, over.h
         self.scaling = _Scaling(p.s, p.z)
         self.lam = self.scaling.times(p.z)
