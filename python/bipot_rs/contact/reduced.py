@@ -323,8 +323,8 @@ class ReducedProblem:
 
         Examples
         --------
-        A rigid block between two springs' fixed ends: pressed by 1, it may be clamped by
-        any force if friction is large.
+        A rigid beam on three supports, pressed by 1 above the middle one, which carries
+        all or nothing:
 
         >>> import bipot_rs as bp
         >>> legs = [[1, -1], [0, 0], [1, 0], [0, 0], [1, 1], [0, 0]]

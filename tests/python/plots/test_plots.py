@@ -603,13 +603,13 @@ def test_a_missing_library_is_named(
 SUPPORTS = np.array([[0.0, 0.0], [1, 0], [2, 0], [3, 0]])
 
 
-def supported(mu: float = 0.0) -> list[bp.ReactionRange]:
-    """A weight on four supports; with friction, two walls as well would clamp it."""
+def supported() -> list[bp.ReactionRange]:
+    """A weight on four supports without friction."""
     turned = np.stack([np.ones(4), SUPPORTS[:, 0] - 1.5], axis=1)
     R = np.zeros((8, 2))
     R[::2] = turned
     problem = bp.ReducedProblem(
-        np.zeros((8, 8)), np.zeros((4, 2)), mu, rigid=(R, [-1.0, 0.0])
+        np.zeros((8, 8)), np.zeros((4, 2)), 0.0, rigid=(R, [-1.0, 0.0])
     )
     return problem.reaction_ranges()
 
