@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.one_call import solve
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.projection import project
+    from bipot_rs.contact.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.contact.result import Result, load, load_result
     from bipot_rs.contact.solution import Solution, Step
@@ -71,6 +72,7 @@ __all__ = [
     "NotDifferentiableError",
     "Outcome",
     "Pairs",
+    "ReactionRange",
     "ReducedProblem",
     "Result",
     "Solution",
@@ -106,6 +108,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.one_call": ("solve",),
         "bipot_rs.contact.problem": ("ContactProblem",),
         "bipot_rs.contact.projection": ("project",),
+        "bipot_rs.contact.reaction_range": ("ReactionRange",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
         "bipot_rs.contact.result": ("Result", "load", "load_result"),
         "bipot_rs.contact.solution": ("Solution", "Step"),

@@ -164,10 +164,7 @@ def _scaled(
     matters = np.ones((contacts, d), bool)
     matters[:, 1:] = (mu > 0)[:, None]
     kept: Bools = matters.ravel()
-    stiff = np.diag(W).reshape(contacts, d).mean(axis=1)
-    # A contact without compliance gets the median scale of the others.
-    usual = float(np.median(stiff[stiff > 0])) if (stiff > 0).any() else 1.0
-    scale = 1 / np.sqrt(np.where(stiff > 0, stiff, usual))
+    scale = contact_scale(W, d)
     by_row = np.repeat(scale, d)
     R, e = (np.empty((len(kept), 0)), np.empty(0)) if rigid is None else rigid
     e = np.asarray(e, np.float64)
@@ -187,6 +184,15 @@ def _scaled(
         normal=(np.arange(contacts * d) % d == 0)[kept],
         scale=scale,
     )
+
+
+def contact_scale(W: Floats, d: int) -> Floats:
+    """Factor of the displacements of each contact that makes its mean compliance 1."""
+    compliance = np.diag(W).reshape(-1, d).mean(axis=1)
+    positive = compliance > 0
+    # A contact without compliance gets the median scale of the others.
+    usual = float(np.median(compliance[positive])) if positive.any() else 1.0
+    return np.asarray(1 / np.sqrt(np.where(positive, compliance, usual)))
 
 
 def _definite(W: Floats) -> bool:

@@ -30,10 +30,15 @@ from bipot_rs.contact import existence, rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.existence import Existence
+from bipot_rs.contact.reaction_range import ReactionRange, ranges
 from bipot_rs.contact.sensitivity.reduced import ReducedModel
 from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
+
+# A residual that most problems reach; the limit is rounding if that is larger.
+_TIGHT = 1e-14
 
 
 class ReducedProblem:
@@ -290,6 +295,90 @@ class ReducedProblem:
             restarts,
             seed,
             0.0 if self.rigid is not None else float(np.abs(self.q).max(initial=0.0)),
+        )
+
+    def reaction_range(
+        self, contact: int, component: int = 0, *, solution: Solution | None = None
+    ) -> ReactionRange:
+        """Least and largest value of a reaction over all answers with the same ``v``.
+
+        With redundant supports, or rigid bodies on many contacts, reactions are not
+        determined by the loads. Section 18 of ``docs/theory.md`` defines the answers.
+
+        Parameters
+        ----------
+        contact
+            Number of the contact.
+        component
+            0 for the normal component, 1 or 2 for a tangential one.
+        solution
+            A solution of this problem, whose relative displacement is kept. Default: one
+            solved to rounding. Bounds are as exact as the slip in the solution.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong; the message names it.
+        NotConvergedError, NoEquilibriumError
+            There is no solution to start from.
+
+        Examples
+        --------
+        A rigid beam on three supports, pressed by 1 above the middle one, which carries
+        all or nothing:
+
+        >>> import bipot_rs as bp
+        >>> legs = [[1, -1], [0, 0], [1, 0], [0, 0], [1, 1], [0, 0]]
+        >>> beam = bp.ReducedProblem(
+        ...     [[0.0] * 6] * 6, [[0.0, 0.0]] * 3, 0.0, rigid=(legs, [-1.0, 0.0])
+        ... )
+        >>> middle = beam.reaction_range(1)
+        >>> round(middle.least, 12), round(middle.largest, 12)
+        (0.0, 1.0)
+        """
+        contact = integer("contact", contact, least=0, most=len(self.q) - 1)
+        return self._ranges([contact], component, solution)[0]
+
+    def reaction_ranges(
+        self, component: int = 0, *, solution: Solution | None = None
+    ) -> list[ReactionRange]:
+        """`reaction_range` of all contacts, with one null space.
+
+        Raises
+        ------
+        TypeError, ValueError, NotConvergedError, NoEquilibriumError
+            As `reaction_range`.
+        """
+        return self._ranges(list(range(len(self.q))), component, solution)
+
+    def _ranges(
+        self, contacts: list[int], component: int, solution: Solution | None
+    ) -> list[ReactionRange]:
+        component = integer("component", component, least=0, most=self.q.shape[1] - 1)
+        if solution is None:
+            # Slip to rounding, if it can be had: it decides which reactions are answers.
+            solution = self.solve(tol=_TIGHT)
+            if not solution.converged:
+                solution = self.solve()
+            if solution.outcome is Outcome.NO_EQUILIBRIUM:
+                raise NoEquilibriumError(solution.message)
+            if not solution.converged:
+                raise NotConvergedError(solution.message)
+        elif not isinstance(solution, Solution):
+            raise TypeError(
+                f"solution is a {type(solution).__name__}, expected a Solution"
+            )
+        elif not solution.converged:
+            raise ValueError("solution did not converge")
+        else:
+            reaction = floats("solution", solution.reaction, shape=self.q.shape)
+            eta = self.residual(reaction, solution.rigid_motion)
+            if eta > 10 * max(solution.tolerance, solution.residual):
+                raise ValueError(
+                    f"solution has a residual of {eta:.1e} here: it is of another problem"
+                )
+        return ranges(
+            self.W, self.q, self.mu, self.rigid, solution, contacts, component
         )
 
     def existence(self, *, exhaust: bool = False) -> Existence:

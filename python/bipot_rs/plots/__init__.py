@@ -9,9 +9,10 @@ the mesh. They draw into the axes ``ax=``, or into a new figure, made without py
 show units if they are known, from ``units={"length": "mm", "force": "N", "stress": "MPa"}``
 or ``result.units``.
 
-Along a line: `tractions`, `slip`, `wear`. On a flat surface: `surface_map`, `status_map`, `slip`.
-On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path: `resultants`,
-`status_shares`, `force_displacement`, `dissipation`. Solver: `convergence`.
+Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface:
+`surface_map`, `status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`.
+Load path: `resultants`, `status_shares`, `force_displacement`, `dissipation`. Solver:
+`convergence`.
 """
 
 from bipot_rs.plots.body import deformed
@@ -23,6 +24,7 @@ from bipot_rs.plots.path import (
     resultants,
     status_shares,
 )
+from bipot_rs.plots.reaction_band import reaction_band
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.surface import slip, status_map, surface_map
 from bipot_rs.plots.wear import wear
@@ -32,6 +34,7 @@ __all__ = [
     "deformed",
     "dissipation",
     "force_displacement",
+    "reaction_band",
     "resultants",
     "slip",
     "status_map",

@@ -600,12 +600,51 @@ def test_a_missing_library_is_named(
         plots.tractions(line[1])
 
 
+SUPPORTS = np.array([[0.0, 0.0], [1, 0], [2, 0], [3, 0]])
+
+
+def supported() -> list[bp.ReactionRange]:
+    """A weight on four supports without friction."""
+    turned = np.stack([np.ones(4), SUPPORTS[:, 0] - 1.5], axis=1)
+    R = np.zeros((8, 2))
+    R[::2] = turned
+    problem = bp.ReducedProblem(
+        np.zeros((8, 8)), np.zeros((4, 2)), 0.0, rigid=(R, [-1.0, 0.0])
+    )
+    return problem.reaction_ranges()
+
+
+def test_a_band_of_reactions() -> None:
+    ranges = supported()
+    ax = plots.reaction_band(ranges, contacts={"x": SUPPORTS}, units=UNITS)
+    drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+    # Two supports at d and -d from the weight, or at d and -3 d.
+    np.testing.assert_allclose(drawn["largest"], [0.5, 0.75, 0.75, 0.5], rtol=1e-12)
+    np.testing.assert_allclose(drawn["least"], 0, atol=1e-12)
+    assert drawn["found"].sum() == pytest.approx(1)
+    free = replace(ranges[1], largest=np.inf)
+    ax = plots.reaction_band([ranges[0], free], contacts={"x": SUPPORTS})
+    top = ax.get_lines()[0].get_ydata()
+    # A quarter of what is finite beyond it.
+    found = max(ranges[0].largest, free.found)
+    np.testing.assert_allclose(top, [0.5, 1.25 * found])
+    few = plots.reaction_band(ranges, contacts={"x": SUPPORTS}, where=[0, 2])
+    assert few.get_lines()[0].get_xdata().tolist() == [0, 2]
+    with pytest.raises(TypeError, match="ranges"):
+        plots.reaction_band([1], contacts={"x": SUPPORTS})  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="ranges are empty"):
+        plots.reaction_band([], contacts={"x": SUPPORTS})
+    with pytest.raises(ValueError, match="x of contacts has 2 rows"):
+        plots.reaction_band(ranges, contacts={"x": SUPPORTS[:2]})
+
+
 # Function, scene, whether it takes the model, and further arguments.
 PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
     "tractions": (plots.tractions, "line", False, {}),
     "slip": (plots.slip, "line", False, {}),
     "wear": (plots.wear, "worn", False, {}),
     "pressure by cycle": (plots.wear, "worn", False, {"quantity": "pressure"}),
+    "band": (plots.reaction_band, "ranges", False, {"contacts": {"x": SUPPORTS}}),
     "zones": (plots.status_map, "line", False, {}),
     "pressure": (plots.surface_map, "cube", False, {}),
     "shear": (plots.surface_map, "cube", False, {"quantity": "shear"}),
@@ -631,6 +670,7 @@ def test_parts_of_a_picture_do_not_overlap(
 ) -> None:
     draw, of, bodies, more = PICTURES[name]
     scenes = {"line": line, "cube": cube, "cycle": cycle, "worn": worn}
+    scenes["ranges"] = None, supported()
     model, result = scenes[of]
     ax = draw(model, result, **more) if bodies else draw(result, **more)
     assert overlaps(ax.figure) == []

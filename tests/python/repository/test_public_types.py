@@ -46,6 +46,10 @@ assert_type(bp.plots.tractions(result), Axes)
 worn = problem.wear([-1.0, 0.0], coefficient=1e-9, cycles=3)
 assert_type(worn, bp.Wear)
 assert_type(bp.plots.wear(worn), Axes)
+ranges = bp.ReducedProblem([[0, 0], [0, 0]], [[0, 0]], 0, rigid=([[1], [0]], [-1]))
+assert_type(ranges.reaction_range(0), bp.ReactionRange)
+band = bp.plots.reaction_band(ranges.reaction_ranges(), contacts={"x": [[0, 0]]})
+assert_type(band, Axes)
 """
 WRONG = {
     "assert_type(result[-1], bp.Result)": "assert-type",

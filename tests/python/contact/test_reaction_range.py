@@ -1,0 +1,357 @@
+"""Ranges of reactions against closed forms, enumeration and polyhedral cones."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+import bipot_rs as bp
+
+Array = NDArray[np.float64]
+# Sums of some ten numbers of the order of one, and a linear system of them.
+ROUNDING = 1e-13
+# What is promised in space.
+SPACE = 1e-9
+
+
+def plane_body(x: Array, angles: Array) -> Array:
+    """``H (2 n_c, 3)``: components at points of a body that moves by (u, v, rotation)."""
+    normal = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    axes = np.stack([normal, tangent], axis=1)
+    arm = axes[:, :, 1] * x[:, :1] - axes[:, :, 0] * x[:, 1:]
+    return np.concatenate([axes, arm[:, :, None]], axis=2).reshape(-1, 3)
+
+
+def space_body(x: Array, axes: Array) -> Array:
+    """``H (3 n_c, 6)`` of a body in space; ``axes (n_c, 3, 3)``, normal first."""
+    arm = np.cross(x[:, None], axes)
+    return np.concatenate([axes, arm], axis=2).reshape(-1, 6)
+
+
+def rigid(H: Array, load: Array, mu: float | Array, d: int) -> bp.ReducedProblem:
+    """A body with unit masses that the load pushes for a unit of time."""
+    return bp.ReducedProblem(H @ H.T, (H @ load).reshape(-1, d), mu)
+
+
+def table(mu: float | Array, load: Array) -> tuple[bp.ReducedProblem, Array]:
+    """Four legs at (±1, ±1) on a floor through the centre of mass."""
+    x = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    axes = np.tile(np.roll(np.eye(3), 1, axis=0), (4, 1, 1))
+    H = space_body(x, axes)
+    return rigid(H, load, mu, 3), H
+
+
+def passes(problem: bp.ReducedProblem, one: bp.ReactionRange, v: Array) -> None:
+    """Attained bounds are answers with the same v; directions can be added."""
+    ends = [
+        (one.least, one.reaction_at_least, one.direction_to_least),
+        (one.largest, one.reaction_at_largest, one.direction_to_largest),
+    ]
+    size = np.abs(one.reaction_at_least).max()
+    for value, reaction, direction in ends:
+        if direction is not None:
+            assert not np.isfinite(value)
+            assert direction[one.contact, one.component] * np.sign(value) > 0
+            reaction = reaction + 3 * size * direction
+        else:
+            assert reaction[one.contact, one.component] == value
+        assert problem.residual(reaction) <= 1e-10
+        moved = (problem.W @ reaction.ravel()).reshape(v.shape) + problem.q
+        # Sums of terms of the size of W r.
+        reach = np.abs(problem.W).max() * max(np.abs(reaction).max(), size)
+        np.testing.assert_allclose(moved, v, atol=1e-10 * reach)
+    assert one.least - one.gap <= one.found <= one.largest + one.gap
+
+
+def test_a_table_on_four_legs() -> None:
+    """N_1 = N_3 and N_2 = N_4 up to moments: one number is free, until a leg lifts."""
+    weight, across, along = 4.0, 0.4, 0.2
+    for mu in (0.0, 0.3):
+        problem, _ = table(mu, np.array([0, 0, -weight, across, along, 0]))
+        found = problem.reaction_ranges()
+        # Σ N = w, Σ y N = -across, Σ -x N = -along: N_k = mean_k ± t.
+        y, x = np.array([1, 1, -1, -1]), np.array([1, -1, -1, 1])
+        mean = weight / 4 - across * y / 4 + along * x / 4
+        side = x * y
+        low, high = -mean[side > 0].min(), mean[side < 0].min()
+        least = mean + np.where(side > 0, low, -high)
+        largest = mean + np.where(side > 0, high, -low)
+        tolerance = SPACE * weight
+        np.testing.assert_allclose([r.least for r in found], least, atol=tolerance)
+        np.testing.assert_allclose([r.largest for r in found], largest, atol=tolerance)
+        v = problem.solve().relative_displacement
+        for one in found:
+            assert one.gap <= SPACE * weight
+            passes(problem, one, v)
+
+
+def test_a_beam_on_three_supports() -> None:
+    """W of rigid motions given as such: the middle support carries all, or nothing."""
+    R = plane_body(np.array([[-1.0, 0], [0, 0], [1, 0]]), np.full(3, np.pi / 2))
+    no_friction = bp.ReducedProblem(
+        np.zeros((6, 6)), np.zeros((3, 2)), 0.0, rigid=(R[:, 1:], [-1.0, 0.0])
+    )
+    known = [(0, 0.5), (0, 1), (0, 0.5)]
+    for one, ends in zip(no_friction.reaction_ranges(), known, strict=True):
+        np.testing.assert_allclose([one.least, one.largest], ends, atol=ROUNDING)
+        assert one.gap <= ROUNDING
+
+
+def wedge(angle: float, mu: float) -> bp.ReducedProblem:
+    """A point between walls that lean out by an angle, pushed down by 1."""
+    c, s = np.cos(angle), np.sin(angle)
+    H = np.array([[c, s], [-s, c], [-c, s], [s, c]])
+    return rigid(H, np.array([0.0, -1.0]), mu, 2)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.05, 0.15, 0.199, 0.21, 0.5, 3.0])
+def test_a_wedge(mu: float) -> None:
+    """Reactions at elevations e_1, e_2 have r_1 = cos e_2 / sin(e_1 + e_2).
+
+    Extremes are at the limits of friction, angle ± atan μ. If both elevations may be zero,
+    the walls clamp the point with any force.
+    """
+    angle, phi = np.arctan(0.2), np.arctan(mu)
+    problem = wedge(angle, mu)
+    one = problem.reaction_range(0)
+    limits = [angle - phi, angle + phi]
+    known = [
+        np.cos(second) / np.sin(first + second) * np.cos(first - angle)
+        for first in limits
+        for second in limits
+        if first + second > 1e-9
+    ]
+    # 0.199 leaves a digit and a half of the difference to 0.2.
+    np.testing.assert_allclose(one.least, min(known), rtol=1e-11)
+    largest = max(known) if mu < 0.2 else np.inf
+    np.testing.assert_allclose(one.largest, largest, rtol=1e-11)
+    passes(problem, one, problem.solve().relative_displacement)
+    assert one.determined == (mu == 0)
+
+
+def test_a_disc_in_a_groove() -> None:
+    """A disc in a V of 90°, which is pressed: moments fix equal friction of both sides."""
+    mu = 0.3
+    angles = np.pi / 4 * np.array([1, 3])
+    H = plane_body(-np.stack([np.cos(angles), np.sin(angles)], axis=1), angles)
+    problem = rigid(H, np.array([0.0, -1.0, 0.0]), mu, 2)
+    # Moments: T_1 = -T_2, so that both push up by T; then N_1 = N_2 = N, √2 (N + T) = 1
+    # and |T| <= μ N.
+    ends = np.sort(1 / (np.sqrt(2) * (1 + np.array([mu, -mu]))))
+    v = problem.solve().relative_displacement
+    for one in problem.reaction_ranges():
+        np.testing.assert_allclose([one.least, one.largest], ends, rtol=ROUNDING)
+        passes(problem, one, v)
+
+
+def vertices(
+    problem: bp.ReducedProblem, H: Array, contact: int, component: int, mu: float
+) -> tuple[float, float]:
+    """Extremes over the vertices of all balanced sticking reactions, by enumeration."""
+    r = problem.solve(tol=1e-13).reaction
+    n = r.size
+    sides = np.zeros((n, n))
+    for i in range(n // 2):
+        sides[2 * i, 2 * i : 2 * i + 2] = mu, 1
+        sides[2 * i + 1, 2 * i : 2 * i + 2] = mu, -1
+    balance = H.T[np.linalg.norm(H.T, axis=1) > 0]
+    rank = np.linalg.matrix_rank(balance)
+    values = []
+    for chosen in combinations(range(n), n - rank):
+        A = np.vstack([balance, sides[list(chosen)]])
+        if np.linalg.matrix_rank(A) < n:
+            continue
+        b = np.concatenate([balance @ r.ravel(), np.zeros(n - rank)])
+        x = np.linalg.lstsq(A, b, rcond=None)[0]
+        if (sides @ x).min() >= -1e-10 * np.abs(x).max():
+            values.append(x[2 * contact + component])
+    return min(values), max(values)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_vertices_of_random_bodies_in_the_plane(seed: int) -> None:
+    """Three contacts on the lower half of a body: bounded, because they all push up."""
+    rng = np.random.default_rng(seed)
+    angles = np.pi / 2 + rng.uniform(-0.3, 0.3, 3)
+    x = np.stack(
+        [np.array([-1, 0, 1]) + rng.uniform(-0.3, 0.3, 3), rng.uniform(-0.1, 0.1, 3)], 1
+    )
+    H = plane_body(x, angles)
+    mu = 0.4
+    problem = rigid(H, np.array([0.05, -1.0, 0.1]), mu, 2)
+    solution = problem.solve(tol=1e-13)
+    v = solution.relative_displacement
+    assert np.abs(v).max() <= 1e-12  # all stick
+    for component in (0, 1):
+        for one in problem.reaction_ranges(component, solution=solution):
+            ends = vertices(problem, H, one.contact, component, mu)
+            np.testing.assert_allclose([one.least, one.largest], ends, atol=1e-11)
+            assert one.gap <= 1e-12
+            passes(problem, one, v)
+
+
+def polyhedral(r: Array, H: Array, cost: int, radius: Array) -> tuple[float, float]:
+    """Extremes over balanced reactions in regular pyramids with this radius of the edges."""
+    sides = 2 * np.pi * np.arange(128) / 128
+    rays = np.array(
+        [[1.0, mu * np.cos(a), mu * np.sin(a)] for mu in radius[:1] for a in sides]
+    )
+    contacts = len(r)
+    whole = np.zeros((contacts, 3, contacts * len(rays)))
+    for i in range(contacts):
+        whole[i, :, i * len(rays) : (i + 1) * len(rays)] = rays.T
+    whole = whole.reshape(-1, contacts * len(rays))
+    ends = []
+    for sign in (1, -1):
+        found = linprog(sign * whole[cost], A_eq=H.T @ whole, b_eq=H.T @ r.ravel())
+        ends.append(sign * found.fun)
+    return ends[0], ends[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_between_polyhedral_cones_in_space(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    contacts, mu = 4, 0.3
+    x = np.c_[rng.uniform(-1, 1, (contacts, 2)), rng.uniform(-0.2, 0.0, contacts)]
+    x[:3, :2] = [[1, 0], [-1, 1], [-1, -1]]
+    axes = np.array(
+        [
+            np.linalg.qr(np.c_[n, np.eye(3)[:, :2]])[0].T
+            for n in rng.normal([0, 0, 1], 0.1, (contacts, 3))
+        ]
+    )
+    axes *= np.sign(axes[:, :1, 2:])
+    H = space_body(x, axes)
+    problem = rigid(H, np.array([0.05, 0.02, -1, 0.02, 0.01, 0.01]), mu, 3)
+    solution = problem.solve(tol=1e-13)
+    v = solution.relative_displacement
+    assert np.abs(v).max() <= 1e-12  # all stick
+    for component in (0, 1):
+        one = problem.reaction_range(1, component, solution=solution)
+        assert one.gap <= SPACE * np.abs(solution.reaction).max()
+        passes(problem, one, v)
+        cost = 3 + component
+        inner = polyhedral(solution.reaction, H, cost, np.array([mu]))
+        outer = polyhedral(
+            solution.reaction, H, cost, np.array([mu / np.cos(np.pi / 128)])
+        )
+        # The tolerance of HiGHS, and nothing of ours.
+        slack = 1e-8
+        assert outer[0] - slack <= one.least <= inner[0] + slack
+        assert inner[1] - slack <= one.largest <= outer[1] + slack
+
+
+def test_a_table_that_slides() -> None:
+    """Friction opposes the slip at every leg: only normal reactions are exchanged."""
+    mu, push = 0.2, np.array([3.0, 4.0]) / 5
+    problem, _ = table(mu, np.array([2 * push[0], 2 * push[1], -4, 0, 0, 0]))
+    v = problem.solve().relative_displacement
+    np.testing.assert_allclose(v[:, 1:], np.tile(1.2 * push, (4, 1)), atol=1e-10)
+    for component, factor in enumerate([1, *(-mu * push)]):
+        for one in problem.reaction_ranges(component):
+            ends = sorted([0, 2 * factor])
+            np.testing.assert_allclose([one.least, one.largest], ends, atol=SPACE)
+            passes(problem, one, v)
+
+
+def test_an_open_leg_carries_nothing() -> None:
+    """With one leg raised, three legs are statically determinate without friction."""
+    problem, _ = table(0.0, np.array([0, 0, -4.0, 0.1, 0, 0]))
+    q = problem.q.copy()
+    q[0, 0] += 1.0
+    raised = bp.ReducedProblem(problem.W, q, 0.0)
+    solution = raised.solve()
+    assert solution.status[0] == bp.Status.OPEN
+    for one, r in zip(raised.reaction_ranges(), solution.reaction, strict=True):
+        assert one.determined
+        assert one.least == one.largest == r[0]
+        assert one.gap == 0
+
+
+def test_reactions_that_are_determined() -> None:
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(12, 12))
+    problem = bp.ReducedProblem(A @ A.T + np.eye(12), rng.normal(size=(4, 3)), 0.3)
+    solution = problem.solve()
+    for component in range(3):
+        for i, one in enumerate(problem.reaction_ranges(component, solution=solution)):
+            r = solution.reaction[i, component]
+            assert (one.least, one.largest, one.gap) == (r, r, 0)
+
+
+def elliptic_table() -> tuple[bp.ReducedProblem, Array]:
+    mu = np.array([[0.4, 0.1], [0.2, 0.2], [0.3, 0.15], [0.1, 0.3]])
+    return table(mu, np.array([0.05, 0.02, -4, 0.4, 0.2, 0]))
+
+
+def test_two_friction_coefficients() -> None:
+    """With equal pairs as with one; each answer with the work of the scaled law."""
+    load = np.array([0.1, 0.05, -4, 0.4, 0.2, 0.02])
+    pairs, _ = table(np.full((4, 2), 0.3), load)
+    single, _ = table(0.3, load)
+    for component in (0, 2):
+        one = pairs.reaction_range(0, component)
+        other = single.reaction_range(0, component)
+        ends = [other.least, other.largest]
+        np.testing.assert_allclose([one.least, one.largest], ends, atol=4 * SPACE)
+    problem, _ = elliptic_table()
+    v = problem.solve().relative_displacement
+    for component in range(3):
+        for one in problem.reaction_ranges(component):
+            assert 0 < one.gap <= 4 * SPACE
+            passes(problem, one, v)
+            for r in (one.reaction_at_least, one.reaction_at_largest):
+                used = np.linalg.norm(r[:, 1:] / problem.mu, axis=1)
+                assert (used <= r[:, 0] + 4 * SPACE).all()
+
+
+@pytest.mark.parametrize("elliptic", [False, True])
+def test_units_and_numbering(elliptic: bool) -> None:
+    """Forces in other units; contacts in other order; to the accuracy in space."""
+    problem = elliptic_table()[0]
+    mu = problem.mu if elliptic else np.array([0.4, 0.2, 0.3, 0.1])
+    problem = bp.ReducedProblem(problem.W, problem.q, mu)
+    known = problem.reaction_ranges(1)
+    order = np.array([2, 0, 3, 1])
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    for force, length in ((1e-9, 1e6), (1e12, 1e-7)):
+        W = problem.W[np.ix_(rows, rows)] * length / force
+        other = bp.ReducedProblem(W, problem.q[order] * length, mu[order])
+        for i, one in zip(order, other.reaction_ranges(1), strict=True):
+            ends = [known[i].least, known[i].largest]
+            found = np.array([one.least, one.largest]) / force
+            np.testing.assert_allclose(found, ends, atol=4 * SPACE)
+
+
+def test_a_body_that_turns_easily() -> None:
+    """W of the middle contact is a millionth of that of the others."""
+    x = np.array([[-1.0, 0], [0, 0], [0.5, 0], [1, 0]])
+    H = plane_body(x, np.full(4, np.pi / 2))
+    W = H @ np.diag([1.0, 1.0, 1e6]) @ H.T
+    problem = bp.ReducedProblem(W, (H @ [0.0, -1.0, 0.0]).reshape(-1, 2), 0.0)
+    known = [(0, 1 / 2), (0, 1), (0, 2 / 3), (0, 1 / 2)]
+    for one, ends in zip(problem.reaction_ranges(), known, strict=True):
+        # Rounding of W times its condition number.
+        np.testing.assert_allclose([one.least, one.largest], ends, atol=1e-9)
+
+
+def test_wrong_arguments() -> None:
+    problem = wedge(0.3, 0.1)
+    with pytest.raises(ValueError, match="contact is 2, expected 0 to 1"):
+        problem.reaction_range(2)
+    with pytest.raises(ValueError, match="component is 2, expected 0 to 1"):
+        problem.reaction_range(0, 2)
+    with pytest.raises(TypeError, match="component is 'normal', expected an integer"):
+        problem.reaction_ranges("normal")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="solution is a list, expected a Solution"):
+        problem.reaction_ranges(solution=[1])  # type: ignore[arg-type]
+    other = wedge(0.2, 0.1).solve()
+    with pytest.raises(ValueError, match="it is of another problem"):
+        problem.reaction_ranges(solution=other)
+    with pytest.raises(ValueError, match="solution did not converge"):
+        problem.reaction_ranges(solution=problem.solve(max_iterations=1, tol=1e-300))
+    with pytest.raises(bp.NoEquilibriumError):
+        bp.ReducedProblem(np.zeros((2, 2)), [[-1.0, 0.0]], 0.0).reaction_ranges()
