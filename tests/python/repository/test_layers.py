@@ -100,7 +100,7 @@ RUST_SIBLINGS = {
     ),
     "solver/newton": (
         "linearisation tangent_system",
-        "compliance_form",
+        "compliance_form tangent_stiffness_form",
         "stiffness_form",
         "newton",
         "refine",
