@@ -11,7 +11,8 @@ or ``result.units``.
 
 Along a line: `tractions`, `slip`, `wear`. On a flat surface: `surface_map`, `status_map`, `slip`.
 On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path: `resultants`,
-`status_shares`, `force_displacement`, `dissipation`. Solver: `convergence`.
+`status_shares`, `force_displacement`, `dissipation`. Derivatives: `sensitivity`. Solver:
+`convergence`.
 """
 
 from bipot_rs.plots.body import deformed
@@ -23,6 +24,7 @@ from bipot_rs.plots.path import (
     resultants,
     status_shares,
 )
+from bipot_rs.plots.sensitivity import sensitivity
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.surface import slip, status_map, surface_map
 from bipot_rs.plots.wear import wear
@@ -33,6 +35,7 @@ __all__ = [
     "dissipation",
     "force_displacement",
     "resultants",
+    "sensitivity",
     "slip",
     "status_map",
     "status_shares",
