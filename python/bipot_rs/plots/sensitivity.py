@@ -155,7 +155,7 @@ def _draw_map(
     uv, names = plane_of(seen)
     if is_line(uv):
         raise ValueError('the contacts lie on a line: pass along="arc" or a direction')
-    _, largest, more = span(np.abs(values), "")
+    _, largest, _ = span(np.abs(values), "")
     image = ax.tripcolor(
         triangles(uv, seen.area),
         values,
@@ -168,12 +168,19 @@ def _draw_map(
     if not values.any():
         style.say(ax, "no contact changes the number")
     finish(seen, uv, names, ax)
-    extend = "neither" if more == "neither" else "both"
-    style.colour_bar(image, ax, *label, extend=extend)
+    style.colour_bar(image, ax, *label, extend=_beyond(values, largest))
     if marked.any():
         style.legend_above(ax, handles=_legend(marked), title=seen.said)
     else:
         style.note(ax, seen.said)
+
+
+def _beyond(values: Floats, largest: float) -> str:
+    """On which sides values lie beyond the colours, in the words of matplotlib."""
+    edge = largest * (1 + 1e-9)
+    sides = bool(values.min() < -edge), bool(values.max() > edge)
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(sides, "neither")
 
 
 def _rings(ax: Any, x: Floats, y: Floats, marked: Bools) -> None:

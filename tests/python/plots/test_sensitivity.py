@@ -113,7 +113,8 @@ def test_a_map_has_colours_symmetric_about_zero() -> None:
     low, high = image.get_clim()
     assert low == -high < 0
     # 98 % of four values end between the largest two.
-    assert 10.0 < high <= 20.0
+    assert 10.0 < high < 20.0
+    assert image.colorbar.extend == "max"
 
 
 @pytest.mark.parametrize(
