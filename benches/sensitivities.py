@@ -85,7 +85,10 @@ def written(rows):
             f"{int(row['unknowns']):,}",
             f"{int(row['contacts']):,}",
             str(row["steps"]),
-            *(tables.figures(row[name]) for name in ("condense", "solve", "vjp", "jvp")),
+            *(
+                tables.figures(row[name])
+                for name in ("condense", "solve", "vjp", "jvp")
+            ),
             f"{row['vjp'] / row['solve']:.2f}",
             f"{row['vjp'] / (row['condense'] + row['solve']):.2f}",
             f"{row['apart']:.0e}",

@@ -9,10 +9,10 @@ the mesh. They draw into the axes ``ax=``, or into a new figure, made without py
 show units if they are known, from ``units={"length": "mm", "force": "N", "stress": "MPa"}``
 or ``result.units``.
 
-Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface:
-`surface_map`, `status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`.
-Load path: `resultants`, `status_shares`, `force_displacement`, `dissipation`. Solver:
-`convergence`.
+Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface: `surface_map`,
+`status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path:
+`resultants`, `status_shares`, `force_displacement`, `dissipation`. Derivatives:
+`sensitivity`. Solver: `convergence`.
 """
 
 from bipot_rs.plots.body import deformed
@@ -25,6 +25,7 @@ from bipot_rs.plots.path import (
     status_shares,
 )
 from bipot_rs.plots.reaction_band import reaction_band
+from bipot_rs.plots.sensitivity import sensitivity
 from bipot_rs.plots.space import surface3d
 from bipot_rs.plots.surface import slip, status_map, surface_map
 from bipot_rs.plots.wear import wear
@@ -36,6 +37,7 @@ __all__ = [
     "force_displacement",
     "reaction_band",
     "resultants",
+    "sensitivity",
     "slip",
     "status_map",
     "status_shares",

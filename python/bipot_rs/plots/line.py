@@ -74,12 +74,12 @@ def tractions(
 
 def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """Draw `tractions` into existing axes."""
-    lines, name = _lines(seen, along)
+    lines, name = lines_of(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
     what = ("pressure", "shear") if seen.area is not None else ("normal", "tangential")
     edge = None
     for k, (_, one) in enumerate(lines):
-        mark = _mark(one)
+        mark = mark_of(one)
         colours = (style.PRESSURE, style.SHEAR)
         if len(lines) > 1:
             colours = (style.cycle(k), style.cycle(k))
@@ -97,7 +97,7 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> A
             mark = {"ls": "--"} | mark
         ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
-    _strips(ax, lines, seen.status)
+    strips(ax, lines, seen.status)
     style.bare(ax)
     kinds = [h for h in ax.get_lines() if h.get_label() in what]
     kinds += [] if edge is None else [edge]
@@ -112,7 +112,7 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> A
     return ax
 
 
-def _lines(
+def lines_of(
     seen: Contacts, along: ArrayLike | str | None
 ) -> tuple[list[tuple[str, Places]], str]:
     """Names of the surfaces with the positions of their contacts, and the axis label."""
@@ -123,7 +123,8 @@ def _lines(
     return list(zip(names, found, strict=True)), name
 
 
-def _mark(one: Places) -> dict[str, Any]:
+def mark_of(one: Places) -> dict[str, Any]:
+    """Style of the markers of a line: none if they would overlap."""
     if not one.once:
         # A line through them would go back and forth.
         return {"marker": "o", "ms": 2, "ls": "none"}
@@ -188,18 +189,18 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
 
 def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """Draw the slip of the step along a line, except where contact is open."""
-    lines, name = _lines(seen, along)
+    lines, name = lines_of(seen, along)
     for k, (_, one) in enumerate(lines):
         v = _component(seen, closed_slip(seen), one)
         v[seen.status[one.order] == Status.OPEN] = np.nan
         colour = style.SHEAR if len(lines) == 1 else style.cycle(k)
-        mark = _mark(one)
+        mark = mark_of(one)
         if np.isnan(v).any():
             # A single contact between open ones needs a marker: it has no line.
             mark = {"marker": "o", "ms": 2} | mark
         ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
-    _strips(ax, lines, seen.status)
+    strips(ax, lines, seen.status)
     style.bare(ax)
     if len(lines) == 1:
         zones = style.status_handles(seen.status)
@@ -231,7 +232,7 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Axes) -> Ax
     status
         ``(steps, n_c)`` of the contacts to draw.
     """
-    lines, name = _lines(seen, None)
+    lines, name = lines_of(seen, None)
     steps = len(status)
     # One empty row between surfaces, more for long paths.
     apart = steps + max(1.0, 0.12 * steps)
@@ -271,7 +272,7 @@ def _edges(s: Floats) -> Floats:
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
 
 
-def _strips(
+def strips(
     ax: Any, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
 ) -> None:
     """Draw strips of statuses at the bottom of the axes, one for each surface."""

@@ -101,18 +101,18 @@ def draw_map(
     seen: Contacts, quantity: str, ax: Axes, vector: Floats | None = None
 ) -> Axes:
     """Draw `surface_map` into existing axes."""
-    uv, names = _plane(seen)
+    uv, names = plane_of(seen)
     values, name, unit = values_of(seen, quantity)
-    if _line(uv):
+    if is_line(uv):
         raise ValueError("the contacts lie on a line: use tractions instead")
     if not values.any():
-        triangles = _triangles(uv, seen.area)
-        ax.tripcolor(triangles, values, shading="gouraud", cmap=style.blank())
+        mesh = triangles(uv, seen.area)
+        ax.tripcolor(mesh, values, shading="gouraud", cmap=style.blank())
         style.say(ax, NOTHING[quantity])
     else:
         low, high, extend = span(values, quantity)
         image = ax.tripcolor(
-            _triangles(uv, seen.area),
+            triangles(uv, seen.area),
             values,
             shading="gouraud",
             cmap="viridis",
@@ -121,7 +121,7 @@ def draw_map(
         )
         if vector is not None:
             _arrows(seen, uv, vector, ax, color="white")
-    _finish(seen, uv, names, ax)
+    finish(seen, uv, names, ax)
     if values.any():
         style.colour_bar(image, ax, name, unit, extend=extend)
     style.note(ax, seen.said)
@@ -205,7 +205,7 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     """Draw `status_map` of a surface into existing axes."""
     from scipy.spatial import cKDTree
 
-    uv, names = _plane(seen)
+    uv, names = plane_of(seen)
     low, high = uv.min(axis=0), uv.max(axis=0)
     step = (high - low).max() / _PIXELS or 1.0
     # A whole number of pixels along each axis, exactly up to the rim of the surface.
@@ -214,7 +214,7 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
     places = np.stack(np.meshgrid(u, v), axis=-1)
     image = seen.status[cKDTree(uv).query(places)[1]].astype(float)
-    if not _line(uv):
+    if not is_line(uv):
         found, bridges = _joined(uv, seen.area)
         # find_simplex returns -1 outside all triangles: the last entry.
         hole = np.append(bridges, True)
@@ -233,7 +233,7 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     )
     zones = style.status_handles(seen.status)
     style.legend_above(ax, handles=zones, title=seen.said)
-    _finish(seen, uv, names, ax)
+    finish(seen, uv, names, ax)
     return ax
 
 
@@ -262,7 +262,7 @@ def slip(
     own, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax)
-    uv, names = _plane(seen)
+    uv, names = plane_of(seen)
     moved = closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
     closed = seen.status != Status.OPEN
@@ -271,7 +271,7 @@ def slip(
     rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
     ax.scatter(u[~closed], v[~closed], s=9, **rings)
     arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
-    _finish(seen, uv, names, ax, margin=0.13)
+    finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
         unit = seen.units.get("length")
         style.colour_bar(arrows, ax, "slip in the step", unit)
@@ -290,7 +290,7 @@ def is_plane(seen: Contacts) -> bool:
     return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
 
 
-def _line(uv: Floats) -> bool:
+def is_line(uv: Floats) -> bool:
     """Whether points on a plane lie on one line, or are fewer than three."""
     if len(uv) < 3:
         return True
@@ -298,7 +298,7 @@ def _line(uv: Floats) -> bool:
     return bool(narrow <= _PLANE * wide)
 
 
-def _plane(seen: Contacts) -> tuple[Floats, list[str]]:
+def plane_of(seen: Contacts) -> tuple[Floats, list[str]]:
     """Coordinates ``(n_c, 2)`` on the plane of the contacts, and their labels."""
     x = seen.x
     if x.shape[1] != 3:
@@ -354,9 +354,10 @@ def _mean_tangents(frame: Floats, normal: Floats) -> Floats:
     return np.stack([first, across if across @ second >= 0 else -across])
 
 
-def _finish(
+def finish(
     seen: Contacts, uv: Floats, names: list[str], ax: Any, margin: float = 0.0
 ) -> None:
+    """Set the limits and the labels of the axes of a map, with equal scales."""
     unit = seen.units.get("length")
     around = margin * np.ptp(uv, axis=0).max()
     low, high = uv.min(axis=0) - around, uv.max(axis=0) + around
@@ -434,7 +435,7 @@ def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
     return found, longest
 
 
-def _triangles(uv: Floats, area: Floats | None) -> Any:
+def triangles(uv: Floats, area: Floats | None) -> Any:
     """Triangulation for matplotlib, without triangles that bridge a hole."""
     from matplotlib.tri import Triangulation
 

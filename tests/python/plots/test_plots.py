@@ -60,6 +60,30 @@ def cycle() -> tuple[fem.Assembly, bp.Result]:
     return solved("cyclic_cube", "mesh.n=3", "support.0.x.value=0.07")
 
 
+@pytest.fixture(scope="module")
+def decided(line: Any) -> tuple[fem.Assembly, Any]:
+    """The gradient of the energy that friction dissipates."""
+    model, result = line
+    return model, dissipation_gradient(result)
+
+
+@pytest.fixture(scope="module")
+def ranges() -> tuple[None, Any]:
+    return None, supported()
+
+
+@pytest.fixture(scope="module")
+def decided_in_space(cube: Any) -> tuple[fem.Assembly, Any]:
+    model, result = cube
+    return model, dissipation_gradient(result)
+
+
+def dissipation_gradient(result: bp.Result) -> Any:
+    bar = np.zeros_like(result.reaction)
+    bar[:, :, 1:] = -result.slip
+    return result.vjp(reaction=bar, slip=-result.reaction[:, :, 1:])
+
+
 def drawn_lines(ax: Any) -> dict[str, Any]:
     return {it.get_label(): np.stack(it.get_data(), axis=-1) for it in ax.get_lines()}
 
@@ -645,6 +669,13 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
     "wear": (plots.wear, "worn", False, {}),
     "pressure by cycle": (plots.wear, "worn", False, {"quantity": "pressure"}),
     "band": (plots.reaction_band, "ranges", False, {"contacts": {"x": SUPPORTS}}),
+    "by friction": (
+        plots.sensitivity,
+        "decided",
+        False,
+        {"of": "energy", "unit": "mJ"},
+    ),
+    "by gap": (plots.sensitivity, "decided_in_space", False, {"by": "gap"}),
     "zones": (plots.status_map, "line", False, {}),
     "pressure": (plots.surface_map, "cube", False, {}),
     "shear": (plots.surface_map, "cube", False, {"quantity": "shear"}),
@@ -666,12 +697,10 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_parts_of_a_picture_do_not_overlap(
-    name: str, line: Any, cube: Any, cycle: Any, worn: Any
+    name: str, request: pytest.FixtureRequest
 ) -> None:
     draw, of, bodies, more = PICTURES[name]
-    scenes = {"line": line, "cube": cube, "cycle": cycle, "worn": worn}
-    scenes["ranges"] = None, supported()
-    model, result = scenes[of]
+    model, result = request.getfixturevalue(of)
     ax = draw(model, result, **more) if bodies else draw(result, **more)
     assert overlaps(ax.figure) == []
 

@@ -1,0 +1,200 @@
+"""Pictures of a gradient: which contact decides about a number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.validation import one_of
+from bipot_rs.contact.sensitivity.gradient import Gradient
+from bipot_rs.plots import style
+from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection
+from bipot_rs.plots.line import lines_of, mark_of, strips
+from bipot_rs.plots.surface import finish, is_line, plane_of, span, triangles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+QUANTITIES = ("mu", "gap")
+_SYMBOLS = {"mu": "μ", "gap": "gap"}
+# Blue below zero, red above: both differ from white by lightness, too.
+_COLOURS = "RdBu_r"
+_RISES, _FALLS = "#b2182b", "#2166ac"
+
+
+def sensitivity(
+    gradient: Any,
+    by: str = "mu",
+    *,
+    of: str = "number",
+    unit: str | None = None,
+    step: int | None = None,
+    along: ArrayLike | str | None = None,
+    where: ArrayLike | str | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Derivative of a number by the friction or the gap of each contact.
+
+    It shows which contacts decide: in 2D along a line, above the status of the contacts; in
+    3D on a map of a flat surface, or along a line if ``along`` is given. Red means that the
+    number grows with the friction coefficient or the gap of the contact, blue that it falls;
+    the colours of a map are symmetric about zero. Rings mark contacts on a border between
+    two statuses (``one_sided``), where the derivative holds on one side only.
+
+    Values belong to contacts, not to areas: those of a mesh with cells half as large are
+    half as large in 2D. Their sum is the change if all contacts change alike.
+
+    Parameters
+    ----------
+    gradient
+        The gradient of the number, from `Result.vjp`.
+    by
+        ``"mu"``, or ``"gap"``, its normal part. If contacts have two friction coefficients,
+        ``"mu"`` is the derivative by an equal change of both.
+    of, unit
+        Name and unit of the number, for the label.
+    step
+        Load step in which the gap changes. Default: it changes alike in all steps.
+    along, where, contacts, units, ax
+        As in `tractions`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, or missing data of the contacts; the message names them.
+    """
+    if not isinstance(gradient, Gradient):
+        raise mistyped("gradient", gradient, "a gradient of Result.vjp")
+    one_of("by", by, QUANTITIES)
+    if by == "mu" and step is not None:
+        raise ValueError(
+            'step is given, but the friction coefficients are those of all steps: use by="gap"'
+        )
+    result = gradient.result
+    at = -1 if step is None else step
+    seen = look(result, at, contacts=contacts, where=where, units=units)
+    known = contacts_of(result, contacts)
+    chosen = selection(where, gradient.mu.shape[0], known)
+    values = _values(gradient, by, step)[chosen]
+    # The gap of a step acts on all steps after it, through the slip.
+    borders = gradient.one_sided[0 if step is None else step :]
+    marked: Bools = np.asarray(borders.any(axis=0))[chosen]
+    name = f"d({of}) / d({_SYMBOLS[by]})"
+    label = unit if by == "mu" else _ratio(unit, seen.units.get("length"))
+    own, ax = ax is None, style.axes_of(ax)
+    if seen.x.shape[1] == 2 or along is not None:
+        _draw_line(seen, along, values, marked, (name, label), ax)
+        return ax
+    _draw_map(seen, values, marked, (name, label), ax)
+    if own:
+        style.fit(ax)
+    return ax
+
+
+def _values(gradient: Gradient, by: str, step: int | None) -> Floats:
+    """The derivatives, ``(n_c,)``."""
+    if by == "mu":
+        mu: Floats = gradient.mu
+        return mu if mu.ndim == 1 else np.asarray(mu.sum(axis=1))
+    normal = gradient.gap_by_component[:, :, 0]
+    return np.asarray(normal.sum(axis=0) if step is None else normal[step])
+
+
+def _ratio(unit: str | None, length: str | None) -> str | None:
+    """Unit of the number by length; None if one is unknown."""
+    if not unit or not length:
+        return None
+    return f"{unit}/{length}" if "/" not in unit else f"({unit})/{length}"
+
+
+def _draw_line(
+    seen: Contacts,
+    along: ArrayLike | str | None,
+    values: Floats,
+    marked: Bools,
+    label: tuple[str, str | None],
+    ax: Any,
+) -> None:
+    """Draw the derivatives along each surface, filled from zero by their sign."""
+    lines, name = lines_of(seen, along)
+    for k, (whose, one) in enumerate(lines):
+        y = values[one.order]
+        colour = "black" if len(lines) == 1 else style.cycle(k)
+        ax.plot(one.s, y, color=colour, lw=1.2, label=whose, **mark_of(one))
+        if one.once:
+            fill: dict[str, Any] = {"alpha": 0.35, "lw": 0, "interpolate": True}
+            ax.fill_between(one.s, y, where=y >= 0, color=_RISES, **fill)
+            ax.fill_between(one.s, y, where=y <= 0, color=_FALLS, **fill)
+        _rings(ax, one.s, y, marked[one.order])
+    ax.axhline(0, color="black", lw=0.6)
+    strips(ax, lines, seen.status)
+    style.bare(ax)
+    zones = style.status_handles(seen.status)
+    if len(lines) > 1:
+        zones = style.surface_handles(name for name, _ in lines) + zones
+    style.legend_above(ax, handles=zones + _legend(marked), title=seen.said)
+    style.name_axis(ax.xaxis, name, seen.units.get("length"))
+    style.name_axis(ax.yaxis, *label)
+
+
+def _draw_map(
+    seen: Contacts,
+    values: Floats,
+    marked: Bools,
+    label: tuple[str, str | None],
+    ax: Any,
+) -> None:
+    """Draw the derivatives on a flat surface, by colours symmetric about zero."""
+    uv, names = plane_of(seen)
+    if is_line(uv):
+        raise ValueError('the contacts lie on a line: pass along="arc" or a direction')
+    _, largest, _ = span(np.abs(values), "")
+    image = ax.tripcolor(
+        triangles(uv, seen.area),
+        values,
+        shading="gouraud",
+        cmap=_COLOURS,
+        vmin=-largest,
+        vmax=largest,
+    )
+    _rings(ax, uv[:, 0], uv[:, 1], marked)
+    if not values.any():
+        style.say(ax, "no contact changes the number")
+    finish(seen, uv, names, ax)
+    style.colour_bar(image, ax, *label, extend=_beyond(values, largest))
+    if marked.any():
+        style.legend_above(ax, handles=_legend(marked), title=seen.said)
+    else:
+        style.note(ax, seen.said)
+
+
+def _beyond(values: Floats, largest: float) -> str:
+    """On which sides values lie beyond the colours, in the words of matplotlib."""
+    edge = largest * (1 + 1e-9)
+    sides = bool(values.min() < -edge), bool(values.max() > edge)
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(sides, "neither")
+
+
+def _rings(ax: Any, x: Floats, y: Floats, marked: Bools) -> None:
+    """Mark the contacts whose derivative is one-sided."""
+    if marked.any():
+        look: dict[str, Any] = {"facecolors": "none", "edgecolors": "black", "s": 30}
+        ax.scatter(x[marked], y[marked], lw=1.0, zorder=3, label="one-sided", **look)
+
+
+def _legend(marked: Bools) -> list[Any]:
+    """Entry of the rings, if there are any."""
+    from matplotlib.lines import Line2D
+
+    if not marked.any():
+        return []
+    look: dict[str, Any] = {"ls": "none", "marker": "o", "mfc": "none", "mec": "black"}
+    return [Line2D([], [], label=f"one-sided ({int(marked.sum())})", **look)]

@@ -1,0 +1,139 @@
+"""Pictures of a gradient show its derivatives by contact, with units and one-sided contacts."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import PathCollection, TriMesh
+
+import bipot_rs as bp
+from bipot_rs import plots
+
+UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
+
+
+def springs(
+    points: Any, load: Any, mu: Any = 0.3, frame: Any = None
+) -> tuple[bp.ContactProblem, Any]:
+    """Points on springs of their own, of 1000 N/mm, that touch a wall."""
+    n, d = np.shape(points)
+    problem = bp.ContactProblem(
+        1e3 * np.eye(n * d),
+        np.eye(n * d),
+        gap=np.zeros(n),
+        mu=mu,
+        points=points,
+        frame=frame,
+    )
+    return problem, np.ravel(load)
+
+
+@pytest.fixture(scope="module")
+def row() -> Any:
+    """Three points: one sticks, one slips, one is pulled with just its friction limit.
+
+    The number is the sum of the friction forces. At a slipping point r_t = -μ r_n with
+    r_n = 10 N - 1000 N/mm × gap: the derivatives are -10 N by μ, 300 N/mm by the gap.
+    """
+    points = [[2.0, 0.0], [0.0, 0.0], [1.0, 0.0]]
+    load = [[-10.0, 1.0], [-10.0, 5.0], [-10.0, 3.0]]
+    problem, load = springs(points, load)
+    result = problem.solve(load)
+    result.units = UNITS
+    bar = np.zeros_like(result.reaction)
+    bar[:, :, 1] = 1.0
+    return result.vjp(reaction=bar)
+
+
+def rings(ax: Any) -> Any:
+    found = [it for it in ax.collections if isinstance(it, PathCollection)]
+    return np.concatenate([it.get_offsets() for it in found]) if found else None
+
+
+def test_a_line_shows_the_derivative_of_each_contact(row: Any) -> None:
+    ax = plots.sensitivity(row, "gap", of="friction", unit="N")
+    x, y = ax.get_lines()[0].get_data()
+    np.testing.assert_array_equal(x, [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(y, row.gap[[1, 2, 0]])
+    # Entries of K and W are powers of ten: only the solver's rounding is left.
+    np.testing.assert_allclose(y[[0, 2]], [300.0, 0.0], rtol=1e-12, atol=1e-10)
+    assert ax.get_ylabel() == "d(friction) / d(gap) [N/mm]"
+    assert ax.get_xlabel() == "x [mm]"
+    by_mu = plots.sensitivity(row, of="friction", unit="N")
+    assert by_mu.get_ylabel() == "d(friction) / d(μ) [N]"
+    assert by_mu.get_lines()[0].get_ydata()[0] == pytest.approx(-10.0, rel=1e-12)
+
+
+def test_one_sided_contacts_have_rings(row: Any) -> None:
+    np.testing.assert_array_equal(row.one_sided, [[False, False, True]])
+    ax = plots.sensitivity(row)
+    np.testing.assert_array_equal(rings(ax), [[1.0, row.mu[2]]])
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert legend[-1] == "one-sided (1)"
+    assert rings(plots.sensitivity(row, where=[0, 1])) is None
+
+
+def test_the_unit_is_left_out_if_one_part_is_unknown(row: Any) -> None:
+    assert plots.sensitivity(row, "gap").get_ylabel() == "d(number) / d(gap)"
+    ax = plots.sensitivity(row, "gap", unit="N", units={})
+    assert ax.get_ylabel() == "d(number) / d(gap)"
+    ax = plots.sensitivity(row, "gap", unit="N/mm")
+    assert ax.get_ylabel() == "d(number) / d(gap) [(N/mm)/mm]"
+
+
+def test_gaps_of_one_step_or_of_all() -> None:
+    problem, load = springs([[0.0, 0.0], [1.0, 0.0]], [[-10.0, 1.0], [-10.0, 5.0]])
+    result = problem.solve([load, 2 * load])
+    # r_n = 10 N - 1000 N/mm × gap, in each step that of its own gap.
+    bar = np.zeros_like(result.reaction)
+    bar[:, :, 0] = [[1.0, 0.0], [3.0, 0.0]]
+    gradient = result.vjp(reaction=bar)
+
+    def drawn(**more: Any) -> Any:
+        return plots.sensitivity(gradient, "gap", **more).get_lines()[0].get_ydata()
+
+    np.testing.assert_allclose(drawn(step=0), [-1e3, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(drawn(step=-1), [-3e3, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(drawn(), [-4e3, 0.0], rtol=1e-12)
+
+
+def test_a_map_has_colours_symmetric_about_zero() -> None:
+    points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]
+    frame = np.tile(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), (4, 1, 1))
+    load = [[-10.0, 5, 0], [-10, 1, 0], [-10, 1, 0], [-20, -8, 0]]
+    problem, load = springs(points, load, mu=np.full((4, 2), 0.3), frame=frame)
+    result = problem.solve(load)
+    bar = np.zeros_like(result.reaction)
+    bar[:, :, 1] = 1.0
+    ax = plots.sensitivity(result.vjp(reaction=bar), of="friction", unit="N")
+    (image,) = (it for it in ax.collections if isinstance(it, TriMesh))
+    # Both coefficients of a contact change alike; r_t1 = ∓μ r_n where it slips.
+    values = image.get_array()
+    np.testing.assert_allclose(values, [-10.0, 0.0, 0.0, 20.0], rtol=1e-9, atol=1e-9)
+    low, high = image.get_clim()
+    assert low == -high < 0
+    # 98 % of four values end between the largest two.
+    assert 10.0 < high < 20.0
+    assert image.colorbar.extend == "max"
+
+
+@pytest.mark.parametrize(
+    ("more", "error", "says"),
+    [
+        ({"by": "load"}, ValueError, "by is 'load', expected 'mu' or 'gap'"),
+        ({"by": "mu", "step": 0}, ValueError, "step is given, but the friction"),
+        ({"by": "gap", "step": 3}, ValueError, "step is 3, expected 0 to 0"),
+        ({"where": [7]}, ValueError, "where is out of range, expected 0 to 2"),
+        ({"ax": 3}, TypeError, "ax is a int"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    row: Any, more: Any, error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        plots.sensitivity(row, **more)
+
+
+def test_what_is_not_a_gradient_is_refused(row: Any) -> None:
+    with pytest.raises(TypeError, match=r"gradient.*a gradient of Result\.vjp"):
+        plots.sensitivity(row.result)
