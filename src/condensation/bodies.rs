@@ -6,7 +6,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::condensation::analysed::AnalysedBody;
-use crate::condensation::body::{Body, Imbalance};
+use crate::condensation::body::{Body, Imbalance, Recovered};
 use crate::condensation::forecast::Forecast;
 use crate::condensation::sparse::OwnedMatrix;
 use crate::condensation::stats::Stats;
@@ -254,7 +254,7 @@ impl Bodies {
             left.iter().try_for_each(Imbalance::check)?;
             Ok(both)
         };
-        let recovered = self.recovered(surface, states)?;
+        let recovered = self.recovered(surface, states, Body::displacements)?;
         recovered.into_iter().map(of_state).collect()
     }
 
@@ -264,6 +264,7 @@ impl Bodies {
         &self,
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
+        of_body: impl Fn(&Body, &[&[f64]], &[f64], &[&[f64]]) -> Result<Recovered, Error>,
     ) -> Result<Vec<([Vec<f64>; 2], Vec<Imbalance>)>, Error> {
         let mut forces = Vec::with_capacity(states.len());
         for state in states {
@@ -287,7 +288,7 @@ impl Bodies {
             let push = |s: &Loaded<D>| share.push(body, s.reaction.as_flattened());
             let pushes: Vec<f64> = states.iter().flat_map(push).collect();
             let n = body.dofs().len();
-            let recovered = body.displacements(&forces, &pushes, &own)?;
+            let recovered = of_body(body, &forces, &pushes, &own)?;
             for ((_, left), of_body) in all.iter_mut().zip(&recovered.left) {
                 left.push(*of_body);
             }
@@ -304,7 +305,7 @@ impl Bodies {
     }
 
     /// [`Bodies::displacements`] of states that are differences, whose forces may cancel to
-    /// rounding: their balance is not checked.
+    /// rounding: their balance is not checked, and only lost digits are restored.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
@@ -313,7 +314,7 @@ impl Bodies {
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
     ) -> Result<Vec<Vec<f64>>, Error> {
-        let recovered = self.recovered(surface, states)?;
+        let recovered = self.recovered(surface, states, Body::changes)?;
         Ok(recovered.into_iter().map(|([u, _], _)| u).collect())
     }
 

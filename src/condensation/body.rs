@@ -377,6 +377,28 @@ impl Body {
         Ok(Recovered { u, low, left })
     }
 
+    /// The same without refinement, if K does not amplify the rounding of its factor.
+    ///
+    /// # Errors
+    /// [`Error::FactorDropped`].
+    pub fn changes(
+        &self,
+        forces: &[&[f64]],
+        pushes: &[f64],
+        rigid: &[&[f64]],
+    ) -> Result<Recovered, Error> {
+        if self.amplification > DIGITS {
+            return self.displacements(forces, pushes, rigid);
+        }
+        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
+        let forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
+        Ok(Recovered {
+            u: self.response(factor, &forces, Some(pushes), rigid),
+            low: Vec::new(),
+            left: Vec::new(),
+        })
+    }
+
     /// `f − K u` without its rigid part, which contact balances up to the tolerance, and its
     /// size.
     fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Imbalance) {

@@ -9,9 +9,9 @@ use crate::error::Error;
 use crate::linalg::small::Block;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::interrupt;
 use crate::python::problem::{AnyProblem, PyCondensed};
 use crate::python::solver::{AnyReduced, PyReduced};
-use crate::python::interrupt;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::solver::newton::tangent_stiffness_form::TangentStiffnessForm;
@@ -51,6 +51,18 @@ impl PyTangentView {
     fn new(py: Python<'_>, problem: &PyCondensed, contacts: Indices<'_>) -> PyResult<Self> {
         let contacts = arrays::indices(&contacts, "contacts")?;
         let threads = problem.num_threads;
+        let count = match &problem.kind {
+            AnyProblem::Two(inner) => inner.contacts(),
+            AnyProblem::Three(inner) => inner.contacts(),
+        };
+        if let Some(&contact) = contacts.iter().find(|&&contact| contact >= count) {
+            let error = Error::Shape {
+                what: "contacts",
+                expected: count,
+                found: contact,
+            };
+            return Err(error.into());
+        }
         let kind = match &problem.kind {
             AnyProblem::Two(inner) => AnyView::Two(interrupt::run(py, threads, |stop| {
                 working_set::with(inner, contacts.into_iter(), stop)
@@ -269,9 +281,8 @@ pub(super) fn reduced_tangent(
     let closed = arrays::indices(&closed, "closed")?;
     macro_rules! of {
         ($owned:expr, $d:literal) => {{
-            let factor = |i: usize, k: usize| {
-                $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k))
-            };
+            let factor =
+                |i: usize, k: usize| $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k));
             let by_r = arrays::rows_of::<$d>("by_r", &by_r, $d * closed.len())?;
             let by_v = arrays::rows_of::<$d>("by_v", &by_v, $d * closed.len())?;
             let made = $owned.run(py, None, None, |problem, stop, _| {

@@ -13,12 +13,12 @@ from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings, by_component
 from bipot_rs.contact import rigid_motions as motion
+from bipot_rs.contact.derivatives import PathDerivatives
 from bipot_rs.contact.engines.engine import Asked, Engine, Known, Named
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_steps import Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
 from bipot_rs.contact.result import Result
-from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Outcome
 
@@ -50,7 +50,7 @@ class Following:
         bodies: Mapping[str, int] | None = None,
         known: Known | None = None,
         remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
-        model: PathModel | None = None,
+        model: PathDerivatives | None = None,
     ) -> None:
         self._engine = engine
         self._contacts = contacts

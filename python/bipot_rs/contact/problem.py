@@ -56,6 +56,7 @@ from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.sensitivity.model import PathModel
+from bipot_rs.contact.sensitivity.path import Differentiable
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
@@ -1199,12 +1200,14 @@ class ContactProblem:
             bodies=self._bodies,
             known=self._known,
             remarks=said,
-            model=PathModel(
-                self._contact.matrix,
-                self._fixed,
-                np.shape(np.asarray(self._contacts["gap"])),
-                self._by_component(gap),
-                self._loading.held,
+            model=Differentiable(
+                PathModel(
+                    self._contact.matrix,
+                    self._fixed,
+                    np.shape(np.asarray(self._contacts["gap"])),
+                    self._by_component(gap),
+                    self._loading.held,
+                )
             ),
         )
 

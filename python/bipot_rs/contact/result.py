@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,15 +15,11 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
+from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
-from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export
-
-if TYPE_CHECKING:
-    from bipot_rs.contact.sensitivity.gradient import Gradient
-    from bipot_rs.contact.sensitivity.tangent import Tangent
 
 # Attributes of a file whose stiffness has a known relative error.
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
@@ -86,7 +82,7 @@ class Result(Sequence[Step]):
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
         # For derivatives; None for a result without its problem.
-        self._model: PathModel | None = None
+        self._model: PathDerivatives | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_model": None}
@@ -292,9 +288,7 @@ class Result(Sequence[Step]):
         >>> tangent.reaction[0, 0].round(9), tangent.slip[0, 0].round(9)
         (array([  0., -10.]), array([-0.01]))
         """
-        from bipot_rs.contact.sensitivity import tangent
-
-        return tangent.jvp(self, load, prescribed, gap, mu, K)
+        return self._differentiable().jvp(self, load, prescribed, gap, mu, K)
 
     def vjp(
         self,
@@ -335,9 +329,18 @@ class Result(Sequence[Step]):
         >>> gradient.mu.round(9), gradient.load.round(9)
         (array([-10.]), array([[0.3, 0. ]]))
         """
-        from bipot_rs.contact.sensitivity import gradient
+        return self._differentiable().vjp(
+            self, reaction, displacement, relative_displacement, slip
+        )
 
-        return gradient.vjp(self, reaction, displacement, relative_displacement, slip)
+    def _differentiable(self) -> PathDerivatives:
+        if not self.steps:
+            raise ValueError(
+                f"the result has no steps to differentiate: {self.message}"
+            )
+        if self._model is None:
+            raise ValueError(LOST)
+        return self._model
 
     def save(
         self, path: str | os.PathLike[str], *, displacements: bool | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,15 +14,14 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact import error_bound, summary
+from bipot_rs.contact.derivatives import (
+    LOST,
+    ReducedGradient,
+    ReducedTangent,
+    SolutionDerivatives,
+)
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.status import Outcome
-
-if TYPE_CHECKING:
-    from bipot_rs.contact.sensitivity.reduced import (
-        ReducedGradient,
-        ReducedModel,
-        ReducedTangent,
-    )
 
 # Displacements are computed in blocks: more right sides gain nothing in a pass over the
 # factor.
@@ -246,18 +245,15 @@ class Solution:
         """
         return self._derivatives().vjp(self, reaction, relative_displacement)
 
-    def _derivatives(self) -> ReducedModel:
+    def _derivatives(self) -> SolutionDerivatives:
         if self._problem is None:
-            raise ValueError(
-                "the problem of this solution is not available: it was read from a file or "
-                "came from another process; solve again to differentiate"
-            )
+            raise ValueError(LOST)
         made = getattr(self._problem, "derivatives", None)
         if made is None:
             raise ValueError(
                 "this is a step of a load path: use jvp and vjp of its Result"
             )
-        found: ReducedModel = made()
+        found: SolutionDerivatives = made()
         return found
 
     def __getstate__(self) -> dict[str, Any]:

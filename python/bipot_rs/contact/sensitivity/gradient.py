@@ -4,55 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.derivatives import Gradient
+from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
-from bipot_rs.contact.sensitivity.path import LinearPath, linearised
 from bipot_rs.contact.solution import BLOCK
-
-if TYPE_CHECKING:
-    from bipot_rs.contact.result import Result
 
 # Entries of K whose products are computed together: their factors stay in the cache.
 _ENTRIES = 1 << 14
 
 
-class Gradient:
-    """Derivatives of one number that depends on the results of a load path.
-
-    Attributes
-    ----------
-    gap
-        As ``gap`` of the problem, or ``(steps, n_c)`` or ``(steps, n_c, d)`` if the path
-        had gaps of each step.
-    gap_by_component : (steps, n_c, d)
-        The same for each step and component.
-    mu
-        As ``mu`` of the problem, ``(n_c,)`` or ``(n_c, 2)``.
-    one_sided : (steps, n_c)
-        Contacts on a border between two statuses, where only one-sided derivatives exist.
-        The gradient is then an element of the generalised gradient: the one with every
-        contact on the side of its reported `Status`.
-    result
-        The `Result` that was differentiated.
-    """
+class Backward:
+    """Derivatives of one number by the data of all steps."""
 
     def __init__(
         self,
-        result: Result,
+        result: Any,
         path: LinearPath,
         reaction: Floats | None,
         displacement: Floats | None,
         relative_displacement: Floats | None,
         slip: Floats | None,
     ) -> None:
-        self.result = result
-        self._path = path
-        self.one_sided: Bools = path.one_sided
+        self._result, self._path = result, path
         steps, shape = len(path.steps), path.shape
         self._displacement = displacement
         self.gap_by_component = np.zeros((steps, *shape))
@@ -66,7 +45,6 @@ class Gradient:
             relative_displacement,
             slip,
         )
-        self.gap = gap_gradient(path.model, self.gap_by_component)
 
     def _backward(
         self, reaction: Floats, moved: Floats | None, slip: Floats | None
@@ -111,18 +89,8 @@ class Gradient:
         self._forces[k] = force
         return response.free(force, np.zeros(len(path.model.fixed)))
 
-    @cached_property
     def load(self) -> Floats:
-        """Derivatives by the loads, ``(steps, n)``, computed on first use.
-
-        These are the adjoint displacements, one solve with the factor of K a step. They are
-        zero at prescribed degrees of freedom.
-
-        Raises
-        ------
-        ValueError
-            The problem was made with ``loads=`` and has no factor.
-        """
+        """Adjoint displacements, ``(steps, n)``."""
         path = self._path
         count, fixed = len(path.steps), np.zeros(len(path.model.fixed))
         none = np.zeros(path.model.n)
@@ -136,32 +104,25 @@ class Gradient:
         ]
         return np.concatenate(blocks)
 
-    @cached_property
-    def prescribed(self) -> Floats:
-        """Derivatives by the prescribed displacements, ``(steps, len(fixed))``."""
+    def prescribed(self, load: Floats) -> Floats:
+        """Derivatives by prescribed displacements, from the adjoint displacements."""
         path = self._path
         pushed = self.gap_by_component.reshape(len(path.steps), -1)
         force = (path.model.contact.T @ pushed.T).T
         if self._displacement is not None:
             force = force + self._displacement
-        left: Floats = force - (self._stiffness @ self.load.T).T
+        left: Floats = force - (self._stiffness @ load.T).T
         return np.ascontiguousarray(left[:, path.model.fixed])
 
-    @cached_property
-    def K(self) -> Any:
-        """Derivatives by the entries of K, sparse ``(n, n)``, symmetric, on its pattern.
-
-        The change of the number with a symmetric change ``dK`` is the sum of all products
-        of entries, ``(gradient.K * dK).sum()``. Entries between prescribed degrees of
-        freedom, on which nothing depends, are not stored.
-        """
+    def stiffness(self, load: Floats) -> Any:
+        """Derivatives by the entries of K, from the adjoint displacements."""
         from scipy.sparse import csr_array
 
         K = self._stiffness
         rows = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
         # The steps of one degree of freedom side by side.
-        adjoint = np.ascontiguousarray(self.load.T)
-        moved = np.ascontiguousarray(self.result.displacement.T)
+        adjoint = np.ascontiguousarray(load.T)
+        moved = np.ascontiguousarray(self._result.displacement.T)
         values = np.empty(K.nnz)
         for first in range(0, K.nnz, _ENTRIES):
             own = slice(first, first + _ENTRIES)
@@ -198,14 +159,14 @@ class Gradient:
 
 
 def vjp(
-    result: Result,
+    path: LinearPath,
+    result: Any,
     reaction: ArrayLike | None,
     displacement: ArrayLike | None,
     relative_displacement: ArrayLike | None,
     slip: ArrayLike | None,
 ) -> Gradient:
     """`Result.vjp`."""
-    path = linearised(result)
     steps, (contacts, d) = len(path.steps), path.shape
     stacked = steps, contacts, d
     u = cotangents("displacement", displacement, (steps, path.model.n))
@@ -214,11 +175,19 @@ def vjp(
             "displacement has a cotangent, but the problem was made with loads= and has no "
             "factor of K: make it without loads="
         )
-    return Gradient(
+    found = Backward(
         result,
         path,
         cotangents("reaction", reaction, stacked),
         None if u is None else path.model.forces(u),
         cotangents("relative_displacement", relative_displacement, stacked),
         cotangents("slip", slip, (steps, contacts, d - 1)),
+    )
+    return Gradient(
+        result,
+        gap_gradient(path.model, found.gap_by_component),
+        found.gap_by_component,
+        found.mu,
+        path.one_sided,
+        found,
     )

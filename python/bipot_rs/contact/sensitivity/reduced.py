@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.derivatives import ReducedGradient, ReducedTangent
 from bipot_rs.contact.sensitivity.borders import borders
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.laws import Point
@@ -21,60 +21,6 @@ from bipot_rs.contact.sensitivity.model import (
     cotangents,
 )
 from bipot_rs.contact.sensitivity.response import Given
-
-
-@dataclass(frozen=True)
-class ReducedTangent:
-    """Directional derivatives of a solution.
-
-    Attributes
-    ----------
-    reaction, relative_displacement : (n_c, d)
-    one_sided : (n_c,)
-        Contacts on a border between two statuses. The derivatives then hold on the side of
-        the direction alone.
-    """
-
-    reaction: Floats
-    relative_displacement: Floats
-    one_sided: Bools
-
-
-@dataclass(frozen=True)
-class ReducedGradient:
-    """Derivatives of one number that depends on a solution.
-
-    Attributes
-    ----------
-    q : (n_c, d)
-    mu : (n_c,) or (n_c, 2)
-    one_sided : (n_c,)
-        Contacts on a border between two statuses, where only one-sided derivatives exist.
-        The gradient is then an element of the generalised gradient: the one with every
-        contact on the side of its reported `Status`.
-    """
-
-    q: Floats
-    mu: Floats
-    one_sided: Bools
-    _reaction: Floats
-    _pattern: Any
-
-    @cached_property
-    def W(self) -> Any:
-        """Derivatives by the entries of W, on the pattern of a sparse W, else dense.
-
-        W is not assumed to be symmetric: its entries are independent data.
-        """
-        adjoint, r = self.q.ravel(), self._reaction.ravel()
-        if not hasattr(self._pattern, "tocsr"):
-            return np.outer(adjoint, r)
-        from scipy.sparse import csr_array
-
-        own = csr_array(self._pattern)
-        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
-        values = adjoint[rows] * r[own.indices]
-        return csr_array((values, own.indices, own.indptr), shape=own.shape)
 
 
 @dataclass(frozen=True)

@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.derivatives import Tangent
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.linear import Change
+from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import Directions, directions
-from bipot_rs.contact.sensitivity.path import LinearPath, linearised
 from bipot_rs.contact.solution import BLOCK
 
-if TYPE_CHECKING:
-    from bipot_rs.contact.result import Result
 
-
-class Tangent:
-    """Directional derivatives of the results of a load path, stacked as in `Result`.
-
-    Attributes
-    ----------
-    reaction, relative_displacement : (steps, n_c, d)
-    slip : (steps, n_c, d - 1)
-    one_sided : (steps, n_c)
-        Contacts on a border between two statuses. The derivatives then hold on the side of
-        the direction alone.
-    """
+class Forward:
+    """Derivatives of all steps in one direction."""
 
     def __init__(
         self, path: LinearPath, given: Directions, displacement: Floats | None
     ) -> None:
         self._path, self._given = path, given
-        self.one_sided: Bools = path.one_sided
         steps, shape = len(path.steps), path.shape
         self.reaction = np.zeros((steps, *shape))
         self.relative_displacement = np.zeros((steps, *shape))
@@ -89,15 +76,8 @@ class Tangent:
         states = [(*self._loads(k), self.reaction[k], self._amounts[k]) for k in steps]
         return self._path.response.displacements(states)
 
-    @cached_property
     def displacement(self) -> Floats:
-        """Derivatives of the displacements, ``(steps, n)``, computed on first use.
-
-        Raises
-        ------
-        ValueError
-            The problem was made with ``loads=`` and has no factor.
-        """
+        """Derivatives of the displacements, ``(steps, n)``."""
         count = len(self._path.steps)
         blocks = [
             self._displacements(list(range(k, min(k + BLOCK, count))))
@@ -107,7 +87,8 @@ class Tangent:
 
 
 def jvp(
-    result: Result,
+    path: LinearPath,
+    result: Any,
     load: ArrayLike | None,
     prescribed: ArrayLike | None,
     gap: ArrayLike | None,
@@ -115,9 +96,15 @@ def jvp(
     K: Any,
 ) -> Tangent:
     """`Result.jvp`."""
-    path = linearised(result)
     shape = path.shape[0], path.shape[1]
     given = directions(
         path.model, len(path.steps), path.mu, shape, load, prescribed, gap, mu, K
     )
-    return Tangent(path, given, None if K is None else result.displacement)
+    found = Forward(path, given, None if K is None else result.displacement)
+    return Tangent(
+        found.reaction,
+        found.relative_displacement,
+        found.slip,
+        path.one_sided,
+        found.displacement,
+    )

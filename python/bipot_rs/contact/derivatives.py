@@ -1,0 +1,235 @@
+"""Derivatives of solutions, as `Result` and `Solution` return them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Bools, Floats
+
+
+class Tangent:
+    """Directional derivatives of the results of a load path, stacked as in `Result`.
+
+    Attributes
+    ----------
+    reaction, relative_displacement : (steps, n_c, d)
+    slip : (steps, n_c, d - 1)
+    one_sided : (steps, n_c)
+        Contacts on a border between two statuses. The derivatives then hold on the side of
+        the direction alone.
+    """
+
+    def __init__(
+        self,
+        reaction: Floats,
+        relative_displacement: Floats,
+        slip: Floats,
+        one_sided: Bools,
+        displacement: Callable[[], Floats],
+    ) -> None:
+        self.reaction = reaction
+        self.relative_displacement = relative_displacement
+        self.slip = slip
+        self.one_sided = one_sided
+        self._recover = displacement
+
+    @cached_property
+    def displacement(self) -> Floats:
+        """Derivatives of the displacements, ``(steps, n)``, computed on first use.
+
+        Raises
+        ------
+        ValueError
+            The problem was made with ``loads=`` and has no factor.
+        """
+        return self._recover()
+
+
+class Adjoint(Protocol):
+    """What the parts of a `Gradient` are computed from on first use."""
+
+    def load(self) -> Floats:
+        """Adjoint displacements, ``(steps, n)``."""
+
+    def prescribed(self, load: Floats) -> Floats:
+        """Derivatives by prescribed displacements, from the adjoint displacements."""
+
+    def stiffness(self, load: Floats) -> Any:
+        """Derivatives by the entries of K, from the adjoint displacements."""
+
+
+class Gradient:
+    """Derivatives of one number that depends on the results of a load path.
+
+    Attributes
+    ----------
+    gap
+        As ``gap`` of the problem, or ``(steps, n_c)`` or ``(steps, n_c, d)`` if the path
+        had gaps of each step.
+    gap_by_component : (steps, n_c, d)
+        The same for each step and component.
+    mu
+        As ``mu`` of the problem, ``(n_c,)`` or ``(n_c, 2)``. Where it is zero, the
+        derivative holds for friction that begins, with equal coefficients; it is zero
+        where the contact does not slip.
+    one_sided : (steps, n_c)
+        Contacts on a border between two statuses, where only one-sided derivatives exist.
+        The gradient is then an element of the generalised gradient: the one with every
+        contact on the side of its reported `Status`.
+    result
+        The `Result` that was differentiated.
+    """
+
+    def __init__(
+        self,
+        result: Any,
+        gap: Floats,
+        gap_by_component: Floats,
+        mu: Floats,
+        one_sided: Bools,
+        adjoint: Adjoint,
+    ) -> None:
+        self.result = result
+        self.gap = gap
+        self.gap_by_component = gap_by_component
+        self.mu = mu
+        self.one_sided = one_sided
+        self._adjoint = adjoint
+
+    @cached_property
+    def load(self) -> Floats:
+        """Derivatives by the loads, ``(steps, n)``, computed on first use.
+
+        These are the adjoint displacements, one solve with the factor of K a step. They are
+        zero at prescribed degrees of freedom.
+
+        Raises
+        ------
+        ValueError
+            The problem was made with ``loads=`` and has no factor.
+        """
+        return self._adjoint.load()
+
+    @cached_property
+    def prescribed(self) -> Floats:
+        """Derivatives by the prescribed displacements, ``(steps, len(fixed))``."""
+        return self._adjoint.prescribed(self.load)
+
+    @cached_property
+    def K(self) -> Any:
+        """Derivatives by the entries of K, sparse ``(n, n)``, symmetric, on its pattern.
+
+        The change of the number with a symmetric change ``dK`` is the sum of all products
+        of entries, ``(gradient.K * dK).sum()``. Entries between prescribed degrees of
+        freedom, on which nothing depends, are not stored.
+        """
+        return self._adjoint.stiffness(self.load)
+
+
+class ReducedTangent:
+    """Directional derivatives of the solution of a `ReducedProblem`.
+
+    Attributes
+    ----------
+    reaction, relative_displacement : (n_c, d)
+    one_sided : (n_c,)
+        As in `Tangent`.
+    """
+
+    def __init__(
+        self, reaction: Floats, relative_displacement: Floats, one_sided: Bools
+    ) -> None:
+        self.reaction = reaction
+        self.relative_displacement = relative_displacement
+        self.one_sided = one_sided
+
+
+class ReducedGradient:
+    """Derivatives of one number that depends on the solution of a `ReducedProblem`.
+
+    Attributes
+    ----------
+    q : (n_c, d)
+    mu : (n_c,) or (n_c, 2)
+    one_sided : (n_c,)
+        As in `Gradient`.
+    """
+
+    def __init__(
+        self, q: Floats, mu: Floats, one_sided: Bools, reaction: Floats, W: Any
+    ) -> None:
+        self.q, self.mu, self.one_sided = q, mu, one_sided
+        self._reaction, self._given = reaction, W
+
+    @cached_property
+    def W(self) -> Any:
+        """Derivatives by the entries of W, on the pattern of a sparse W, else dense.
+
+        W is not assumed to be symmetric: its entries are independent data.
+        """
+        adjoint, r = self.q.ravel(), self._reaction.ravel()
+        if not hasattr(self._given, "tocsr"):
+            return np.outer(adjoint, r)
+        from scipy.sparse import csr_array
+
+        own = csr_array(self._given)
+        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
+        values = adjoint[rows] * r[own.indices]
+        return csr_array((values, own.indices, own.indptr), shape=own.shape)
+
+
+class PathDerivatives(Protocol):
+    """The problem of a load path, for the derivatives of its result."""
+
+    def jvp(
+        self,
+        result: Any,
+        load: ArrayLike | None,
+        prescribed: ArrayLike | None,
+        gap: ArrayLike | None,
+        mu: ArrayLike | None,
+        K: Any,
+        /,
+    ) -> Tangent:
+        """`Result.jvp`."""
+
+    def vjp(
+        self,
+        result: Any,
+        reaction: ArrayLike | None,
+        displacement: ArrayLike | None,
+        relative_displacement: ArrayLike | None,
+        slip: ArrayLike | None,
+        /,
+    ) -> Gradient:
+        """`Result.vjp`."""
+
+
+class SolutionDerivatives(Protocol):
+    """A reduced problem, for the derivatives of its solution."""
+
+    def jvp(
+        self, solution: Any, W: Any, q: ArrayLike | None, mu: ArrayLike | None, /
+    ) -> ReducedTangent:
+        """`Solution.jvp`."""
+
+    def vjp(
+        self,
+        solution: Any,
+        reaction: ArrayLike | None,
+        relative_displacement: ArrayLike | None,
+        /,
+    ) -> ReducedGradient:
+        """`Solution.vjp`."""
+
+
+# The reason why a result that was read from a file has no derivatives.
+LOST = (
+    "the problem of this result is not available: it was read from a file or came from "
+    "another process; solve again to differentiate"
+)

@@ -1,0 +1,85 @@
+"""The linearised steps of a load path, shared by its tangents and gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.derivatives import LOST
+from bipot_rs.contact.sensitivity.borders import borders
+from bipot_rs.contact.sensitivity.laws import Point
+from bipot_rs.contact.sensitivity.linear import Linear
+from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
+from bipot_rs.contact.sensitivity.response import Condensed
+from bipot_rs.contact.solution import Step
+from bipot_rs.contact.status import Status
+
+# Contacts with a smaller opening, as a share of the largest one, may be on a border.
+_CLOSE = 1e-6
+
+
+class LinearPath:
+    """The steps of a path, linearised one after the other.
+
+    Attributes
+    ----------
+    model
+        Contact operator and shapes.
+    response
+        How the contacts respond to reactions.
+    steps
+        The steps.
+    mu
+        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+    """
+
+    def __init__(
+        self,
+        model: PathModel,
+        steps: Sequence[Step],
+        contacts: Mapping[str, Any],
+    ) -> None:
+        self.model, self.steps = model, steps
+        self.mu: Floats = np.asarray(contacts["mu"])
+        self.shape = steps[0].reaction.shape
+        friction = along_tangents(self.mu, self.shape[1])
+        self.points = [
+            Point(
+                step.reaction,
+                step.relative_displacement[:, 0],
+                step.slip,
+                step.status.astype(np.int64),
+                friction,
+            )
+            for step in steps
+        ]
+        recovery = steps[-1]._recover
+        if recovery is None:
+            raise ValueError(LOST)
+        self.has_factor = recovery.has_factor()
+        self.response = Condensed(recovery.condensed(), self._closed(), self.shape[0])
+        compliance = self.response.diagonal.mean(axis=1)
+        self.borders = [
+            borders(point, compliance, step.tolerance)
+            for point, step in zip(self.points, steps, strict=True)
+        ]
+
+    def _closed(self) -> Any:
+        """Contacts that close, or nearly do, in some step."""
+        closed = np.zeros(self.shape[0], bool)
+        for point in self.points:
+            near = _CLOSE * np.abs(point.opening).max(initial=0.0)
+            closed |= (point.status != Status.OPEN) | (point.opening <= near)
+        return np.flatnonzero(closed)
+
+    @property
+    def one_sided(self) -> Bools:
+        """Contacts on a border between two statuses, ``(steps, n_c)``."""
+        return np.stack([known.any for known in self.borders])
+
+    def linear(self, k: int) -> Linear:
+        """The linearised problem of a step."""
+        return Linear(self.response, self.points[k], self.borders[k])
