@@ -205,20 +205,23 @@ def vjp(
     slip: ArrayLike | None,
 ) -> Gradient:
     """`Result.vjp`."""
-    path = linearised(result)
-    steps, (contacts, d) = len(path.steps), path.shape
-    stacked = steps, contacts, d
-    u = cotangents("displacement", displacement, (steps, path.model.n))
-    if u is not None and not path.has_factor:
-        raise ValueError(
-            "displacement has a cotangent, but the problem was made with loads= and has no "
-            "factor of K: make it without loads="
+
+    def derive(path: LinearPath) -> Gradient:
+        steps, (contacts, d) = len(path.steps), path.shape
+        stacked = steps, contacts, d
+        u = cotangents("displacement", displacement, (steps, path.model.n))
+        if u is not None and not path.has_factor:
+            raise ValueError(
+                "displacement has a cotangent, but the problem was made with loads= and has no "
+                "factor of K: make it without loads="
+            )
+        return Gradient(
+            result,
+            path,
+            cotangents("reaction", reaction, stacked),
+            None if u is None else path.model.forces(u),
+            cotangents("relative_displacement", relative_displacement, stacked),
+            cotangents("slip", slip, (steps, contacts, d - 1)),
         )
-    return Gradient(
-        result,
-        path,
-        cotangents("reaction", reaction, stacked),
-        None if u is None else path.model.forces(u),
-        cotangents("relative_displacement", relative_displacement, stacked),
-        cotangents("slip", slip, (steps, contacts, d - 1)),
-    )
+
+    return linearised(result, derive)

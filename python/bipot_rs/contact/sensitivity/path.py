@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.sensitivity.borders import borders
+from bipot_rs.contact.sensitivity.displacements import Displacements, Stalled
 from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import Linear
 from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
-from bipot_rs.contact.sensitivity.response import Condensed
+from bipot_rs.contact.sensitivity.response import Condensed, PathResponse
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Status
 
 if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
+
+T = TypeVar("T")
 
 # Contacts with a smaller opening, as a share of the largest one, may be on a border.
 _CLOSE = 1e-6
@@ -36,6 +39,11 @@ class LinearPath:
         The steps.
     mu
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+
+    Parameters
+    ----------
+    iterative
+        Whether results of the iterative engine are differentiated by it.
     """
 
     def __init__(
@@ -43,6 +51,8 @@ class LinearPath:
         model: PathModel,
         steps: Sequence[Step],
         contacts: Mapping[str, Any],
+        *,
+        iterative: bool = True,
     ) -> None:
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])
@@ -62,7 +72,13 @@ class LinearPath:
         if recovery is None:
             raise ValueError(_LOST)
         self.has_factor = recovery.has_factor()
-        self.response = Condensed(recovery.condensed(), self._closed(), self.shape[0])
+        primal = recovery.primal() if iterative else None
+        self.response: PathResponse
+        if primal is not None:
+            self.response = Displacements(primal)
+        else:
+            core = recovery.condensed()
+            self.response = Condensed(core, self._closed(), self.shape[0])
         compliance = self.response.diagonal.mean(axis=1)
         self.borders = [
             borders(point, compliance, step.tolerance)
@@ -93,16 +109,32 @@ _LOST = (
 )
 
 
-def linearised(result: Result) -> LinearPath:
-    """The linearised steps of a result.
+def linearised(result: Result, derive: Callable[[LinearPath], T]) -> T:
+    """What ``derive`` makes of the linearised steps of a result.
+
+    Where the solver of the iterative engine stalls, the direct engine replaces it.
 
     Raises
     ------
     ValueError
         The problem of the result is not available, or the result has no steps.
+    MemoryError
+        The iterative solver stalled, and the factor of the direct engine does not fit.
     """
     if not len(result):
         raise ValueError(f"the result has no steps to differentiate: {result.message}")
     if result._model is None:
         raise ValueError(_LOST)
-    return LinearPath(result._model, result.steps, result.contacts)
+    own = result._model, result.steps, result.contacts
+    try:
+        return derive(LinearPath(*own))
+    except Stalled:
+        pass
+    try:
+        direct = LinearPath(*own, iterative=False)
+    except MemoryError as error:
+        raise MemoryError(
+            "the linear solver of the iterative engine does not converge for the "
+            f"derivatives, and {error}"
+        ) from error
+    return derive(direct)

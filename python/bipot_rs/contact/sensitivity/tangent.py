@@ -115,9 +115,13 @@ def jvp(
     K: Any,
 ) -> Tangent:
     """`Result.jvp`."""
-    path = linearised(result)
-    shape = path.shape[0], path.shape[1]
-    given = directions(
-        path.model, len(path.steps), path.mu, shape, load, prescribed, gap, mu, K
-    )
-    return Tangent(path, given, None if K is None else result.displacement)
+
+    def derive(path: LinearPath) -> Tangent:
+        shape = path.shape[0], path.shape[1]
+        steps = len(path.steps)
+        given = directions(
+            path.model, steps, path.mu, shape, load, prescribed, gap, mu, K
+        )
+        return Tangent(path, given, None if K is None else result.displacement)
+
+    return linearised(result, derive)
