@@ -112,11 +112,7 @@ impl PyPrimalTangent {
     }
 
     /// Relative displacements `R y` of unknowns.
-    fn moved<'py>(
-        &self,
-        py: Python<'py>,
-        y: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.order())?;
         let v = either!(&self.problem.kind, inner => {

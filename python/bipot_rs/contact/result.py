@@ -264,8 +264,9 @@ class Result(Sequence[Step]):
         If contacts are on a border between two statuses (`Tangent.one_sided`), the result
         is the directional derivative there: it is not linear in the direction.
 
-        A result of the iterative engine is differentiated with the factor of the direct
-        one, which is made for it.
+        A result of the iterative engine is differentiated without a factor: each step costs
+        one linear solve with its preconditioner, and each contact on a border ``d`` more.
+        If that does not converge, the direct engine replaces it.
 
         Raises
         ------
@@ -277,7 +278,8 @@ class Result(Sequence[Step]):
             The derivative does not exist or is not unique: reactions are not determined,
             or several changes of statuses fit the direction.
         MemoryError
-            The system of a step does not fit into memory.
+            The system of a step does not fit into memory; or the linear solver of the
+            iterative engine does not converge, and the factor of the direct one does not fit.
 
         Examples
         --------
