@@ -395,6 +395,43 @@ class TangentSystem:
     def solve_transposed(self, right: _Floats) -> _Floats:
         """The same with the transposed matrix."""
 
+@final
+class PrimalTangent:
+    """Linearised steps in the displacements, for their derivatives.
+
+    The unknowns ``y`` of the problem, `order` numbers, take the place of rigid motions.
+    """
+
+    def __new__(cls, problem: Primal) -> PrimalTangent: ...
+    @property
+    def diagonal(self) -> _Floats:
+        """Estimate of the diagonal of `W`; zero at components without an unknown."""
+    @property
+    def order(self) -> int:
+        """Number of unknowns."""
+    def stiffness(self) -> tuple[_Indices, _Indices, _Floats]:
+        """`K` by rows, without the entries between prescribed degrees of freedom."""
+    def free_part(self, load: _Floats, prescribed: _Floats) -> tuple[_Floats, _Floats]:
+        """Relative displacements of prescribed ones, and forces on the unknowns."""
+    def moved(self, y: _Floats) -> _Floats:
+        """Relative displacements `R y` of unknowns."""
+    def work(self, v: _Floats) -> _Floats:
+        """`Rᵀ v` of relative displacements."""
+    def displacement(self, y: _Floats, prescribed: _Floats) -> _Floats:
+        """Displacements of unknowns and prescribed displacements."""
+    def solve(
+        self,
+        closed: _Indices,
+        by_r: _Floats,
+        by_v: _Floats,
+        right: _Floats,
+        transposed: bool,
+    ) -> _Floats | None:
+        """Solves the system of some contacts; nothing if this does not converge.
+
+        The right side has the rows of these contacts, then those of the unknowns.
+        """
+
 def reduced_tangent(
     problem: Reduced, closed: _Indices, by_r: _Floats, by_v: _Floats
 ) -> TangentSystem | None:

@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::amg::following::Following;
-use crate::linalg::flexible_gmres::{self, Limits};
+use crate::linalg::flexible_gmres::{self, FlexibleSolution, Limits};
 use crate::linalg::parallel::{axpy, largest, norm};
 use crate::primal::engine::{Correction, Engine, Terms};
 use crate::primal::preconditioner::Preconditioner;
@@ -46,9 +46,69 @@ impl<'p, const D: usize> Local<'p, D> {
     }
 
     /// The right side of the system of a Newton step.
-    fn right_side(&self, tangent: &Tangent<D>, e: &[f64]) -> Vec<f64> {
+    pub(super) fn right_side(&self, tangent: &Tangent<D>, e: &[f64]) -> Vec<f64> {
         let mut moved = self.problem.product_of_contacts(&tangent.known);
         tangent.right_side(e, &mut moved)
+    }
+
+    /// Makes the preconditioner; whether there is one.
+    pub(super) fn prepared(
+        &mut self,
+        tangent: &Tangent<D>,
+        statuses: &[Status],
+    ) -> Result<bool, Error> {
+        match self.preconditioner.prepare(tangent, statuses, self.stop) {
+            Ok(()) => Ok(true),
+            Err(
+                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
+            ) => Ok(false),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Solves `J x = right`, or `Jᵀ x = right`, in the rows and columns that are not held, with
+    /// the preconditioner that is prepared.
+    pub(super) fn krylov(
+        &mut self,
+        tangent: &Tangent<D>,
+        right: &[f64],
+        tol: f64,
+        transposed: bool,
+    ) -> Result<FlexibleSolution, Error> {
+        let (problem, work) = (self.problem, &mut self.work);
+        let preconditioner = &mut self.preconditioner;
+        let mut pulled = Vec::new();
+        let solved = flexible_gmres::solve(
+            |x, out| {
+                if transposed {
+                    pulled.clear();
+                    pulled.extend_from_slice(x);
+                    tangent.pull(&mut pulled);
+                    problem.product(&pulled, work, out);
+                    tangent.add_transposed(x, out);
+                } else {
+                    problem.product(x, work, out);
+                    tangent.add_laws(x, out);
+                }
+                tangent.clear(out);
+            },
+            |b, x| {
+                preconditioner.apply(b, x);
+                tangent.clear(x);
+            },
+            right,
+            Limits {
+                tol,
+                restart: BASIS,
+                most: MOST_KRYLOV,
+            },
+            self.stop,
+        )?;
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        self.preconditioner.solved_in(solved.products);
+        Ok(solved)
     }
 }
 
@@ -110,38 +170,11 @@ impl<const D: usize> Engine<D> for Local<'_, D> {
         e: &Vec<f64>,
         tol: f64,
     ) -> Result<Option<Correction<Vec<f64>>>, Error> {
-        match self.preconditioner.prepare(tangent, statuses, self.stop) {
-            Ok(()) => {}
-            Err(
-                Error::Multigrid { .. } | Error::Indefinite { .. } | Error::FloatingBody { .. },
-            ) => return Ok(None),
-            Err(other) => return Err(other),
+        if !self.prepared(tangent, statuses)? {
+            return Ok(None);
         }
         let right = self.right_side(tangent, e);
-        let (problem, work) = (self.problem, &mut self.work);
-        let preconditioner = &mut self.preconditioner;
-        let solved = flexible_gmres::solve(
-            |x, out| {
-                problem.product(x, work, out);
-                tangent.add_laws(x, out);
-                tangent.clear(out);
-            },
-            |b, x| {
-                preconditioner.apply(b, x);
-                tangent.clear(x);
-            },
-            &right,
-            Limits {
-                tol,
-                restart: BASIS,
-                most: MOST_KRYLOV,
-            },
-            self.stop,
-        )?;
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        self.preconditioner.solved_in(solved.products);
+        let solved = self.krylov(tangent, &right, tol, false)?;
         let mut dy = solved.x;
         axpy(1.0, &tangent.known, &mut dy);
         Ok(Some(Correction {

@@ -19,6 +19,7 @@ pub mod engine;
 mod filter;
 pub mod frames;
 mod interface;
+pub mod linearised;
 pub mod load_step;
 pub mod local;
 pub mod newton;

@@ -366,6 +366,41 @@ impl<const D: usize> Primal<D> {
         self.contacts.floating(&interface.bodies, &held)
     }
 
+    /// `K` by rows, with the zeros of its blocks and without the entries between prescribed
+    /// degrees of freedom.
+    #[must_use]
+    pub fn stiffness_by_rows(&self) -> OwnedMatrix {
+        let known = &self.stiffness;
+        let n = self.order();
+        let mut dof = vec![0; n];
+        for (i, &at) in known.nodes.place.iter().enumerate() {
+            dof[at as usize] = i;
+        }
+        let mut beside = vec![Vec::new(); n];
+        for (p, &j) in known.fixed.iter().enumerate() {
+            for (i, value) in known.coupling.entries(p) {
+                beside[i].push((j, value));
+            }
+        }
+        let mut out = OwnedMatrix::default();
+        for (i, mut row) in beside.into_iter().enumerate() {
+            if let Some(p) = known.position[i] {
+                row.extend(known.coupling.entries(p));
+            } else {
+                let at = known.nodes.place[i] as usize;
+                for (node, block) in known.matrix.blocks_of_row(at / D) {
+                    let own = (0..D).map(|c| (dof[D * node + c], block[D * c + at % D]));
+                    row.extend(own.filter(|&(j, _)| known.position[j].is_none()));
+                }
+            }
+            row.sort_unstable_by_key(|&(j, _)| j);
+            out.index.extend(row.iter().map(|&(j, _)| j));
+            out.values.extend(row.iter().map(|&(_, value)| value));
+            out.pointer.push(out.index.len());
+        }
+        out
+    }
+
     /// All displacements from the unknowns.
     #[must_use]
     pub fn displacement(&self, y: &[f64], prescribed: &[f64]) -> Vec<f64> {

@@ -24,25 +24,28 @@ use crate::solver::newton::linearisation::Linearisation;
 /// stick, and the spring across the direction of slip has no bound.
 const LEAST_SLIP: f64 = 1e-6;
 
-/// The tangents of a sliding contact.
+/// The rows of a contact that join reactions and displacements, `(I + C) dr + V dv = target`:
+/// the tangents of a sliding contact.
 #[derive(Clone, Debug)]
-struct Sliding<const D: usize> {
-    contact: usize,
+pub(super) struct Sliding<const D: usize> {
+    pub contact: usize,
     /// Place of the first component in `y`.
-    at: usize,
-    free: [bool; D],
-    /// `c`, zero along the normal.
-    normal: Vector<D>,
-    /// `V`, with a zero row along the normal.
-    spring: Block<D>,
+    pub at: usize,
+    pub free: [bool; D],
+    /// Components with such a row.
+    pub rows: [bool; D],
+    /// `C`; other rows are zero. The column of the normal is `c`.
+    pub force: Block<D>,
+    /// `V`; other rows are zero.
+    pub spring: Block<D>,
     /// `−M F_t`.
-    target: Vector<D>,
+    pub target: Vector<D>,
 }
 
 /// The system of one Newton step, in the numbering of the places of the contacts.
 #[derive(Clone, Debug)]
 pub struct Tangent<const D: usize> {
-    sliding: Vec<Sliding<D>>,
+    pub(super) sliding: Vec<Sliding<D>>,
     /// Places whose `dy` is known, or that have no unknown.
     pub held: Vec<bool>,
     /// `dy` at the held places, zero elsewhere.
@@ -100,7 +103,7 @@ impl<const D: usize> Tangent<D> {
         self.add_laws(&self.known, moved);
         let mut right: Vec<f64> = e.iter().zip(&*moved).map(|(e, a)| -e - a).collect();
         for one in &self.sliding {
-            for k in (1..D).filter(|&k| one.free[k]) {
+            for k in (0..D).filter(|&k| one.unknown(k)) {
                 right[one.at + k] = one.target[k] - moved[one.at + k];
             }
         }
@@ -120,9 +123,35 @@ impl<const D: usize> Tangent<D> {
         for one in &self.sliding {
             let own = one.at..one.at + D;
             let dv = Vector::<D>::from_column_slice(&x[own.clone()]);
-            let change = one.normal * out[one.at] + one.spring * dv;
+            let da = Vector::<D>::from_column_slice(&out[own.clone()]);
+            let change = one.force * da + one.spring * dv;
             for (value, change) in out[own].iter_mut().zip(change.iter()) {
                 *value += change;
+            }
+        }
+    }
+
+    /// The first half of `Jᵀ z`, with `z` zero at held places: `Jᵀ z = A u + ` what
+    /// [`Tangent::add_transposed`] adds, and this makes `u` of `z`.
+    pub(super) fn pull(&self, z: &mut [f64]) {
+        for one in &self.sliding {
+            let own = &mut z[one.at..one.at + D];
+            let change = one.force.tr_mul(&Vector::<D>::from_column_slice(own));
+            for (value, change) in own.iter_mut().zip(change.iter()) {
+                *value += change;
+            }
+        }
+    }
+
+    /// Adds the springs of `Jᵀ z`.
+    pub(super) fn add_transposed(&self, z: &[f64], out: &mut [f64]) {
+        for one in &self.sliding {
+            let own = one.at..one.at + D;
+            let pulled = one
+                .spring
+                .tr_mul(&Vector::<D>::from_column_slice(&z[own.clone()]));
+            for (value, pulled) in out[own].iter_mut().zip(pulled.iter()) {
+                *value += pulled;
             }
         }
     }
@@ -151,8 +180,9 @@ impl<const D: usize> Tangent<D> {
         for one in &self.sliding {
             let i = one.contact;
             let dv = Vector::<D>::from_column_slice(&dy[i]);
-            let found = one.target - one.normal * moved[i][0] - one.spring * dv;
-            for k in (1..D).filter(|&k| !one.free[k]) {
+            let forced = one.force * Vector::from(moved[i]);
+            let found = one.target - forced - one.spring * dv;
+            for k in (0..D).filter(|&k| one.rows[k] && !one.free[k]) {
                 change[i][k] = found[k];
             }
         }
@@ -192,27 +222,33 @@ impl<const D: usize> Sliding<D> {
         turned.fill_column(0, 0.0);
         let g = turned.trace();
         let inverse = Block::identity() + turned / (1.0 - g).max(LEAST_SLIP);
-        let mut normal = inverse * law.by_r.column(0);
+        let mut force = Block::<D>::zeros();
+        force.set_column(0, &(inverse * law.by_r.column(0)));
         let mut spring = inverse * law.by_v * (to_v / to_r);
         let mut target = inverse * law.value / -to_r;
-        normal[0] = 0.0;
+        force.fill_row(0, 0.0);
         target[0] = 0.0;
         spring.fill_row(0, 0.0);
         Self {
             contact,
             at,
             free,
-            normal,
+            rows: std::array::from_fn(|k| k > 0),
+            force,
             spring,
             target,
         }
     }
 
-    /// The part of `V` that couples tangents: a symmetric block.
+    /// Whether a component has such a row and an unknown.
+    fn unknown(&self, k: usize) -> bool {
+        self.rows[k] && self.free[k]
+    }
+
+    /// The symmetric part of `V` among the components with such a row.
     fn symmetric_spring(&self) -> Block<D> {
-        let inside = |k: usize| k > 0 && self.free[k];
         let part = Block::<D>::from_fn(|i, j| {
-            if inside(i) && inside(j) {
+            if self.unknown(i) && self.unknown(j) {
                 self.spring[(i, j)]
             } else {
                 0.0

@@ -17,6 +17,7 @@ mod heap;
 mod interrupt;
 mod load_path;
 mod primal;
+mod primal_tangent;
 mod problem;
 mod solver;
 mod tangent;
@@ -43,6 +44,8 @@ mod _core {
     use super::load_path::{PyPath, follow};
     #[pymodule_export]
     use super::primal::{PyPrimal, PyPrimalPath};
+    #[pymodule_export]
+    use super::primal_tangent::PyPrimalTangent;
     #[pymodule_export]
     use super::problem::PyCondensed;
     #[pymodule_export]

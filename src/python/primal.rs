@@ -21,7 +21,7 @@ use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
 
 #[derive(Clone)]
-enum AnyPrimal {
+pub(super) enum AnyPrimal {
     Two(Arc<Primal<2>>),
     Three(Arc<Primal<3>>),
 }
@@ -31,9 +31,9 @@ enum AnyPrimal {
 #[derive(Clone)]
 pub(super) struct PyPrimal {
     /// In the variables of [`EllipticScaling`].
-    kind: AnyPrimal,
-    elliptic: Option<EllipticScaling>,
-    num_threads: Option<usize>,
+    pub(super) kind: AnyPrimal,
+    pub(super) elliptic: Option<EllipticScaling>,
+    pub(super) num_threads: Option<usize>,
 }
 
 /// The indices of `K`, in the bits of the caller if that can be.

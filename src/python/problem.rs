@@ -21,7 +21,7 @@ use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::memory::{self, Budget};
 
 /// The same arrays as results.
-type CsrOutput<'py> = (
+pub(super) type CsrOutput<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<f64>>,

@@ -42,7 +42,7 @@ pub(super) struct PyTangentView {
 }
 
 /// Relative displacements without gaps, and the work on rigid motions.
-type Free<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+pub(super) type Free<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
 #[pymethods]
 impl PyTangentView {
@@ -368,7 +368,7 @@ fn boxed(made: Result<Option<TangentSystem>, Error>) -> Result<Option<Box<dyn Fa
 }
 
 /// `T` of some contacts.
-fn factors<const D: usize>(members: &[usize], elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+pub(super) fn factors<const D: usize>(members: &[usize], elliptic: Option<&EllipticScaling>) -> Vec<f64> {
     let of = |&i: &usize| (0..D).map(move |k| elliptic.map_or(1.0, |s| s.factor(i, k)));
     members.iter().flat_map(of).collect()
 }
@@ -378,12 +378,12 @@ fn without_gaps<const D: usize>(mut view: View<D>) -> View<D> {
     view
 }
 
-fn over(values: &[f64], factors: &[f64]) -> Vec<f64> {
+pub(super) fn over(values: &[f64], factors: &[f64]) -> Vec<f64> {
     values.iter().zip(factors).map(|(x, t)| x / t).collect()
 }
 
 /// Laws of contacts, in the variables of the problem: `r = T r̃`, `v = T⁻¹ ṽ`.
-fn laws<const D: usize>(
+pub(super) fn laws<const D: usize>(
     closed: &[usize],
     order: &[usize],
     (by_r, by_v): (&[[f64; D]], &[[f64; D]]),

@@ -83,9 +83,11 @@ class Result(Sequence[Step]):
         self._remarks = tuple(remarks)
         # For derivatives; None for a result without its problem.
         self._model: PathDerivatives | None = None
+        # Its linearised steps, once they were made.
+        self._linearised: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_model": None}
+        return self.__dict__ | {"_model": None, "_linearised": None}
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -255,13 +257,15 @@ class Result(Sequence[Step]):
         `ContactProblem`: the default is zero. A single row is the change in all steps.
         ``K`` is a symmetric change of the stiffness, ``(n, n)``, sparse or dense. The state
         of ``start`` does not change. Each step costs one factorisation of the system of its
-        closed contacts; ``K`` is not factored again.
+        closed contacts; ``K`` is not factored again. The result keeps these factors for
+        further derivatives if they need at most 256 MiB.
 
         If contacts are on a border between two statuses (`Tangent.one_sided`), the result
         is the directional derivative there: it is not linear in the direction.
 
-        A result of the iterative engine is differentiated with the factor of the direct
-        one, which is made for it.
+        A result of the iterative engine is differentiated without a factor: each step costs
+        one linear solve with its preconditioner, and each contact on a border ``d`` more.
+        If that does not converge, the direct engine replaces it.
 
         Raises
         ------
@@ -273,7 +277,8 @@ class Result(Sequence[Step]):
             The derivative does not exist or is not unique: reactions are not determined,
             or several changes of statuses fit the direction.
         MemoryError
-            The system of a step does not fit into memory.
+            The system of a step does not fit into memory; or the linear solver of the
+            iterative engine does not converge, and the factor of the direct one does not fit.
 
         Examples
         --------

@@ -320,6 +320,9 @@ class Recovery(Protocol):
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that displacements need."""
 
+    def primal(self) -> _core.Primal | None:
+        """The bodies of the iterative engine, for derivatives; None for another engine."""
+
     def condensed(self) -> _core.Condensed:
         """The condensed bodies, for derivatives.
 

@@ -246,6 +246,9 @@ class _Recovery:
         """Displacements are always available."""
         return True
 
+    def primal(self) -> None:
+        """K is distributed."""
+
     def condensed(self) -> NoReturn:
         """Nothing is condensed."""
         raise ValueError("engine='petsc' does not condense: use engine='direct'")

@@ -129,7 +129,7 @@ RUST_SIBLINGS = {
         "certificate filter",
         "preconditioner",
         "local newton",
-        "load_step",
+        "linearised load_step",
         "path",
     ),
     "python": (
@@ -138,6 +138,7 @@ RUST_SIBLINGS = {
         "problem",
         "contact_variables enumeration load_path",
         "bound contact_path estimate primal tangent",
+        "primal_tangent",
     ),
 }
 # A word in the code, and the only files that may contain it. An upgrade of a library, or

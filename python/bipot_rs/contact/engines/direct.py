@@ -166,6 +166,9 @@ class _Recovery:
         """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 
+    def primal(self) -> None:
+        """Nothing: the bodies are condensed."""
+
     def condensed(self) -> _core.Condensed:
         """The condensed bodies, for derivatives."""
         return self.core

@@ -158,8 +158,12 @@ class _Recovery:
         """Displacements are always available."""
         return True
 
+    def primal(self) -> _core.Primal:
+        """The bodies, for derivatives."""
+        return self.engine.core
+
     def condensed(self) -> _core.Condensed:
-        """The bodies as the direct engine condenses them, for derivatives."""
+        """The bodies as the direct engine condenses them, if derivatives stall."""
         return self.engine.replacement().recovery(self.seconds, self.gap).condensed()
 
     def __call__(self, steps: Sequence[Step]) -> Floats:

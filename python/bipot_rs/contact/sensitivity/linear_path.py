@@ -10,15 +10,18 @@ import numpy as np
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.derivatives import LOST
 from bipot_rs.contact.sensitivity.borders import borders
+from bipot_rs.contact.sensitivity.displacements import Displacements
 from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import Linear
 from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
-from bipot_rs.contact.sensitivity.response import Condensed
+from bipot_rs.contact.sensitivity.response import Condensed, PathResponse
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Status
 
 # Contacts with a smaller opening, as a share of the largest one, may be on a border.
 _CLOSE = 1e-6
+# Bytes of the compliance and of the factored systems that a result may keep.
+KEPT = 1 << 28
 
 
 class LinearPath:
@@ -34,6 +37,13 @@ class LinearPath:
         The steps.
     mu
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+    kept
+        Whether the linearised steps are kept for further derivatives.
+
+    Parameters
+    ----------
+    iterative
+        Whether results of the iterative engine are differentiated by it.
     """
 
     def __init__(
@@ -41,6 +51,8 @@ class LinearPath:
         model: PathModel,
         steps: Sequence[Step],
         contacts: Mapping[str, Any],
+        *,
+        iterative: bool = True,
     ) -> None:
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])
@@ -60,7 +72,17 @@ class LinearPath:
         if recovery is None:
             raise ValueError(LOST)
         self.has_factor = recovery.has_factor()
-        self.response = Condensed(recovery.condensed(), self._closed(), self.shape[0])
+        primal = recovery.primal() if iterative else None
+        self.response: PathResponse
+        if primal is not None:
+            self.response, order = Displacements(primal), 0
+        else:
+            core = recovery.condensed()
+            found = Condensed(core, self._closed(), self.shape[0])
+            self.response = found
+            order = len(found.members) * self.shape[1] + found.motions
+        self.kept = 8 * order**2 * (1 + len(steps)) <= KEPT
+        self._linear: dict[int, Linear] = {}
         compliance = self.response.diagonal.mean(axis=1)
         self.borders = [
             borders(point, compliance, step.tolerance)
@@ -82,4 +104,9 @@ class LinearPath:
 
     def linear(self, k: int) -> Linear:
         """The linearised problem of a step."""
-        return Linear(self.response, self.points[k], self.borders[k])
+        if k in self._linear:
+            return self._linear[k]
+        found = Linear(self.response, self.points[k], self.borders[k])
+        if self.kept:
+            self._linear[k] = found
+        return found

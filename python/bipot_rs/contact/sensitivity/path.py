@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.derivatives import Gradient, Tangent
 from bipot_rs.contact.sensitivity import gradient, tangent
+from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import PathModel
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,10 @@ class Differentiable:
         /,
     ) -> Tangent:
         """`Result.jvp`."""
-        path = LinearPath(self.model, result.steps, result.contacts)
-        return tangent.jvp(path, result, load, prescribed, gap, mu, K)
+        return self._derived(
+            result,
+            lambda path: tangent.jvp(path, result, load, prescribed, gap, mu, K),
+        )
 
     def vjp(
         self,
@@ -43,7 +49,32 @@ class Differentiable:
         /,
     ) -> Gradient:
         """`Result.vjp`."""
-        path = LinearPath(self.model, result.steps, result.contacts)
-        return gradient.vjp(
-            path, result, reaction, displacement, relative_displacement, slip
-        )
+        given = reaction, displacement, relative_displacement, slip
+        return self._derived(result, lambda path: gradient.vjp(path, result, *given))
+
+    def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
+        """What ``derive`` makes of the linearised steps, which the result keeps.
+
+        Where the solver of the iterative engine stalls, the direct engine replaces it.
+        """
+        path = result._linearised
+        if path is None:
+            path = LinearPath(self.model, result.steps, result.contacts)
+        try:
+            found = derive(path)
+        except Stalled:
+            path = self._direct(result)
+            found = derive(path)
+        result._linearised = path if path.kept else None
+        return found
+
+    def _direct(self, result: Any) -> LinearPath:
+        try:
+            return LinearPath(
+                self.model, result.steps, result.contacts, iterative=False
+            )
+        except MemoryError as error:
+            raise MemoryError(
+                "the linear solver of the iterative engine does not converge for the "
+                f"derivatives, and {error}"
+            ) from error

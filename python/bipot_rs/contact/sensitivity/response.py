@@ -17,6 +17,20 @@ from bipot_rs.contact.sensitivity.laws import Laws
 _ROUNDING = 8 * np.finfo(float).eps
 
 
+class Factored(Protocol):
+    """A system that is ready for right sides."""
+
+    @property
+    def reciprocal_condition(self) -> float:
+        """Estimate of the reciprocal condition; 1 if it is not known."""
+
+    def solve(self, right: Floats, /) -> Floats:
+        """Solve for right sides, a row each."""
+
+    def solve_transposed(self, right: Floats, /) -> Floats:
+        """The same with the transposed matrix."""
+
+
 class Response(Protocol):
     """``dv = W dr + R da``, of some contacts or of all.
 
@@ -31,7 +45,7 @@ class Response(Protocol):
     motions: int
     diagonal: Floats
 
-    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+    def factored(self, laws: Laws) -> Factored | None:
         """The system (33) of these laws; None if it is singular."""
 
     def moved(self, reaction: Floats, rigid: Floats) -> Floats:
@@ -41,12 +55,34 @@ class Response(Protocol):
         """Components that a reaction moves, ``(n_c, d)``."""
 
 
+class PathResponse(Response, Protocol):
+    """The response of the bodies of a load path."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether `moved` is known of all contacts."""
+
+    def stiffness(self) -> Any:
+        """K, sparse, without the entries between prescribed degrees of freedom."""
+
+    def work(self, v: Floats) -> Floats:
+        """``Rᵀ v`` of relative displacements that vanish where W is not known."""
+
+    def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
+        """``dq (n_c, d)`` without gaps, zero where W is not known, and ``e``."""
+
+    def displacements(
+        self, states: list[tuple[Floats, Floats, Floats, Floats]]
+    ) -> Floats:
+        """``u`` of loads, prescribed displacements, reactions and rigid motions."""
+
+
 @dataclass(frozen=True)
 class System:
     """The factored system (33) of one step, and its transpose (34)."""
 
     laws: Laws
-    core: _core.TangentSystem
+    core: Factored
     shape: tuple[int, int]
 
     def solve(self, right: Floats, balance: Floats) -> tuple[Floats, Floats]:
@@ -89,6 +125,14 @@ def system(response: Response, laws: Laws, shape: tuple[int, int]) -> System:
     return System(laws, core, shape)
 
 
+def by_rows(start: Any, column: Any, values: Floats) -> Any:
+    """A square sparse matrix."""
+    from scipy.sparse import csr_array
+
+    n = len(start) - 1
+    return csr_array((values, column, start), shape=(n, n))
+
+
 def _joined(rows: Floats, rest: Floats) -> Floats:
     return np.concatenate([rows.ravel(), rest])[None]
 
@@ -123,11 +167,7 @@ class Condensed:
 
     def stiffness(self) -> Any:
         """K, sparse, without the entries between prescribed degrees of freedom."""
-        from scipy.sparse import csr_array
-
-        start, column, values = self._stiffness()
-        n = len(start) - 1
-        return csr_array((values, column, start), shape=(n, n))
+        return by_rows(*self._stiffness())
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""

@@ -149,6 +149,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     limits = ["auto", 1e-10, 50, 1.0]
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
     primal = _core.Primal(EYE, EYE, GAP, MU, none, 2, places)
+    iterated, unknowns = _core.PrimalTangent(primal), np.ones(4)
+    right = np.ones(ROWS.size // 2 + 4)
     # Two free nodes of one body that is held.
     free, blocks, body = np.zeros(4, np.int64), np.ones((2, 4)), np.zeros(2, np.int64)
     interface = [EYE, GAP, MU, free, 0, blocks, body, np.ones(1, np.int64)]
@@ -288,6 +290,19 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "TangentView, system": (tangents.system, [CLOSED, STICKS, ROWS]),
         "TangentSystem": (linear.solve, [RIGHT]),
         "TangentSystem, transposed": (linear.solve_transposed, [RIGHT]),
+        "PrimalTangent": (_core.PrimalTangent, [primal]),
+        "PrimalTangent, free_part": (iterated.free_part, [LOAD, NONE]),
+        "PrimalTangent, moved": (iterated.moved, [unknowns]),
+        "PrimalTangent, work": (iterated.work, [GAP]),
+        "PrimalTangent, displacement": (iterated.displacement, [unknowns, NONE]),
+        "PrimalTangent, solve": (
+            iterated.solve,
+            [CLOSED, STICKS, ROWS, right, False],
+        ),
+        "PrimalTangent, transposed": (
+            iterated.solve,
+            [CLOSED, STICKS, ROWS, right, True],
+        ),
         "reduced_tangent": (_core.reduced_tangent, [held, CLOSED, STICKS, ROWS]),
         "bodies": (_core.bodies, [EYE, np.eye(4)[:, :2].copy(), True]),
         "forward_errors": (_core.forward_errors, [held, GAP, NONE]),

@@ -1,0 +1,234 @@
+//! Derivatives of the steps of a load path in the displacements.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::amg::following::Following;
+use crate::primal::linearised::{Linearised, spread};
+use crate::primal::problem::Primal;
+use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::interrupt;
+use crate::python::primal::{AnyPrimal, PyPrimal};
+use crate::python::problem::CsrOutput;
+use crate::python::tangent::{Free, factors, laws, over};
+
+/// Calls one generic expression for both dimensions.
+macro_rules! either {
+    ($kind:expr, $inner:ident => $body:expr) => {
+        match $kind {
+            AnyPrimal::Two($inner) => $body,
+            AnyPrimal::Three($inner) => $body,
+        }
+    };
+}
+
+/// Linearised steps in the displacements, whose unknowns take the place of rigid motions.
+#[pyclass(frozen, name = "PrimalTangent", module = "bipot_rs._core")]
+pub(super) struct PyPrimalTangent {
+    problem: PyPrimal,
+    /// `T` of all contacts, component by component.
+    factors: Vec<f64>,
+    /// The hierarchy of the last linear system.
+    hierarchy: Mutex<Option<Following>>,
+}
+
+/// The arguments of a linear system: contacts, laws and right side.
+type Given<'a, 'py> = (&'a [usize], &'a Matrix<'py>, &'a Matrix<'py>, &'a [f64]);
+
+#[pymethods]
+impl PyPrimalTangent {
+    #[new]
+    fn new(problem: PyPrimal) -> Self {
+        fn all<const D: usize>(inner: &Primal<D>, problem: &PyPrimal) -> Vec<f64> {
+            let contacts: Vec<usize> = (0..inner.contacts.count()).collect();
+            factors::<D>(&contacts, problem.elliptic.as_ref())
+        }
+        let factors = either!(&problem.kind, inner => all(inner, &problem));
+        Self {
+            problem,
+            factors,
+            hierarchy: Mutex::new(None),
+        }
+    }
+
+    /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
+    #[getter]
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        fn of<const D: usize>(problem: &Primal<D>) -> Vec<f64> {
+            let contacts = &problem.contacts;
+            let mut found = Vec::with_capacity(D * contacts.count());
+            for (i, frame) in contacts.frames.list.iter().enumerate() {
+                let own = contacts.compliance.block(i).diagonal();
+                found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
+            }
+            found
+        }
+        let own = either!(&self.problem.kind, inner => of(inner));
+        // W = T⁻¹ W̃ T⁻¹.
+        self.square(py, over(&over(&own, &self.factors), &self.factors))
+    }
+
+    /// Number of unknowns.
+    #[getter]
+    fn order(&self) -> usize {
+        either!(&self.problem.kind, inner => inner.order())
+    }
+
+    /// `K`, by rows, without the entries between prescribed degrees of freedom.
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
+        let whole = either!(&self.problem.kind, inner => inner.stiffness_by_rows());
+        Ok((
+            arrays::from_indices(py, whole.pointer)?,
+            arrays::from_indices(py, whole.index)?,
+            arrays::from_vec(py, whole.values),
+        ))
+    }
+
+    /// The relative displacements of prescribed ones, and the forces on the unknowns.
+    fn free_part<'py>(
+        &self,
+        py: Python<'py>,
+        load: Vector<'py>,
+        prescribed: Vector<'py>,
+    ) -> PyResult<Free<'py>> {
+        fn of<const D: usize>(
+            problem: &Primal<D>,
+            load: &[f64],
+            prescribed: &[f64],
+        ) -> Result<(Vec<f64>, Vec<f64>), Error> {
+            let force = problem.force(load, prescribed)?;
+            let none = vec![[0.0; D]; problem.contacts.count()];
+            let q = problem.contacts.frames.offsets(&none, prescribed);
+            Ok((q.as_flattened().to_vec(), force))
+        }
+        let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+        let (q, e) = either!(&self.problem.kind, inner => of(inner, load, prescribed)?);
+        let q = self.square(py, over(&q, &self.factors))?;
+        Ok((q, arrays::from_vec(py, e)))
+    }
+
+    /// Relative displacements `R y` of unknowns.
+    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let y = y.as_slice()?;
+        arrays::length("y", y.len(), self.order())?;
+        let v = either!(&self.problem.kind, inner => {
+            inner.contacts.frames.at_contacts(y).as_flattened().to_vec()
+        });
+        self.square(py, over(&v, &self.factors))
+    }
+
+    /// `Rᵀ v` of relative displacements.
+    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        fn of<const D: usize>(
+            problem: &Primal<D>,
+            factors: &[f64],
+            v: &Matrix<'_>,
+        ) -> PyResult<Vec<f64>> {
+            let given = arrays::rows_of::<D>("v", v, problem.contacts.count())?;
+            let own = over(given.as_flattened(), factors);
+            let frames = &problem.contacts.frames;
+            Ok(spread(frames, own.as_chunks::<D>().0, problem.order()))
+        }
+        let y = either!(&self.problem.kind, inner => of(inner, &self.factors, &v)?);
+        Ok(arrays::from_vec(py, y))
+    }
+
+    /// Displacements of unknowns and prescribed displacements.
+    fn displacement<'py>(
+        &self,
+        py: Python<'py>,
+        y: Vector<'py>,
+        prescribed: Vector<'py>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let (y, prescribed) = (y.as_slice()?, prescribed.as_slice()?);
+        arrays::length("y", y.len(), self.order())?;
+        let u = either!(&self.problem.kind, inner => inner.displacement(y, prescribed));
+        Ok(arrays::from_vec(py, u))
+    }
+
+    /// Solves the system of some contacts for a right side: their rows, then those of the
+    /// unknowns. Nothing if the linear solver does not converge.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        closed: Indices<'py>,
+        by_r: Matrix<'py>,
+        by_v: Matrix<'py>,
+        right: Vector<'py>,
+        transposed: bool,
+    ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        let closed = arrays::indices(&closed, "closed")?;
+        let given = (&closed[..], &by_r, &by_v, right.as_slice()?);
+        let found = either!(&self.problem.kind, inner => {
+            self.solved(py, inner, given, transposed)?
+        });
+        Ok(found.map(|x| arrays::from_vec(py, x)))
+    }
+}
+
+impl PyPrimalTangent {
+    fn square<'py>(
+        &self,
+        py: Python<'py>,
+        values: Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let d = either!(&self.problem.kind, inner => dimension(inner));
+        let rows = values.len() / d;
+        arrays::square(py, values, rows, d)
+    }
+
+    fn solved<const D: usize>(
+        &self,
+        py: Python<'_>,
+        problem: &Arc<Primal<D>>,
+        (closed, by_r, by_v, right): Given<'_, '_>,
+        transposed: bool,
+    ) -> PyResult<Option<Vec<f64>>> {
+        let m = D * closed.len();
+        arrays::length("right", right.len(), m + problem.order())?;
+        let by_r = arrays::rows_of::<D>("by_r", by_r, m)?;
+        let by_v = arrays::rows_of::<D>("by_v", by_v, m)?;
+        let order: Vec<usize> = (0..problem.contacts.count()).collect();
+        let factor = |i: usize, k: usize| self.factors[D * i + k];
+        let laws = laws(closed, &order, (by_r, by_v), factor)?;
+        let scale = |own: &mut [[f64; D]]| {
+            for (own, &i) in own.iter_mut().zip(closed) {
+                for (k, value) in own.iter_mut().enumerate() {
+                    *value *= factor(i, k);
+                }
+            }
+        };
+        let mut own = right[..m].as_chunks::<D>().0.to_vec();
+        let mut rest = right[m..].to_vec();
+        let run = |stop: &AtomicBool| {
+            let Some(mut system) = Linearised::new(problem, &laws) else {
+                return Ok(None);
+            };
+            let mut hierarchy = self
+                .hierarchy
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner);
+            let reached = if transposed {
+                // r = T r̃.
+                scale(&mut own);
+                system.solve_transposed(&mut own, &mut rest, &mut hierarchy, stop)?
+            } else {
+                let reached = system.solve(&mut own, &mut rest, &mut hierarchy, stop)?;
+                scale(&mut own);
+                reached
+            };
+            let mut all = own.concat();
+            all.extend(rest);
+            Ok(reached.then_some(all))
+        };
+        interrupt::run(py, self.problem.num_threads, run)
+    }
+}
+
+const fn dimension<const D: usize>(_: &Arc<Primal<D>>) -> usize {
+    D
+}

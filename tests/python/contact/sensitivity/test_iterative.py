@@ -1,0 +1,167 @@
+"""Derivatives of the iterative engine, by Krylov solves in the displacements."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.contact.engines.iterative import Iterative
+from bipot_rs.contact.sensitivity import displacements
+from body_models import floating, on_a_ball, on_springs
+from pressed_in_space import pressed
+from random_paths import FIELDS
+from two_blocks import two_blocks
+
+
+def forth_and_back(m: bp.Model) -> bp.Model:
+    """Hexahedra that are pressed and sheared, one way and back."""
+    m.path(press=[0.3, 1.0, 0.7], shear=[0.2, 1.0, 0.2])
+    return m
+
+
+MODELS: dict[str, Callable[[], bp.Model]] = {
+    "hexahedra": lambda: forth_and_back(pressed(4)),
+    "friction by direction": lambda: forth_and_back(
+        pressed(3, mu=[0.5, 0.1], axis=[1.0, 0.0, 0.0])
+    ),
+    "no friction": lambda: forth_and_back(pressed(3, mu=0.0)),
+    "two bodies": lambda: forth_and_back(two_blocks(2.0, 3, 3)),
+    "mortar": lambda: forth_and_back(two_blocks(2.0, 2, 3)),
+    "held by contact alone": floating,
+    "springs": on_springs,
+    "a ball": on_a_ball,
+}
+
+
+@pytest.fixture
+def no_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail where a factor is made."""
+
+    def refused(_engine: Iterative) -> None:
+        pytest.fail("a factor was made")
+
+    monkeypatch.setattr(Iterative, "replacement", refused)
+
+
+def solved(name: str) -> tuple[Any, bp.Result, bp.Result]:
+    """The case, and its results by both engines."""
+    case = MODELS[name]().assemble()
+    model = case.model
+    given = {"gap": model.gap, "mu": model.mu, "fixed": model.fixed}
+    found = []
+    for engine in ("iterative", "direct"):
+        problem = bp.ContactProblem(model.K, model.B, **given, engine=engine)
+        found.append(
+            problem.solve(case.load, case.prescribed, gap=case.gaps, tol=1e-13)
+        )
+    assert "krylov" in found[0][-1].stats
+    assert found[0].converged
+    assert found[1].converged
+    return case, found[0], found[1]
+
+
+def near(one: Any, other: Any) -> None:
+    """Equal to 1e-8: the points of linearisation of both engines agree to 1e-9."""
+    a, b = np.asarray(one), np.asarray(other)
+    assert np.abs(a - b).max() <= 1e-8 * np.abs(b).max()
+
+
+@pytest.mark.usefixtures("no_factor")
+@pytest.mark.parametrize("name", MODELS)
+def test_as_the_direct_engine(name: str) -> None:
+    case, ours, theirs = solved(name)
+    rng = np.random.default_rng(0)
+    shape = ours.reaction.shape
+    load = rng.normal(size=(shape[0], case.model.n))
+    load *= np.abs(ours.reaction).mean() * (name != "held by contact alone")
+    moved = np.abs(ours.displacement).mean()
+    gap = moved * rng.normal(size=shape)
+    motion = moved * rng.normal(size=(shape[0], len(case.model.fixed)))
+    mu = np.asarray(ours.contacts["mu"])
+    change = 0.1 * mu * rng.uniform(size=mu.shape)
+    given = {"load": load, "prescribed": motion, "gap": gap, "mu": change}
+    stiffened = 0.1 * case.model.K
+    one, other = (r.jvp(**given, K=stiffened) for r in (ours, theirs))
+    assert not one.one_sided.any()
+    bars = {f: rng.normal(size=getattr(ours, f).shape) for f in FIELDS}
+    gradient, expected = ours.vjp(**bars), theirs.vjp(**bars)
+    for field in (*FIELDS, "displacement"):
+        near(getattr(one, field), getattr(other, field))
+    for field in ("load", "prescribed", "gap_by_component", "mu"):
+        near(getattr(gradient, field), getattr(expected, field))
+    near((gradient.K * stiffened).sum(), (expected.K * stiffened).sum())
+    pulled = [
+        np.sum(gradient.load * load),
+        np.sum(gradient.prescribed * motion),
+        np.sum(gradient.gap_by_component * gap),
+        np.sum(gradient.mu * change),
+        (gradient.K * stiffened).sum(),
+    ]
+    terms = [np.sum(bars[f] * getattr(one, f)) for f in FIELDS]
+    sizes = [np.abs(bars[f] * getattr(one, f)).sum() for f in FIELDS]
+    # Residuals of 1e-13 of the linear systems, times their condition.
+    assert abs(sum(pulled) - sum(terms)) <= 1e-9 * sum(sizes)
+
+
+def test_the_path_has_all_statuses() -> None:
+    """So that the comparison says something."""
+    _, ours, _ = solved("hexahedra")
+    assert {int(s) for s in np.unique(ours.status)} == {
+        int(s) for s in (bp.Status.OPEN, bp.Status.STICK, bp.Status.SLIP)
+    }
+
+
+@pytest.mark.usefixtures("no_factor")
+@pytest.mark.parametrize("direction", range(6))
+def test_borders(direction: int) -> None:
+    """A contact at the friction limit and one at rest: several right sides."""
+    K = 1000.0 * (2.0 * np.eye(4) - 0.5 * np.eye(4, k=2) - 0.5 * np.eye(4, k=-2))
+    K[:2, 2:] += 100.0 * np.array([[0.0, 1.0], [1.0, 0.0]])
+    K[2:, :2] += 100.0 * np.array([[0.0, 1.0], [1.0, 0.0]])
+    change = np.random.default_rng(direction).normal(size=4)
+    found = []
+    for engine in ("iterative", "direct"):
+        problem = bp.ContactProblem(K, np.eye(4), gap=0.0, mu=0.5, engine=engine)
+        result = problem.solve([-10.0, 5.0, 0.0, 0.0], tol=1e-13)
+        tangent = result.jvp(load=change)
+        np.testing.assert_array_equal(tangent.one_sided, [[True, True]])
+        found.append(tangent)
+    for field in (*FIELDS, "displacement"):
+        near(getattr(found[0], field), getattr(found[1], field))
+
+
+def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The direct engine replaces it; without memory the error says what happened."""
+    _, ours, theirs = solved("two bodies")
+    bar = np.ones_like(ours.reaction)
+
+    def stalled(*_: Any, **__: Any) -> None:
+        raise displacements.Stalled
+
+    monkeypatch.setattr(displacements._Iterated, "solve_transposed", stalled)
+    near(ours.vjp(reaction=bar).gap, theirs.vjp(reaction=bar).gap)
+
+    def full(_engine: Iterative) -> None:
+        raise MemoryError("the factor does not fit")
+
+    monkeypatch.setattr(Iterative, "replacement", full)
+    with pytest.raises(MemoryError, match="does not converge for the derivatives, and"):
+        ours.vjp(reaction=bar)
+
+
+def test_threads_do_not_change_bits() -> None:
+    case = MODELS["hexahedra"]().assemble()
+    model = case.model
+    given = {"gap": model.gap, "mu": model.mu, "fixed": model.fixed}
+    found = []
+    for threads in (1, 2):
+        problem = bp.ContactProblem(
+            model.K, model.B, **given, engine="iterative", num_threads=threads
+        )
+        result = problem.solve(case.load, case.prescribed)
+        gradient = result.vjp(reaction=np.ones_like(result.reaction))
+        found.append((gradient.load, gradient.gap))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
