@@ -48,8 +48,8 @@ def sensitivity(
     the colours of a map are symmetric about zero. Rings mark contacts on a border between
     two statuses (``one_sided``), where the derivative holds on one side only.
 
-    Values belong to contacts, not to areas: those of a mesh with cells half as large are
-    half as large in 2D. Their sum is the change if all contacts change alike.
+    Values belong to contacts, not to areas: on a finer mesh each contact decides less about
+    a force or an energy. Their sum is the derivative if all contacts change alike.
 
     Parameters
     ----------
