@@ -20,6 +20,7 @@ Rewrites a table of `benches/README.md` and `results/identification.csv`.
 """
 
 import argparse
+import os
 import time
 
 import numpy as np
@@ -166,6 +167,7 @@ def rows_of(cells, knots, most):
             "off": (abs(found.x - best) / deviation).max(),
             "finished": bool(found.success),
             "machine": tables.processor(),
+            "load": f"{os.getloadavg()[0]:.1f}",
         }
         print(row, flush=True)
         yield row
@@ -190,7 +192,9 @@ def written(rows):
         )
         for row in rows
     ]
-    return f"{tables.table(HEAD, lines)}\n\n{tables.machines(rows)}."
+    loads = sorted(float(row["load"]) for row in rows)
+    machine = f"{tables.machines(rows)}, load {loads[0]:g} to {loads[-1]:g}."
+    return f"{tables.table(HEAD, lines)}\n\n{machine}"
 
 
 def main():
@@ -203,7 +207,7 @@ def main():
     parser.add_argument("--print", action="store_true", help="write no files")
     args = parser.parse_args()
     cells = args.cells or ([32, 8] if args.quick else [184, 32])
-    most = args.most or (100 if args.quick else 500)
+    most = args.most or (100 if args.quick else 400)
     rows = []
     for knots in args.knots or ([3] if args.quick else [3, 24]):
         rows += rows_of(cells, knots, most)

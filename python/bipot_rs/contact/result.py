@@ -23,6 +23,7 @@ from bipot_rs.files import export
 
 if TYPE_CHECKING:
     from bipot_rs.contact.sensitivity.gradient import Gradient
+    from bipot_rs.contact.sensitivity.path import LinearPath
     from bipot_rs.contact.sensitivity.tangent import Tangent
 
 # Attributes of a file whose stiffness has a known relative error.
@@ -87,9 +88,10 @@ class Result(Sequence[Step]):
         self._remarks = tuple(remarks)
         # For derivatives; None for a result without its problem.
         self._model: PathModel | None = None
+        self._linearised: LinearPath | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_model": None}
+        return self.__dict__ | {"_model": None, "_linearised": None}
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -259,7 +261,8 @@ class Result(Sequence[Step]):
         `ContactProblem`: the default is zero. A single row is the change in all steps.
         ``K`` is a symmetric change of the stiffness, ``(n, n)``, sparse or dense. The state
         of ``start`` does not change. Each step costs one factorisation of the system of its
-        closed contacts; ``K`` is not factored again.
+        closed contacts; ``K`` is not factored again. The result keeps these factors for
+        further derivatives if they need at most 256 MiB.
 
         If contacts are on a border between two statuses (`Tangent.one_sided`), the result
         is the directional derivative there: it is not linear in the direction.

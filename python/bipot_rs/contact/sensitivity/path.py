@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # Contacts with a smaller opening, as a share of the largest one, may be on a border.
 _CLOSE = 1e-6
+# Bytes of the compliance and of the factored systems that a result may keep.
+KEPT = 2**28
 
 
 class LinearPath:
@@ -36,6 +38,8 @@ class LinearPath:
         The steps.
     mu
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
+    bytes
+        Memory of the compliance of the contacts that close, and of a system for each step.
     """
 
     def __init__(
@@ -63,6 +67,9 @@ class LinearPath:
             raise ValueError(_LOST)
         self.has_factor = recovery.has_factor()
         self.response = Condensed(recovery.condensed(), self._closed(), self.shape[0])
+        order = len(self.response.members) * self.shape[1] + self.response.motions
+        self.bytes = 8 * order**2 * (1 + len(steps))
+        self._linear: dict[int, Linear] = {}
         compliance = self.response.diagonal.mean(axis=1)
         self.borders = [
             borders(point, compliance, step.tolerance)
@@ -83,8 +90,13 @@ class LinearPath:
         return np.stack([known.any for known in self.borders])
 
     def linear(self, k: int) -> Linear:
-        """The linearised problem of a step."""
-        return Linear(self.response, self.points[k], self.borders[k])
+        """The linearised problem of a step, kept for further derivatives if all fit."""
+        found = self._linear.get(k)
+        if found is None:
+            found = Linear(self.response, self.points[k], self.borders[k])
+            if self.bytes <= KEPT:
+                self._linear[k] = found
+        return found
 
 
 _LOST = (
@@ -94,7 +106,7 @@ _LOST = (
 
 
 def linearised(result: Result) -> LinearPath:
-    """The linearised steps of a result.
+    """The linearised steps of a result, which keeps them if they are no larger than `KEPT`.
 
     Raises
     ------
@@ -105,4 +117,9 @@ def linearised(result: Result) -> LinearPath:
         raise ValueError(f"the result has no steps to differentiate: {result.message}")
     if result._model is None:
         raise ValueError(_LOST)
-    return LinearPath(result._model, result.steps, result.contacts)
+    if result._linearised is not None:
+        return result._linearised
+    path = LinearPath(result._model, result.steps, result.contacts)
+    if path.bytes <= KEPT:
+        result._linearised = path
+    return path
