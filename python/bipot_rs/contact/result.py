@@ -23,7 +23,6 @@ from bipot_rs.files import export
 
 if TYPE_CHECKING:
     from bipot_rs.contact.sensitivity.gradient import Gradient
-    from bipot_rs.contact.sensitivity.path import LinearPath
     from bipot_rs.contact.sensitivity.tangent import Tangent
 
 # Attributes of a file whose stiffness has a known relative error.
@@ -88,7 +87,8 @@ class Result(Sequence[Step]):
         self._remarks = tuple(remarks)
         # For derivatives; None for a result without its problem.
         self._model: PathModel | None = None
-        self._linearised: LinearPath | None = None
+        # Of `contact.sensitivity`, which imports this file.
+        self._linearised: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_model": None, "_linearised": None}

@@ -117,8 +117,9 @@ def linearised(result: Result) -> LinearPath:
         raise ValueError(f"the result has no steps to differentiate: {result.message}")
     if result._model is None:
         raise ValueError(_LOST)
-    if result._linearised is not None:
-        return result._linearised
+    kept: LinearPath | None = result._linearised
+    if kept is not None:
+        return kept
     path = LinearPath(result._model, result.steps, result.contacts)
     if path.bytes <= KEPT:
         result._linearised = path
