@@ -130,6 +130,7 @@ bench-quick: $(STAMP)
 	$(PY) benches/scaling.py --quick
 	$(PY) benches/scale.py --quick
 	$(PY) benches/several.py --quick
+	$(PY) benches/identification.py --quick
 
 .PHONY: bench-full
 bench-full: $(STAMP)
@@ -150,6 +151,7 @@ bench-full: $(STAMP)
 	$(PY) benches/kernels_and_numpy.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
+	$(PY) benches/identification.py
 	$(PY) benches/solvers_and_peers.py
 	$(PY) benches/stability.py
 	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))

@@ -10,6 +10,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
+from bipot_rs.contact.sensitivity import path as sensitivity_path
 from bipot_rs.contact.sensitivity.response import Condensed
 from random_paths import random_path
 
@@ -43,6 +44,35 @@ def test_nothing_is_factored_again(
     closed = (path.status != bp.Status.OPEN).sum(axis=1)
     # Only over the contacts that are closed.
     assert made == closed[::-1].tolist()
+
+
+def test_systems_are_kept_for_further_derivatives(
+    path: bp.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Columns and rows of a Jacobian share them; what does not fit is factored again."""
+    made = []
+    factored = Condensed.factored
+
+    def counted(self: Condensed, laws: Any) -> Any:
+        made.append(len(laws.contacts))
+        return factored(self, laws)
+
+    monkeypatch.setattr(Condensed, "factored", counted)
+    first = path.jvp(mu=1.0)
+    path.jvp(gap=np.ones(path.reaction.shape[1]))
+    path.vjp(reaction=np.ones_like(path.reaction)).mu  # noqa: B018
+    assert len(made) == len(path)
+    again = path.jvp(mu=1.0)
+    assert np.array_equal(again.reaction, first.reaction)
+
+    given, data = random_path("held", 3, 25)
+    fresh = given.solve(data)
+    monkeypatch.setattr(sensitivity_path, "KEPT", 0)
+    made.clear()
+    for _ in range(2):
+        other = fresh.jvp(mu=1.0)
+    assert len(made) == 2 * len(path)
+    assert np.array_equal(other.reaction, first.reaction)
 
 
 def test_displacements_without_a_factor() -> None:
