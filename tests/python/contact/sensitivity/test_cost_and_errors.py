@@ -10,7 +10,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
-from bipot_rs.contact.sensitivity import path as sensitivity_path
+from bipot_rs.contact.sensitivity import linear_path
 from bipot_rs.contact.sensitivity.response import Condensed
 from random_paths import random_path
 
@@ -67,7 +67,7 @@ def test_systems_are_kept_for_further_derivatives(
 
     given, data = random_path("held", 3, 25)
     fresh = given.solve(data)
-    monkeypatch.setattr(sensitivity_path, "KEPT", 0)
+    monkeypatch.setattr(linear_path, "KEPT", 0)
     made.clear()
     for _ in range(2):
         other = fresh.jvp(mu=1.0)
