@@ -145,3 +145,7 @@ def test_friction_that_begins() -> None:
     np.testing.assert_array_equal(rests.jvp([-1.0, 0.0]).reaction, [[[1.0, 0.0]]])
     with pytest.raises(bp.NotDifferentiableError, match="does not slip"):
         rests.jvp(mu=1.0)
+    # A node that is held along the wall does not slip, whatever its friction.
+    held = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.0, fixed=[1])
+    tangent = held.solve([-P, 0.0]).jvp(mu=1.0)
+    np.testing.assert_array_equal(tangent.reaction, [[[0.0, 0.0]]])
