@@ -22,6 +22,9 @@ const SMALL: f64 = 1e9;
 /// Totals of one step: forces on all degrees of freedom, prescribed displacements.
 pub type Loads = (Vec<f64>, Vec<f64>);
 
+/// Displacements and the digits below their rounding, and the imbalance of each body.
+type InTwo = ([Vec<f64>; 2], Vec<Imbalance>);
+
 /// Data of the bodies besides their stiffness.
 #[derive(Clone, Debug, Default)]
 pub struct Supports {
@@ -250,7 +253,7 @@ impl Bodies {
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
     ) -> Result<Vec<[Vec<f64>; 2]>, Error> {
-        let of_state = |(both, left): (_, Vec<Imbalance>)| {
+        let of_state = |(both, left): InTwo| {
             left.iter().try_for_each(Imbalance::check)?;
             Ok(both)
         };
@@ -265,7 +268,7 @@ impl Bodies {
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
         of_body: impl Fn(&Body, &[&[f64]], &[f64], &[&[f64]]) -> Result<Recovered, Error>,
-    ) -> Result<Vec<([Vec<f64>; 2], Vec<Imbalance>)>, Error> {
+    ) -> Result<Vec<InTwo>, Error> {
         let mut forces = Vec::with_capacity(states.len());
         for state in states {
             check_length("reaction", state.reaction.len(), surface.contacts())?;

@@ -41,12 +41,15 @@ def _of_friction(
     asked = smooth & (change != 0).any(axis=1)
     if not asked.any():
         return direction
-    if (change[asked] < 0).any():
+    lost = asked & (change < 0).any(axis=1)
+    if lost.any():
         raise ValueError(
-            f"mu of contact {int(np.flatnonzero(asked)[0])} is zero, and its direction "
+            f"mu of contact {int(np.argmax(lost))} is zero, and its direction "
             "is negative: friction coefficients cannot be negative"
         )
-    still = asked & ~(linear.point.slip != 0).any(axis=1)
+    # Friction has no effect where the tangential displacement is prescribed.
+    loose = linear.movable[:, 1:].any(axis=1)
+    still = asked & loose & ~(linear.point.slip != 0).any(axis=1)
     if still.any():
         raise NotDifferentiableError(
             f"mu of contact {int(np.flatnonzero(still)[0])} is zero and it does not "
@@ -54,5 +57,6 @@ def _of_friction(
         )
     found = direction.copy()
     pushed = change[asked] * linear.point.slip[asked]
-    found[asked] = pushed / np.linalg.norm(pushed, axis=1)[:, None]
+    size = np.linalg.norm(pushed, axis=1)[:, None]
+    found[asked] = np.divide(pushed, size, where=size > 0, out=np.zeros_like(pushed))
     return found
