@@ -10,14 +10,15 @@ import bipot_rs as bp
 from bipot_rs.contact.engines.iterative import Iterative
 from bipot_rs.contact.sensitivity import displacements
 from body_models import floating, on_a_ball, on_springs
+from models_and_arrays import arguments
 from pressed_in_space import pressed
 from random_paths import FIELDS
 from two_blocks import two_blocks
 
 
-def forth_and_back(m: bp.Model) -> bp.Model:
+def forth_and_back(m: bp.Model, far: float = 1.0) -> bp.Model:
     """Hexahedra that are pressed and sheared, one way and back."""
-    m.path(press=[0.3, 1.0, 0.7], shear=[0.2, 1.0, 0.2])
+    m.path(press=[0.3, 1.0, 0.7], shear=[0.2 * far, far, 0.2 * far])
     return m
 
 
@@ -27,8 +28,8 @@ MODELS: dict[str, Callable[[], bp.Model]] = {
         pressed(3, mu=[0.5, 0.1], axis=[1.0, 0.0, 0.0])
     ),
     "no friction": lambda: forth_and_back(pressed(3, mu=0.0)),
-    "two bodies": lambda: forth_and_back(two_blocks(2.0, 3, 3)),
-    "mortar": lambda: forth_and_back(two_blocks(2.0, 2, 3)),
+    "two bodies": lambda: forth_and_back(two_blocks(2.0, 3, 3), 5.0),
+    "mortar": lambda: forth_and_back(two_blocks(2.0, 2, 3), 5.0),
     "held by contact alone": floating,
     "springs": on_springs,
     "a ball": on_a_ball,
@@ -48,24 +49,22 @@ def no_factor(monkeypatch: pytest.MonkeyPatch) -> None:
 def solved(name: str) -> tuple[Any, bp.Result, bp.Result]:
     """The case, and its results by both engines."""
     case = MODELS[name]().assemble()
-    model = case.model
-    given = {"gap": model.gap, "mu": model.mu, "fixed": model.fixed}
     found = []
     for engine in ("iterative", "direct"):
-        problem = bp.ContactProblem(model.K, model.B, **given, engine=engine)
+        problem = bp.ContactProblem(**arguments(case.model), engine=engine)
         found.append(
             problem.solve(case.load, case.prescribed, gap=case.gaps, tol=1e-13)
         )
     assert "krylov" in found[0][-1].stats
-    assert found[0].converged
-    assert found[1].converged
+    assert found[0].converged.all()
+    assert found[1].converged.all()
     return case, found[0], found[1]
 
 
 def near(one: Any, other: Any) -> None:
     """Equal to 1e-8: the points of linearisation of both engines agree to 1e-9."""
     a, b = np.asarray(one), np.asarray(other)
-    assert np.abs(a - b).max() <= 1e-8 * np.abs(b).max()
+    assert np.abs(a - b).max(initial=0.0) <= 1e-8 * np.abs(b).max(initial=0.0)
 
 
 @pytest.mark.usefixtures("no_factor")
@@ -105,12 +104,19 @@ def test_as_the_direct_engine(name: str) -> None:
     assert abs(sum(pulled) - sum(terms)) <= 1e-9 * sum(sizes)
 
 
-def test_the_path_has_all_statuses() -> None:
+@pytest.mark.parametrize(
+    ("name", "statuses"),
+    [
+        ("a ball", {bp.Status.OPEN, bp.Status.STICK, bp.Status.SLIP}),
+        ("hexahedra", {bp.Status.STICK, bp.Status.SLIP}),
+        ("two bodies", {bp.Status.STICK, bp.Status.SLIP}),
+        ("mortar", {bp.Status.STICK, bp.Status.SLIP}),
+    ],
+)
+def test_the_paths_have_several_statuses(name: str, statuses: set[bp.Status]) -> None:
     """So that the comparison says something."""
-    _, ours, _ = solved("hexahedra")
-    assert {int(s) for s in np.unique(ours.status)} == {
-        int(s) for s in (bp.Status.OPEN, bp.Status.STICK, bp.Status.SLIP)
-    }
+    _, ours, _ = solved(name)
+    assert {int(s) for s in np.unique(ours.status)} >= {int(s) for s in statuses}
 
 
 @pytest.mark.usefixtures("no_factor")
@@ -123,7 +129,9 @@ def test_borders(direction: int) -> None:
     change = np.random.default_rng(direction).normal(size=4)
     found = []
     for engine in ("iterative", "direct"):
-        problem = bp.ContactProblem(K, np.eye(4), gap=0.0, mu=0.5, engine=engine)
+        problem = bp.ContactProblem(
+            K, np.eye(4), gap=np.zeros(2), mu=0.5, engine=engine
+        )
         result = problem.solve([-10.0, 5.0, 0.0, 0.0], tol=1e-13)
         tangent = result.jvp(load=change)
         np.testing.assert_array_equal(tangent.one_sided, [[True, True]])
@@ -153,12 +161,10 @@ def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_threads_do_not_change_bits() -> None:
     case = MODELS["hexahedra"]().assemble()
-    model = case.model
-    given = {"gap": model.gap, "mu": model.mu, "fixed": model.fixed}
     found = []
     for threads in (1, 2):
         problem = bp.ContactProblem(
-            model.K, model.B, **given, engine="iterative", num_threads=threads
+            **arguments(case.model), engine="iterative", num_threads=threads
         )
         result = problem.solve(case.load, case.prescribed)
         gradient = result.vjp(reaction=np.ones_like(result.reaction))
