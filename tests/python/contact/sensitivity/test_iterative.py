@@ -140,6 +140,33 @@ def test_borders(direction: int) -> None:
         near(getattr(found[0], field), getattr(found[1], field))
 
 
+@pytest.mark.usefixtures("no_factor")
+@pytest.mark.parametrize("fixed", [[1], [2], [1, 5], [0], [0, 1, 2]])
+def test_prescribed_components_of_contacts(fixed: list[int]) -> None:
+    """Reactions along them are no unknowns: the laws alone give them."""
+    K = 1000.0 * (3.0 * np.eye(6) + 0.3 * np.ones((6, 6)))
+    moved = np.where(np.array(fixed) == 0, 0.0, -1e-3)
+    rng = np.random.default_rng(0)
+    bars = {
+        f: rng.normal(size=(1, 2, 3)) for f in ("reaction", "relative_displacement")
+    }
+    found = []
+    for engine in ("iterative", "direct"):
+        problem = bp.ContactProblem(
+            K, np.eye(6), gap=np.zeros(2), mu=0.3, fixed=fixed, engine=engine
+        )
+        load = np.array([-10.0, 4.0, 5.0, -10.0, 2.0, 1.0])
+        result = problem.solve(load, moved, tol=1e-13)
+        tangent = result.jvp(load=np.arange(1.0, 7.0), prescribed=1e-3 * moved)
+        gradient = result.vjp(**bars)
+        found.append((tangent, gradient))
+    (one, first), (other, second) = found
+    for field in (*FIELDS, "displacement"):
+        near(getattr(one, field), getattr(other, field))
+    for field in ("load", "prescribed", "gap", "mu"):
+        near(getattr(first, field), getattr(second, field))
+
+
 def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
     """The direct engine replaces it; without memory the error says what happened."""
     _, ours, theirs = solved("two bodies")

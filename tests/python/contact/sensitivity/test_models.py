@@ -1,4 +1,4 @@
-"""Derivatives of meshed models: supports, several bodies, mortar, both engines."""
+"""Derivatives of meshed models: supports, several bodies, mortar."""
 
 from collections.abc import Callable
 from typing import Any
@@ -158,24 +158,6 @@ def test_prescribed_displacements() -> None:
     off = np.abs(slope - tangent.reaction).max()
     # h² of a second order, and rounding of 1e-14 over h.
     assert off <= 1e-7 * np.abs(slope).max()
-
-
-def test_the_iterative_engine() -> None:
-    """Its results have the derivatives of the direct engine, with a factor made for them."""
-    m = on_springs()
-    case = m.assemble()
-    given = {"gap": case.model.gap, "mu": case.model.mu, "fixed": case.model.fixed}
-    made = [
-        bp.ContactProblem(case.model.K, case.model.B, **given, engine=engine)
-        for engine in ("iterative", "direct")
-    ]
-    ours, theirs = (p.solve(case.load, case.prescribed, tol=1e-12) for p in made)
-    assert "krylov" in ours[-1].stats
-    bar = np.random.default_rng(0).normal(size=ours.reaction.shape)
-    one, other = ours.vjp(reaction=bar), theirs.vjp(reaction=bar)
-    # Reactions of both engines agree to 1e-9, and so do the points of linearisation.
-    scale = np.abs(other.gap).max()
-    np.testing.assert_allclose(one.gap, other.gap, atol=1e-6 * scale)
 
 
 def test_a_working_set() -> None:
