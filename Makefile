@@ -130,6 +130,7 @@ bench-quick: $(STAMP)
 	$(PY) benches/scaling.py --quick
 	$(PY) benches/scale.py --quick
 	$(PY) benches/several.py --quick
+	$(PY) benches/sensitivities.py --quick
 	$(PY) benches/identification.py --quick
 
 .PHONY: bench-full
@@ -151,6 +152,7 @@ bench-full: $(STAMP)
 	$(PY) benches/kernels_and_numpy.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
+	$(PY) benches/sensitivities.py
 	$(PY) benches/identification.py
 	$(PY) benches/solvers_and_peers.py
 	$(PY) benches/stability.py
