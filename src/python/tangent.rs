@@ -9,9 +9,9 @@ use crate::error::Error;
 use crate::linalg::small::Block;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::interrupt;
 use crate::python::problem::{AnyProblem, PyCondensed};
 use crate::python::solver::{AnyReduced, PyReduced};
-use crate::python::interrupt;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::solver::newton::tangent_system::{ClosedLaw, TangentSystem};
@@ -259,9 +259,8 @@ pub(super) fn reduced_tangent(
     let closed = arrays::indices(&closed, "closed")?;
     macro_rules! of {
         ($owned:expr, $d:literal) => {{
-            let factor = |i: usize, k: usize| {
-                $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k))
-            };
+            let factor =
+                |i: usize, k: usize| $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k));
             let by_r = arrays::rows_of::<$d>("by_r", &by_r, $d * closed.len())?;
             let by_v = arrays::rows_of::<$d>("by_v", &by_v, $d * closed.len())?;
             let made = $owned.run(py, None, None, |problem, stop, _| {
@@ -343,7 +342,10 @@ impl PyTangentSystem {
 }
 
 /// `T` of some contacts.
-pub(super) fn factors<const D: usize>(members: &[usize], elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+pub(super) fn factors<const D: usize>(
+    members: &[usize],
+    elliptic: Option<&EllipticScaling>,
+) -> Vec<f64> {
     let of = |&i: &usize| (0..D).map(move |k| elliptic.map_or(1.0, |s| s.factor(i, k)));
     members.iter().flat_map(of).collect()
 }
