@@ -368,7 +368,10 @@ fn boxed(made: Result<Option<TangentSystem>, Error>) -> Result<Option<Box<dyn Fa
 }
 
 /// `T` of some contacts.
-pub(super) fn factors<const D: usize>(members: &[usize], elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+pub(super) fn factors<const D: usize>(
+    members: &[usize],
+    elliptic: Option<&EllipticScaling>,
+) -> Vec<f64> {
     let of = |&i: &usize| (0..D).map(move |k| elliptic.map_or(1.0, |s| s.factor(i, k)));
     members.iter().flat_map(of).collect()
 }
