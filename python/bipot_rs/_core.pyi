@@ -18,6 +18,7 @@ __all__ = [
     "Path",
     "Primal",
     "PrimalPath",
+    "PrimalTangent",
     "Reduced",
     "TangentSystem",
     "TangentView",

@@ -247,8 +247,7 @@ impl PyTangentView {
                 let problem = Reduced::new(compliance, &q, &mu, &Rigid { modes, load })?;
                 if still {
                     let shared = view.problem.shared_compliance();
-                    let small =
-                        TangentStiffnessForm::new(shared, &problem.scaling, &laws, stop)?;
+                    let small = TangentStiffnessForm::new(shared, &problem.scaling, &laws, stop)?;
                     if let Some(small) = small {
                         return Ok(Some(Box::new(small) as Box<dyn Factored>));
                     }

@@ -215,7 +215,10 @@ impl<const D: usize> Factored for TangentStiffnessForm<D> {
             let mut left = right.clone();
             for law in &self.laws {
                 let i = law.position;
-                subtract(&mut left[i], &(Vector::from(own[i]) + Vector::from(moved[i])));
+                subtract(
+                    &mut left[i],
+                    &(Vector::from(own[i]) + Vector::from(moved[i])),
+                );
             }
             add(&mut w, &self.first_transposed(&left));
         }
