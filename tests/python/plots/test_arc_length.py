@@ -154,7 +154,7 @@ def test_one_contact_has_a_place() -> None:
 def test_a_roller_does_not_scale_the_plane_under_it() -> None:
     """Its inclined normals do not change positions along the plane."""
     from bipot_rs.plots.data import Contacts
-    from bipot_rs.plots.surface import _plane
+    from bipot_rs.plots.surface import plane_of
 
     u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))
     x = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)
@@ -172,7 +172,7 @@ def test_a_roller_does_not_scale_the_plane_under_it() -> None:
         slip=np.zeros((n, 2)),
         units={},
     )
-    uv, names = _plane(seen)
+    uv, names = plane_of(seen)
     assert names == ["x", "y"]
     np.testing.assert_array_equal(uv, x[:, :2])
     turn = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
@@ -185,7 +185,7 @@ def test_a_roller_does_not_scale_the_plane_under_it() -> None:
             "frame": seen.frame @ turn.T,
         }
     )
-    uv, names = _plane(turned)
+    uv, names = plane_of(turned)
     assert names == ["along mean t1", "along mean t2"]
     np.testing.assert_allclose(
         uv - uv.mean(axis=0), x[:, :2] - x[:, :2].mean(axis=0), atol=1e-12
