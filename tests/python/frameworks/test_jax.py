@@ -80,8 +80,6 @@ def test_a_point_on_springs() -> None:
 
 def test_derivatives_of_a_point_on_springs() -> None:
     """The friction of a sliding point is -μ P: d/dμ = -P and d/dP = -μ."""
-    if not hasattr(bp.Result, "vjp"):
-        pytest.skip("needs Result.vjp")
     load = jnp.array([-10.0, 5.0])
 
     def friction(load: Any, mu: Any) -> Any:
