@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -129,6 +129,23 @@ class Gradient:
         freedom, on which nothing depends, are not stored.
         """
         return self._adjoint.stiffness(self.load)
+
+    def fem(self, model: Any, loads: Sequence[Any] = ()) -> Any:
+        """Derivatives by the parameters of the model that the problem was made of.
+
+        Parameters
+        ----------
+        model
+            The `fem.Assembly` of the problem.
+        loads
+            The loads of the path as `fem.Load`, whose nodal forces change with the
+            parameters; all others are held constant.
+
+        Returns
+        -------
+        fem.ParameterGradient
+        """
+        return model.gradient(self, loads)
 
 
 class ReducedTangent:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -135,23 +134,6 @@ class Backward:
         return csr_array(
             (half.data + mirrored.data, K.indices, K.indptr), shape=K.shape
         )
-
-    def fem(self, model: Any, loads: Sequence[Any] = ()) -> Any:
-        """Derivatives by the parameters of the model that the problem was made of.
-
-        Parameters
-        ----------
-        model
-            The `fem.Assembly` of the problem.
-        loads
-            The loads of the path as `fem.Load`, whose nodal forces change with the
-            parameters; all others are held constant.
-
-        Returns
-        -------
-        fem.ParameterGradient
-        """
-        return model.gradient(self, loads)
 
     @cached_property
     def _stiffness(self) -> Any:
