@@ -21,18 +21,24 @@ def path() -> bp.Result:
     return given.solve(data)
 
 
-def test_nothing_is_factored_again(
-    path: bp.Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A gradient factors K zero times, and one tangent system a step."""
-    made = []
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The number of contacts of each tangent system that is factored."""
+    found: list[int] = []
     factored = Condensed.factored
 
     def counted(self: Condensed, laws: Any) -> Any:
-        made.append(len(laws.contacts))
+        found.append(len(laws.contacts))
         return factored(self, laws)
 
     monkeypatch.setattr(Condensed, "factored", counted)
+    return found
+
+
+def test_nothing_is_factored_again(
+    path: bp.Result, made: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gradient factors K zero times, and one tangent system a step."""
 
     def refused(*_: Any) -> None:
         pytest.fail("K was factored again")
@@ -47,17 +53,9 @@ def test_nothing_is_factored_again(
 
 
 def test_systems_are_kept_for_further_derivatives(
-    path: bp.Result, monkeypatch: pytest.MonkeyPatch
+    path: bp.Result, made: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Columns and rows of a Jacobian share them; what does not fit is factored again."""
-    made = []
-    factored = Condensed.factored
-
-    def counted(self: Condensed, laws: Any) -> Any:
-        made.append(len(laws.contacts))
-        return factored(self, laws)
-
-    monkeypatch.setattr(Condensed, "factored", counted)
     first = path.jvp(mu=1.0)
     path.jvp(gap=np.ones(path.reaction.shape[1]))
     path.vjp(reaction=np.ones_like(path.reaction)).mu  # noqa: B018
