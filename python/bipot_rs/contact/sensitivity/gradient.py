@@ -57,20 +57,16 @@ class Backward:
             if slip is not None:
                 v[:, 1:] += slip[k]
             system = path.linear(k).adjoint()
-            laws = system.laws
             q, e = self._free(k, v)
             w, b = system.solve_transposed(reaction[k] + q, e)
             # Cᵀ w, the adjoint force of the laws.
-            pulled = np.zeros(path.shape)
-            at = laws.contacts
-            pulled[at] = np.einsum("ijk,ij->ik", laws.by_v, w[at])
+            pulled, rubbed = system.laws.adjoint(w, self.mu)
             self.gap_by_component[k] = v - pulled
             # The core removes the rigid part of forces, and not that of reactions: λ must
             # have the same division as the right side.
             self._reactions[k] = -pulled if k in self._forces else v - pulled
             self._amounts[k] = -b
-            by_tangent = np.einsum("ijk,ij->ik", laws.by_mu, w[at])
-            self.mu[at] += by_tangent if self.mu.ndim == 2 else by_tangent.sum(axis=1)
+            self.mu += rubbed
             carried = pulled[:, 1:] if slip is None else pulled[:, 1:] - slip[k]
 
     def _free(self, k: int, v: Floats) -> tuple[Floats, Floats]:

@@ -59,6 +59,15 @@ class Laws:
     by_v: Floats
     by_mu: Floats
 
+    def adjoint(self, w: Floats, mu: Floats) -> tuple[Floats, Floats]:
+        """``Cᵀ w`` of multipliers ``w (n_c, d)``, and ``Mᵀ w`` shaped as ``mu`` (34)."""
+        at, own = self.contacts, w[self.contacts]
+        pulled, rubbed = np.zeros_like(w), np.zeros_like(mu)
+        pulled[at] = np.einsum("ijk,ij->ik", self.by_v, own)
+        along = np.einsum("ijk,ij->ik", self.by_mu, own)
+        rubbed[at] = along if mu.ndim == 2 else along.sum(axis=1)
+        return pulled, rubbed
+
 
 def tangents(point: Point, scale: Floats) -> Floats:
     """Direction ``p`` of the slip of each contact, ``(n_c, d - 1)``; zero if unknown.

@@ -106,13 +106,7 @@ class ReducedModel:
         system = linear.adjoint()
         pushed = np.asarray(self.W.T @ v.ravel(), np.float64).reshape(shape)
         w, _ = system.solve_transposed(r + pushed, self.modes.T @ v.ravel())
-        laws = system.laws
-        at = laws.contacts
-        pulled = np.zeros(shape)
-        pulled[at] = np.einsum("ijk,ij->ik", laws.by_v, w[at])
-        by_mu = np.zeros_like(self.mu)
-        along = np.einsum("ijk,ij->ik", laws.by_mu, w[at])
-        by_mu[at] = along if self.mu.ndim == 2 else along.sum(axis=1)
+        pulled, by_mu = system.laws.adjoint(w, self.mu)
         return ReducedGradient(
             v - pulled, by_mu, linear.borders.any, solution.reaction, self.W
         )
