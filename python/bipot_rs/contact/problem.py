@@ -344,10 +344,11 @@ class ContactProblem:
         # condensing again gives the same bits.
         made = {"_condensed", "_iterative", "_parts", "_on_forecast"}
         known = {name: value for name, value in vars(self).items() if name not in made}
-        whole = self._parts
-        return known | {
-            "_stiffness": self._core.stiffness() if whole is None else whole
-        }
+        return known | {"_stiffness": self._matrix()}
+
+    def _matrix(self) -> Parts:
+        """K, which the core has once it is condensed."""
+        return self._core.stiffness() if self._parts is None else self._parts
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         parts = state.pop("_stiffness")
@@ -748,8 +749,9 @@ class ContactProblem:
         def path(at: Step | None) -> Following:
             return self._following(engine, self._mu, chosen, at)
 
-        parts = self._core.stiffness() if self._parts is None else self._parts
-        stability = Stability(parts, self._contact, self._fixed, self._shape[2])
+        stability = Stability(
+            self._matrix(), self._contact, self._fixed, self._shape[2]
+        )
         made = Cycles(path, totals, self._given.gap, k, area)
         return Run(made, at, count, allowed, stability, jump, on_cycle).go()
 

@@ -76,7 +76,7 @@ def tangents(point: Point, scale: Floats) -> Floats:
     ``scale`` makes comparable, has more digits.
     """
     D = np.where(point.friction > 0, point.friction, 1.0)
-    of_slip = np.where(point.friction > 0, point.friction, 1.0) * point.slip
+    of_slip = D * point.slip
     of_reaction = -point.reaction[:, 1:] / D
     slips, pushes = _length(of_slip), _length(of_reaction)
     rough = point.friction[:, 0] > 0
