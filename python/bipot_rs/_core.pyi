@@ -15,6 +15,7 @@ __all__ = [
     "ContactPath",
     "ContactTangent",
     "ContactVariables",
+    "LinearisedLaws",
     "Path",
     "Primal",
     "PrimalPath",
@@ -256,6 +257,15 @@ class ContactVariables:
     @property
     def absent(self) -> NDArray[np.bool_]:
         """Places without an unknown."""
+    @property
+    def diagonal(self) -> _Floats:
+        """Estimate of the diagonal of `W`, `(n_c, d)`; zero without an unknown."""
+    def offsets(self, prescribed: _Floats) -> _Floats:
+        """Relative displacements of prescribed ones, `(n_c, d)`."""
+    def moved(self, y: _Floats) -> _Floats:
+        """Relative displacements `R y` of values by places, `(n_c, d)`."""
+    def work(self, v: _Floats) -> _Floats:
+        """`Rᵀ v` by places, of relative displacements `(n_c, d)`."""
     def transformation(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Floats]:
@@ -287,10 +297,43 @@ class ContactTangent:
         """Set the held places to zero."""
     def add_laws(self, x: _Floats, out: _Floats) -> None:
         """Add to `A x` in `out` what the laws of sliding contacts add."""
+    def pull(self, z: _Floats) -> None:
+        """Make `u` of `z`: `Jᵀ z = A u` and what `add_transposed` adds."""
+    def add_transposed(self, z: _Floats, out: _Floats) -> None:
+        """Add the springs of `Jᵀ z` to `A u` in `out`."""
     def right_side(self, e: _Floats, moved: _Floats) -> _Floats:
         """The right side, from `e = A y − f` and `A` times `known`."""
     def springs(self) -> tuple[NDArray[np.int64], _Floats]:
         """Nodes of sliding contacts, and the symmetric part of each spring, `(m, d²)`."""
+
+@final
+class LinearisedLaws:
+    """The linearised laws of one step in the form of a Newton step, by places."""
+
+    @staticmethod
+    def of(
+        variables: ContactVariables,
+        closed: _Indices,
+        by_r: _Floats,
+        by_v: _Floats,
+    ) -> LinearisedLaws | None:
+        """The laws of some contacts, `d` rows each; None if one determines nothing."""
+    @property
+    def statuses(self) -> NDArray[np.int8]:
+        """The `Status` of each contact, whose preconditioner fits."""
+    @property
+    def tangent(self) -> ContactTangent:
+        """The tangent without right sides."""
+    def aim(self, s: _Floats, g: _Floats) -> tuple[ContactTangent, _Floats]:
+        """The tangent for right sides of laws and places, and those of laws multiplied."""
+    def reactions(self, s: _Floats, g: _Floats, dy: _Floats, moved: _Floats) -> _Floats:
+        """`dr` of the laws, from multiplied right sides, `g`, `dy` and `A dy`."""
+    def pulled(self, rho: _Floats, e: _Floats) -> _Floats:
+        """`b` of the places in the transposed system; `e` changes."""
+    def multipliers(
+        self, rho: _Floats, e: _Floats, z: _Floats, moved: _Floats
+    ) -> _Floats:
+        """Multipliers of the laws, from the solution `z` and `A` times the pulled `z`."""
 
 @final
 class ContactPath:

@@ -10,20 +10,18 @@
 //!
 //! `dr` is eliminated by the second row. The laws of a contact are multiplied by a block `M`
 //! such that each row holds a component, `dv_k = …`, or reads `(I + C) dr + V dv = M s`, as those
-//! of a Newton step (`tangent`), whose preconditioner fits.
+//! of a Newton step (`linearised_laws`), whose preconditioner fits.
 
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::law::cone::Status;
 use crate::linalg::amg::following::Following;
 use crate::linalg::parallel::axpy;
-use crate::linalg::small::{Block, Vector};
 use crate::primal::engine::Engine;
 use crate::primal::frames::Frames;
+use crate::primal::linearised_laws::LinearisedLaws;
 use crate::primal::local::Local;
 use crate::primal::problem::Primal;
-use crate::primal::tangent::{Sliding, Tangent};
 use crate::solver::newton::tangent_system::ClosedLaw;
 
 /// Relative residual of each linear system.
@@ -31,31 +29,11 @@ const WANTED: f64 = 1e-13;
 /// Relative residual that is enough.
 const ENOUGH: f64 = 1e-11;
 
-/// Compliance that the multiplier `M` adds to a law, relative to that of its contact: a contact
-/// that hardly slips has no stiffer spring than its inverse. The equations stay exact.
-const LEAST_COMPLIANCE: f64 = 1e-3;
-
-/// The law of one closed contact, multiplied by `M`.
-#[derive(Clone, Debug)]
-struct Multiplied<const D: usize> {
-    contact: usize,
-    /// Place of its first component; nothing for a contact without an unknown.
-    at: Option<usize>,
-    free: [bool; D],
-    held: [bool; D],
-    multiplier: Block<D>,
-    /// `M by_r` and `M by_v` in the rows that are not held.
-    by_r: Block<D>,
-    by_v: Block<D>,
-}
-
 /// The system of one step.
 #[derive(Debug)]
 pub struct Linearised<'p, const D: usize> {
     problem: &'p Primal<D>,
-    laws: Vec<Multiplied<D>>,
-    statuses: Vec<Status>,
-    tangent: Tangent<D>,
+    laws: LinearisedLaws<D>,
 }
 
 impl<'p, const D: usize> Linearised<'p, D> {
@@ -63,53 +41,8 @@ impl<'p, const D: usize> Linearised<'p, D> {
     /// determines nothing.
     #[must_use]
     pub fn new(problem: &'p Primal<D>, laws: &[ClosedLaw<D>]) -> Option<Self> {
-        let frames = &problem.contacts.frames;
-        let made = laws.iter().map(|law| Multiplied::new(problem, law));
-        let laws: Vec<_> = made.collect::<Option<_>>()?;
-        let mut statuses = vec![Status::Open; problem.contacts.count()];
-        let mut held: Vec<bool> = problem.stiffness.free.iter().map(|free| !free).collect();
-        for (_, frame) in frames.with_node() {
-            for k in 0..D {
-                held[D * frame.node + k] = !frame.free[k];
-            }
-        }
-        let mut sliding = Vec::new();
-        for law in &laws {
-            let sticks = law.held == law.free && law.free.contains(&true);
-            statuses[law.contact] = if sticks { Status::Stick } else { Status::Slip };
-            let Some(at) = law.at else { continue };
-            for k in (0..D).filter(|&k| law.held[k]) {
-                held[at + k] = true;
-            }
-            let rows = law.held.map(|held| !held);
-            if rows.contains(&true) {
-                let mut force = law.by_r;
-                for k in (0..D).filter(|&k| rows[k]) {
-                    force[(k, k)] -= 1.0;
-                }
-                sliding.push(Sliding {
-                    contact: law.contact,
-                    at,
-                    free: law.free,
-                    rows,
-                    force,
-                    spring: law.by_v,
-                    target: Vector::zeros(),
-                });
-            }
-        }
-        let known = vec![0.0; held.len()];
-        let tangent = Tangent {
-            sliding,
-            held,
-            known,
-        };
-        Some(Self {
-            problem,
-            laws,
-            statuses,
-            tangent,
-        })
+        let laws = LinearisedLaws::new(&problem.contacts, &problem.stiffness.free, laws)?;
+        Some(Self { problem, laws })
     }
 
     /// Solves the system for `s` of each law and `g`, which the solution replaces: `dr` of each
@@ -124,45 +57,20 @@ impl<'p, const D: usize> Linearised<'p, D> {
         hierarchy: &mut Option<Following>,
         stop: &AtomicBool,
     ) -> Result<bool, Error> {
-        let (problem, frames) = (self.problem, &self.problem.contacts.frames);
-        for (law, s) in self.laws.iter().zip(&mut *s) {
-            *s = (law.multiplier * Vector::from(*s)).into();
-            let Some(at) = law.at else { continue };
-            for k in (0..D).filter(|&k| law.held[k]) {
-                self.tangent.known[at + k] = s[k];
-            }
-        }
-        let targets = self.laws.iter().zip(&*s);
-        let targets = targets.filter(|(law, _)| law.at.is_some() && law.held != [true; D]);
-        for (one, (law, s)) in self.tangent.sliding.iter_mut().zip(targets) {
-            let f = Vector::<D>::from_column_slice(&g[one.at..one.at + D]);
-            one.target = Vector::from(*s) - law.by_r * f;
-        }
-        let mut engine = Local::new(problem, stop, hierarchy.take());
-        let e = g.to_vec();
-        if !engine.prepared(&self.tangent, &self.statuses)? {
+        self.laws.aim(s, g);
+        let tangent = &self.laws.tangent;
+        let mut engine = Local::new(self.problem, stop, hierarchy.take());
+        if !engine.prepared(tangent, &self.laws.statuses)? {
             return Ok(false);
         }
-        let right = engine.right_side(&self.tangent, &e);
-        let found = engine.krylov(&self.tangent, &right, WANTED, false)?;
+        let right = engine.right_side(tangent, g);
+        let found = engine.krylov(tangent, &right, WANTED, false)?;
         let mut dy = found.x;
-        axpy(1.0, &self.tangent.known, &mut dy);
+        axpy(1.0, &tangent.known, &mut dy);
         let moved = engine.product(&dy)?;
         *hierarchy = engine.into_hierarchy().0;
-        let none = vec![[0.0; D]; frames.list.len()];
-        let (v, of_a) = (frames.at_contacts(&dy), frames.at_contacts(&moved));
-        let prescribed = self.tangent.prescribed_reactions(frames, &none, &v, &of_a);
-        for (law, s) in self.laws.iter().zip(&mut *s) {
-            // Without an unknown the law alone gives the reaction.
-            let Some(at) = law.at else { continue };
-            for k in 0..D {
-                s[k] = if law.free[k] {
-                    moved[at + k] + e[at + k]
-                } else {
-                    prescribed[law.contact][k]
-                };
-            }
-        }
+        let frames = &self.problem.contacts.frames;
+        self.laws.reactions(frames, s, g, (&dy, &moved));
         g.copy_from_slice(&dy);
         Ok(found.residual <= ENOUGH)
     }
@@ -179,84 +87,25 @@ impl<'p, const D: usize> Linearised<'p, D> {
         hierarchy: &mut Option<Following>,
         stop: &AtomicBool,
     ) -> Result<bool, Error> {
-        let problem = self.problem;
-        // b = ρ − by_rᵀ w at the contacts, in the second row.
-        let mut b = vec![0.0; e.len()];
-        for (law, rho) in self.laws.iter().zip(&*rho) {
-            let Some(at) = law.at else { continue };
-            // A row without an unknown has w_l = ρ_l.
-            let alone = Vector::<D>::from_fn(|k, _| if law.free[k] { 0.0 } else { rho[k] });
-            let (pulled, pushed) = (law.by_r.tr_mul(&alone), law.by_v.tr_mul(&alone));
-            for k in (0..D).filter(|&k| law.free[k]) {
-                b[at + k] = rho[k] - pulled[k];
-                e[at + k] -= pushed[k];
-            }
-        }
+        let (problem, tangent) = (self.problem, &self.laws.tangent);
+        let mut b = self.laws.pulled(rho, e);
         axpy(1.0, &problem.product_of_contacts(&b), e);
         let mut right = e.to_vec();
-        self.tangent.clear(&mut right);
+        tangent.clear(&mut right);
         let mut engine = Local::new(problem, stop, hierarchy.take());
-        if !engine.prepared(&self.tangent, &self.statuses)? {
+        if !engine.prepared(tangent, &self.laws.statuses)? {
             return Ok(false);
         }
-        let found = engine.krylov(&self.tangent, &right, WANTED, true)?;
+        let found = engine.krylov(tangent, &right, WANTED, true)?;
         let z = found.x;
         let mut u = z.clone();
-        self.tangent.pull(&mut u);
+        tangent.pull(&mut u);
         let mut moved = engine.product(&u)?;
         *hierarchy = engine.into_hierarchy().0;
-        self.tangent.add_transposed(&z, &mut moved);
-        for (law, rho) in self.laws.iter().zip(&mut *rho) {
-            let of = |k: usize| match law.at {
-                Some(at) if law.held[k] => e[at + k] - moved[at + k],
-                Some(at) if law.free[k] => z[at + k],
-                _ => rho[k],
-            };
-            let omega = Vector::<D>::from_fn(|k, _| of(k));
-            *rho = law.multiplier.tr_mul(&omega).into();
-        }
+        self.laws.multipliers(rho, e, &z, &mut moved);
         axpy(-1.0, &u, &mut b);
         e.copy_from_slice(&b);
         Ok(found.residual <= ENOUGH)
-    }
-}
-
-impl<const D: usize> Multiplied<D> {
-    fn new(problem: &Primal<D>, law: &ClosedLaw<D>) -> Option<Self> {
-        let frame = &problem.contacts.frames.list[law.position];
-        let mut by_v = law.by_v;
-        for k in (0..D).filter(|&k| !frame.free[k]) {
-            by_v.fill_column(k, 0.0);
-        }
-        let held: [bool; D] = std::array::from_fn(|k| {
-            let others = (0..D).filter(|&l| l != k);
-            let alone = others.map(|l| by_v[(k, l)].abs()).sum::<f64>() == 0.0;
-            frame.free[k] && alone && by_v[(k, k)] != 0.0 && law.by_r.row(k).amax() == 0.0
-        });
-        let compliance = problem.contacts.compliance.block(law.position).diagonal();
-        #[expect(clippy::cast_precision_loss, reason = "a dimension")]
-        let least = LEAST_COMPLIANCE * compliance.sum() / D as f64;
-        let mut multiplied = law.by_r + by_v * least;
-        for k in (0..D).filter(|&k| held[k]) {
-            multiplied.fill_row(k, 0.0);
-            multiplied.fill_column(k, 0.0);
-            multiplied[(k, k)] = by_v[(k, k)];
-        }
-        let multiplier = multiplied.try_inverse()?;
-        let (mut by_r, mut by_v) = (multiplier * law.by_r, multiplier * by_v);
-        for k in (0..D).filter(|&k| held[k]) {
-            by_r.fill_row(k, 0.0);
-            by_v.fill_row(k, 0.0);
-        }
-        Some(Self {
-            contact: law.position,
-            at: (frame.node != usize::MAX).then(|| D * frame.node),
-            free: frame.free,
-            held,
-            multiplier,
-            by_r,
-            by_v,
-        })
     }
 }
 

@@ -20,6 +20,7 @@ mod filter;
 pub mod frames;
 mod interface;
 pub mod linearised;
+pub mod linearised_laws;
 pub mod load_step;
 pub mod local;
 pub mod newton;

@@ -133,7 +133,7 @@ impl<const D: usize> Tangent<D> {
 
     /// The first half of `Jᵀ z`, with `z` zero at held places: `Jᵀ z = A u + ` what
     /// [`Tangent::add_transposed`] adds, and this makes `u` of `z`.
-    pub(super) fn pull(&self, z: &mut [f64]) {
+    pub fn pull(&self, z: &mut [f64]) {
         for one in &self.sliding {
             let own = &mut z[one.at..one.at + D];
             let change = one.force.tr_mul(&Vector::<D>::from_column_slice(own));
@@ -144,7 +144,7 @@ impl<const D: usize> Tangent<D> {
     }
 
     /// Adds the springs of `Jᵀ z`.
-    pub(super) fn add_transposed(&self, z: &[f64], out: &mut [f64]) {
+    pub fn add_transposed(&self, z: &[f64], out: &mut [f64]) {
         for one in &self.sliding {
             let own = one.at..one.at + D;
             let pulled = one

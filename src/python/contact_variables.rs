@@ -12,16 +12,18 @@ use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
+use crate::primal::linearised::spread;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
 use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
 use crate::python::problem::CsrArrays;
+use crate::python::tangent::{factors, over};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::validate::{check_finite, check_friction};
 
 /// Values by places that a method changes.
-type Changed<'py> = PyReadwriteArray1<'py, f64>;
+pub(super) type Changed<'py> = PyReadwriteArray1<'py, f64>;
 
 /// Numbers of nodes or places.
 type Numbers<'py> = Bound<'py, PyArray1<i64>>;
@@ -139,7 +141,43 @@ macro_rules! of_any {
     };
 }
 
+/// Estimate of the diagonal of `W`; zero at components without an unknown.
+pub(super) fn diagonal<const D: usize>(contacts: &Contacts<D>) -> Vec<f64> {
+    let mut found = Vec::with_capacity(D * contacts.count());
+    for (i, frame) in contacts.frames.list.iter().enumerate() {
+        let own = contacts.compliance.block(i).diagonal();
+        found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
+    }
+    found
+}
+
 impl PyContactVariables {
+    /// `T` of all contacts, component by component: `r = T r̃`, `v = T⁻¹ ṽ`.
+    fn factors(&self) -> Vec<f64> {
+        fn all<const D: usize>(contacts: usize, elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+            factors::<D>(&(0..contacts).collect::<Vec<_>>(), elliptic)
+        }
+        let elliptic = self.elliptic.as_ref();
+        match &self.kind {
+            AnyInterface::Two(inner) => all::<2>(inner.contacts.count(), elliptic),
+            AnyInterface::Three(inner) => all::<3>(inner.contacts.count(), elliptic),
+        }
+    }
+
+    /// Values of all contacts, `(n_c, d)`, from those in the variables of the problem.
+    fn of_contacts<'py>(
+        &self,
+        py: Python<'py>,
+        scaled: &[f64],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let contacts = of_any!(&self.kind, inner => inner.contacts.count());
+        let d = match &self.kind {
+            AnyInterface::Two(_) => 2,
+            AnyInterface::Three(_) => 3,
+        };
+        arrays::square(py, over(scaled, &self.factors()), contacts, d)
+    }
+
     /// Changes values by places with the frames.
     fn change(
         &self,
@@ -282,6 +320,53 @@ impl PyContactVariables {
         ))
     }
 
+    /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
+    #[getter]
+    fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let own = of_any!(&self.kind, inner => diagonal(&inner.contacts));
+        self.of_contacts(py, &over(&own, &self.factors()))
+    }
+
+    /// Relative displacements `B_f u_f` of prescribed ones, `(n_c, d)`.
+    fn offsets<'py>(
+        &self,
+        py: Python<'py>,
+        prescribed: Vector<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        fn of<const D: usize>(contacts: &Contacts<D>, prescribed: &[f64]) -> Vec<f64> {
+            let none = vec![[0.0; D]; contacts.count()];
+            contacts.frames.offsets(&none, prescribed).concat()
+        }
+        let prescribed = prescribed.as_slice()?;
+        arrays::length("prescribed", prescribed.len(), self.fixed)?;
+        let v = of_any!(&self.kind, inner => of(&inner.contacts, prescribed));
+        self.of_contacts(py, &v)
+    }
+
+    /// Relative displacements `R y` of values by places, `(n_c, d)`.
+    fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let y = y.as_slice()?;
+        arrays::length("y", y.len(), self.places())?;
+        let v = of_any!(&self.kind, inner => inner.contacts.frames.at_contacts(y).concat());
+        self.of_contacts(py, &v)
+    }
+
+    /// `Rᵀ v` by places, of relative displacements `(n_c, d)`.
+    fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        fn of<const D: usize>(
+            inner: &Interface<D>,
+            factors: &[f64],
+            v: &Matrix<'_>,
+        ) -> PyResult<Vec<f64>> {
+            let given = arrays::rows_of::<D>("v", v, inner.contacts.count())?;
+            let own = over(given.as_flattened(), factors);
+            let frames = &inner.contacts.frames;
+            Ok(spread(frames, own.as_chunks::<D>().0, inner.free.len()))
+        }
+        let y = of_any!(&self.kind, inner => of(inner, &self.factors(), &v)?);
+        Ok(arrays::from_vec(py, y))
+    }
+
     /// `B_s u_s` at the node of each contact, in place: a motion of its own body.
     fn to_own_variables(&self, mut values: Changed<'_>) -> PyResult<()> {
         fn turn<const D: usize>(frames: &Frames<D>, values: &mut [f64]) {
@@ -411,6 +496,23 @@ impl PyContactTangent {
         arrays::length("x", x.len(), self.places())?;
         arrays::length("out", out.len(), self.places())?;
         of_tangent!(&self.kind, tangent => tangent.add_laws(x, out));
+        Ok(())
+    }
+
+    /// Makes `u` of `z`, in place: `Jᵀ z = A u` and what `add_transposed` adds.
+    fn pull(&self, mut z: Changed<'_>) -> PyResult<()> {
+        let z = z.as_slice_mut()?;
+        arrays::length("z", z.len(), self.places())?;
+        of_tangent!(&self.kind, tangent => tangent.pull(z));
+        Ok(())
+    }
+
+    /// Adds the springs of `Jᵀ z` to `A u` in `out`.
+    fn add_transposed(&self, z: Vector<'_>, mut out: Changed<'_>) -> PyResult<()> {
+        let (z, out) = (z.as_slice()?, out.as_slice_mut()?);
+        arrays::length("z", z.len(), self.places())?;
+        arrays::length("out", out.len(), self.places())?;
+        of_tangent!(&self.kind, tangent => tangent.add_transposed(z, out));
         Ok(())
     }
 

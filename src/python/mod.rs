@@ -15,6 +15,7 @@ mod errors;
 mod estimate;
 mod heap;
 mod interrupt;
+mod linearised_laws;
 mod load_path;
 mod primal;
 mod primal_tangent;
@@ -40,6 +41,8 @@ mod _core {
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
     use super::heap::{keep_heap, return_heap};
+    #[pymodule_export]
+    use super::linearised_laws::PyLinearisedLaws;
     #[pymodule_export]
     use super::load_path::{PyPath, follow};
     #[pymodule_export]

@@ -11,6 +11,7 @@ use crate::linalg::amg::following::Following;
 use crate::primal::linearised::{Linearised, spread};
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::contact_variables::diagonal;
 use crate::python::interrupt;
 use crate::python::primal::{AnyPrimal, PyPrimal};
 use crate::python::problem::CsrOutput;
@@ -58,16 +59,7 @@ impl PyPrimalTangent {
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        fn of<const D: usize>(problem: &Primal<D>) -> Vec<f64> {
-            let contacts = &problem.contacts;
-            let mut found = Vec::with_capacity(D * contacts.count());
-            for (i, frame) in contacts.frames.list.iter().enumerate() {
-                let own = contacts.compliance.block(i).diagonal();
-                found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
-            }
-            found
-        }
-        let own = either!(&self.problem.kind, inner => of(inner));
+        let own = either!(&self.problem.kind, inner => diagonal(&inner.contacts));
         // W = T⁻¹ W̃ T⁻¹.
         self.square(py, over(&over(&own, &self.factors), &self.factors))
     }

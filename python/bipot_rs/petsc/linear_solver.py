@@ -43,6 +43,7 @@ class LinearSolver:
         self._PETSc, self._fits = PETSc, fits
         self._tangent: _core.ContactTangent | None = None
         self._statuses: NDArray[np.int8] | None = None
+        self._transposed = False
         comm = operator.K.comm
         self._J = PETSc.Mat().createPython(operator.K.getSizes(), self, comm=comm)
         self._J.setUp()
@@ -64,9 +65,12 @@ class LinearSolver:
         self._ksp.setFromOptions()
 
     def mult(self, _mat: Any, x: Any, y: Any) -> None:
-        """``y = J x``; PETSc calls it."""
+        """``y = J x``, or ``Jᵀ x``; PETSc calls it."""
         assert self._tangent is not None  # noqa: S101 - set by `prepare`
-        self._operator.masked(self._tangent, x, y)
+        if self._transposed:
+            self._operator.masked_transposed(self._tangent, x, y)
+        else:
+            self._operator.masked(self._tangent, x, y)
 
     def begin(self) -> None:
         """Forget what was learned in the load step before."""
@@ -109,8 +113,11 @@ class LinearSolver:
         if hasattr(self._PETSc, "garbage_cleanup"):
             self._PETSc.garbage_cleanup(self._operator.K.comm)
 
-    def solve(self, b: Any, tol: float) -> tuple[Any, int, bool]:
+    def solve(
+        self, b: Any, tol: float, *, transposed: bool = False
+    ) -> tuple[Any, int, bool]:
         """The solution to a relative residual, the products, and whether it was reached."""
+        self._transposed = transposed
         x, products, reached = self._solve(b, tol)
         tangent, statuses = self._tangent, self._statuses
         if (
@@ -139,6 +146,15 @@ class LinearSolver:
             self._joined.solved_in(products)
         reached = self._ksp.getConvergedReason() > 0 and np.isfinite(x.norm())
         return x, products, reached
+
+    def residual(self, b: Any, x: Any, *, transposed: bool = False) -> float:
+        """``‖b - J x‖ / ‖b‖``, or that with ``Jᵀ``."""
+        size = float(b.norm())
+        self._transposed = transposed
+        left = b.copy()
+        self.mult(None, x, left)
+        left.aypx(-1.0, b)
+        return float(left.norm()) / size if size else 0.0
 
     def apply(self, b: Any) -> Any:
         """One application of the preconditioner."""

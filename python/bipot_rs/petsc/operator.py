@@ -114,6 +114,25 @@ class Operator:
         tangent.clear(found)
         self.interface.write(found, y)
 
+    def masked_transposed(self, tangent: _core.ContactTangent, x: Any, y: Any) -> None:
+        """``y = Jᵀ x`` without the rows and columns that `tangent` holds."""
+        x.copy(self._u)
+        self._u.array[self.fixed] = 0.0
+        given = self.interface.gather(x)
+        tangent.clear(given)
+        pulled = given.copy()
+        tangent.pull(pulled)
+        self.variables.to_displacements(pulled)
+        self.interface.write(pulled, self._u)
+        self.K.mult(self._u, y)
+        self.products += 1
+        y.array[self.fixed] = 0.0
+        found = self.interface.gather(y)
+        self.variables.forces_to_local(found)
+        tangent.add_transposed(given, found)
+        tangent.clear(found)
+        self.interface.write(found, y)
+
     def add_known(self, tangent: _core.ContactTangent, x: Any) -> None:
         """Set the held places to their known values."""
         x.array[self.fixed] = 0.0

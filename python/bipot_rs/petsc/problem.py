@@ -37,10 +37,12 @@ from bipot_rs.contact.engines.choice import direct_bytes
 from bipot_rs.contact.load_path import state
 from bipot_rs.contact.problem import WITHOUT_FACTOR
 from bipot_rs.contact.result import Result as WholeResult
+from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step as WholeStep
 from bipot_rs.contact.step_control import follow, increments
 from bipot_rs.petsc import components, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
+from bipot_rs.petsc.derivatives import Derivatives
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.joined import Joined
@@ -158,6 +160,7 @@ class ContactProblem:
         self._fixed = given.fixed
         self._shape = n, len(given.gap), given.d
         self._mu = given.mu
+        self._own_contact = given.contact.matrix[:, slice(*K.getOwnershipRange())]
         self._rows = K.getLocalSize()[0]
         self._engine = self._made(K, given)
         self._remarks = tuple(
@@ -456,7 +459,7 @@ class ContactProblem:
 
         chosen, steps, motions = agreed(self.comm, check)
         same(self.comm, prescribed=motions, gap=gap)
-        following = self._following(chosen, start)
+        following = self._following(chosen, start, gap)
         for k, asked in enumerate(steps):
             step = following.advance(*asked)
             if on_step is not None:
@@ -515,12 +518,13 @@ class ContactProblem:
 
             return agreed(self.comm, one)
 
-        following = self._following(chosen, start)
+        following = self._following(chosen, start, gap)
         made = follow(following, totals, plan, on_step)
         return following.result(message=made.message)
 
-    def _following(self, chosen: Any, start: Any) -> Following:
+    def _following(self, chosen: Any, start: Any, gap: Any) -> Following:
         contacts, before = self._contacts, self._remarks
+        by_component = None if gap is None else callable(gap) or np.ndim(gap) == 3
 
         def said(steps: Sequence[WholeStep]) -> tuple[str, ...]:
             return (*before, *remarks.of_path(steps, contacts, None))
@@ -534,30 +538,44 @@ class ContactProblem:
             start,
             condense=self._seconds,
             remarks=said,
+            model=Derivatives(
+                self._engine,
+                PathModel(
+                    self._own_contact,
+                    self._fixed,
+                    np.shape(np.asarray(contacts["gap"])),
+                    by_component,
+                ),
+                self._vectors,
+            ),
         )
         following.comm = self.comm
         return following
 
     def _loads(self, load: Any) -> list[Any]:
-        """The Vec of each step, with its layout and its numbers checked."""
-        Vec = self._PETSc.Vec
+        """The load of each step."""
         if load is None:
             return [self._engine.operator.zeros()]
-        found = [load] if isinstance(load, Vec) else list(load)
+        return self._vectors("load", load)
+
+    def _vectors(self, what: str, vectors: Any) -> list[Any]:
+        """The Vec of each step, with its layout and its numbers checked."""
+        Vec = self._PETSc.Vec
+        found = [vectors] if isinstance(vectors, Vec) else list(vectors)
         for k, one in enumerate(found):
             if not isinstance(one, Vec):
                 raise TypeError(
-                    f"load of step {k + 1} is a {type(one).__name__}, expected a Vec of "
+                    f"{what} of step {k + 1} is a {type(one).__name__}, expected a Vec of "
                     "petsc4py"
                 )
             if one.getLocalSize() != self._rows:
                 raise ValueError(
-                    f"load of step {k + 1} has {one.getLocalSize()} rows on rank "
+                    f"{what} of step {k + 1} has {one.getLocalSize()} rows on rank "
                     f"{self.comm.rank}, expected {self._rows}, as K: make it with "
                     "K.createVecLeft()"
                 )
             if not np.isfinite(one.array_r).all():
-                raise ValueError(f"load of step {k + 1} is not finite")
+                raise ValueError(f"{what} of step {k + 1} is not finite")
         return found
 
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields, replace
-from typing import Any, NoReturn
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from bipot_rs.contact import load_path, result, solution
+from bipot_rs.contact.derivatives import Gradient, Tangent
 from bipot_rs.contact.result import Result as WholeResult
 from bipot_rs.petsc.agreement import agreed
-
-_NO_DERIVATIVES = (
-    "engine='petsc' has no derivatives, which need a factor of K: solve with "
-    "bipot_rs.ContactProblem on one machine"
-)
 
 
 class Step(solution.Step):
@@ -91,13 +89,67 @@ class Result(result.Result):
         """Write the contacts as a PVD series for ParaView; all ranks call it."""
         self._write_once(lambda: self._whole().write(path))
 
-    def jvp(self, *_data: Any, **_named: Any) -> NoReturn:
-        """Not available: derivatives need a factor of K."""
-        raise ValueError(_NO_DERIVATIVES)
+    def jvp(
+        self,
+        load: Any = None,
+        prescribed: ArrayLike | None = None,
+        gap: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+        K: Any = None,
+    ) -> Tangent:
+        """Directional derivative, as `bipot_rs.Result.jvp`. All ranks call it.
 
-    def vjp(self, *_cotangents: Any, **_named: Any) -> NoReturn:
-        """Not available: derivatives need a factor of K."""
-        raise ValueError(_NO_DERIVATIVES)
+        Parameters
+        ----------
+        load
+            A Vec or a list of them.
+        prescribed, gap, mu
+            As in `bipot_rs.Result.jvp`, the same on every rank.
+        K
+            A symmetric Mat with the layout of K.
+
+        Returns
+        -------
+        Tangent
+            ``displacement`` is a list of Vecs; all ranks read it.
+
+        Raises
+        ------
+        NotConvergedError
+            The linear solver does not converge to the accuracy of derivatives.
+        TypeError, ValueError, NotDifferentiableError
+            As `bipot_rs.Result.jvp`.
+        """
+        return super().jvp(load, prescribed, gap, mu, K=K)
+
+    def vjp(
+        self,
+        reaction: ArrayLike | None = None,
+        displacement: Any = None,
+        relative_displacement: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
+    ) -> Gradient:
+        """Gradient, as `bipot_rs.Result.vjp`. All ranks call it.
+
+        Parameters
+        ----------
+        displacement
+            A Vec for each step, the cotangent of `displacement`.
+        reaction, relative_displacement, slip
+            As in `bipot_rs.Result.vjp`, the same on every rank.
+
+        Returns
+        -------
+        Gradient
+            ``load`` is a list of Vecs and ``K`` a Mat with the layout and pattern of K; all
+            ranks read them, and ``prescribed``.
+
+        Raises
+        ------
+        NotConvergedError, TypeError, ValueError, NotDifferentiableError
+            As `jvp`.
+        """
+        return super().vjp(reaction, displacement, relative_displacement, slip)
 
     def _whole(self) -> WholeResult:
         whole = WholeResult(
@@ -121,7 +173,7 @@ class Result(result.Result):
             agreed(comm, lambda: work() if comm.rank == 0 else None)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_comm": None}
+        return super().__getstate__() | {"_comm": None}
 
 
 class Following(load_path.Following):

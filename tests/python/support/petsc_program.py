@@ -99,6 +99,51 @@ def solve(given: Given) -> Given:
     return answer(made, result)
 
 
+def derivatives(given: Given) -> Given:
+    """A tangent and a gradient of a load path."""
+    made = problem(given)
+    result = made.solve(loads(given, made.K), given.get("prescribed"), tol=1e-12)
+    change = distributed({"d": given.get("d", 3)} | _renamed(given, "dK"))
+    along = {
+        name: given[f"along_{name}"]
+        for name in ("prescribed", "gap", "mu")
+        if f"along_{name}" in given
+    }
+    force = [vector(made.K, one) for one in given["along_load"]]
+    tangent = result.jvp(load=force, K=change, **along)
+    cotangents = {
+        name: given[f"by_{name}"]
+        for name in ("reaction", "relative_displacement", "slip")
+    }
+    by = [vector(made.K, one) for one in given["by_displacement"]]
+    gradient = result.vjp(displacement=by, **cotangents)
+    pointer, column, values = gradient.K.getValuesCSR()
+    n = made.K.getSize()[0]
+    own = sparse.csr_array((values, column, pointer), shape=(len(pointer) - 1, n))
+    stacked = sparse.vstack(comm.allgather(own)).toarray()
+    found = {
+        "reaction": tangent.reaction,
+        "relative_displacement": tangent.relative_displacement,
+        "slip": tangent.slip,
+        "by_gap": gradient.gap,
+        "by_mu": gradient.mu,
+        "by_prescribed": gradient.prescribed,
+    }
+    for name, array in found.items():
+        assert len(set(comm.allgather(array.tobytes()))) == 1, name
+    found["displacement"] = np.array([whole(u) for u in tangent.displacement])
+    found["by_load"] = np.array([whole(f) for f in gradient.load])
+    # A gradient has few parts without cotangents of the displacements: another way.
+    alone = result.vjp(reaction=given["by_reaction"])
+    found["by_load_of_reaction"] = np.array([whole(f) for f in alone.load])
+    return found | {"by_K": stacked}
+
+
+def _renamed(given: Given, name: str) -> Given:
+    parts = ("data", "indices", "indptr", "shape")
+    return {f"K_{part}": given[f"{name}_{part}"] for part in parts}
+
+
 def _failure(work: Any) -> str:
     """Kind and message of an error, which all ranks must raise alike."""
     said = "nothing was raised"

@@ -42,6 +42,8 @@ class LinearPath:
 
     Parameters
     ----------
+    response
+        How the contacts respond; the default is made from the last step.
     iterative
         Whether results of the iterative engine are differentiated by it.
     """
@@ -51,6 +53,7 @@ class LinearPath:
         model: PathModel,
         steps: Sequence[Step],
         contacts: Mapping[str, Any],
+        response: PathResponse | None = None,
         *,
         iterative: bool = True,
     ) -> None:
@@ -68,19 +71,11 @@ class LinearPath:
             )
             for step in steps
         ]
-        recovery = steps[-1]._recover
-        if recovery is None:
-            raise ValueError(LOST)
-        self.has_factor = recovery.has_factor()
-        primal = recovery.primal() if iterative else None
-        self.response: PathResponse
-        if primal is not None:
-            self.response, order = Displacements(primal), 0
-        else:
-            core = recovery.condensed()
-            found = Condensed(core, self._closed(), self.shape[0])
-            self.response = found
-            order = len(found.members) * self.shape[1] + found.motions
+        self.has_factor = True
+        self.response = response or self._response(iterative)
+        order = 0
+        if isinstance(self.response, Condensed):
+            order = len(self.response.members) * self.shape[1] + self.response.motions
         self.kept = 8 * order**2 * (1 + len(steps)) <= KEPT
         self._linear: dict[int, Linear] = {}
         compliance = self.response.diagonal.mean(axis=1)
@@ -88,6 +83,17 @@ class LinearPath:
             borders(point, compliance, step.tolerance)
             for point, step in zip(self.points, steps, strict=True)
         ]
+
+    def _response(self, iterative: bool) -> PathResponse:
+        """The response of the engine that solved the last step."""
+        recovery = self.steps[-1]._recover
+        if recovery is None:
+            raise ValueError(LOST)
+        self.has_factor = recovery.has_factor()
+        primal = recovery.primal() if iterative else None
+        if primal is not None:
+            return Displacements(primal)
+        return Condensed(recovery.condensed(), self._closed(), self.shape[0])
 
     def _closed(self) -> Any:
         """Contacts that close, or nearly do, in some step."""

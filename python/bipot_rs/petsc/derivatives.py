@@ -1,0 +1,376 @@
+"""Derivatives of the load paths of a distributed stiffness, (33) and (34).
+
+Arrays of contacts are whole on every rank. Of vectors of displacements and forces each rank
+has the rows that it owns, so that the derivatives of `bipot_rs.contact.sensitivity` serve
+here as they are: they only add such vectors and hand them over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import bipot_rs._core as _core
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.derivatives import Gradient, Tangent
+from bipot_rs.contact.errors import NotConvergedError
+from bipot_rs.contact.sensitivity.displacements import Stalled
+from bipot_rs.contact.sensitivity.gradient import Backward
+from bipot_rs.contact.sensitivity.laws import Laws
+from bipot_rs.contact.sensitivity.linear_path import LinearPath
+from bipot_rs.contact.sensitivity.model import (
+    PathModel,
+    cotangents,
+    directions,
+    gap_gradient,
+)
+from bipot_rs.contact.sensitivity.tangent import Forward
+from bipot_rs.petsc.agreement import agreed, same
+from bipot_rs.petsc.engine import PetscEngine
+from bipot_rs.petsc.own_rows import OwnRows, scatter
+
+T = TypeVar("T")
+
+# Relative residual of each linear system, and the one that is enough.
+_WANTED = 1e-12
+_ENOUGH = 1e-11
+
+
+class Response:
+    """The response of distributed bodies: the unknowns are the displacements of the own rows.
+
+    Attributes
+    ----------
+    motions
+        Number of own rows.
+    diagonal : (n_c, d)
+        Estimate of the diagonal of W.
+    """
+
+    whole = True
+
+    def __init__(self, engine: PetscEngine) -> None:
+        self.engine = engine
+        self.motions = engine.operator.K.getLocalSize()[0]
+        self.diagonal = engine.variables.diagonal
+
+    def vector(self, own: Floats) -> Any:
+        """A Vec with these values in the own rows."""
+        made = self.engine.operator.zeros()
+        made.array[:] = own
+        return made
+
+    def stiffness(self) -> Any:
+        """K."""
+        return self.engine.operator.K
+
+    def movable(self) -> Bools:
+        """Components that a reaction moves, ``(n_c, d)``."""
+        return self.diagonal > 0
+
+    def factored(self, laws: Laws) -> _Iterated:
+        """The system (33) of these laws."""
+        return _Iterated(self, laws)
+
+    def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
+        """``R y``, ``(n_c, d)``."""
+        interface = self.engine.operator.interface
+        return self.engine.variables.moved(interface.gather(self.vector(rigid)))
+
+    def work(self, v: Floats) -> Floats:
+        """``Rᵀ v`` of relative displacements, the own rows."""
+        places = self.engine.variables.work(np.ascontiguousarray(v))
+        made = self.engine.operator.zeros()
+        self.engine.operator.interface.write(places, made)
+        return np.array(made.array_r)
+
+    def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
+        """``B_f u_f (n_c, d)`` of prescribed displacements, and forces on the own unknowns."""
+        force = self.engine.force(self.vector(load), prescribed)
+        return self.engine.variables.offsets(prescribed), np.array(force.array_r)
+
+    def displacements(
+        self, states: list[tuple[Floats, Floats, Floats, Floats]]
+    ) -> Floats:
+        """``u`` of unknowns and prescribed displacements, the own rows."""
+        own = [
+            self.engine.displacement(self.vector(y), moved).array_r
+            for _, moved, _, y in states
+        ]
+        return np.stack(own)
+
+
+@dataclass(frozen=True)
+class _Iterated:
+    """A system (33) whose right sides take a Krylov solve each."""
+
+    response: Response
+    laws: Laws
+    # Not known; the solver does not converge where it is small.
+    reciprocal_condition: float = 1.0
+
+    def solve(self, right: Floats, /) -> Floats:
+        """``dr`` of the contacts and ``dy`` of the own rows, a row for each right side."""
+        return np.stack([self._forward(row) for row in right])
+
+    def solve_transposed(self, right: Floats, /) -> Floats:
+        """The same with the transposed matrix."""
+        return np.stack([self._transposed(row) for row in right])
+
+    def _parts(self, right: Floats) -> tuple[_core.LinearisedLaws, Floats, Any]:
+        """The laws, their right sides, and those of the rows."""
+        laws, d = self.laws, self.laws.by_r.shape[1]
+        m = len(laws.contacts)
+        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
+        variables = self.response.engine.variables
+        core = _core.LinearisedLaws.of(variables, laws.contacts, by_r, by_v)
+        if core is None:
+            raise Stalled
+        own = np.ascontiguousarray(right[: m * d].reshape(m, d))
+        return core, own, self.response.vector(right[m * d :])
+
+    def _forward(self, right: Floats) -> Floats:
+        core, s, g = self._parts(right)
+        operator = self.response.engine.operator
+        at_places = operator.interface.gather(g)
+        tangent, s = core.aim(s, at_places)
+        dy = self._solved(core, tangent, operator.right_side(tangent, g))
+        operator.add_known(tangent, dy)
+        moved = operator.interface.gather(operator.product(dy))
+        dr = core.reactions(s, at_places, operator.interface.gather(dy), moved)
+        return np.concatenate([dr.ravel(), dy.array_r])
+
+    def _transposed(self, right: Floats) -> Floats:
+        core, rho, e = self._parts(right)
+        operator = self.response.engine.operator
+        interface = operator.interface
+        places = interface.gather(e)
+        pulled = core.pulled(rho, places)
+        interface.write(places, e)
+        b = operator.zeros()
+        interface.write(pulled, b)
+        e.axpy(1.0, operator.product(b))
+        tangent = core.tangent
+        cleared = e.copy()
+        held = interface.gather(e)
+        tangent.clear(held)
+        interface.write(held, cleared)
+        z = self._solved(core, tangent, cleared, transposed=True)
+        u, at = z.copy(), interface.gather(z)
+        turned = at.copy()
+        tangent.pull(turned)
+        interface.write(turned, u)
+        moved = interface.gather(operator.product(u))
+        w = core.multipliers(rho, interface.gather(e), at, moved)
+        b.axpy(-1.0, u)
+        return np.concatenate([w.ravel(), b.array_r])
+
+    def _solved(
+        self,
+        core: _core.LinearisedLaws,
+        tangent: _core.ContactTangent,
+        right: Any,
+        *,
+        transposed: bool = False,
+    ) -> Any:
+        solver = self.response.engine.solver
+        if not solver.prepare(tangent, core.statuses):
+            raise Stalled
+        x, _, _ = solver.solve(right, _WANTED, transposed=transposed)
+        # The residual of the iteration may be smaller than the true one.
+        if solver.residual(right, x, transposed=transposed) > _ENOUGH:
+            raise Stalled
+        return x
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """The problem of a load path, for `jvp` and `vjp` of its result. All ranks call them.
+
+    Attributes
+    ----------
+    model
+        ``contact`` has the columns that this rank owns.
+    loads
+        Checks loads: a Vec or a list of them.
+    """
+
+    engine: PetscEngine
+    model: PathModel
+    loads: Callable[[str, Any], list[Any]]
+
+    @property
+    def _comm(self) -> Any:
+        return self.engine.operator.K.comm.tompi4py()
+
+    def jvp(
+        self,
+        result: Any,
+        load: Any,
+        prescribed: ArrayLike | None,
+        gap: ArrayLike | None,
+        mu: ArrayLike | None,
+        K: Any,
+        /,
+    ) -> Tangent:
+        """`Result.jvp`; ``load`` is a Vec or a list of them, ``K`` a Mat."""
+
+        def derive(path: LinearPath) -> Tangent:
+            steps, mu_now = len(path.steps), path.mu
+            shape = path.shape[0], path.shape[1]
+
+            def check() -> Any:
+                own = None if load is None else self._rows("load", load, steps)
+                return directions(
+                    self.model, steps, mu_now, shape, own, prescribed, gap, mu, None
+                )
+
+            given = agreed(self._comm, check)
+            same(self._comm, prescribed=given.prescribed, gap=given.gap)
+            if K is not None:
+                pulled = np.stack(
+                    [-self._product(K, u).array_r for u in result.displacement]
+                )
+                whole = pulled if given.load is None else given.load + pulled
+                given = replace(given, load=whole)
+            found = Forward(path, given, None)
+            return Tangent(
+                found.reaction,
+                found.relative_displacement,
+                found.slip,
+                path.one_sided,
+                lambda: self._vectors(found.displacement()),  # type: ignore[arg-type,return-value]
+            )
+
+        return self._derived(result, derive)
+
+    def vjp(
+        self,
+        result: Any,
+        reaction: ArrayLike | None,
+        displacement: Any,
+        relative_displacement: ArrayLike | None,
+        slip: ArrayLike | None,
+        /,
+    ) -> Gradient:
+        """`Result.vjp`; ``displacement`` is a list of Vecs."""
+
+        def derive(path: LinearPath) -> Gradient:
+            steps, (contacts, d) = len(path.steps), path.shape
+            stacked = steps, contacts, d
+
+            def check() -> Any:
+                return (
+                    cotangents("reaction", reaction, stacked),
+                    None
+                    if displacement is None
+                    else self._rows("displacement", displacement, steps),
+                    cotangents("relative_displacement", relative_displacement, stacked),
+                    cotangents("slip", slip, (steps, contacts, d - 1)),
+                )
+
+            r, u, v, moved = agreed(self._comm, check)
+            same(self._comm, reaction=r, relative_displacement=v, slip=moved)
+            found = Backward(result, path, r, u, v, moved)
+            return Gradient(
+                result,
+                gap_gradient(self.model, found.gap_by_component),
+                found.gap_by_component,
+                found.mu,
+                path.one_sided,
+                _Adjoint(self, result, found, u),
+            )
+
+        return self._derived(result, derive)
+
+    def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
+        """What ``derive`` makes of the linearised steps."""
+        path = LinearPath(
+            self.model, result.steps, result.contacts, Response(self.engine)
+        )
+        try:
+            return derive(path)
+        except Stalled:
+            raise NotConvergedError(
+                "the linear solver of PETSc does not converge for the derivatives; try "
+                "other options of PETSc, as -bipot_pc_type hypre, or engine='direct' on "
+                "one process",
+                result,
+            ) from None
+
+    def _rows(self, what: str, vectors: Any, steps: int) -> Floats:
+        """Own rows of the Vec of each step, ``(steps, rows)``; one serves all steps."""
+        found = [v.array_r for v in self.loads(what, vectors)]
+        if len(found) not in (1, steps):
+            raise ValueError(
+                f"{what} has {len(found)} steps, expected one or {steps} as the path"
+            )
+        return np.stack([found[min(k, len(found) - 1)] for k in range(steps)])
+
+    def _product(self, K: Any, u: Any) -> Any:
+        made = self.engine.operator.zeros()
+        K.mult(u, made)
+        return made
+
+    def _vectors(self, rows: Floats) -> list[Any]:
+        response = Response(self.engine)
+        return [response.vector(own) for own in rows]
+
+
+@dataclass(frozen=True)
+class _Adjoint:
+    """What the parts of a gradient are computed from. All ranks call these methods."""
+
+    problem: Derivatives
+    result: Any
+    found: Backward
+    displacement: Floats | None
+
+    def load(self) -> Any:
+        """Adjoint displacements, a Vec for each step."""
+        return self.problem._vectors(self.found.load())
+
+    def prescribed(self, load: Any) -> Floats:
+        """Derivatives by prescribed displacements, whole on every rank."""
+        problem, gaps = self.problem, self.found.gap_by_component
+        fixed = problem.model.fixed
+        first, last = problem.engine.operator.K.getOwnershipRange()
+        ours = (fixed >= first) & (fixed < last)
+        own = np.zeros((len(gaps), len(fixed)))
+        for k, adjoint in enumerate(load):
+            force = problem.model.contact.T @ gaps[k].ravel()
+            if self.displacement is not None:
+                force = force + self.displacement[k]
+            force = force - problem._product(self._K, adjoint).array_r
+            own[k, ours] = force[fixed[ours] - first]
+        whole = np.empty_like(own)
+        problem._comm.Allreduce(own, whole)
+        return whole
+
+    def stiffness(self, load: Any) -> Any:
+        """Derivatives by the entries of K, a Mat of its layout and pattern."""
+        PETSc = self.problem.engine.PETSc
+        rows = OwnRows.of(self._K)
+        outside = rows.outside()
+        bring = scatter(self._K, outside, PETSc)
+        at = np.repeat(np.arange(rows.count), np.diff(rows.pointer))
+        column = rows.local(outside)
+        values = np.zeros(len(column))
+        for adjoint, u in zip(load, self.result.displacement, strict=True):
+            one, other = bring(adjoint.array_r), bring(u.array_r)
+            values -= one[at] * other[column] + other[at] * one[column]
+        made = PETSc.Mat().createAIJ(
+            self._K.getSizes(),
+            csr=(rows.pointer, rows.column, values / 2),
+            comm=self._K.comm,
+        )
+        made.assemble()
+        return made
+
+    @property
+    def _K(self) -> Any:
+        return self.problem.engine.operator.K

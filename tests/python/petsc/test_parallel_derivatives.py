@@ -1,0 +1,123 @@
+"""Derivatives of the load paths of a distributed stiffness: those of the direct engine."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import mpi
+import two_blocks
+from body_models import floating, on_springs
+from models_and_arrays import arguments
+from pressed_in_space import arrays, pressed
+
+# Linear systems are solved to 1e-11, which the condition of the contacts multiplies.
+CLOSE = 1e-8
+
+
+def directions(known: dict[str, Any], result: bp.Result, seed: int) -> dict[str, Any]:
+    """Changes of all data, and cotangents of all quantities."""
+    rng = np.random.default_rng(seed)
+    steps, contacts, d = result.reaction.shape
+    K = known["K"].tocsr()
+    change = K.copy()
+    # A symmetric change of the size of K on its pattern.
+    scale = 1 + 0.1 * rng.standard_normal(K.shape[0])
+    change.data = change.data * 0.5
+    change = (change.multiply(scale[:, None]) + change.multiply(scale[None, :])).tocsr()
+    force = np.abs(result.reaction).max()
+    length = np.abs(result.relative_displacement).max()
+    fixed = len(known.get("fixed", ()))
+    given = {
+        "along_load": force * rng.standard_normal((steps, K.shape[0])),
+        "along_gap": length * rng.standard_normal((contacts,)),
+        "along_mu": 0.1 * rng.standard_normal(np.shape(known["mu"])),
+        "dK": change,
+        "by_reaction": rng.standard_normal((steps, contacts, d)) / force,
+        "by_relative_displacement": rng.standard_normal((steps, contacts, d)) / length,
+        "by_slip": rng.standard_normal((steps, contacts, d - 1)) / length,
+        "by_displacement": rng.standard_normal((steps, K.shape[0])) / length,
+    }
+    if fixed:
+        given["along_prescribed"] = length * rng.standard_normal((steps, fixed))
+    return given
+
+
+def compare(found: dict[str, Any], result: bp.Result, given: dict[str, Any]) -> None:
+    along = {
+        name.removeprefix("along_"): value
+        for name, value in given.items()
+        if name.startswith("along_")
+    }
+    by = {
+        name.removeprefix("by_"): value
+        for name, value in given.items()
+        if name.startswith("by_")
+    }
+    tangent = result.jvp(K=given["dK"], **along)
+    for name in ("reaction", "relative_displacement", "slip", "displacement"):
+        assert mpi.changed(found[name], getattr(tangent, name)) <= CLOSE, name
+    gradient = result.vjp(**by)
+    for name in ("gap", "mu", "load"):
+        assert mpi.changed(found[f"by_{name}"], getattr(gradient, name)) <= CLOSE, name
+    if "prescribed" in along:
+        assert mpi.changed(found["by_prescribed"], gradient.prescribed) <= CLOSE
+    of_reaction = result.vjp(reaction=by["reaction"])
+    assert mpi.changed(found["by_load_of_reaction"], of_reaction.load) <= CLOSE
+    # Entries between prescribed degrees of freedom, which have no effect, may be missing.
+    own = gradient.K.tocoo()
+    assert mpi.changed(found["by_K"][own.row, own.col], own.data) <= CLOSE
+    # A tangent and a gradient are two ways to one number.
+    forward = sum((by[name] * found[name]).sum() for name in by)
+    backward = sum((found[f"by_{name}"] * along[name]).sum() for name in along)
+    backward += (found["by_K"] * given["dK"].toarray()).sum()
+    assert abs(forward - backward) <= CLOSE * abs(forward)
+
+
+def both(folder: Path, ranks: int, known: dict[str, Any], **path: Any) -> None:
+    result = bp.ContactProblem(**known, engine="direct").solve(**path, tol=1e-12)
+    given = directions(known, result, seed=ranks)
+    found = mpi.run(
+        folder,
+        "derivatives",
+        ranks,
+        **known,
+        **path,
+        **given,
+        d=result.reaction.shape[2],
+    )
+    compare(found, result, given)
+
+
+def of(model: bp.Model) -> tuple[dict[str, Any], dict[str, Any]]:
+    case = model.assemble()
+    loads = {"load": case.load, "prescribed": case.prescribed}
+    return arguments(case.model), loads
+
+
+def test_a_path_in_space_with_slip(tmp_path: Path) -> None:
+    known, prescribed = arrays(5)
+    both(tmp_path, 2, known, prescribed=prescribed)
+
+
+def test_a_plane_body_on_three_ranks(tmp_path: Path) -> None:
+    known, path = of(pressed(8, dim=2))
+    both(tmp_path, 3, known, **path)
+
+
+def test_two_friction_coefficients(tmp_path: Path) -> None:
+    known, path = of(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
+    both(tmp_path, 2, known, **path)
+
+
+@pytest.mark.parametrize("model", [floating, on_springs])
+def test_bodies_that_contact_or_springs_hold(model: Any, tmp_path: Path) -> None:
+    known, path = of(model())
+    both(tmp_path, 2, known, **path)
+
+
+def test_joined_bodies_by_mortar(tmp_path: Path) -> None:
+    known, prescribed = two_blocks.arrays(10.0, 3, 4)
+    both(tmp_path, 2, known, prescribed=prescribed)
