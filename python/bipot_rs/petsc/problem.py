@@ -51,7 +51,7 @@ from bipot_rs.petsc.linear_solver import LinearSolver
 from bipot_rs.petsc.motions import orthonormal, rigid_motions
 from bipot_rs.petsc.operator import Operator
 from bipot_rs.petsc.result import Following, Result
-from bipot_rs.petsc.symmetric_part import SymmetricPart, transformation
+from bipot_rs.petsc.symmetric_part import SHIFT, SymmetricPart, transformation
 
 
 class _Given(NamedTuple):
@@ -253,7 +253,7 @@ class ContactProblem:
         free_contact = parts.contact.copy()
         free_contact.data[parts.position[free_contact.indices] < len(self._fixed)] = 0.0
         contact = free_contact, at_places, body_of_place
-        supports.check(comm, rows, local, bodies, bring, d, holding, contact)
+        loose = supports.check(comm, rows, local, bodies, bring, d, holding, contact)
         blocks = self._blocks(rows, interface, d)
         del rows, local
         contact_parts = parts.contact
@@ -271,7 +271,7 @@ class ContactProblem:
             ),
         )
         operator = Operator(K, variables, interface, parts.fixed_rows, self._PETSc)
-        solver = self._solver(operator, motions, d)
+        solver = self._solver(operator, motions, d, loose)
         return PetscEngine(
             variables, operator, solver, self._fixed, self._shape[1:], self._PETSc
         )
@@ -313,7 +313,9 @@ class ContactProblem:
         columns = [interface.gather_own(column) for column in found.T]
         return np.column_stack(columns).reshape(-1, d * d)
 
-    def _solver(self, operator: Operator, motions: Floats, d: int) -> LinearSolver:
+    def _solver(
+        self, operator: Operator, motions: Floats, d: int, loose: bool
+    ) -> LinearSolver:
         """The linear solver with its matrix, which is ``Tᵀ K T`` at first."""
         PETSc, interface, variables = (
             self._PETSc,
@@ -332,7 +334,9 @@ class ContactProblem:
         A.setOption(PETSc.Mat.Option.SPD, True)
         A.setNearNullSpace(self._near_null_space(operator, motions))
         contact = (d * variables.nodes[:, None] + np.arange(d)).ravel()
-        part = SymmetricPart(A, interface, contact, operator.fixed, d, PETSc)
+        part = SymmetricPart(
+            A, interface, contact, operator.fixed, d, PETSc, SHIFT if loose else 0.0
+        )
         joined = Joined(operator, part, contact, d, PETSc) if variables.join else None
         return LinearSolver(operator, part, joined, d, PETSc, self._factor_fits())
 

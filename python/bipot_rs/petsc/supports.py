@@ -69,8 +69,10 @@ def check(
     d: int,
     holding: Held,
     contact: tuple[Any, Floats, Ints],
-) -> None:
+) -> bool:
     """Raise `NotIterativeError` on all ranks if something can move freely.
+
+    Whether contact alone holds a body.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def check(
         free &= ~_independent(R)
     loose = np.flatnonzero(free)
     if not len(loose):
-        return
+        return False
     if len(loose) > _MOST:
         raise NotIterativeError("contact alone holds too many bodies")
     B, motions, body = contact
@@ -112,6 +114,7 @@ def check(
     whole_columns.append(rows_of_contacts)
     if not _independent(np.concatenate(whole_columns)[None])[0]:
         raise NotIterativeError("supports and contacts may leave a body free to move")
+    return True
 
 
 def _alone(comm: Any, bodies: Bodies, d: int, m: int) -> Floats:

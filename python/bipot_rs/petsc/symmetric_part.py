@@ -10,6 +10,11 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.operator import Springs
 
+# Relative shift of the diagonal where contact alone holds a body. While its contacts slide or
+# are open, a rigid motion may have no energy, and a preconditioner would return rounding errors
+# as large motions. As `linalg/amg/coarsest.rs`: the shift changes no solution.
+SHIFT = 1e-6
+
 
 class SymmetricPart:
     """``P``: ``A = Tᵀ K T`` with the held rows and columns on the diagonal only, and springs.
@@ -34,6 +39,7 @@ class SymmetricPart:
         fixed: Ints,
         d: int,
         PETSc: Any,
+        shift: float = 0.0,
     ) -> None:
         """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
 
@@ -43,6 +49,8 @@ class SymmetricPart:
             Places of contact nodes, which may be held.
         fixed
             Own rows that are prescribed.
+        shift
+            Relative to the diagonal, which is increased by it.
         """
         self.P, self._d = A, d
         first, _ = A.getOwnershipRange()
@@ -54,7 +62,7 @@ class SymmetricPart:
         filled = np.where(size > 0, size, sums / counts if counts else 1.0)
         kept = diagonal.array_r.copy()
         kept[fixed] = filled[fixed]
-        diagonal.array[:] = kept
+        diagonal.array[:] = (1 + shift) * kept
         A.setDiagonal(diagonal)
         A.assemble()
         may_hold = np.zeros(len(interface.dofs) + 1, bool)

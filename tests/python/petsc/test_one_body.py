@@ -9,7 +9,7 @@ import pytest
 
 import bipot_rs as bp
 import mpi
-from body_models import floating, on_springs
+from body_models import floating, on_springs, sliding_freely
 from models_and_arrays import arguments
 from pressed_in_space import arrays, pressed
 
@@ -85,3 +85,19 @@ def test_without_coordinates(tmp_path: Path) -> None:
     del known["coordinates"]
     found = mpi.run(tmp_path, "solve", 2, **known, prescribed=prescribed, tol=TOL)
     compare(found, expected)
+
+
+def test_a_motion_without_energy(tmp_path: Path) -> None:
+    """Nothing resists a motion along x: all else is determined."""
+    known, path = of(sliding_freely())
+    expected = direct(known, **path)
+    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=TOL)
+    assert mpi.changed(found["reaction"], expected.reaction) <= CLOSE
+    assert np.array_equal(found["status"], expected.status)
+    steps = len(expected)
+    u, other = (
+        one.reshape(steps, -1, 3)
+        for one in (found["displacement"], expected.displacement)
+    )
+    shift = (u - other).mean(axis=1, keepdims=True) * [1.0, 0.0, 0.0]
+    assert mpi.changed(u - shift, other) <= CLOSE

@@ -58,3 +58,14 @@ def inclined() -> bp.Model:
     m.contact("block.top", against="table", mu=0.3)
     m.path(press=[0.5, 1.0])
     return m
+
+
+def sliding_freely() -> bp.Model:
+    """A block that is pressed onto a plane without friction, free to slide along x."""
+    m = block(4, 3)
+    m = m.with_(support=[])
+    m.support("block.bottom", y=0.0, z=m.times(0.02, "press"))
+    m.obstacle("table", plane={"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, -1.0]})
+    m.contact("block.top", against="table", mu=0.0)
+    m.path(press=[0.5, 1.0])
+    return m
