@@ -386,6 +386,7 @@ def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
         "contact.reduced",
         "contact.result",
         "contact.solution",
+        "contact.state",
         "fclib",
         "obstacle.motion",
     ],
