@@ -21,6 +21,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "command_reference",
+    "equations",
     "outside_links",
 ]
 exclude_patterns = ["_extensions", "_static"]
