@@ -23,6 +23,7 @@ extensions = [
     "command_reference",
     "equations",
     "outside_links",
+    "tutorial_notebooks",
 ]
 exclude_patterns = ["_extensions", "_static"]
 # Single backticks in docstrings name things of Python, as in `ContactProblem`.
