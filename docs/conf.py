@@ -21,7 +21,9 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "command_reference",
+    "equations",
     "outside_links",
+    "tutorial_notebooks",
 ]
 exclude_patterns = ["_extensions", "_static"]
 # Single backticks in docstrings name things of Python, as in `ContactProblem`.

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.contact.result import Result, load, load_result
     from bipot_rs.contact.solution import Solution, Step
+    from bipot_rs.contact.state import State
     from bipot_rs.contact.status import Outcome, Status
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.fem import inspection as inspection
@@ -76,6 +77,7 @@ __all__ = [
     "ReducedProblem",
     "Result",
     "Solution",
+    "State",
     "Status",
     "Step",
     "Wear",
@@ -112,6 +114,7 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.reduced": ("ReducedProblem",),
         "bipot_rs.contact.result": ("Result", "load", "load_result"),
         "bipot_rs.contact.solution": ("Solution", "Step"),
+        "bipot_rs.contact.state": ("State",),
         "bipot_rs.contact.status": ("Outcome", "Status"),
         "bipot_rs.contact.wear.record": ("Wear",),
         "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),

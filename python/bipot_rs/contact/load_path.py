@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from bipot_rs.contact.reduced import opening, solution_fields
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.state import Start
 
 Contacts = Mapping[str, NDArray[Any] | None]
 
@@ -45,7 +48,7 @@ class Following:
         mu: Floats,
         shape: tuple[int, int],
         settings: Settings,
-        start: Result | Step | None,
+        start: Start | None,
         condense: float,
         bodies: Mapping[str, int] | None = None,
         known: Known | None = None,
@@ -251,7 +254,7 @@ class Following:
         )
 
 
-def state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
+def state(start: Start | None, contacts: int, d: int) -> Step | None:
     """The step to continue from, with its shape checked."""
     step = reached(start)
     if step is not None and step.reaction.shape != (contacts, d):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,10 @@ from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs._lib.validation import loads as steps_of
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
+from bipot_rs.contact.state import State
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.state import Start
 
 T = TypeVar("T")
 Loads = tuple[Floats, Floats]
@@ -115,7 +119,7 @@ class Loading:
         load: ArrayLike | None,
         prescribed: ArrayLike | None,
         gap: ArrayLike | None,
-        start: Result | Step | None,
+        start: Start | None,
     ) -> list[Totals]:
         """Totals of each step: those given, else those of the problem after ``start``.
 
@@ -200,28 +204,30 @@ def check_case(k: int, case: Any) -> None:
         raise TypeError(f"case {k} has {unknown[0]!r}, expected {expected}")
 
 
-def done(start: Result | Step | None) -> int:
+def done(start: Start | None) -> int:
     """Number of steps before the end of ``start``, 0 if it is a single step."""
     return start._first + len(start) if isinstance(start, Result) else 0
 
 
-def reached(start: Result | Step | None) -> Step | None:
+def reached(start: Start | None) -> Step | None:
     """The step that a path continues from.
 
     Raises
     ------
     TypeError
-        ``start`` is not a `Result` or a `Step`.
+        ``start`` is not a `Result`, a `Step` or a `State`.
     """
     if isinstance(start, Result):
         # A path without steps continues from its own start.
         return start[-1] if len(start) else start.start
+    if isinstance(start, State):
+        return start.step()
     if start is None or isinstance(start, Step):
         return start
-    raise mistyped("start", start, "a Result or one of its steps")
+    raise mistyped("start", start, "a Result, one of its steps, or a State")
 
 
-def _done(start: Result | Step, count: int, given: bool) -> int:
+def _done(start: Start, count: int, given: bool) -> int:
     """`done`, checked against the ``count`` steps of the loads or gaps of the problem."""
     if not isinstance(start, Result):
         raise TypeError(
@@ -252,7 +258,7 @@ def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> li
 
 
 def _same_path(
-    start: Result | Step, first: int, loads: list[Loads] | None, gaps: Floats | None
+    start: Start, first: int, loads: list[Loads] | None, gaps: Floats | None
 ) -> None:
     """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
     last = reached(start)

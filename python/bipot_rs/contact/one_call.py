@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.state import Start
 
 
 class _OfSolve(TypedDict, total=False):
@@ -19,7 +22,7 @@ class _OfSolve(TypedDict, total=False):
     tol: float
     max_iterations: int | None
     max_seconds: float | None
-    start: Result | Step | None
+    start: Start | None
     on_step: Callable[[int, Step], object] | None
 
 

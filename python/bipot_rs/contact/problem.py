@@ -61,6 +61,7 @@ from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.state import Start
     from bipot_rs.contact.stiffness_digits import Digits
     from bipot_rs.contact.wear.record import Wear
 
@@ -453,7 +454,7 @@ class ContactProblem:
         self,
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
-        start: Result | Step | None = None,
+        start: Start | None = None,
         *,
         gap: ArrayLike | None = None,
     ) -> ReducedProblem:
@@ -467,7 +468,7 @@ class ContactProblem:
             Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``. The default is
             zero.
         start
-            A `Result` or one of its steps, whose slip history enters ``q``.
+            A `Result`, one of its steps, or a `State`, whose slip history enters ``q``.
         gap
             Gaps of the step, ``(n_c,)`` or ``(n_c, d)``. The default is the ``gap`` of the
             problem.
@@ -504,7 +505,7 @@ class ContactProblem:
         self,
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
-        start: Result | Step | None = None,
+        start: Start | None = None,
         *,
         exhaust: bool = False,
         gap: ArrayLike | None = None,
@@ -567,7 +568,7 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        start: Result | Step | None = None,
+        start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
     ) -> Result:
@@ -599,7 +600,8 @@ class ContactProblem:
             as those of one uninterrupted path. ``load``, ``prescribed`` and ``gap`` are the
             totals of the following steps. If the problem has its own ``gaps`` or
             ``loads``, the rows after the finished steps are used. This needs a `Result`,
-            because a step does not hold the number of steps before it.
+            because a step does not hold the number of steps before it. A `State` is a
+            start of one's own: reactions and relative displacements from elsewhere.
         on_step
             Called as ``on_step(k, step)`` after each step.
         gap
@@ -661,7 +663,7 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        start: Wear | Result | Step | None = None,
+        start: Wear | Start | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
     ) -> Wear:
@@ -692,8 +694,9 @@ class ContactProblem:
         method, tol, max_iterations, max_seconds
             As in `solve`.
         start
-            State before the first cycle: a `Result` or a step that presses the bodies, which
-            wears nothing, or a `Wear` to continue, whose cycles and depths are counted on.
+            State before the first cycle: a `Result`, a step or a `State` that presses the
+            bodies, which wears nothing, or a `Wear` to continue, whose cycles and depths are
+            counted on.
             `solve` continues from ``wear.result`` with ``gap`` plus ``wear.depth[-1]``.
         on_cycle
             Called as ``on_cycle(number, step)`` with the last step of each cycle that was
@@ -769,7 +772,7 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        start: Result | Step | None = None,
+        start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
     ) -> Result:
@@ -799,7 +802,7 @@ class ContactProblem:
         start
             A `Result` of such a path or one of its steps. The path continues from there,
             with the same steps and bits as one uninterrupted path. From a step of
-            another kind of path it begins at ``s = 0``.
+            another kind of path, or from a `State`, it begins at ``s = 0``.
         gap
             Gaps for moving obstacles: a function of ``s`` that returns ``(n_c,)`` or
             ``(n_c, d)``, totals as in `solve`. The default is the ``gap`` of the problem.
@@ -1182,7 +1185,7 @@ class ContactProblem:
         engine: Engine,
         mu: Floats,
         chosen: Settings,
-        start: Result | Step | None,
+        start: Start | None,
         gap: ArrayLike | Callable[[float], ArrayLike] | None = None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}

@@ -376,6 +376,8 @@ class Step(Solution):
     wear: Floats | None = None
     cycle: int | None = None
     _recover: Recovery | None = None
+    # Made of a `State`, which has no amplitudes of rigid motions.
+    _given: bool = False
     _kept: dict[str, Floats] = field(default_factory=dict)
 
     @property

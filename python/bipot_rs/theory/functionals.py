@@ -179,8 +179,8 @@ class Functionals:
         step, before = result[at], result[at - 1] if at else result.start
         if step.load is None or (before is not None and before.load is None):
             raise ValueError(
-                f"step {at} of result has no loads, because it was read from a file: give "
-                "the result of problem.solve"
+                f"step {at} of result, or the step before it, has no loads: give the result of "
+                "problem.solve, not one from a file or the first step from a bp.State"
             )
         start = None
         if before is not None:

@@ -198,8 +198,9 @@ def start(
     if step is None:
         return None
     rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-    if "krylov" in step.stats:
-        # The iterative engine has no amounts of rigid motions; they are a start value.
+    if "krylov" in step.stats or step._given:
+        # The iterative engine and a `State` have no amounts of rigid motions; they are a
+        # start value.
         rigid = np.zeros(motions)
     if len(rigid) != motions:
         raise ValueError(

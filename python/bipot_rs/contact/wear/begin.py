@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import by_contact, number
 from bipot_rs.contact.load_path import state
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
 from bipot_rs.contact.wear.record import State, Wear
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.state import Start
 
 
 def coefficients(value: ArrayLike, contacts: int) -> Floats:
@@ -35,7 +36,7 @@ def relative(rtol: float) -> float:
     return found
 
 
-def begun(start: Wear | Result | Step | None, shape: tuple[int, int]) -> State:
+def begun(start: Wear | Start | None, shape: tuple[int, int]) -> State:
     """Where the first cycle starts."""
     contacts, d = shape
     if not isinstance(start, Wear):

@@ -1,0 +1,224 @@
+"""`bp.State`: a start of one's own, the ``(t⁰, u⁰)`` of [dSF91, 52-54]."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.theory import law
+
+STIFFNESS, PRESSURE, MU = 1e3, 10.0, 0.3
+
+
+def point(d: int, **settings: object) -> bp.ContactProblem:
+    """A point on springs, on a wall."""
+    return bp.ContactProblem(
+        STIFFNESS * np.eye(d), np.eye(d), gap=[0.0], mu=MU, **settings
+    )
+
+
+def state(tangential: list[float], normal: float = PRESSURE) -> bp.State:
+    """The point pressed at a tangential position, without friction."""
+    rest = [0.0] * len(tangential)
+    return bp.State(
+        reaction=[[normal, *rest]], relative_displacement=[[0.0, *tangential]]
+    )
+
+
+@pytest.mark.parametrize("direction", [[1.0], [-1.0], [0.6, 0.8]])
+@pytest.mark.parametrize(
+    ("at", "pull"),
+    # The spring pulls by STIFFNESS * at; friction holds 3.
+    [(2e-3, 3.0), (2e-3, 2.0), (5e-3, 0.0), (1e-3, 6.0), (-1e-3, 0.0)],
+)
+def test_one_point_sticks_where_it_is_or_slides_to_the_limit(
+    direction: list[float], at: float, pull: float
+) -> None:
+    t = np.array(direction)
+    result = point(1 + len(t)).solve(
+        [-PRESSURE, *(pull * t)], start=state([*(at * t)]), tol=1e-14
+    )
+    held, limit = pull - STIFFNESS * at, MU * PRESSURE
+    friction = -np.clip(held, -limit, limit)
+    end = (pull + friction) / STIFFNESS
+    # Four operations on numbers of size 10 and 1e-2.
+    assert result.reaction[0, 0] == pytest.approx(
+        [PRESSURE, *(friction * t)], abs=1e-13
+    )
+    assert result.relative_displacement[0, 0, 1:] == pytest.approx(end * t, abs=1e-16)
+    assert result.slip[0, 0] == pytest.approx((end - at) * t, abs=1e-16)
+    sticks = abs(held) < limit
+    assert result.status[0, 0] == (bp.Status.STICK if sticks else bp.Status.SLIP)
+
+
+def bodies(
+    rng: np.random.Generator, d: int, *, free: bool
+) -> tuple[bp.ContactProblem, np.ndarray]:
+    """Six contacts, pressed and pulled to and fro; ``free``: held by them alone."""
+    contacts = 6
+    n = d * contacts
+    A = rng.normal(size=(n, n))
+    K = A @ A.T / n + np.eye(n)
+    load = rng.normal(size=(4, n))
+    load[:, ::d] = -2.0 - rng.random((4, contacts))
+    if free:
+        # A translation along every axis needs no force: the springs are between points.
+        mean = np.kron(np.ones((contacts, contacts)) / contacts, np.eye(d))
+        K = (np.eye(n) - mean) @ K @ (np.eye(n) - mean)
+        K = (K + K.T) / 2
+        # Friction need not hold the whole body.
+        for k in range(1, d):
+            load[:, k::d] -= load[:, k::d].mean(axis=1)[:, None]
+    return bp.ContactProblem(K, np.eye(n), gap=np.zeros(contacts), mu=0.2), load
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_state_of_a_step_continues_its_path(d: int, free: bool, seed: int) -> None:
+    """Reactions and relative displacements are all that a step hands to the next one."""
+    problem, load = bodies(np.random.default_rng(seed), d, free=free)
+    whole = problem.solve(load, tol=1e-13)
+    last = whole[1]
+    at = bp.State(
+        reaction=last.reaction, relative_displacement=last.relative_displacement
+    )
+    rest = problem.solve(load[2:], start=at, tol=1e-13)
+    # Both are held to η = 1e-13; W of these bodies has a condition of some hundreds.
+    assert rest.reaction == pytest.approx(whole.reaction[2:], abs=1e-9)
+    assert rest.slip == pytest.approx(whole.slip[2:], abs=1e-9)
+    # The history matters here: the path is another one from the unloaded state.
+    anew = problem.solve(load[2:], tol=1e-13)
+    assert np.abs(anew.slip[0] - whole.slip[2]).max() > 1e-2
+    assert rest.start is not None
+    np.testing.assert_array_equal(rest.start.reaction, last.reaction)
+
+
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_engines_agree_from_a_state(engine: str) -> None:
+    at = state([2e-3, 0.0])
+    result = point(3, engine=engine).solve([-PRESSURE, 4.0, 1.0], start=at)
+    # Held: 4 - 2 along t1 and 1 along t2, of 3.
+    assert result.reaction[0, 0] == pytest.approx([10.0, -2.0, -1.0], rel=1e-9)
+    assert result.slip[0, 0] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_reactions_of_the_state_do_not_enter_the_law() -> None:
+    """In totals (10) has no t⁰: any reactions give the same unique answer."""
+    problem, load = bodies(np.random.default_rng(7), 3, free=False)
+    rng = np.random.default_rng(8)
+    where = np.column_stack([np.zeros(6), 0.1 * rng.normal(size=(6, 2))])
+    answers = [
+        problem.solve(
+            load[0],
+            start=bp.State(reaction=t0, relative_displacement=where),
+            tol=1e-13,
+        ).reaction
+        for t0 in (
+            np.zeros((6, 3)),
+            np.abs(rng.normal(size=(6, 3))),
+            1e3 * np.ones((6, 3)),
+        )
+    ]
+    for other in answers[1:]:
+        assert other == pytest.approx(answers[0], abs=1e-9)
+
+
+def test_increments_from_the_state_satisfy_the_forms_of_the_paper() -> None:
+    """(51) to (83) of [dSF91], with t⁰, u⁰ of the state and h₀ = gap."""
+    problem = bp.ContactProblem(np.diag([2.0, 1.0]), np.eye(2), gap=[0.2], mu=0.4)
+    at = bp.State(reaction=[[1.5, -0.3]], relative_displacement=[[0.0, 0.7]])
+    for load in ([-2.0, 0.9], [-2.0, 3.0], [1.0, 0.0]):
+        result = problem.solve(load, start=at, tol=1e-14)
+        contact, du, dt = law.step_of(result, 0)
+        np.testing.assert_array_equal(contact.start.reaction, at.reaction)
+        assert result.reaction[0] == pytest.approx(at.reaction + dt, abs=1e-15)
+        assert all(v.all() for v in law.verdicts(contact, du, dt, rho=1.0).values())
+
+
+def test_the_closed_contacts_decide_among_several_answers() -> None:
+    """With strong friction a contact that was closed sticks, and an open one stays open."""
+    K = np.array([[1.0, -0.9], [-0.9, 1.0]])
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=2.0)
+    # Free, the point lifts off: K⁻¹ f has a positive normal part; held, it is pressed.
+    load = [-0.6, 1.0]
+    assert len(problem.reduced(load).answers()) > 1
+    closed = problem.solve(load, start=state([0.0], normal=1.0))
+    opened = problem.solve(
+        load,
+        start=bp.State(reaction=[[0.0, 0.0]], relative_displacement=[[1.0, 0.0]]),
+    )
+    assert closed.status[0, 0] == bp.Status.STICK
+    assert opened.status[0, 0] != bp.Status.STICK
+    assert closed.success
+    assert opened.success
+
+
+def test_reduced_existence_follow_and_cases_take_a_state() -> None:
+    problem = point(2)
+    at = state([2e-3])
+    load = np.array([-PRESSURE, 4.0])
+    assert problem.reduced(load, start=at).q[0] == pytest.approx([-0.01, 0.004 - 0.002])
+    assert problem.existence(load, start=at).verdict == "guaranteed"
+    followed = problem.follow(load, start=at)
+    assert followed.s[-1] == 1.0
+    assert followed.relative_displacement[-1, 0, 1] == pytest.approx(2e-3)
+    (case,) = problem.solve_many([{"load": load, "start": at}])
+    assert case.relative_displacement[0, 0, 1] == pytest.approx(2e-3)
+
+
+def test_results_from_a_state_are_pickled() -> None:
+    at = state([2e-3])
+    again = pickle.loads(pickle.dumps(at))
+    np.testing.assert_array_equal(again.reaction, at.reaction)
+    result = point(2).solve([-PRESSURE, 4.0], start=again)
+    other = pickle.loads(pickle.dumps(result))
+    np.testing.assert_array_equal(other.slip, result.slip)
+
+
+def test_arrays_of_the_caller_are_copied() -> None:
+    t0 = np.array([[1.0, 0.0]])
+    at = bp.State(reaction=t0, relative_displacement=t0)
+    t0[:] = 7.0
+    assert at.reaction[0, 0] == at.relative_displacement[0, 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("reaction", "moved", "message"),
+    [
+        (
+            [[-1.0, 0.0]],
+            [[0.0, 0.0]],
+            "reaction pulls at contact 0: .* expected r_n >= 0",
+        ),
+        ([[1.0, 0.0]], [[0.0, 0.0, 0.0]], r"relative_displacement has shape \(1, 3\)"),
+        ([1.0, 0.0], [[0.0, 0.0]], "reaction has 1 dimension, expected 2"),
+        ([[np.nan, 0.0]], [[0.0, 0.0]], "reaction is nan at"),
+        ([[1.0]], [[0.0]], r"reaction has shape \(1, 1\)"),
+    ],
+)
+def test_wrong_states_are_refused(
+    reaction: object, moved: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        bp.State(reaction=reaction, relative_displacement=moved)  # type: ignore[arg-type]
+
+
+def test_a_little_tension_of_another_program_is_allowed() -> None:
+    at = bp.State(
+        reaction=[[1.0, 0.0], [-1e-6, 0.0]], relative_displacement=np.zeros((2, 2))
+    )
+    assert list(at.step().status) == [bp.Status.STICK, bp.Status.OPEN]
+
+
+def test_a_state_of_other_contacts_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"shape \(1, 3\), expected \(1, 2\)"):
+        point(2).solve([-1.0, 0.0], start=state([0.0, 0.0]))
+
+
+def test_a_state_does_not_number_the_steps_of_a_problem() -> None:
+    """Loads of the problem are counted from a `Result`, which knows its steps."""
+    problem = point(2, loads=[[-1.0, 0.0], [-2.0, 0.0]])
+    with pytest.raises(TypeError, match="start is a State, expected a Result"):
+        problem.solve(start=state([0.0]))

@@ -1,0 +1,108 @@
+"""The table from equations of [dSF91] to functions is complete, and its names exist."""
+
+import importlib
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import bipot_rs as bp
+from places import ROOT
+
+PAGE = ROOT / "docs" / "paper" / "1-reading.md"
+LAST = 87  # the number of the last equation of the paper
+METHODS = re.compile(r'`method="(\w+)"`')
+CITED = re.compile(r"\[dSF91, ([0-9][0-9a-z,–\- ]*)\]")
+
+
+def rows() -> list[list[str]]:
+    """Cells of the table from equation to function."""
+    section = PAGE.read_text("utf-8").partition("## From equation to function")[2]
+    lines = [
+        line
+        for line in section.partition("\n## ")[0].splitlines()
+        if line.startswith("| (")
+    ]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def numbers(text: str) -> list[int]:
+    """Numbers of a list with ranges, as ``(8), (11)–(13)`` or ``79-81``."""
+    found: list[int] = []
+    for first, last in re.findall(
+        r"\(?(\d+)[a-c]?\)?(?:\s*[–-]\s*\(?(\d+)[a-c]?\)?)?", text
+    ):
+        found += range(int(first), int(last or first) + 1)
+    return found
+
+
+def named(name: str) -> Any:
+    """What a dotted name of the page stands for."""
+    whole = re.sub(r"^bp\.", "bipot_rs.", name)
+    if not whole.startswith("bipot_rs."):
+        whole = f"bipot_rs.{whole}"
+    parts = whole.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            found: Any = importlib.import_module(".".join(parts[:k]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[k:]:
+            found = getattr(found, part)
+        return found
+    raise AttributeError(name)
+
+
+def test_every_equation_of_the_paper_is_in_one_row() -> None:
+    found = [number for row in rows() for number in numbers(row[0])]
+    assert sorted(found) == list(range(1, LAST + 1))
+
+
+def test_every_equation_that_the_code_cites_has_a_function() -> None:
+    sources = [
+        *(ROOT / "python").rglob("*.py"),
+        *(ROOT / "src").rglob("*.rs"),
+    ]
+    cited: set[int] = set()
+    for source in sources:
+        for match in CITED.finditer(source.read_text("utf-8")):
+            cited.update(numbers(match[1]))
+    assert len(cited) > 30
+    without = {n for row in rows() if "`" not in row[2] for n in numbers(row[0])}
+    assert cited & without == set()
+
+
+def test_functions_of_the_table_exist() -> None:
+    for row in rows():
+        for name in re.findall(r"`([\w.]+)`", row[2]):
+            assert callable(named(name)) or isinstance(named(name), property), name
+
+
+def test_functions_of_the_table_of_signs_exist() -> None:
+    section = PAGE.read_text("utf-8").partition("## Signs")[2].partition("```")[0]
+    names = re.findall(r"`((?:bp|theory)\.[\w.]+)", section)
+    assert len(names) >= 4
+    for name in names:
+        assert callable(named(name)), name
+
+
+def test_methods_of_the_table_solve() -> None:
+    names = METHODS.findall(PAGE.read_text("utf-8"))
+    assert len(names) >= 7
+    problem = bp.ReducedProblem([[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.1]], 0.5)
+    for method in names:
+        assert problem.solve(method).converged, method
+
+
+def test_a_name_that_does_not_exist_is_seen() -> None:
+    with pytest.raises(AttributeError):
+        named("theory.law.by_magic")
+    with pytest.raises(AttributeError):
+        named("theory.no_such_module.x")
+
+
+def test_numbers_of_lists_and_ranges() -> None:
+    assert numbers("(8), (11)–(13)") == [8, 11, 12, 13]
+    assert numbers("79-81") == [79, 80, 81]
+    assert isinstance(PAGE, Path)
