@@ -44,6 +44,7 @@ from bipot_rs.contact.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
+from bipot_rs.files.result_mesh import ResultMesh
 
 Name = str | os.PathLike[str]
 
@@ -88,6 +89,25 @@ class Given:
     prescribed: Floats
     labels: list[tuple[int, str]]
     nodes: Ints | None
+
+    def mesh(self) -> ResultMesh | None:
+        """Nodes and their degrees of freedom; None without coordinates of all nodes."""
+        if self.coordinates is None:
+            return None
+        axes = _AXES[: self.coordinates.shape[1]]
+        place: dict[int, int] = {}
+        rows = [place.setdefault(node, len(place)) for node, _ in self.labels]
+        nodes = np.empty((len(place), len(axes)))
+        nodes[rows] = self.coordinates
+        dofs = np.full(nodes.shape, -1, dtype=np.int64)
+        for dof, (row, (_, name)) in enumerate(zip(rows, self.labels, strict=True)):
+            # Rotations have no column.
+            if name in axes:
+                dofs[row, axes.index(name)] = dof
+        contacts = None
+        if self.nodes is not None:
+            contacts = np.array([place[n] for n in self.nodes.tolist()], np.int64)
+        return ResultMesh(nodes, dofs, contact_nodes=contacts)
 
     def problem(
         self,

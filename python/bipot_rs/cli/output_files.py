@@ -97,19 +97,26 @@ class Output:
         from bipot_rs.fem.paraview import BodySeries
 
         with self._file("result.pvd") as path:
-            return BodySeries(path, case.model, part)
+            return BodySeries(path, case.model, part, units=self._units())
 
     def part(self, series: BodySeries, case: Case, k: int, step: Step) -> None:
         """Write the part of load step ``k``."""
+        instant = self._instants(k, k + 1)[0]
         with self._file(f"result_{k:04d}.pvtu and its parts"):
-            series.add(step, case.rest_of(k, step))
+            series.add(step, case.rest_of(k, step), instant=instant)
 
     def contact_series(self, case: Case) -> None:
         """Write the series of the contacts."""
         from bipot_rs.fem.paraview import write_contact
 
         with self._file("contact.pvd") as path:
-            write_contact(path, case.model, [step for _, step in self.reached])
+            write_contact(
+                path,
+                case.model,
+                [step for _, step in self.reached],
+                instants=self._instants(),
+                units=self._units(),
+            )
 
     def bodies(self, case: Case) -> None:
         """Write the series of the bodies."""
@@ -126,6 +133,8 @@ class Output:
                     for one in map(self._error, range(len(steps)))
                 ),
                 at_rest=lambda k: case.rest_of(k, steps[k]),
+                instants=self._instants(),
+                units=self._units(),
             )
 
     def table(self, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -186,8 +195,12 @@ class Output:
 
     def result(self, *, complete: bool, attributes: Mapping[str, Any]) -> None:
         """Write result.h5."""
+        from bipot_rs.contact.contact_fields import path_fields
+        from bipot_rs.fem.contact_surface import result_mesh
         from bipot_rs.files.export import write_result
 
+        mesh = None if self.case is None else result_mesh(self.case.model)
+        steps = [step for _, step in self.reached]
         labels: dict[str, str] = {}
         if self.scene is not None:
             units = json.dumps(self.scene.units.model_dump())
@@ -199,7 +212,24 @@ class Output:
                 self._steps(),
                 complete=complete,
                 attributes={**labels, **attributes},
+                fields=path_fields(steps, self._contacts(), self._instants(), mesh),
+                mesh=mesh,
+                units=self._units(),
             )
+
+    def _units(self) -> dict[str, str]:
+        """Names of units that the scene gives."""
+        return {} if self.scene is None else self.scene.units.model_dump()
+
+    def _instants(
+        self, start: int = 0, end: int | None = None
+    ) -> list[dict[str, float]]:
+        """Path parameter of the scene and time of the steps from ``start`` to ``end``."""
+        from bipot_rs.contact.contact_fields import instants_of
+
+        some = self.reached[start:end]
+        loads = [row["load"] for row, _ in some]
+        return instants_of([step for _, step in some], loads, start)
 
     def _contacts(self) -> dict[str, Any]:
         from bipot_rs.fem.contact_surface import surface_labels

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, SupportsIndex, overload
 
@@ -15,11 +15,13 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
+from bipot_rs.contact.contact_fields import instants_of, path_fields
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
-from bipot_rs.files import export
+from bipot_rs.files import export, series
+from bipot_rs.files.result_mesh import ResultMesh
 
 # Attributes of a file whose stiffness has a known relative error.
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
@@ -48,6 +50,9 @@ class Result(Sequence[Step]):
     units
         Names of the units of ``"length"``, ``"force"`` and ``"stress"``, for labels;
         empty if not known. May be set.
+    mesh
+        Nodes, cells and degrees of freedom of the bodies; ``None`` if not known, as for a
+        problem given as arrays.
     stiffness_rtol, rigid_motions_off
         Relative error of the entries of K if it was given, and the error of its rigid
         motions before they were restored; else ``None``.
@@ -78,6 +83,9 @@ class Result(Sequence[Step]):
         # Number of steps of the path before these.
         self._first = 0
         self.units = dict(units or {})
+        self._mesh: ResultMesh | None = None
+        # Path parameters of a file.
+        self._loads: tuple[float, ...] | None = None
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
@@ -88,6 +96,11 @@ class Result(Sequence[Step]):
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_model": None, "_linearised": None}
+
+    @property
+    def mesh(self) -> ResultMesh | None:
+        """Nodes, cells and degrees of freedom of the bodies."""
+        return self._mesh
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -370,11 +383,7 @@ class Result(Sequence[Step]):
             ``displacements=True``, and the problem of a step is not available.
         """
         if displacements is None:
-            ways = [(step, step._recover) for step in self.steps]
-            with suppress(MemoryError):
-                recover(
-                    [step for step, way in ways if way is not None and way.has_factor()]
-                )
+            self._recover()
         elif displacements:
             recover(self.steps)
             for step in self.steps:
@@ -396,17 +405,45 @@ class Result(Sequence[Step]):
                 for name in _OF_STIFFNESS
                 if (value := getattr(self, name)) is not None
             },
+            fields=self._fields(),
+            mesh=self.mesh,
+            units=self.units,
         )
 
+    def _recover(self) -> None:
+        """Compute missing displacements of problems that keep their factor, if they fit."""
+        ways = [(step, step._recover) for step in self.steps]
+        with suppress(MemoryError):
+            recover(
+                [step for step, way in ways if way is not None and way.has_factor()]
+            )
+
     def _load(self, k: int) -> float:
-        """Load parameter of step ``k`` in a file."""
-        return float(k + 1)
+        """Path parameter of step ``k`` in a file; its time if no scene has another."""
+        if self._loads is not None:
+            return self._loads[k]
+        return instants_of(self.steps[k : k + 1], first=self._first + k)[0]["load"]
+
+    def _instants(self) -> list[dict[str, float]]:
+        """``load``, the path parameter in files, and ``time`` of each step.
+
+        ``time`` is the number of the step from 1, its place `Step.s` on an adaptive path,
+        or the number of its cycle.
+        """
+        loads = [self._load(k) for k in range(len(self.steps))]
+        return instants_of(self.steps, loads, self._first)
+
+    def _fields(self) -> Callable[[int], dict[str, Any]]:
+        """Fields of the contacts in a file, by the index of a step."""
+        return path_fields(self.steps, self.contacts, self._instants(), self.mesh)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series of points for ParaView.
 
-        The fields are those of `Step`, in components ``(n, t1[, t2])``. If the frames are
-        known there is also ``force``, the reaction in global components, for arrows.
+        The fields are those of ``contact.pvd`` of a run and of ``/fields`` of `save`:
+        ``force``, ``traction``, ``slip`` and ``normal`` along global axes, if the frames
+        are known; ``reaction_local``, ``slip_local`` and ``relative_displacement_local`` in
+        components ``(n, t1[, t2])``; ``pressure``, ``gap``, ``status``.
 
         Raises
         ------
@@ -416,24 +453,18 @@ class Result(Sequence[Step]):
         OSError
             A file cannot be written.
         """
-        index = export.indexed(path)
+        index = series.indexed(path)
         x = self.contacts.get("x")
         if x is None:
             raise ValueError(
                 "the coordinates of the contacts are not known, and ParaView needs them: "
                 "give points= to ContactProblem or solve"
             )
-        names = ("reaction", "traction", "relative_displacement", "slip", "status")
-        series = [{name: getattr(step, name) for name in names} for step in self.steps]
-        frame = self.contacts.get("frame")
-        if frame is not None:
-            for fields_of, step in zip(series, self.steps, strict=True):
-                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
-        export.write_series(
-            index,
-            x,
-            None,
-            [{k: v for k, v in s.items() if v is not None} for s in series],
+        if self.mesh is not None:
+            self._recover()
+        fields = self._fields()
+        series.write_series(
+            index, x, None, map(fields, range(len(self.steps))), units=self.units
         )
 
 
@@ -447,7 +478,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     ValueError
         The file is not a result, or is damaged.
     """
-    contacts, records, attributes = export.read_result(path)
+    contacts, records, attributes, mesh = export.read_saved(path)
     area = contacts.get("area")
     shape = _shape(contacts, records)
     steps = []
@@ -475,6 +506,9 @@ def load_result(path: str | os.PathLike[str]) -> Result:
         message=str(attributes.get("message", "")),
     )
     found._first = int(attributes.get("first_step", 0))
+    found._mesh = mesh
+    if all("load" in record for record in records):
+        found._loads = tuple(float(record["load"]) for record in records)
     for name in _OF_STIFFNESS:
         if name in attributes:
             setattr(found, name, float(attributes[name]))

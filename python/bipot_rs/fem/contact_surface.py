@@ -1,4 +1,4 @@
-"""The surfaces of contacts: names, and facets whose nodes are contacts."""
+"""The surfaces of contacts: names, facets whose nodes are contacts, and the mesh of files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Ints
 from bipot_rs.fem.assembly import Assembly
+from bipot_rs.files.result_mesh import Cells, ResultMesh
 
 
 def surface_names(model: Assembly) -> list[str]:
@@ -67,6 +68,22 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
     if len(rest):
         cells.append(("vertex", rest))
     return [(kind, corners) for kind, corners in cells if len(corners)]
+
+
+def result_mesh(model: Assembly) -> ResultMesh:
+    """Nodes, cells, degrees of freedom and contact surfaces, as a result file holds them."""
+    d = model.dim
+    cells = [
+        Cells(kind, corners, body.name)
+        for (kind, corners), body in zip(model.cells, model.bodies, strict=True)
+    ]
+    return ResultMesh(
+        model.nodes,
+        np.arange(model.n).reshape(-1, d),
+        cells,
+        model.contact_dofs[:, 0] // d,
+        [Cells(kind, corners) for kind, corners in contact_surface(model)],
+    )
 
 
 def _mirrored(nodes: int) -> list[int]:

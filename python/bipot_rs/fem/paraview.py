@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.contact_fields import contact_fields as fields_of_contacts
+from bipot_rs.contact.contact_fields import instants_of
+from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
-from bipot_rs.files.export import Series, indexed, write_series
+from bipot_rs.files.series import Series, indexed, write_series
 
 Fields = dict[str, NDArray[Any]]
+Instants = Sequence[Mapping[str, float]]
 
 
 def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) -> None:
@@ -30,7 +34,8 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
     model
         The bodies.
     steps
-        A `Result`, or some of its steps. Missing displacements are computed.
+        A `Result`, or some of its steps. Missing displacements are computed. Units and
+        the path parameter are written if a `Result` of a scene is given.
 
     Raises
     ------
@@ -42,8 +47,12 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
     """
     index = indexed(path)
     recover(list(steps))
-    write_bodies(index, model, steps)
-    write_contact(index.with_name(f"{index.stem}_contact{index.suffix}"), model, steps)
+    instants, units = None, None
+    if isinstance(steps, Result):
+        instants, units = steps._instants(), steps.units
+    write_bodies(index, model, steps, instants=instants, units=units)
+    contact = index.with_name(f"{index.stem}_contact{index.suffix}")
+    write_contact(contact, model, steps, instants=instants, units=units)
 
 
 def write_bodies(
@@ -52,6 +61,9 @@ def write_bodies(
     steps: Sequence[Step],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
     at_rest: Callable[[int], Floats | None] = lambda _: None,
+    *,
+    instants: Instants | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write the bodies: displacements and contact fields at nodes, stress in cells.
 
@@ -63,11 +75,17 @@ def write_bodies(
         Further fields ``(cells,)`` or ``(cells, k)``, one mapping for each step.
     at_rest
         Function of the index of a step that returns ``at_rest`` of `cell_fields`.
+    instants
+        ``load`` and ``time`` of each step, as `Result._instants`; the default is the time of
+        each step for both.
+    units
+        Names of the units of ``"length"``, ``"force"`` and ``"stress"``.
     """
-    series = BodySeries(path, model)
+    series = BodySeries(path, model, units=units)
     more = of_cells if of_cells is not None else ({} for _ in steps)
+    when = instants_of(steps) if instants is None else instants
     for k, (step, fields) in enumerate(zip(steps, more, strict=True)):
-        series.add(step, at_rest(k), fields)
+        series.add(step, at_rest(k), fields, when[k])
     series.end()
 
 
@@ -96,6 +114,8 @@ class BodySeries:
         path: str | os.PathLike[str],
         model: Assembly,
         part: Part | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         self._model = model
         # Nodes and cells to write; all without a part.
@@ -103,7 +123,7 @@ class BodySeries:
         self._cells: Any = slice(None)
         if part is None:
             self._means = [MeanStress(body) for body in model.bodies]
-            self._series = Series(path, model.nodes, model.cells)
+            self._series = Series(path, model.nodes, model.cells, units=units)
             return
         chosen = list(zip(model.bodies, part.cells, strict=True))
         self._means = [MeanStress(body, own) for body, own in chosen]
@@ -126,6 +146,7 @@ class BodySeries:
             [(kind, number[corners]) for kind, corners in cells],
             piece=part.number,
             pieces=part.count,
+            units=units,
         )
 
     def add(
@@ -133,6 +154,7 @@ class BodySeries:
         step: Step,
         at_rest: Floats | None = None,
         more: Mapping[str, NDArray[Any]] | None = None,
+        instant: Mapping[str, float] | None = None,
     ) -> None:
         """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
         model, own = self._model, self._cells
@@ -141,7 +163,7 @@ class BodySeries:
         in_cells = cell_fields(model, step.displacement, rest, self._means)
         in_cells |= {name: field[own] for name, field in (more or {}).items()}
         chosen = {name: field[self._nodes] for name, field in fields.items()}
-        self._series.add(chosen, in_cells)
+        self._series.add(chosen | dict(instant or {}), in_cells)
 
     def end(self) -> None:
         """Write the index."""
@@ -149,11 +171,23 @@ class BodySeries:
 
 
 def write_contact(
-    path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]
+    path: str | os.PathLike[str],
+    model: Assembly,
+    steps: Sequence[Step],
+    *,
+    instants: Instants | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the contact surfaces, with `contact_fields` at their nodes."""
-    cells = contact_surface(model)
-    write_series(path, model.points, cells, (contact_fields(model, s) for s in steps))
+    """Write the contact surfaces, with `contact_fields` at their nodes.
+
+    Arguments are those of `write_bodies`.
+    """
+    when = instants_of(steps) if instants is None else instants
+    fields = (
+        {**contact_fields(model, step), **instant}
+        for step, instant in zip(steps, when, strict=True)
+    )
+    write_series(path, model.points, contact_surface(model), fields, units=units)
 
 
 def cell_fields(
@@ -183,26 +217,15 @@ def cell_fields(
 
 
 def contact_fields(model: Assembly, step: Step) -> Fields:
-    """Fields at the contacts, acting on ``Contact.body``, in global components.
+    """Fields at the contacts, acting on ``Contact.body``.
 
     Returns
     -------
     dict
-        ``displacement`` [m], ``reaction`` [N], ``traction`` and its normal component
-        ``pressure`` [Pa], ``slip`` of the step [m], remaining ``gap`` [m], ``status``
-        (0 open, 1 slip, 2 stick), and ``normal``; with wear ``wear_depth`` [m].
+        The fields of `bipot_rs.files.fields.OF_CONTACTS`, among them ``displacement`` [m],
+        ``force`` [N] and ``traction`` [Pa] along global axes, ``pressure`` [Pa], ``slip`` of
+        the step [m], remaining ``gap`` [m], ``status`` (0 open, 1 slip, 2 stick).
     """
-    d = model.dim
-    force = np.einsum("ck,ckd->cd", step.reaction, model.frame)
-    dofs = model.contact_dofs[:, :1] + np.arange(d)
-    worn = {} if step.wear is None else {"wear_depth": step.wear}
-    return worn | {
-        "displacement": step.displacement[dofs],
-        "reaction": force,
-        "traction": force / model.area[:, None],
-        "pressure": step.reaction[:, 0] / model.area,
-        "slip": np.einsum("ck,ckd->cd", step.slip, model.frame[:, 1:]),
-        "gap": np.ascontiguousarray(step.relative_displacement[:, 0]),
-        "status": step.status,
-        "normal": model.frame[:, 0],
-    }
+    dofs = model.contact_dofs[:, :1] + np.arange(model.dim)
+    contacts = {"frame": model.frame, "area": model.area}
+    return fields_of_contacts(step, contacts, step.displacement[dofs])

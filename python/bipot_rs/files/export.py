@@ -1,4 +1,4 @@
-"""Result files: HDF5, which can be read again, and PVD with VTU for ParaView.
+"""Result files: HDF5 that can be read again; safe replacement of any file.
 
 Every file is written under another name and renamed when it is complete: if the disk is
 full or the process is killed, the earlier file is unchanged. A result file ends with a
@@ -8,18 +8,19 @@ checksum, since HDF5 does not notice changed bits.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from itertools import repeat
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.optional import missing
+from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
+from bipot_rs.files.result_mesh import ResultMesh
 
 FORMAT = "bipot-result"
 VERSION = 1
@@ -38,6 +39,7 @@ _TIGHTEST = 1100
 def require() -> None:
     """Import the libraries for files before a long solve, so that it does not fail later."""
     library("h5py")
+    import_module("bipot_rs.files.series")
     import_module("bipot_rs.files.vtu")
 
 
@@ -62,6 +64,9 @@ def write_result(
     *,
     complete: bool,
     attributes: Mapping[str, Any] | None = None,
+    fields: Callable[[int], Mapping[str, Any]] | None = None,
+    mesh: ResultMesh | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write contacts and load steps to an HDF5 file.
 
@@ -80,6 +85,15 @@ def write_result(
         Whether the whole load path was solved.
     attributes
         Further attributes of the file.
+    fields
+        Function of the index of a step that returns its fields: arrays and numbers with
+        the names and shapes of step 0. ``/fields/NAME`` has a row for each step.
+    mesh
+        The mesh, for ``/mesh``.
+    units
+        Names of the units of ``"length"``, ``"force"`` and ``"stress"``. Each dataset that
+        `files.fields` lists has the attributes ``dimension`` and ``frame`` if it has them,
+        and ``units`` if these are known; outside of ``/steps`` also ``meaning``.
 
     Raises
     ------
@@ -90,6 +104,12 @@ def write_result(
 
     digits = max(4, len(str(max(len(steps) - 1, 0))))
 
+    named = units or {}
+    first = {} if fields is None or not steps else fields(0)
+
+    def store(group: Any, name: str, value: Any, about: Mapping[str, str]) -> None:
+        _store(h5py, group, name, value, about)
+
     def fill(file: Any) -> None:
         ours = {"format": FORMAT, "version": VERSION, "complete": bool(complete)}
         for name, value in {**(attributes or {}), **ours, "sealed": True}.items():
@@ -97,20 +117,39 @@ def write_result(
         group = file.create_group("contacts")
         for name, array in contacts.items():
             if array is not None:
-                _store(h5py, group, name, array)
+                store(group, name, array, _about(CONTACTS, name, named))
         group = file.create_group("steps")
+        about = {name: _about(STEPS, name, named) for name in STEPS}
+        for one in about.values():
+            # The same text in every step would be a large part of a small file.
+            one.pop("meaning")
         for number, step in enumerate(steps):
             one = group.create_group(f"{number:0{digits}d}")
             for name, value in step.items():
                 if value is None:
                     continue
                 if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
-                    _store(h5py, one, name, value)
+                    store(one, name, value, about.get(name, {}))
                 else:
                     _label(h5py, one, name, value)
+        if mesh is not None:
+            mesh.save(file.create_group("mesh"), store, named)
+        if fields is not None and first:
+            group = file.create_group("fields")
+            for name, value in first.items():
+                array = np.asarray(value)
+                shape = (len(steps), *array.shape)
+                data = group.create_dataset(name, shape, array.dtype)
+                for label, text in _about(FIELDS, name, named).items():
+                    _label(h5py, data, label, text)
+            for k in range(len(steps)):
+                for name, value in (fields(k) if k else first).items():
+                    group[name][k] = value
 
     arrays = [contacts.values(), *(step.values() for step in steps)]
+    arrays += [first.values()] * len(steps)
     held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
+    held += 0 if mesh is None else mesh.nbytes
     # HDF5 writes through a file of Python: with a file of its own it could not close it
     # on a full disk, and would end the process.
     with aside(path) as draft, draft.open("w+b") as raw:
@@ -131,16 +170,41 @@ def write_result(
         os.fsync(raw.fileno())
 
 
+class Saved(NamedTuple):
+    """Contents of a result file.
+
+    ``contacts``, ``steps`` and ``attributes`` are those of `read_result`; ``mesh`` is None
+    in a file without a mesh.
+    """
+
+    contacts: dict[str, NDArray[Any]]
+    steps: list[dict[str, Any]]
+    attributes: dict[str, Any]
+    mesh: ResultMesh | None
+
+
 def read_result(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]], dict[str, Any]]:
-    """Read a file written by `write_result`.
+    """Read contacts and steps of a file written by `write_result`.
 
     Returns
     -------
     contacts, steps, attributes
         As given to `write_result`; ``attributes`` also contains ``complete`` and
         ``version``.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_saved`.
+    """
+    saved = read_saved(path)
+    return saved.contacts, saved.steps, saved.attributes
+
+
+def read_saved(path: str | os.PathLike[str]) -> Saved:
+    """Read a file written by `write_result`.
 
     Raises
     ------
@@ -157,154 +221,39 @@ def read_result(
     sealed = _sealed(source)
     try:
         with h5py.File(source, "r") as file:
-            attributes = {name: _plain(value) for name, value in file.attrs.items()}
-            if attributes.pop("format", None) != FORMAT:
-                raise ValueError(f"its format is not {FORMAT!r}")
-            if attributes.get("version") != VERSION:
-                raise ValueError(
-                    f"it has version {attributes.get('version')} of the format, "
-                    f"expected {VERSION}"
-                )
-            if attributes.pop("sealed", False) and not sealed:
-                raise ValueError("its end is missing")
-            limit = _TIGHTEST * source.stat().st_size
-            contacts = _arrays(file["contacts"], limit)
-            steps = []
-            # By number: as text, step 10000 would come before step 9999.
-            for name in sorted(file["steps"], key=int):
-                group = file["steps"][name]
-                step = {k: _plain(data) for k, data in _arrays(group, limit).items()}
-                step.update({key: _plain(value) for key, value in group.attrs.items()})
-                steps.append(step)
+            return _saved(file, sealed, _TIGHTEST * source.stat().st_size)
     except OSError as error:
         raise OSError(f"{path} cannot be read: {_sentence(error)}") from None
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise ValueError(
             f"{path} is not a result that can be read: {_sentence(error)}"
         ) from None
-    return contacts, steps, attributes
 
 
-def write_series(
-    path: str | os.PathLike[str],
-    points: ArrayLike,
-    cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
-    steps: Iterable[Mapping[str, Any]],
-    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
-) -> None:
-    """Write a PVD index, and one binary VTU file in the same folder for each load step.
-
-    Parameters
-    ----------
-    path
-        ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
-        earlier, longer series with this name are removed.
-    points
-        ``(points, d)``.
-    cells
-        Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
-        ``"hexahedron"``) and corners in the order of VTK; without them each point is a
-        vertex.
-    steps
-        One mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become fields;
-        two components are extended by a zero. Everything else is left out. The time of a
-        step is its number.
-    of_cells
-        One mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which become
-        fields of the cells.
-    """
-    series = Series(path, points, cells)
-    for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
-        series.add(step, in_cells)
-    series.end()
-
-
-class Series:
-    """A series for ParaView that is written step by step, as by `write_series`.
-
-    Parameters
-    ----------
-    path, points, cells
-        As in `write_series`.
-    piece, pieces
-        Number of this piece of the mesh, and of all pieces, if several processes write the
-        series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
-        Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        points: ArrayLike,
-        cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
-        *,
-        piece: int = 0,
-        pieces: int = 1,
-    ) -> None:
-        from bipot_rs.files.vtu import Grid
-
-        self._index = place(path)
-        places = _three(np.asarray(points, dtype=float))
-        if cells is None:
-            cells = [("vertex", np.arange(len(places))[:, None])]
-        self._points = len(places)
-        self._grid = Grid(places, cells)
-        self._piece, self._pieces = piece, pieces
-        self._names: list[str] = []
-
-    def add(
-        self,
-        step: Mapping[str, Any],
-        of_cells: Mapping[str, NDArray[Any]] | None = None,
-    ) -> None:
-        """Write the next step."""
-        from bipot_rs.files.vtu import listing
-
-        fields = {
-            name: _three(np.asarray(value))
-            for name, value in step.items()
-            if np.ndim(value) in (1, 2)
-            and len(value) == self._points
-            and np.asarray(value).dtype.kind in "fiub"
-        }
-        index = self._index
-        name = f"{index.stem}_{len(self._names):04d}"
-        end = "" if self._pieces == 1 else f"_{self._piece:04d}"
-        with aside(index.with_name(f"{name}{end}.vtu")) as draft:
-            draft.write_bytes(self._grid.file(fields, of_cells))
-        if self._pieces > 1 and self._piece == 0:
-            pieces = [f"{name}_{k:04d}.vtu" for k in range(self._pieces)]
-            with aside(index.with_name(f"{name}.pvtu")) as draft:
-                draft.write_bytes(listing(pieces, fields, of_cells or {}))
-        self._names.append(f"{name}.vtu" if self._pieces == 1 else f"{name}.pvtu")
-
-    def end(self) -> None:
-        """Write the index, and remove further files of an earlier, longer series."""
-        from bipot_rs.files.vtu import collection
-
-        if self._piece:
-            return
-        index = self._index
-        with aside(index) as draft:
-            draft.write_bytes(collection(self._names))
-        if self._pieces > 1:
-            # The folder is shared: another process may be writing into it.
-            return
-        written = set(self._names)
-        for old in _beside(index):
-            digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
-            is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
-            number = digits.isascii() and digits.isdigit()
-            if is_step and number and old.name not in written:
-                old.unlink()
-
-
-def _beside(path: Path) -> list[Path]:
-    """Contents of the folder of ``path``; [] without permission to read it."""
-    try:
-        return list(path.parent.iterdir())
-    except PermissionError:
-        return []
+def _saved(file: Any, sealed: bool, limit: int) -> Saved:
+    """Contents of an open file whose datasets have at most ``limit`` bytes."""
+    attributes = {name: _plain(value) for name, value in file.attrs.items()}
+    if attributes.pop("format", None) != FORMAT:
+        raise ValueError(f"its format is not {FORMAT!r}")
+    if attributes.get("version") != VERSION:
+        raise ValueError(
+            f"it has version {attributes.get('version')} of the format, "
+            f"expected {VERSION}"
+        )
+    if attributes.pop("sealed", False) and not sealed:
+        raise ValueError("its end is missing")
+    contacts = _arrays(file["contacts"], limit)
+    steps = []
+    # By number: as text, step 10000 would come before step 9999.
+    for name in sorted(file["steps"], key=int):
+        group = file["steps"][name]
+        step = {k: _plain(data) for k, data in _arrays(group, limit).items()}
+        step.update({key: _plain(value) for key, value in group.attrs.items()})
+        steps.append(step)
+    mesh = None
+    if "mesh" in file:
+        mesh = ResultMesh.load(file["mesh"], lambda group: _arrays(group, limit))
+    return Saved(contacts, steps, attributes, mesh)
 
 
 def place(path: Any, what: str = "path") -> Path:
@@ -328,20 +277,6 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
         raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
 
 
-def indexed(path: str | os.PathLike[str]) -> Path:
-    """Path of the index of a series, which must end in ``.pvd`` for ParaView.
-
-    Raises
-    ------
-    ValueError
-        It does not end in ``.pvd``.
-    """
-    index = place(path)
-    if index.suffix.lower() != ".pvd":
-        raise ValueError(f"path is {os.fspath(path)!r}, expected DIR/NAME.pvd")
-    return index
-
-
 @contextmanager
 def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Draft to write instead of ``path``: renamed on success, removed on failure."""
@@ -356,7 +291,16 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
-def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
+def _about(
+    known: Mapping[str, Quantity], name: str, units: Mapping[str, str]
+) -> dict[str, str]:
+    """Attributes of the dataset of this name; none if the table does not list it."""
+    return labels(known[name], units) if name in known else {}
+
+
+def _store(
+    h5py: Any, group: Any, name: str, value: Any, about: Mapping[str, str]
+) -> None:
     """Make a dataset; numbers by the low-level interface, which is faster."""
     array = np.asarray(value, order="C")
     if array.dtype.kind == "U":
@@ -369,17 +313,19 @@ def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
     made = h5py.h5d.create(group.id, name.encode(), *_form(h5py, array))
     if array.size:
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, array)
+    for label, text in about.items():
+        _label(h5py, h5py.Dataset(made), label, text)
 
 
-def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
+def _label(h5py: Any, holder: Any, name: str, value: Any) -> None:
     """Make an attribute by the low-level interface; strings of the type that h5py uses."""
     text = isinstance(value, str)
     kind = h5py.string_dtype() if text else None
     array = np.asarray(value, dtype=kind, order="C")
     if not text and array.dtype.kind not in "fiub":
-        group.attrs[name] = value
+        holder.attrs[name] = value
         return
-    h5py.h5a.create(group.id, name.encode(), *_form(h5py, array)).write(array)
+    h5py.h5a.create(holder.id, name.encode(), *_form(h5py, array)).write(array)
 
 
 def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
@@ -387,13 +333,6 @@ def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
     h5s = h5py.h5s
     space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
     return h5py.h5t.py_create(array.dtype, logical=True), space
-
-
-def _three(array: NDArray[Any]) -> NDArray[Any]:
-    """Extend vectors of two components by a zero: VTK needs three."""
-    if array.ndim == 2 and array.shape[1] == 2:
-        return np.column_stack([array, np.zeros(len(array), array.dtype)])
-    return np.ascontiguousarray(array)
 
 
 def _digest(file: BinaryIO, size: int) -> bytes:
@@ -429,6 +368,8 @@ def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
     """Datasets of a group, none larger than ``limit`` bytes."""
     found = {}
     for name, data in group.items():
+        if not hasattr(data, "nbytes"):
+            continue  # a group within the group
         if data.nbytes > limit:
             raise ValueError(
                 f"{data.name} claims {data.nbytes} bytes, more than a file of "

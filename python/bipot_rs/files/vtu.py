@@ -3,10 +3,14 @@
 XML with inline binary arrays in the compressed layout of VTK: ``[number of blocks, bytes
 of a block, bytes of the last block, compressed bytes of each block]`` in base64, followed
 by the blocks in base64, each a zlib stream.
+
+The unit of a field is its key ``UNITS_LABEL``, as VTK names it. The field data ``units``
+hold all units again, as the bytes of a JSON text: meshio cannot read field data of text.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import zlib
 from base64 import b64encode
@@ -39,6 +43,10 @@ _HEAD = (
     f'<VTKFile type="{{}}" version="1.0" byte_order="{_ORDER}" header_type="UInt64" '
     'compressor="vtkZLibDataCompressor">'
 )
+_START = (
+    f'<?xml version="1.0"?>\n{_HEAD.format("UnstructuredGrid")}\n<UnstructuredGrid>\n'
+).encode()
+_UNIT = '<InformationKey name="UNITS_LABEL" location="vtkDataArray">{}</InformationKey>'
 # The block size of VTK; a block fits into the cache.
 _BLOCK = 2**15
 # Bytes of each block that decide whether it is compressed.
@@ -78,11 +86,8 @@ class Grid:
         widths = np.repeat([c.shape[1] for c in corners], [len(c) for c in corners])
         types = np.repeat([KINDS[k] for k, _ in cells], [len(c) for c in corners])
         self._count = len(points)
-        self._head = b"".join(
+        self._mesh = b"".join(
             (
-                b'<?xml version="1.0"?>\n',
-                f"{_HEAD.format('UnstructuredGrid')}\n".encode(),
-                b"<UnstructuredGrid>\n",
                 f'<Piece NumberOfPoints="{len(points)}" '.encode(),
                 f'NumberOfCells="{len(types)}">\n<Points>\n'.encode(),
                 _array("Points", np.asarray(points, np.float64)),
@@ -98,6 +103,8 @@ class Grid:
         self,
         fields: Mapping[str, NDArray[Any]],
         of_cells: Mapping[str, NDArray[Any]] | None = None,
+        numbers: Mapping[str, float] | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> bytes:
         """The file of one step as bytes.
 
@@ -107,11 +114,17 @@ class Grid:
             Arrays ``(points,)`` or ``(points, k)`` by name.
         of_cells
             Arrays ``(cells,)`` or ``(cells, k)`` by name.
+        numbers
+            Numbers of the step by name, written as field data.
+        units
+            Units of fields by name.
         """
-        parts = [self._head, *(_array(name, field) for name, field in fields.items())]
+        named = units or {}
+        parts = [_START, *_field_data(numbers or {}, named), self._mesh]
+        parts += (_array(name, field, named) for name, field in fields.items())
         parts.append(b"</PointData>\n")
         if of_cells:
-            arrays = (_array(name, field) for name, field in of_cells.items())
+            arrays = (_array(name, field, named) for name, field in of_cells.items())
             parts += [b"<CellData>\n", *arrays, b"</CellData>\n"]
         parts.append(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
         return b"".join(parts)
@@ -152,22 +165,33 @@ def listing(
     return "\n".join(parts).encode()
 
 
-def collection(names: Sequence[str]) -> bytes:
-    """PVD index of a series of files; the time of a step is its number."""
+def collection(names: Sequence[str], times: Sequence[float]) -> bytes:
+    """PVD index of a series of files and the time of each."""
     head = '<?xml version="1.0" encoding="utf-8"?>\n<VTKFile type="Collection" version="0.1">'
     sets = (
-        f'<DataSet timestep="{k}" group="" part="0" file={_quoted(name)} />'
-        for k, name in enumerate(names)
+        f'<DataSet timestep="{_number(t)}" group="" part="0" file={_quoted(name)} />'
+        for t, name in zip(times, names, strict=True)
     )
     parts = (head, "<Collection>", *sets, "</Collection>", "</VTKFile>\n")
     return "\n".join(parts).encode()
 
 
+def _number(value: float) -> str:
+    """All digits of a number; whole numbers without a point."""
+    whole = value.is_integer() and abs(value) < 2**53
+    return str(int(value)) if whole else repr(value)
+
+
 def _quoted(text: str) -> str:
-    """Quote an XML attribute; `xml.sax.saxutils` takes long to import."""
+    """Quote an XML attribute."""
+    return f'"{_escaped(text)}"'
+
+
+def _escaped(text: str) -> str:
+    """Escape signs of XML; `xml.sax.saxutils` takes long to import."""
     for sign, entity in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
         text = text.replace(sign, entity)
-    return f'"{text}"'
+    return text
 
 
 def _kind(name: str, array: NDArray[Any]) -> str:
@@ -187,16 +211,40 @@ def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return dtype.newbyteorder("=")
 
 
-def _array(name: str, array: NDArray[Any]) -> bytes:
+def _array(
+    name: str,
+    array: NDArray[Any],
+    units: Mapping[str, str] | None = None,
+    *,
+    more: str = "",
+) -> bytes:
+    """A data array; ``more`` are further XML attributes."""
     stored = array.astype(_stored(array.dtype), copy=False)
+    unit = (units or {}).get(name)
+    key = "" if unit is None else _UNIT.format(_escaped(unit))
     return b"".join(
         (
-            f"<DataArray {_kind(name, array)}".encode(),
+            f"<DataArray {_kind(name, array)}{more}".encode(),
             b'format="binary">',
             *_packed(stored.tobytes(), stored.dtype.itemsize),
-            b"</DataArray>\n",
+            f"{key}</DataArray>\n".encode(),
         )
     )
+
+
+def _field_data(numbers: Mapping[str, float], units: Mapping[str, str]) -> list[bytes]:
+    """Numbers of a step, and units as the bytes of a JSON text."""
+    arrays = {name: np.array([number], float) for name, number in numbers.items()}
+    if units:
+        text = json.dumps(units, ensure_ascii=False).encode()
+        arrays["units"] = np.frombuffer(text, np.uint8)
+    if not arrays:
+        return []
+    written = (
+        _array(name, array, more=f'NumberOfTuples="{array.size}" ')
+        for name, array in arrays.items()
+    )
+    return [b"<FieldData>\n", *written, b"</FieldData>\n"]
 
 
 def _packed(data: bytes, size: int) -> tuple[bytes, bytes]:

@@ -163,6 +163,7 @@ class Result(result.Result):
             remarks=self._remarks,
         )
         whole._first = self._first
+        whole._mesh = self._mesh
         return whole
 
     def _write_once(self, work: Any) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.files import fields
 from bipot_rs.files.export import library
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ _CYCLE = ("#1f4e79", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7f7f7f")
 SIZE = (4.8, 3.6)
 Units = Mapping[str, str]
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-# Units of work by those of force and length; otherwise their product is written.
-_WORK = {("N", "m"): "J", ("kN", "m"): "kJ", ("MN", "m"): "MJ"}
 
 
 def axes_of(
@@ -110,18 +108,12 @@ def colour_bar(
 
 def stress_unit(units: Units) -> str | None:
     """Unit of tractions: as given, or made from force and length."""
-    if units.get("stress"):
-        return units["stress"]
-    force, length = units.get("force"), units.get("length")
-    return f"{force}/{length}²" if force and length else None
+    return fields.unit("stress", units)
 
 
 def work_unit(units: Units) -> str | None:
     """Unit of work; None if force or length is unknown."""
-    force, length = units.get("force"), units.get("length")
-    if not force or not length:
-        return None
-    return _WORK.get((force, length), f"{force}·{length}")
+    return fields.unit("energy", units)
 
 
 def cycle(k: int) -> str:

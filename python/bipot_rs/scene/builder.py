@@ -19,8 +19,9 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
-from bipot_rs.fem.contact_surface import surface_labels
+from bipot_rs.fem.contact_surface import result_mesh, surface_labels
 from bipot_rs.fem.review import review
+from bipot_rs.files.result_mesh import ResultMesh
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import Case
 from bipot_rs.scene.library import SceneError, folder_of, text
@@ -471,6 +472,13 @@ class ModelResult(Result):
         self._first = first
         self._model = result._model
         self._reviewed: Remarks | None = None
+
+    @property
+    def mesh(self) -> ResultMesh:
+        """Nodes, cells and degrees of freedom of the bodies."""
+        if self._mesh is None:
+            self._mesh = result_mesh(self.case.model)
+        return self._mesh
 
     @property
     def parameter(self) -> Floats:

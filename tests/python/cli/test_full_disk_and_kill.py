@@ -122,7 +122,7 @@ def test_full_disk_under_a_problem(tmp_path: Path) -> None:
     [
         "bipot_rs.files.export:_digest",
         "bipot_rs.cli.commands.run:replace",
-        "bipot_rs.files.export:_three",
+        "bipot_rs.files.series:_three",
     ],
 )
 def test_killed_while_writing(

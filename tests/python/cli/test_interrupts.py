@@ -79,7 +79,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "before", ["bipot_rs.fem.paraview:write_bodies", "bipot_rs.files.export:_three"]
+    "before", ["bipot_rs.fem.paraview:write_bodies", "bipot_rs.files.series:_three"]
 )
 def test_while_files_are_written(before: str, tmp_path: Path) -> None:
     """All steps are solved by then, and all files are written whole."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.result import Result
     from bipot_rs.contact.solution import Step
+    from bipot_rs.files.result_mesh import ResultMesh
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,7 @@ class Solve(Runner):
 
     def _write(self, given: Given, result: Result) -> None:
         """Write result.h5, the tables and, where places are known, files for ParaView."""
+        result._mesh = mesh = given.mesh()
         from bipot_rs.files.csv_tables import write
 
         rows = [row for row, _ in self.reached]
@@ -173,7 +175,9 @@ class Solve(Runner):
             "displacements.csv": lambda path: write(path, header, displacements),
         }
         if given.points is not None:
-            writers["result.pvd"] = result.write
+            writers["contact.pvd"] = result.write
+        if mesh is not None:
+            writers["result.pvd"] = lambda path: _write_nodes(path, mesh, result)
         for name, writer in writers.items():
             try:
                 writer(self.request.folder / name)
@@ -225,6 +229,17 @@ def _count(given: Given) -> int:
     """Load steps: of loads and prescribed displacements one row may serve all steps."""
     loads = 1 if given.load is None else len(given.load)
     return max(loads, len(given.prescribed))
+
+
+def _write_nodes(path: Path, mesh: ResultMesh, result: Result) -> None:
+    """Write the nodes of the bodies as points; the cells are not known."""
+    from bipot_rs.files.series import write_series
+
+    steps = (
+        {"displacement": mesh.of_nodes(step.displacement), **instant}
+        for step, instant in zip(result, result._instants(), strict=True)
+    )
+    write_series(path, mesh.nodes, None, steps, units=result.units)
 
 
 def _header(given: Given) -> list[str]:

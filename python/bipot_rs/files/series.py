@@ -1,0 +1,173 @@
+"""Series of files for ParaView: a PVD index, and a VTU file for each load step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.files.export import aside, place
+from bipot_rs.files.fields import OF_STEPS, increasing, named_units
+
+
+def write_series(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+    steps: Iterable[Mapping[str, Any]],
+    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+) -> None:
+    """Write a PVD index, and one binary VTU file in the same folder for each load step.
+
+    Parameters
+    ----------
+    path
+        ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
+        earlier, longer series with this name are removed.
+    points
+        ``(points, d)``.
+    cells
+        Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
+        ``"hexahedron"``) and corners in the order of VTK; without them each point is a
+        vertex.
+    steps
+        One mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become fields;
+        two components are extended by a zero. The numbers ``load`` and ``time`` become
+        field data. Everything else is left out. The time of a step in the index is its
+        load if that grows from step to step, else its ``time``, else its number.
+    of_cells
+        One mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which become
+        fields of the cells.
+    units
+        Names of the units of ``"length"``, ``"force"`` and ``"stress"``. The files name the
+        unit of each field of `files.fields`, or its dimension if the unit is not known.
+    """
+    series = Series(path, points, cells, units=units)
+    for step, in_cells in zip(steps, of_cells or repeat({}), strict=False):
+        series.add(step, in_cells)
+    series.end()
+
+
+class Series:
+    """A series for ParaView that is written step by step, as by `write_series`.
+
+    Parameters
+    ----------
+    path, points, cells, units
+        As in `write_series`.
+    piece, pieces
+        Number of this piece of the mesh, and of all pieces, if several processes write the
+        series together into one folder: ``DIR/NAME_000k_000i.vtu`` is piece i of step k.
+        Piece 0 also writes ``DIR/NAME_000k.pvtu``, which lists the pieces, and the index.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        points: ArrayLike,
+        cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+        *,
+        piece: int = 0,
+        pieces: int = 1,
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        from bipot_rs.files.vtu import Grid
+
+        self._index = place(path)
+        places = _three(np.asarray(points, dtype=float))
+        if cells is None:
+            cells = [("vertex", np.arange(len(places))[:, None])]
+        self._points = len(places)
+        self._grid = Grid(places, cells)
+        self._piece, self._pieces = piece, pieces
+        self._units = dict(units or {})
+        self._names: list[str] = []
+        self._numbers: list[dict[str, float]] = []
+
+    def add(
+        self,
+        step: Mapping[str, Any],
+        of_cells: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        """Write the next step; ``step`` and ``of_cells`` as in `write_series`."""
+        from bipot_rs.files.vtu import listing
+
+        fields = {
+            name: _three(np.asarray(value))
+            for name, value in step.items()
+            if np.ndim(value) in (1, 2)
+            and len(value) == self._points
+            and np.asarray(value).dtype.kind in "fiub"
+        }
+        numbers = {
+            name: float(step[name]) for name in OF_STEPS if step.get(name) is not None
+        }
+        units = named_units([*fields, *(of_cells or {})], self._units)
+        index = self._index
+        name = f"{index.stem}_{len(self._names):04d}"
+        end = "" if self._pieces == 1 else f"_{self._piece:04d}"
+        with aside(index.with_name(f"{name}{end}.vtu")) as draft:
+            draft.write_bytes(self._grid.file(fields, of_cells, numbers, units))
+        if self._pieces > 1 and self._piece == 0:
+            pieces = [f"{name}_{k:04d}.vtu" for k in range(self._pieces)]
+            with aside(index.with_name(f"{name}.pvtu")) as draft:
+                draft.write_bytes(listing(pieces, fields, of_cells or {}))
+        self._names.append(f"{name}.vtu" if self._pieces == 1 else f"{name}.pvtu")
+        self._numbers.append(numbers)
+
+    def end(self) -> None:
+        """Write the index, and remove further files of an earlier, longer series."""
+        from bipot_rs.files.vtu import collection
+
+        if self._piece:
+            return
+        index = self._index
+        times = increasing(*([n.get(name) for n in self._numbers] for name in OF_STEPS))
+        with aside(index) as draft:
+            draft.write_bytes(collection(self._names, times))
+        if self._pieces > 1:
+            # The folder is shared: another process may be writing into it.
+            return
+        written = set(self._names)
+        for old in _beside(index):
+            digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
+            is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
+            number = digits.isascii() and digits.isdigit()
+            if is_step and number and old.name not in written:
+                old.unlink()
+
+
+def _beside(path: Path) -> list[Path]:
+    """Contents of the folder of ``path``; [] without permission to read it."""
+    try:
+        return list(path.parent.iterdir())
+    except PermissionError:
+        return []
+
+
+def indexed(path: str | os.PathLike[str]) -> Path:
+    """Path of the index of a series, which must end in ``.pvd`` for ParaView.
+
+    Raises
+    ------
+    ValueError
+        It does not end in ``.pvd``.
+    """
+    index = place(path)
+    if index.suffix.lower() != ".pvd":
+        raise ValueError(f"path is {os.fspath(path)!r}, expected DIR/NAME.pvd")
+    return index
+
+
+def _three(array: NDArray[Any]) -> NDArray[Any]:
+    """Extend vectors of two components by a zero: VTK needs three."""
+    if array.ndim == 2 and array.shape[1] == 2:
+        return np.column_stack([array, np.zeros(len(array), array.dtype)])
+    return np.ascontiguousarray(array)

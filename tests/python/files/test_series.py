@@ -1,0 +1,135 @@
+"""Series for ParaView are read back as written, with units and times."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import meshio
+import numpy as np
+import pytest
+
+from bipot_rs.files import series
+
+
+def test_series_for_paraview(tmp_path: Path) -> None:
+    points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    cells = [("quad", np.array([[0, 1, 2, 3]]))]
+    steps = [
+        {"displacement": k * points, "status": np.arange(4, dtype=np.int8), "load": 1.0}
+        for k in range(3)
+    ]
+    series.write_series(tmp_path / "a.pvd", points, cells, steps)
+    entries = ET.parse(tmp_path / "a.pvd").getroot().findall("Collection/DataSet")
+    assert [e.get("file") for e in entries] == [f"a_000{k}.vtu" for k in range(3)]
+    assert [e.get("timestep") for e in entries] == ["0", "1", "2"]
+    mesh = meshio.read(tmp_path / "a_0002.vtu")
+    np.testing.assert_array_equal(mesh.points[:, :2], points)
+    np.testing.assert_array_equal(mesh.points[:, 2], 0)
+    np.testing.assert_array_equal(mesh.cells[0].data, cells[0][1])
+    assert mesh.point_data.keys() == {"displacement", "status"}
+    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :2], 2 * points)
+    assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["a", "a[1]", "a*", "a_0001"])
+def test_shorter_series_replaces_a_longer_one_and_nothing_else(
+    tmp_path: Path, name: str
+) -> None:
+    """Characters with a meaning in file patterns are ordinary letters of a name."""
+    points = np.zeros((2, 3))
+    series.write_series(tmp_path / f"{name}.pvd", points, None, [{}] * 3)
+    others = {f"{name}_0002b.vtu", f"{name}_02.vtu", f"{name}b_0002.vtu", "a1_0002.vtu"}
+    others.add(f"{name}_²²²².vtu")
+    for other in others:
+        (tmp_path / other).touch()
+    series.write_series(tmp_path / f"{name}.pvd", points, None, [{}])
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {f"{name}.pvd", f"{name}_0000.vtu"} | others
+
+
+def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
+    """Blocks that compress and blocks that do not, all number types, mixed cells."""
+    random = np.random.default_rng(0)
+    n = 9001  # # points: the last block of each array is a partial one
+    points = random.normal(size=(n, 3))
+    cells = [
+        ("tetra", random.integers(n, size=(7, 4))),
+        ("hexahedron", random.integers(n, size=(5, 8))),
+        ("triangle", random.integers(n, size=(3, 3))),
+        ("quad", random.integers(n, size=(2, 4))),
+        ("vertex", random.integers(n, size=(4, 1))),
+    ]
+    half = random.normal(size=(n, 3))
+    half[: n // 2] = 0
+    fields = {
+        'half <&"> empty': half,
+        "nothing": np.zeros(n),
+        "single": random.normal(size=n).astype(np.float32),
+        "big endian": random.normal(size=n).astype(">f8"),
+        "columns": np.asfortranarray(random.normal(size=(n, 3))),
+        "long": random.integers(2**62, size=n),
+        "short": random.integers(-128, 128, size=n).astype(np.int8),
+        "whether": random.random(n) < 0.5,
+    }
+    names = np.full(n, "it")
+    steps = [fields | {"names": names, "other": np.zeros(n - 1)}, {}]
+    series.write_series(tmp_path / "a.pvd", points, cells, steps)
+    mesh = meshio.read(tmp_path / "a_0000.vtu")
+    np.testing.assert_array_equal(mesh.points, points)
+    for (kind, corners), block in zip(cells, mesh.cells, strict=True):
+        assert block.type == kind
+        np.testing.assert_array_equal(block.data, corners)
+    assert mesh.point_data.keys() == fields.keys()
+    for name, field in fields.items():
+        np.testing.assert_array_equal(mesh.point_data[name], field)
+        if name != "whether":
+            assert mesh.point_data[name].dtype.kind == field.dtype.kind
+    assert meshio.read(tmp_path / "a_0001.vtu").point_data == {}
+
+
+def test_zeros_are_compressed(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(50_000, 3))
+    sizes = []
+    for fields in ({}, {"a": np.zeros((50_000, 3))}, {"a": points}):
+        series.write_series(tmp_path / "a.pvd", points, None, [fields])
+        sizes.append((tmp_path / "a_0000.vtu").stat().st_size)
+    # 1.2 MB: deflate keeps about one byte in 200, and base64 makes four of three.
+    assert sizes[1] - sizes[0] < 1.2e6 / 100
+    # Random digits: base64 only, 4 for 3, with 12 bytes for each block of 32 kB.
+    assert sizes[2] - sizes[0] < 1.2e6 * 4 / 3 * 1.001
+
+
+def test_unknown_cells_are_refused(tmp_path: Path) -> None:
+    cells = [("pyramid", np.zeros((1, 5), dtype=int))]
+    with pytest.raises(ValueError, match=r"'pyramid', expected one of vertex"):
+        series.write_series(tmp_path / "a.pvd", np.zeros((1, 3)), cells, [{}])
+
+
+def test_a_series_without_points_is_xml(tmp_path: Path) -> None:
+    series.write_series(tmp_path / "a.pvd", np.zeros((0, 2)), None, [{}])
+    piece = ET.parse(tmp_path / "a_0000.vtu").getroot().find("UnstructuredGrid/Piece")
+    assert piece is not None
+    assert piece.attrib == {"NumberOfPoints": "0", "NumberOfCells": "0"}
+
+
+def test_names_of_files_are_quoted(tmp_path: Path) -> None:
+    series.write_series(tmp_path / 'a & <"b">.pvd', np.zeros((1, 3)), None, [{}])
+    (entry,) = ET.parse(tmp_path / 'a & <"b">.pvd').getroot().findall(".//DataSet")
+    assert entry.get("file") == 'a & <"b">_0000.vtu'
+    assert (tmp_path / 'a & <"b">_0000.vtu').exists()
+
+
+def test_fields_of_cells(tmp_path: Path) -> None:
+    """Several kinds of cells, in their order; the field is absent in steps without it."""
+    points = np.random.default_rng(0).normal(size=(6, 3))
+    cells = [
+        ("triangle", np.array([[0, 1, 2], [3, 4, 5]])),
+        ("quad", np.array([[0, 1, 4, 3]])),
+    ]
+    error = np.array([1.0, 2.0, 3.0])
+    series.write_series(
+        tmp_path / "a.pvd", points, cells, [{}, {}], [{"error": error}, {}]
+    )
+    mesh = meshio.read(tmp_path / "a_0000.vtu")
+    np.testing.assert_array_equal(mesh.cell_data["error"][0], error[:2])
+    np.testing.assert_array_equal(mesh.cell_data["error"][1], error[2:])
+    assert meshio.read(tmp_path / "a_0001.vtu").cell_data == {}
