@@ -88,7 +88,7 @@ def _values(
     if quantity == "status":
         return seen.status.astype(float), "status", None, (0.0, 2.0)
     values, name, unit = values_of(seen, quantity)
-    low, high, _ = span(values, quantity)
+    low, high, _ = span(values, quantity, seen.area)
     return values, name, unit, (low, high)
 
 
@@ -137,7 +137,7 @@ def _matplotlib(
         style.legend_above(ax, handles=zones, title=seen.said)
     else:
         if values.any():
-            _, _, extend = span(values, quantity)
+            _, _, extend = span(values, quantity, seen.area)
             style.colour_bar(image, ax, name, unit, extend=extend)
         else:
             style.say(ax, NOTHING[quantity])

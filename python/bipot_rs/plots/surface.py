@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+from bipot_rs.plots.raster import Raster
+from bipot_rs.plots.triangles import alone, of_points, split
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,11 +38,9 @@ NOTHING = {
 _TOUCHES = 1e-12
 # Tolerance for nodes on one plane, relative to its width.
 _PLANE = 1e-6
-_PIXELS = 500
-# An edge longer than this multiple of the sizes of its two nodes bridges a hole.
-_BRIDGE = 2.5
-# Percentage of the nodes whose values lie within the range of colours.
-_SPAN = 98
+# Share of the area whose values lie within the range of colours. Of the nodes it would be
+# another range on a mesh that is refined at an edge.
+_SPAN = 0.98
 # Number of arrows across the surface.
 _ARROWS = 14
 
@@ -56,9 +56,12 @@ def surface_map(
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Map of a flat contact surface in 3D, on a triangulation of its nodes.
+    """Map of a flat contact surface in 3D, interpolated on its facets.
 
-    At an edge tractions are singular: the colours cover the values of 98 % of the nodes,
+    A model, its result and their files know the facets. Otherwise the map is drawn on a
+    triangulation of the contacts, without triangles across holes.
+
+    At an edge tractions are singular: the colours cover the values on 98 % of the area,
     and an arrow at the colour bar shows that there are larger ones. If the quantity is
     zero everywhere, a text says so.
 
@@ -106,26 +109,46 @@ def draw_map(
     if is_line(uv):
         raise ValueError("the contacts lie on a line: use tractions instead")
     if not values.any():
-        mesh = triangles(uv, seen.area)
-        ax.tripcolor(mesh, values, shading="gouraud", cmap=style.blank())
+        paint(seen, uv, values, ax, cmap=style.blank())
         style.say(ax, NOTHING[quantity])
     else:
-        low, high, extend = span(values, quantity)
-        image = ax.tripcolor(
-            triangles(uv, seen.area),
-            values,
-            shading="gouraud",
-            cmap="viridis",
-            vmin=low,
-            vmax=high,
-        )
+        low, high, extend = span(values, quantity, seen.area)
+        image = paint(seen, uv, values, ax, cmap="viridis", vmin=low, vmax=high)
         if vector is not None:
-            _arrows(seen, uv, vector, ax, color="white")
+            # White on dark colours, with a dark rim on light ones.
+            rim: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.5}
+            _arrows(seen, uv, vector, ax, color="white", **rim)
     finish(seen, uv, names, ax)
     if values.any():
         style.colour_bar(image, ax, name, unit, extend=extend)
     style.note(ax, seen.said)
     return ax
+
+
+def paint(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> Any:
+    """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
+
+    Contacts on no facet are dots.
+    """
+    raster = Raster.around(uv)
+    image = raster.interpolated(uv, surface_triangles(seen, uv), values)
+    found = raster.show(image, ax, **colours)
+    _dots(seen, uv, values, ax, **colours)
+    return found
+
+
+def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> None:
+    if seen.facets is not None:
+        own = alone(seen.facets, len(uv))
+        if own.size:
+            ax.scatter(*uv[own].T, c=values[own], s=9, lw=0, zorder=2, **colours)
+
+
+def surface_triangles(seen: Contacts, uv: Floats) -> Ints:
+    """Triangles ``(t, 3)``: of the facets if these are known, else of the points."""
+    if seen.facets is None:
+        return of_points(uv, seen.area)
+    return split(seen.facets)
 
 
 def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
@@ -149,10 +172,20 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
     return values[quantity], name, unit
 
 
-def span(values: Floats, quantity: str) -> tuple[float, float, str]:
-    """Range of the colours, and "max" if there are larger values, else "neither"."""
+def span(
+    values: Floats, quantity: str, area: Floats | None
+) -> tuple[float, float, str]:
+    """Range of the colours, and "max" if there are larger values, else "neither".
+
+    Parameters
+    ----------
+    values, area
+        ``(n_c,)``; without areas all contacts have the same.
+    """
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
-    high = float(np.percentile(values, _SPAN))
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(np.ones(len(values)) if area is None else area[order])
+    high = float(values[order][np.searchsorted(below, _SPAN * below[-1])])
     if high <= low:
         # Only a few values differ from the least one: the range covers them.
         high = float(values.max())
@@ -206,31 +239,14 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     from scipy.spatial import cKDTree
 
     uv, names = plane_of(seen)
-    low, high = uv.min(axis=0), uv.max(axis=0)
-    step = (high - low).max() / _PIXELS or 1.0
-    # A whole number of pixels along each axis, exactly up to the rim of the surface.
-    count = np.maximum(np.rint((high - low) / step).astype(int), 1)
-    width = np.where(high > low, (high - low) / count, step)
-    u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
-    places = np.stack(np.meshgrid(u, v), axis=-1)
-    image = seen.status[cKDTree(uv).query(places)[1]].astype(float)
+    raster = Raster.around(uv)
+    status = seen.status.astype(float)
+    image = status[cKDTree(uv).query(raster.places)[1]]
     if not is_line(uv):
-        found, bridges = _joined(uv, seen.area)
-        # find_simplex returns -1 outside all triangles: the last entry.
-        hole = np.append(bridges, True)
-        image[hole[found.find_simplex(places)]] = np.nan
-    ax.imshow(
-        image,
-        origin="lower",
-        extent=(
-            low[0],
-            low[0] + count[0] * width[0],
-            low[1],
-            low[1] + count[1] * width[1],
-        ),
-        interpolation="nearest",
-        **style.status_colours(),
-    )
+        inside = raster.interpolated(uv, surface_triangles(seen, uv), status)
+        image[np.isnan(inside)] = np.nan
+        _dots(seen, uv, status, ax, **style.status_colours())
+    raster.show(image, ax, **style.status_colours())
     zones = style.status_handles(seen.status)
     style.legend_above(ax, handles=zones, title=seen.said)
     finish(seen, uv, names, ax)
@@ -406,41 +422,6 @@ def _arrows(
         width=5e-3,
         **look,
     )
-
-
-def _areas(uv: Floats, area: Floats | None) -> Floats:
-    """Areas of the nodes; if unknown, estimated from the rectangle around all."""
-    if area is not None:
-        return area
-    whole = float(np.prod(np.ptp(uv, axis=0)))
-    return np.full(len(uv), 4.0 * whole / len(uv))
-
-
-def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
-    """Delaunay triangles of nodes not on one line, and a mask of those that bridge a hole."""
-    from scipy.spatial import Delaunay
-
-    found = Delaunay(uv)
-    corners = found.simplices
-    # Cells may be elongated: edges are measured after scaling both axes so that the
-    # median triangle is as wide as high.
-    wide, high = np.median(np.ptp(uv[corners], axis=1), axis=0)
-    even = uv * np.sqrt([high / wide, wide / high])
-    size = np.sqrt(_areas(uv, area))
-    longest = np.zeros(len(corners), dtype=bool)
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        i, j = corners[:, a], corners[:, b]
-        length = np.linalg.norm(even[i] - even[j], axis=1)
-        longest |= length > _BRIDGE * (size[i] + size[j])
-    return found, longest
-
-
-def triangles(uv: Floats, area: Floats | None) -> Any:
-    """Triangulation for matplotlib, without triangles that bridge a hole."""
-    from matplotlib.tri import Triangulation
-
-    found, bridges = _joined(uv, area)
-    return Triangulation(uv[:, 0], uv[:, 1], found.simplices, bridges)
 
 
 def _thin(uv: Floats, wanted: Bools, values: Floats | None) -> NDArray[np.intp]:
