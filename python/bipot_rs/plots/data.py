@@ -280,7 +280,8 @@ def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
 
 def numbers(chosen: Any, contacts: int) -> NDArray[np.intp]:
     """Numbers of the contacts that a slice, a mask or numbers choose."""
-    return np.arange(contacts)[chosen]
+    found: NDArray[np.intp] = np.arange(contacts)[chosen]
+    return found
 
 
 def part_of(known: Mapping[str, Any], chosen: Any) -> dict[str, Any]:

@@ -92,9 +92,20 @@ def name_axes(ax: Any, dim: int, unit: str | None) -> None:
 
 
 def colour_bar(
-    image: Any, ax: Any, name: str, unit: str | None, *, extend: str = "neither"
+    image: Any,
+    ax: Any,
+    name: str,
+    unit: str | None,
+    *,
+    extend: str = "neither",
+    below: bool = False,
 ) -> Any:
-    """Add a colour bar with a name on the right of the axes."""
+    """Add a colour bar with a name on the right of the axes, or below axes in 3D."""
+    if below:
+        place: Any = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
+        bar = ax.figure.colorbar(image, ax=ax, extend=extend, **place)
+        name_axis(bar.ax.xaxis, name, unit)
+        return bar
     if ax.name == "3d":
         bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
     else:

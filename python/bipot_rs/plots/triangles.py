@@ -113,7 +113,8 @@ def of_points(uv: Floats, area: Floats | None) -> Ints:
     if area is None:
         area = _HALVES * _median(found, size, len(uv))
     # The middle one of the three: midpoints and corners of quadratic facets differ.
-    return found[size <= _BRIDGE * np.median(area[found], axis=1)]
+    near: Ints = found[size <= _BRIDGE * np.median(area[found], axis=1)]
+    return near
 
 
 def _median(triangles: Ints, size: Floats, points: int) -> Floats:
