@@ -17,6 +17,7 @@ from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export
@@ -25,7 +26,7 @@ from bipot_rs.files import export
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 
 
-class Result(Sequence[Step]):
+class Result(Presentation, Sequence[Step]):
     """The steps of a load path; ``result[k]`` is step ``k``, and arrays are stacked.
 
     Attributes
@@ -81,6 +82,8 @@ class Result(Sequence[Step]):
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
+        # Load parameters of a file.
+        self._loads: list[float] | None = None
         # For derivatives; None for a result without its problem.
         self._model: PathDerivatives | None = None
         # Its linearised steps, once they were made.
@@ -399,8 +402,8 @@ class Result(Sequence[Step]):
         )
 
     def _load(self, k: int) -> float:
-        """Load parameter of step ``k`` in a file."""
-        return float(k + 1)
+        """Load parameter of step ``k``."""
+        return float(k + 1) if self._loads is None else self._loads[k]
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series of points for ParaView.
@@ -475,6 +478,8 @@ def load_result(path: str | os.PathLike[str]) -> Result:
         message=str(attributes.get("message", "")),
     )
     found._first = int(attributes.get("first_step", 0))
+    if all("load" in record for record in records):
+        found._loads = [float(record["load"]) for record in records]
     for name in _OF_STIFFNESS:
         if name in attributes:
             setattr(found, name, float(attributes[name]))

@@ -34,6 +34,7 @@ def surface3d(
     bodies: bool = True,
     arrows: bool = True,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
@@ -57,6 +58,8 @@ def surface3d(
         Whether to draw the outlines of the bodies.
     arrows
         Whether to draw arrows if the quantity is slip.
+    limits
+        Least and largest value of the colours, to compare load steps.
     contacts
         As in `tractions`, with ``facets`` if they are not known; only without a model.
     ax
@@ -94,21 +97,20 @@ def surface3d(
     if seen.x.shape[1] != 3:
         raise ValueError("model has two dimensions, expected three")
     outlined = model if bodies else None
-    vectors = arrows and quantity == "slip"
+    vectors, limits = arrows and quantity == "slip", style.range_of(limits)
     if backend == "pyvista":
-        return _pyvista(seen, quantity, outlined, vectors, ax)
+        return _pyvista(seen, quantity, outlined, vectors, limits, ax)
     ax = style.axes_of(ax, size=(5.4, 4.2), space=True)
-    return draw_space(seen, quantity, ax, outlined, vectors)
+    return draw_space(seen, quantity, ax, outlined, vectors, limits)
 
 
 def _values(
-    seen: Contacts, quantity: str
-) -> tuple[Floats, str, str | None, tuple[float, float]]:
+    seen: Contacts, quantity: str, limits: tuple[float, float] | None
+) -> tuple[Floats, str, str | None, tuple[float, float, str]]:
     if quantity == "status":
-        return seen.status.astype(float), "status", None, (0.0, 2.0)
+        return seen.status.astype(float), "status", None, (0.0, 2.0, "neither")
     values, name, unit = values_of(seen, quantity)
-    low, high, _ = span(values, quantity, seen.area)
-    return values, name, unit, (low, high)
+    return values, name, unit, span(values, quantity, seen.area, limits)
 
 
 def _polygons(seen: Contacts) -> list[Ints]:
@@ -127,6 +129,7 @@ def draw_space(
     ax: Any,
     model: Any = None,
     arrows: bool = False,
+    limits: tuple[float, float] | None = None,
     **bar: Any,
 ) -> Any:
     """Draw `surface3d` by matplotlib into existing axes.
@@ -140,15 +143,16 @@ def draw_space(
     """
     from matplotlib.colors import Normalize
 
-    values, name, unit, (low, high) = _values(seen, quantity)
+    values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     parts = _polygons(seen)
+    nothing = not values.any()
     colours: dict[str, Any] = {"norm": Normalize(low, high), "cmap": "viridis"}
     if quantity == "status":
         of_facet = _zones(values, parts)
         colours["cmap"] = style.status_colours()["cmap"]
     else:
         of_facet = [values[c].mean(axis=1) for c in parts]
-        if not values.any():
+        if nothing and limits is None:
             colours["cmap"] = style.blank()
     image: Any = None
     if parts:
@@ -167,23 +171,24 @@ def draw_space(
         _outline(model, ax)
         places = model.nodes
     if arrows:
-        _slip(seen, places, ax)
+        _slip(seen, places, ax, limits)
     box_in_space(places, ax)
     if quantity == "status":
         zones = style.status_handles(seen.status)
         style.legend_above(ax, handles=zones, title=seen.said)
     else:
-        if values.any():
-            _, _, extend = span(values, quantity, seen.area)
+        if limits is not None or not nothing:
             style.colour_bar(image, ax, name, unit, extend=extend, **bar)
-        else:
+        if nothing:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
     style.name_axes(ax, 3, seen.units.get("length"))
     return ax
 
 
-def _slip(seen: Contacts, places: Floats, ax: Any) -> None:
+def _slip(
+    seen: Contacts, places: Floats, ax: Any, limits: tuple[float, float] | None
+) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
@@ -194,7 +199,7 @@ def _slip(seen: Contacts, places: Floats, ax: Any) -> None:
     longest = 0.12 * np.ptp(places, axis=0).max()
     ax.quiver(
         *seen.x[moving].T,
-        *(vectors[moving] * longest / largest).T,
+        *(vectors[moving] * longest / (largest if limits is None else limits[1])).T,
         color=style.SHEAR,
         lw=0.8,
         zorder=4,
@@ -239,11 +244,16 @@ def sharp_edges(model: Assembly) -> Any:
 
 
 def _pyvista(
-    seen: Contacts, quantity: str, model: Assembly | None, arrows: bool, ax: Any
+    seen: Contacts,
+    quantity: str,
+    model: Assembly | None,
+    arrows: bool,
+    limits: tuple[float, float] | None,
+    ax: Any,
 ) -> Any:
     pv = library("pyvista", extra="viz", need="pictures that turn")
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
-    values, name, unit, (low, high) = _values(seen, quantity)
+    values, name, unit, (low, high, _) = _values(seen, quantity, limits)
     name = style.label(name, unit)
     parts = _polygons(seen)
     if not parts:

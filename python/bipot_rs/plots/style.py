@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.files.export import library
 
@@ -57,6 +58,16 @@ def axes_of(
         wanted = 'projection="3d"' if space else "no projection"
         raise TypeError(f"ax has projection {ax.name!r}, expected axes with {wanted}")
     return ax
+
+
+def range_of(limits: Any) -> tuple[float, float] | None:
+    """The argument ``limits``: two ascending numbers, or None."""
+    if limits is None:
+        return None
+    low, high = floats("limits", limits, shape=(2,)).tolist()
+    if not low < high:
+        raise ValueError(f"limits are {low:g} and {high:g}, expected ascending numbers")
+    return low, high
 
 
 def label(name: str, unit: str | None) -> str:

@@ -53,6 +53,7 @@ def surface_map(
     arrows: bool | None = None,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -70,8 +71,9 @@ def surface_map(
 
     Parameters
     ----------
-    result, step, where, contacts, units, ax
-        As in `tractions`. If there are several surfaces, select one with ``where``.
+    result, step, where, contacts, limits, units, ax
+        As in `tractions`; ``limits`` are those of the colours. If there are several
+        surfaces, select one with ``where``.
     quantity
         ``"pressure"``, ``"shear"`` (magnitude), ``"slip"`` (magnitude in the step, zero
         at sticking and open contacts), ``"gap"`` (zero at closed contacts).
@@ -94,32 +96,39 @@ def surface_map(
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
     own, ax = ax is None, style.axes_of(ax)
-    draw_map(seen, quantity, ax, vector if arrows else None)
+    limits = style.range_of(limits)
+    draw_map(seen, quantity, ax, vector if arrows else None, limits)
     if own:
         style.fit(ax)
     return ax
 
 
 def draw_map(
-    seen: Contacts, quantity: str, ax: Axes, vector: Floats | None = None
+    seen: Contacts,
+    quantity: str,
+    ax: Axes,
+    vector: Floats | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Axes:
     """Draw `surface_map` into existing axes."""
     uv, names = plane_of(seen)
     values, name, unit = values_of(seen, quantity)
     if is_line(uv):
         raise ValueError("the contacts lie on a line: use tractions instead")
-    if not values.any():
-        paint(seen, uv, values, ax, cmap=style.blank())
+    nothing = not values.any()
+    if nothing:
         style.say(ax, NOTHING[quantity])
+    if nothing and limits is None:
+        paint(seen, uv, values, ax, cmap=style.blank())
     else:
-        low, high, extend = span(values, quantity, seen.area)
+        low, high, extend = span(values, quantity, seen.area, limits)
         image = paint(seen, uv, values, ax, cmap="viridis", vmin=low, vmax=high)
         if vector is not None:
             # White on dark colours, with a dark rim on light ones.
             rim: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.5}
             _arrows(seen, uv, vector, ax, color="white", **rim)
     finish(seen, uv, names, ax)
-    if values.any():
+    if limits is not None or not nothing:
         style.colour_bar(image, ax, name, unit, extend=extend)
     style.note(ax, seen.said)
     return ax
@@ -173,15 +182,24 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
 
 
 def span(
-    values: Floats, quantity: str, area: Floats | None
+    values: Floats,
+    quantity: str,
+    area: Floats | None,
+    limits: tuple[float, float] | None = None,
 ) -> tuple[float, float, str]:
-    """Range of the colours, and "max" if there are larger values, else "neither".
+    """Range of the colours, and on which side there are values beyond it.
+
+    The side is in the words of matplotlib: "neither", "min", "max" or "both".
 
     Parameters
     ----------
     values, area
         ``(n_c,)``; without areas all contacts have the same.
+    limits
+        The range, if it is chosen.
     """
+    if limits is not None:
+        return *limits, beyond(values, *limits)
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
     order = np.argsort(values, kind="stable")
     below = np.cumsum(np.ones(len(values)) if area is None else area[order])
@@ -191,7 +209,15 @@ def span(
         high = float(values.max())
     if high <= low:
         return low, low + 1.0, "neither"
-    return low, high, "max" if values.max() > high * (1 + 1e-9) else "neither"
+    return low, high, beyond(values, low, high)
+
+
+def beyond(values: Floats, low: float, high: float) -> str:
+    """On which sides values lie beyond the colours, in the words of matplotlib."""
+    rounding = 1e-9 * max(abs(low), abs(high))
+    sides = bool(values.min() < low - rounding), bool(values.max() > high + rounding)
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(sides, "neither")
 
 
 def status_map(
@@ -260,6 +286,7 @@ def slip(
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -271,13 +298,14 @@ def slip(
 
     Parameters
     ----------
-    result, step, along, where, contacts, units, ax
-        As in `tractions`; in 3D ``along`` draws a line instead of arrows.
+    result, step, along, where, contacts, limits, units, ax
+        As in `tractions`; in 3D ``along`` draws a line instead of arrows, and the longest
+        arrow is that of the upper limit.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    own, ax = ax is None, style.axes_of(ax)
+    own, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
     if seen.x.shape[1] == 2 or along is not None:
-        return draw_slip(seen, along, ax)
+        return draw_slip(seen, along, ax, limits)
     uv, names = plane_of(seen)
     moved = closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
@@ -286,7 +314,8 @@ def slip(
     ax.scatter(u[closed], v[closed], s=4, color="#c9ced3", lw=0)
     rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
     ax.scatter(u[~closed], v[~closed], s=9, **rings)
-    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
+    most = float(size.max(initial=0.0)) if limits is None else limits[1]
+    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size, most=most)
     finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
         unit = seen.units.get("length")
@@ -391,9 +420,10 @@ def _arrows(
     ax: Any,
     *,
     values: Floats | None = None,
+    most: float = 1.0,
     **look: Any,
 ) -> Any:
-    """Draw tangential vectors at some contacts; the longest is as long as a square."""
+    """Draw tangential vectors at some contacts; one of size ``most`` fills its square."""
     axes, _ = _tangents(seen)
     size = np.linalg.norm(vector, axis=1)
     largest = float(size.max(initial=0.0))
@@ -408,9 +438,9 @@ def _arrows(
         scale = 1 / (0.8 * across)
         colours: tuple[Floats, ...] = ()
     else:
-        scale = largest / (1.6 * across)
+        scale = most / (1.6 * across)
         colours = (values[chosen],)
-        look["clim"] = (0.0, largest)
+        look["clim"] = (0.0, most)
     return ax.quiver(
         *uv[chosen].T,
         *flat.T,

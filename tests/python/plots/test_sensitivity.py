@@ -8,7 +8,7 @@ from matplotlib.collections import PathCollection
 
 import bipot_rs as bp
 from bipot_rs import plots
-from bipot_rs.plots.sensitivity import _beyond
+from bipot_rs.plots.surface import beyond
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
@@ -122,7 +122,7 @@ def test_a_map_has_colours_symmetric_about_zero() -> None:
     [([-1, 1], "neither"), ([-2, 1], "min"), ([0, 2], "max"), ([-2, 2], "both")],
 )
 def test_arrows_of_the_bar_show_larger_values(values: list[int], sides: str) -> None:
-    assert _beyond(np.array(values, float), 1.0) == sides
+    assert beyond(np.array(values, float), -1.0, 1.0) == sides
 
 
 @pytest.mark.parametrize(
