@@ -1,4 +1,4 @@
-"""Rows of load steps, their table in the terminal, and the closing remarks."""
+"""The table of load steps in the terminal, and the closing remarks."""
 
 from __future__ import annotations
 
@@ -6,20 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
-from bipot_rs.contact.resultants import resultants
 from bipot_rs.contact.solution import Step
-from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.tables import (
+    COMPONENTS,
+    FORCES,
+    WEAR,
+    columns,
+    of_surfaces,
+)
 from bipot_rs.fem.contact_surface import surface_names
 
-COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
-# Columns of each contact surface in steps.csv. A curved surface also has COMPONENTS.
-# Columns of a cycle of wear.
-WEAR = ("cycle", "worn_volume", "largest_depth")
-FORCES = ("normal_force", "tangential_force", "friction_used")
-COMPONENTS = ("force_x", "force_y", "force_z")
 _FORMS = {
     "load": "{:.6g}",
     "residual": "{:.1e}",
@@ -39,63 +37,9 @@ _ROUNDING = 1e-13
 _MOST_ROWS = 60
 
 
-def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
-    """The row of a load step in --json, in the table and in steps.csv."""
-    load = {} if parameter is None else {"load": parameter}
-    status = {
-        name: int((step.status == k).sum()) for k, name in enumerate(STATUS_NAMES)
-    }
-    return {
-        "step": k,
-        **load,
-        **status,
-        "residual": step.residual,
-        "iterations": step.iterations,
-        "seconds": step.seconds,
-    }
-
-
-def worn(step: Step, area: Floats) -> dict[str, Any]:
-    """`WEAR` of the end of a cycle; empty without wear."""
-    if step.wear is None:
-        return {}
-    figures = step.cycle, float(step.wear @ area), float(step.wear.max(initial=0.0))
-    return dict(zip(WEAR, figures, strict=True))
-
-
 def forces(model: Any, step: Step) -> dict[str, float | None]:
-    """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``.
-
-    They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
-    ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
-    and `COMPONENTS` of the force on the body of the contacts, in global axes.
-    """
+    """`of_surfaces` of a model, with keys such as ``"normal_force of block.bottom"``."""
     return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
-
-
-def of_surfaces(
-    step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
-) -> dict[str, float | None]:
-    """`forces` of named surfaces; ``group (n_c,)`` is the surface number of each contact."""
-    found: dict[str, float | None] = {}
-    each = resultants(step.reaction, frame, mu, group, len(names))
-    for name, force in zip(names, each, strict=True):
-        columns: list[tuple[str, float | None]] = list(
-            zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
-        )
-        if force.curved:
-            columns += zip(COMPONENTS, force.force.tolist(), strict=False)
-        for key, value in columns:
-            found[f"{key} of {name}"] = value
-    return found
-
-
-def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
-    """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
-    known = rows[0] if rows else ("load",)
-    forces = [key for key in known if " of " in key]
-    first = [name for name in COLUMNS[:5] if name != "load" or name in known]
-    return [*first, *forces, *COLUMNS[5:], *more]
 
 
 def console() -> Any:
@@ -123,7 +67,7 @@ def print_table(
     console
         A rich console.
     rows
-        Rows of `row` with those of `forces` and the columns ``more``.
+        Rows of `contact.tables.row` with those of `forces` and the columns ``more``.
     unit
         Unit of force.
     more

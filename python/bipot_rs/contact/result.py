@@ -18,6 +18,7 @@ from bipot_rs.contact import summary
 from bipot_rs.contact.contact_fields import instants_of, path_fields
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export, series
@@ -27,7 +28,7 @@ from bipot_rs.files.result_mesh import ResultMesh
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 
 
-class Result(Sequence[Step]):
+class Result(Presentation, Sequence[Step]):
     """The steps of a load path; ``result[k]`` is step ``k``, and arrays are stacked.
 
     Attributes
@@ -89,6 +90,8 @@ class Result(Sequence[Step]):
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
+        # Load parameters of a file.
+        self._loads: list[float] | None = None
         # For derivatives; None for a result without its problem.
         self._model: PathDerivatives | None = None
         # Its linearised steps, once they were made.

@@ -26,12 +26,30 @@ def surface_labels(model: Assembly) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``surface (n_c,)``, indices into ``surface_names``.
+        ``surface (n_c,)``, indices into ``surface_names``; in 3D also ``facets``, as
+        `contact_facets`.
     """
-    return {
+    found = {
         "surface": model.group,
         "surface_names": np.array(surface_names(model), str),
     }
+    return found | ({"facets": contact_facets(model)} if model.dim == 3 else {})
+
+
+def contact_facets(model: Assembly) -> Ints:
+    """Facets of `contact_surface` as one array of contacts, ``(m, k)``.
+
+    Rows of facets with fewer nodes than others end in -1.
+    """
+    parts = [nodes for kind, nodes in contact_surface(model) if kind != "vertex"]
+    found = np.full(
+        (sum(map(len, parts)), max((p.shape[1] for p in parts), default=3)), -1
+    )
+    first = 0
+    for nodes in parts:
+        found[first : first + len(nodes), : nodes.shape[1]] = nodes
+        first += len(nodes)
+    return found.astype(np.int64)
 
 
 def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:

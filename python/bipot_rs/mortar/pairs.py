@@ -50,6 +50,10 @@ class Pairs:
     slave, master : scipy.sparse.csr_array (n_c, nodes)
         Weights of ``v = slave u_s - master u_m``, in global components; rows add up to
         one. ``master`` has no columns for a rigid obstacle.
+    facets : (m, k)
+        Facets of the slave whose corners all have contacts, as numbers of contacts, for
+        pictures: ``result.contacts["facets"] = pairs.facets``. Midpoints of edges have
+        contacts with ``"mortar"`` on some facets only; they are -1 where they have none.
     """
 
     B: Any = field(repr=False)
@@ -60,6 +64,7 @@ class Pairs:
     node: Ints = field(repr=False)
     slave: Any = field(repr=False)
     master: Any = field(repr=False)
+    facets: Ints = field(repr=False, default_factory=lambda: np.empty((0, 3), np.int64))
 
     def __repr__(self) -> str:
         return (
@@ -441,7 +446,20 @@ def _assembled(
         node=found.node,
         slave=found.slave,
         master=found.master,
+        facets=_facets(slave, found.node),
     )
+
+
+def _facets(slave: Surface, node: Ints) -> Ints:
+    """Facets of the slave in numbers of contacts ``(m, k)``; -1 for other nodes."""
+    number = np.full(len(slave.points), -1, np.int64)
+    number[node] = np.arange(len(node))
+    found = number[slave.facets]
+    corners = slave.kind.corners
+    found = found[(found[:, :corners] >= 0).all(axis=1)]
+    # Some midpoints alone would be no facet of any kind.
+    found[(found < 0).any(axis=1), corners:] = -1
+    return found
 
 
 def expand(weights: Any, frame: Floats, dofs: Ints, n: int) -> Any:

@@ -12,10 +12,12 @@ or ``result.units``.
 Along a line: `tractions`, `slip`, `wear`, `reaction_band`. On a flat surface: `surface_map`,
 `status_map`, `slip`. On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path:
 `resultants`, `status_shares`, `force_displacement`, `dissipation`. Derivatives:
-`sensitivity`. Solver: `convergence`.
+`sensitivity`. Solver: `convergence`. By name: `plot`; all load steps as a GIF: `animate`.
 """
 
+from bipot_rs.plots.animation import animate
 from bipot_rs.plots.body import deformed
+from bipot_rs.plots.by_name import plot
 from bipot_rs.plots.convergence import convergence
 from bipot_rs.plots.line import tractions
 from bipot_rs.plots.path import (
@@ -31,10 +33,12 @@ from bipot_rs.plots.surface import slip, status_map, surface_map
 from bipot_rs.plots.wear import wear
 
 __all__ = [
+    "animate",
     "convergence",
     "deformed",
     "dissipation",
     "force_displacement",
+    "plot",
     "reaction_band",
     "resultants",
     "sensitivity",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +29,8 @@ _ARROWS = 25
 # the size of the bodies. Enlarged gaps can be larger than the bodies.
 _THICK, _AROUND = 0.025, 0.15
 _FORCE = "#d55e00"
+# A gap above this part of the size of the bodies is visible in a picture.
+_VISIBLE = 2e-3
 
 
 def deformed(
@@ -39,6 +41,9 @@ def deformed(
     scale: float | None = None,
     forces: bool = True,
     near: float | None = None,
+    box: ArrayLike | None = None,
+    limits: tuple[float, float] | None = None,
+    largest_force: float | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
     at_rest: ArrayLike | None = None,
@@ -46,7 +51,10 @@ def deformed(
     """Deformed bodies, coloured by the von Mises stress, with contact forces.
 
     In 2D rigid obstacles are grey bands, as far as contacts face them, at a distance of
-    the gap times ``scale``: a contact is closed where it touches the band.
+    the gap times ``scale``: a contact is closed where it touches the band. A gap between
+    two bodies cannot be enlarged like this, because the bodies keep their places. If it is
+    visible, a text above the picture says that such gaps are drawn once: with a larger
+    ``scale`` bodies that touch then seem to overlap.
 
     Parameters
     ----------
@@ -66,6 +74,14 @@ def deformed(
     near
         Draw only the surroundings of the contacts, up to this multiple of their extent;
         default all.
+    box
+        Draw only this part, given by two opposite corners ``(2, d)``; not with ``near``.
+    limits
+        Least and largest stress of the colours, to compare load steps; default those of
+        the step.
+    largest_force
+        The force of the longest arrow, to compare load steps; default the largest of the
+        step.
     units, ax
         As in `tractions`.
     at_rest
@@ -88,10 +104,13 @@ def deformed(
     found: Any = one_step(result, step)
     if not hasattr(found, "displacement"):
         raise mistyped("result", found, "a Result or one of its steps")
-    for name, value in (("scale", scale), ("near", near)):
+    positive = {"scale": scale, "near": near, "largest_force": largest_force}
+    for name, value in positive.items():
         if value is not None and not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
+    corners, limits = _box(box, near, model.dim), style.range_of(limits)
     from bipot_rs.fem.paraview import cell_fields
+    from bipot_rs.plots.surface import beyond
 
     u = found.displacement
     if u.shape != (model.n,):
@@ -109,20 +128,66 @@ def deformed(
     ax = style.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
+    extend = "neither"
+    if limits is not None:
+        image.set_clim(*limits)
+        extend = beyond(mises, *limits)
     tails, longest = places[:0], 0.0
     if forces:
-        tails, longest = _forces(model, places, np.asarray(found.reaction), near, ax)
+        view = _view(model, places, near, corners)
+        tails, longest = _forces(
+            model, places, np.asarray(found.reaction), view, largest_force, ax
+        )
     bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
-    _limits(model, places, tails, bands, near, ax)
+    if corners is not None:
+        _show(corners[0], corners[1], ax)
+    else:
+        _limits(model, places, tails, bands, near, ax)
     if own and model.dim == 2:
         style.fit(ax)
-    style.colour_bar(image, ax, "von Mises stress", style.stress_unit(units))
+    stress = style.stress_unit(units)
+    style.colour_bar(image, ax, "von Mises stress", stress, extend=extend)
     said = [f"displacements × {scale:g}"] if scale != 1 else []
     if longest:
         said.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
-    style.note(ax, ", ".join([*said, *filter(None, [said_of(result, step)])]))
+    lines = [", ".join([*said, *filter(None, [said_of(result, step)])])]
+    if _unscaled(model, scale):
+        lines.insert(
+            0, "gaps between bodies × 1: bodies that touch may seem to overlap"
+        )
+    style.note(ax, "\n".join(filter(None, lines)))
     style.name_axes(ax, model.dim, units.get("length"))
     return ax
+
+
+def usual_scale(model: Any, steps: Sequence[Any]) -> float:
+    """The default factor of the displacements for the largest one of several steps."""
+    model, _ = drawn_model(model)
+    largest = max(
+        (step.displacement for step in steps),
+        key=lambda u: np.linalg.norm(u.reshape(-1, model.dim), axis=1).max(initial=0.0),
+    )
+    return deformed_nodes(model.nodes, largest, None, _DEFORMED)[1]
+
+
+def _box(box: ArrayLike | None, near: float | None, d: int) -> Floats | None:
+    """The argument ``box``: its lower and its upper corner, ``(2, d)``."""
+    if box is None:
+        return None
+    if near is not None:
+        raise ValueError("near and box are given, expected one of them")
+    found = np.sort(floats("box", box, shape=(2, d)), axis=0)
+    if (found[0] == found[1]).any():
+        raise ValueError("box is flat, expected two opposite corners")
+    return found
+
+
+def _unscaled(model: Assembly, scale: float) -> bool:
+    """Whether gaps between bodies, which are not enlarged, would be visible if they were."""
+    pairs = [contact.against is not None for contact in model.contacts]
+    gap = np.abs(model.gap[np.array(pairs, bool)[model.group]])
+    size = np.ptp(model.nodes, axis=0).max()
+    return bool(abs(scale - 1) * gap.max(initial=0.0) > _VISIBLE * size)
 
 
 def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
@@ -220,8 +285,30 @@ def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
     ax.set_box_aspect(half, zoom=zoom)
 
 
+def _view(
+    model: Assembly, places: Floats, near: float | None, box: Floats | None
+) -> float:
+    """Extent of the part that is drawn."""
+    if box is not None:
+        return float((box[1] - box[0]).max())
+    if near is not None:
+        return float((1 + 2 * near) * _contacts_extent(model, model.nodes))
+    return float(np.ptp(places, axis=0).max())
+
+
+def _contacts_extent(model: Assembly, places: Floats) -> float:
+    """Extent of the contacts; of a single contact, of the bodies."""
+    x = places[model.contact_dofs[:, 0] // model.dim]
+    return float(np.ptp(x, axis=0).max() or np.ptp(places, axis=0).max())
+
+
 def _forces(
-    model: Assembly, places: Floats, reaction: Floats, near: float | None, ax: Any
+    model: Assembly,
+    places: Floats,
+    reaction: Floats,
+    extent: float,
+    longest: float | None,
+    ax: Any,
 ) -> tuple[Floats, float]:
     """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
@@ -233,11 +320,8 @@ def _forces(
     # The largest force is always drawn.
     chosen = np.union1d(loaded[:: -(-len(loaded) // _ARROWS)], np.argmax(size))
     at = places[model.contact_dofs[chosen, 0] // model.dim]
-    extent = np.ptp(places, axis=0).max()
-    if near is not None:
-        extent = (1 + 2 * near) * np.ptp(model.points, axis=0).max()
     # Tips at the nodes: a pressing force comes from outside.
-    arrows = force[chosen] * (_ARROW * extent / largest)
+    arrows = force[chosen] * (_ARROW * extent / (longest or largest))
     if model.dim == 2:
         ax.quiver(
             *at.T,
@@ -298,13 +382,8 @@ def _limits(
 ) -> None:
     if near is not None:
         x = places[model.contact_dofs[:, 0] // model.dim]
-        around = near * np.ptp(x, axis=0).max()
-        low, high = x.min(axis=0) - around, x.max(axis=0) + around
-        if model.dim == 3:
-            box_in_space(np.stack([low, high]), ax)
-            return
-        ax.set_xlim(low[0], high[0])
-        ax.set_ylim(low[1], high[1])
+        around = near * _contacts_extent(model, places)
+        _show(x.min(axis=0) - around, x.max(axis=0) + around, ax)
     elif model.dim == 3:
         box_in_space(places, ax)
     else:
@@ -315,5 +394,13 @@ def _limits(
         every = np.concatenate([every, shown])
         low, high = every.min(axis=0), every.max(axis=0)
         margin = 0.03 * (high - low).max()
-        ax.set_xlim(low[0] - margin, high[0] + margin)
-        ax.set_ylim(low[1] - margin, high[1] + margin)
+        _show(low - margin, high + margin, ax)
+
+
+def _show(low: Floats, high: Floats, ax: Any) -> None:
+    """Show the part between two corners."""
+    if len(low) == 3:
+        box_in_space(np.stack([low, high]), ax)
+        return
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])

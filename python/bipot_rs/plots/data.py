@@ -15,6 +15,8 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Solution, Step
+from bipot_rs.mortar.pairs import Pairs
+from bipot_rs.plots import triangles
 from bipot_rs.scene.units import inconsistent
 
 # The argument ``contacts``: a mapping with points and frames, or the model.
@@ -43,6 +45,8 @@ class Contacts:
         Names ``"body.surface"`` of the surfaces by number.
     said
         ``"load step 3 of 8"``, or "" if there is one step only.
+    facets : (m, k) or None
+        Facets of a surface in 3D, as `triangles.checked`.
     """
 
     x: Floats
@@ -58,6 +62,7 @@ class Contacts:
     surface: NDArray[np.integer[Any]] | None = None
     names: Sequence[str] = ()
     said: str = ""
+    facets: Ints | None = None
 
     @property
     def surfaces(self) -> list[tuple[str, NDArray[np.intp]]]:
@@ -77,7 +82,10 @@ class Contacts:
             name: None if array is None else array[chosen]
             for name, array in given.items()
         }
-        return replace(self, **cut)
+        facets = self.facets
+        if facets is not None:
+            facets = triangles.part(facets, numbers(chosen, len(self.x)), len(self.x))
+        return replace(self, **cut, facets=facets)
 
     @property
     def traction(self) -> Floats:
@@ -108,9 +116,13 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
         return found.contacts if isinstance(found, Result) else {}
     if isinstance(given, Mapping):
         return given
+    if isinstance(given, Pairs):
+        known = found.contacts if isinstance(found, Result) else {}
+        own = {name: getattr(given, name) for name in ("frame", "area", "facets")}
+        return {"mu": known.get("mu"), "x": given.points, **own}
     model, _ = model_of(given)
     if model is None:
-        expected = "a mapping with x, frame, area, mu, or the model"
+        expected = "a mapping with x, frame, area, mu, the Pairs, or the model"
         raise mistyped("contacts", given, expected)
     from bipot_rs.fem.contact_surface import surface_labels
 
@@ -239,6 +251,7 @@ def look(
         surface=surface_of(known, n),
         names=names_of(known),
         said=said_of(found, step),
+        facets=facets_of(known, n) if d == 3 else None,
         **own,  # type: ignore[arg-type]
         **fields,  # type: ignore[arg-type]
     )
@@ -257,6 +270,30 @@ def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
             f"{found.shape}, expected ({contacts},) integers from 0"
         )
     return found.astype(np.int64)
+
+
+def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
+    """Facets of the contacts, ``(m, k)``; None if unknown."""
+    given = known.get("facets")
+    return None if given is None else triangles.checked(given, contacts)
+
+
+def numbers(chosen: Any, contacts: int) -> NDArray[np.intp]:
+    """Numbers of the contacts that a slice, a mask or numbers choose."""
+    found: NDArray[np.intp] = np.arange(contacts)[chosen]
+    return found
+
+
+def part_of(known: Mapping[str, Any], chosen: Any) -> dict[str, Any]:
+    """The mapping ``contacts`` for some of the contacts."""
+    count = len(known["x"])
+    found = dict(known)
+    for name, values in known.items():
+        if name == "facets":
+            found[name] = triangles.part(values, numbers(chosen, count), count)
+        elif name != "surface_names" and values is not None:
+            found[name] = values[chosen]
+    return found
 
 
 def names_of(known: Mapping[str, Any]) -> list[str]:

@@ -30,6 +30,7 @@ def tractions(
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -58,6 +59,8 @@ def tractions(
         Needed if the result does not contain these data: the model, or a mapping with
         ``x (n_c, d)``, ``frame``, ``area``, ``mu``, and for several surfaces
         ``surface (n_c,)`` and ``surface_names``. Without areas, forces are drawn.
+    limits
+        Least and largest value shown, to compare load steps; default those of the step.
     units
         Names by ``"length"``, ``"force"``, ``"stress"``; default those of the result.
     ax
@@ -69,10 +72,15 @@ def tractions(
         A wrong argument, or missing data of the contacts; the message names them.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    return draw_tractions(seen, along, style.axes_of(ax))
+    return draw_tractions(seen, along, style.axes_of(ax), style.range_of(limits))
 
 
-def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
+def draw_tractions(
+    seen: Contacts,
+    along: ArrayLike | str | None,
+    ax: Axes,
+    limits: tuple[float, float] | None = None,
+) -> Axes:
     """Draw `tractions` into existing axes."""
     lines, name = lines_of(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
@@ -97,6 +105,8 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> A
             mark = {"ls": "--"} | mark
         ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
+    if limits is not None:
+        ax.set_ylim(*limits)
     strips(ax, lines, seen.status)
     style.bare(ax)
     kinds = [h for h in ax.get_lines() if h.get_label() in what]
@@ -187,7 +197,12 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
     return handles + nothing
 
 
-def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
+def draw_slip(
+    seen: Contacts,
+    along: ArrayLike | str | None,
+    ax: Axes,
+    limits: tuple[float, float] | None = None,
+) -> Axes:
     """Draw the slip of the step along a line, except where contact is open."""
     lines, name = lines_of(seen, along)
     for k, (_, one) in enumerate(lines):
@@ -200,6 +215,8 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
             mark = {"marker": "o", "ms": 2} | mark
         ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
+    if limits is not None:
+        ax.set_ylim(*limits)
     strips(ax, lines, seen.status)
     style.bare(ax)
     if len(lines) == 1:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space
-from bipot_rs.plots.data import Contacts, names_of, surface_of
+from bipot_rs.plots.data import Contacts, facets_of, names_of, surface_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import draw_resultants, draw_shares
+from bipot_rs.plots.space import draw_space
 from bipot_rs.plots.surface import draw_map, draw_status, is_plane
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -41,8 +41,9 @@ def tractions(
         Picture to write; the suffix chooses the format.
     contacts
         ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and for several
-        surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file. Each
-        surface has separate lines, in 3D maps.
+        surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file; in 3D also
+        ``facets``, without which curved surfaces are dots. Each surface has separate
+        lines, in 3D maps.
     steps
         At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
     title
@@ -75,6 +76,7 @@ def tractions(
         units=names,
         surface=surface_of(contacts, n),
         names=names_of(contacts),
+        facets=facets_of(contacts, n) if d == 3 else None,
     )
     # Not pyplot: it would keep the figure and choose a backend for the process.
     rows = [5.2] if d == 2 else [4.1] * len(_rows(seen))
@@ -110,7 +112,7 @@ def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
 
 def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
     for figure, (name, one) in zip(figures, _rows(seen), strict=False):
-        (_maps if is_plane(one) else _clouds)(figure, one)
+        (_maps if is_plane(one) else _facets)(figure, one)
         if name:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 
@@ -153,24 +155,10 @@ def _maps(figure: Any, seen: Contacts) -> None:
         ax.set_ylabel("")
 
 
-def _clouds(figure: Any, seen: Contacts) -> None:
-    """Draw contact on other surfaces: nodes in 3D."""
+def _facets(figure: Any, seen: Contacts) -> None:
+    """Draw contact on other surfaces: their facets in 3D, or dots if they are unknown."""
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
-    x, unit = seen.x, style.stress_unit(seen.units)
-    shear = np.linalg.norm(seen.traction[:, 1:], axis=1)
-    below: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
-    for ax, values, name in (
-        (panels[0], seen.traction[:, 0], "pressure"),
-        (panels[1], shear, "shear traction"),
-    ):
-        cloud = ax.scatter(*x.T, c=values, s=8, cmap="viridis", depthshade=False)
-        bar = ax.figure.colorbar(cloud, ax=ax, **below)
-        style.name_axis(bar.ax.xaxis, name, unit)
-    panels[2].scatter(
-        *x.T, c=seen.status, s=8, depthshade=False, **style.status_colours()
-    )
-    style.legend_above(panels[2], handles=style.status_handles(seen.status))
-    for ax in panels:
-        box_in_space(x, ax, zoom=0.72)
+    for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):
+        draw_space(seen, quantity, ax, below=True)
+        box_in_space(seen.x, ax, zoom=0.72)
         ax.tick_params(labelsize="small")
-        style.name_axes(ax, 3, seen.units.get("length"))

@@ -15,7 +15,7 @@ from bipot_rs.contact.derivatives import Gradient
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection
 from bipot_rs.plots.line import lines_of, mark_of, strips
-from bipot_rs.plots.surface import finish, is_line, plane_of, span, triangles
+from bipot_rs.plots.surface import beyond, finish, is_line, paint, plane_of, span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -155,32 +155,18 @@ def _draw_map(
     uv, names = plane_of(seen)
     if is_line(uv):
         raise ValueError('the contacts lie on a line: pass along="arc" or a direction')
-    _, largest, _ = span(np.abs(values), "")
-    image = ax.tripcolor(
-        triangles(uv, seen.area),
-        values,
-        shading="gouraud",
-        cmap=_COLOURS,
-        vmin=-largest,
-        vmax=largest,
-    )
+    _, largest, _ = span(np.abs(values), "", seen.area)
+    range_: dict[str, Any] = {"vmin": -largest, "vmax": largest}
+    image = paint(seen, uv, values, ax, cmap=_COLOURS, **range_)
     _rings(ax, uv[:, 0], uv[:, 1], marked)
     if not values.any():
         style.say(ax, "no contact changes the number")
     finish(seen, uv, names, ax)
-    style.colour_bar(image, ax, *label, extend=_beyond(values, largest))
+    style.colour_bar(image, ax, *label, extend=beyond(values, -largest, largest))
     if marked.any():
         style.legend_above(ax, handles=_legend(marked), title=seen.said)
     else:
         style.note(ax, seen.said)
-
-
-def _beyond(values: Floats, largest: float) -> str:
-    """On which sides values lie beyond the colours, in the words of matplotlib."""
-    edge = largest * (1 + 1e-9)
-    sides = bool(values.min() < -edge), bool(values.max() > edge)
-    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    return names.get(sides, "neither")
 
 
 def _rings(ax: Any, x: Floats, y: Floats, marked: Bools) -> None:

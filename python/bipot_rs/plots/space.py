@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.result import Result
 from bipot_rs.files.export import library
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
-from bipot_rs.plots.boundary_facets import corners_of, skin
-from bipot_rs.plots.data import Contacts, drawn_model, look
+from bipot_rs.plots.boundary_facets import skin
+from bipot_rs.plots.data import Contacts, Given, drawn_model, look, model_of
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
+from bipot_rs.plots.triangles import alone, corners
 
 if TYPE_CHECKING:
     from bipot_rs.fem.assembly import Assembly
@@ -24,24 +26,29 @@ BACKENDS = ("matplotlib", "pyvista")
 
 def surface3d(
     model: Any,
-    result: Any,
+    result: Any = None,
     quantity: str = "pressure",
     *,
     step: int = -1,
     backend: str = "matplotlib",
     bodies: bool = True,
     arrows: bool = True,
+    contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
     """Contact facets in 3D, on surfaces of any shape, coloured by a quantity.
 
+    Contacts on no facet are dots.
+
     Parameters
     ----------
     model
-        The bodies, in 3D, as in `deformed`.
+        The bodies, in 3D, as in `deformed`. Or a `Result` alone, also one from a file: its
+        facets are drawn without the bodies.
     result, step, units
-        As in `tractions`.
+        As in `tractions`; not needed if ``model`` is a result.
     quantity
         As in `surface_map`, or ``"status"``.
     backend
@@ -51,6 +58,10 @@ def surface3d(
         Whether to draw the outlines of the bodies.
     arrows
         Whether to draw arrows if the quantity is slip.
+    limits
+        Least and largest value of the colours, to compare load steps.
+    contacts
+        As in `tractions`, with ``facets`` if they are not known; only without a model.
     ax
         For matplotlib: axes in 3D to draw into. For PyVista: a ``Plotter``; default a new
         one, off screen, which ``.screenshot("a.png")`` writes.
@@ -74,79 +85,110 @@ def surface3d(
         raise ValueError(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}, status"
         )
-    model, _ = drawn_model(model)
-    if model.dim != 3:
+    if result is None:
+        result, model = model, model_of(model)[0] if isinstance(model, Result) else None
+    else:
+        model, _ = drawn_model(model)
+        if contacts is not None:
+            raise ValueError("contacts and model are given, expected one of them")
+    seen = look(
+        result, step, contacts=model if contacts is None else contacts, units=units
+    )
+    if seen.x.shape[1] != 3:
         raise ValueError("model has two dimensions, expected three")
-    seen = look(result, step, contacts=model, units=units)
-    draw = _matplotlib if backend == "matplotlib" else _pyvista
-    return draw(model, seen, quantity, bodies, arrows and quantity == "slip", ax)
+    outlined = model if bodies else None
+    vectors, limits = arrows and quantity == "slip", style.range_of(limits)
+    if backend == "pyvista":
+        return _pyvista(seen, quantity, outlined, vectors, limits, ax)
+    ax = style.axes_of(ax, size=(5.4, 4.2), space=True)
+    return draw_space(seen, quantity, ax, outlined, vectors, limits)
 
 
 def _values(
-    seen: Contacts, quantity: str
-) -> tuple[Floats, str, str | None, tuple[float, float]]:
+    seen: Contacts, quantity: str, limits: tuple[float, float] | None
+) -> tuple[Floats, str, str | None, tuple[float, float, str]]:
     if quantity == "status":
-        return seen.status.astype(float), "status", None, (0.0, 2.0)
+        return seen.status.astype(float), "status", None, (0.0, 2.0, "neither")
     values, name, unit = values_of(seen, quantity)
-    low, high, _ = span(values, quantity)
-    return values, name, unit, (low, high)
+    return values, name, unit, span(values, quantity, seen.area, limits)
 
 
-def _polygons(model: Assembly) -> list[Any]:
-    from bipot_rs.fem.contact_surface import contact_surface
-
-    return [
-        corners_of(kind, facets)
-        for kind, facets in contact_surface(model)
-        if kind != "vertex"
-    ]
+def _polygons(seen: Contacts) -> list[Ints]:
+    """Corners of the facets, ``(m, 3)`` and ``(m, 4)``; [] if facets are unknown."""
+    return [] if seen.facets is None else corners(seen.facets)
 
 
-def _zones(status: Floats, parts: list[Any]) -> list[Floats]:
+def _zones(status: Floats, parts: list[Ints]) -> list[Floats]:
     """Status of each facet: the median of its corners, ordered open, slip, stick."""
     return [np.median(status[corners], axis=1).round() for corners in parts]
 
 
-def _matplotlib(
-    model: Assembly, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+def draw_space(
+    seen: Contacts,
+    quantity: str,
+    ax: Any,
+    model: Any = None,
+    arrows: bool = False,
+    limits: tuple[float, float] | None = None,
+    **bar: Any,
 ) -> Any:
+    """Draw `surface3d` by matplotlib into existing axes.
+
+    Parameters
+    ----------
+    model
+        The `fem.Assembly` whose outline is drawn; None for none.
+    bar
+        Where the colour bar is, as in `style.colour_bar`.
+    """
     from matplotlib.colors import Normalize
 
-    ax = style.axes_of(ax, size=(5.4, 4.2), space=True)
-    values, name, unit, (low, high) = _values(seen, quantity)
-    parts = _polygons(model)
-    polygons = [polygon for corners in parts for polygon in model.points[corners]]
-    colours = {"norm": Normalize(low, high)}
+    values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
+    parts = _polygons(seen)
+    nothing = not values.any()
+    colours: dict[str, Any] = {"norm": Normalize(low, high), "cmap": "viridis"}
     if quantity == "status":
         of_facet = _zones(values, parts)
         colours["cmap"] = style.status_colours()["cmap"]
     else:
         of_facet = [values[c].mean(axis=1) for c in parts]
-        if not values.any():
+        if nothing and limits is None:
             colours["cmap"] = style.blank()
-    image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
-    places = model.points
-    if bodies:
+    image: Any = None
+    if parts:
+        polygons = [polygon for corners in parts for polygon in seen.x[corners]]
+        image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
+    dots = np.arange(len(values))
+    if seen.facets is not None:
+        dots = alone(seen.facets, len(values))
+    if dots.size:
+        drawn = ax.scatter(
+            *seen.x[dots].T, c=values[dots], s=8, depthshade=False, **colours
+        )
+        image = drawn if image is None else image
+    places = seen.x
+    if model is not None:
         _outline(model, ax)
         places = model.nodes
     if arrows:
-        _slip(model, seen, places, ax)
+        _slip(seen, places, ax, limits)
     box_in_space(places, ax)
     if quantity == "status":
         zones = style.status_handles(seen.status)
         style.legend_above(ax, handles=zones, title=seen.said)
     else:
-        if values.any():
-            _, _, extend = span(values, quantity)
-            style.colour_bar(image, ax, name, unit, extend=extend)
-        else:
+        if limits is not None or not nothing:
+            style.colour_bar(image, ax, name, unit, extend=extend, **bar)
+        if nothing:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
     style.name_axes(ax, 3, seen.units.get("length"))
     return ax
 
 
-def _slip(model: Assembly, seen: Contacts, places: Floats, ax: Any) -> None:
+def _slip(
+    seen: Contacts, places: Floats, ax: Any, limits: tuple[float, float] | None
+) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
@@ -156,11 +198,14 @@ def _slip(model: Assembly, seen: Contacts, places: Floats, ax: Any) -> None:
     moving = moving[:: -(-len(moving) // 150)]
     longest = 0.12 * np.ptp(places, axis=0).max()
     ax.quiver(
-        *model.points[moving].T,
-        *(vectors[moving] * longest / largest).T,
+        *seen.x[moving].T,
+        *(vectors[moving] * longest / (largest if limits is None else limits[1])).T,
         color=style.SHEAR,
         lw=0.8,
+        zorder=4,
     )
+    # By depth matplotlib would hide arrows that lie in the facets.
+    ax.computed_zorder = False
 
 
 def _outline(model: Assembly, ax: Any) -> None:
@@ -199,16 +244,26 @@ def sharp_edges(model: Assembly) -> Any:
 
 
 def _pyvista(
-    model: Assembly, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+    seen: Contacts,
+    quantity: str,
+    model: Assembly | None,
+    arrows: bool,
+    limits: tuple[float, float] | None,
+    ax: Any,
 ) -> Any:
     pv = library("pyvista", extra="viz", need="pictures that turn")
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
-    values, name, unit, (low, high) = _values(seen, quantity)
+    values, name, unit, (low, high, _) = _values(seen, quantity, limits)
     name = style.label(name, unit)
-    parts = _polygons(model)
+    parts = _polygons(seen)
+    if not parts:
+        raise ValueError(
+            "the facets of the contacts are not known: pass the model, or contacts= with "
+            'facets, or use backend="matplotlib"'
+        )
     # PyVista: for each polygon the number of corners, and the corners.
     faces = [np.column_stack([np.full(len(c), c.shape[1]), c]).ravel() for c in parts]
-    surface = pv.PolyData(model.points, faces=np.concatenate(faces))
+    surface = pv.PolyData(seen.x, faces=np.concatenate(faces))
     look = {"clim": (low, high), "show_edges": True, "lighting": False}
     if quantity == "status":
         surface.cell_data[name] = np.concatenate(_zones(values, parts))
@@ -232,8 +287,9 @@ def _pyvista(
         plotter.add_mesh(
             surface, scalars=name, cmap="viridis", scalar_bar_args=bar, **look
         )
-    if bodies:
-        edges = sharp_edges(model)
+    places = seen.x
+    if model is not None:
+        places, edges = model.nodes, sharp_edges(model)
         lines = np.column_stack([np.full(len(edges), 2), edges]).ravel()
         outline = pv.PolyData(model.nodes, lines=lines)
         plotter.add_mesh(outline, color=style.QUIET, line_width=2)
@@ -241,9 +297,9 @@ def _pyvista(
         vectors = seen.vectors(closed_slip(seen))
         largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
         if largest > 0:
-            longest = 0.12 * np.ptp(model.nodes, axis=0).max()
+            longest = 0.12 * np.ptp(places, axis=0).max()
             plotter.add_arrows(
-                model.points, vectors, mag=longest / largest, color=style.SHEAR
+                seen.x, vectors, mag=longest / largest, color=style.SHEAR
             )
     plotter.show_axes()
     plotter.camera_position = "xz"

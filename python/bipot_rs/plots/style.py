@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.files import fields
 from bipot_rs.files.export import library
@@ -57,6 +58,16 @@ def axes_of(
     return ax
 
 
+def range_of(limits: Any) -> tuple[float, float] | None:
+    """The argument ``limits``: two ascending numbers, or None."""
+    if limits is None:
+        return None
+    low, high = floats("limits", limits, shape=(2,)).tolist()
+    if not low < high:
+        raise ValueError(f"limits are {low:g} and {high:g}, expected ascending numbers")
+    return low, high
+
+
 def label(name: str, unit: str | None) -> str:
     """``name [unit]``, or the name only if the unit is unknown."""
     return f"{name} [{unit}]" if unit else name
@@ -90,9 +101,20 @@ def name_axes(ax: Any, dim: int, unit: str | None) -> None:
 
 
 def colour_bar(
-    image: Any, ax: Any, name: str, unit: str | None, *, extend: str = "neither"
+    image: Any,
+    ax: Any,
+    name: str,
+    unit: str | None,
+    *,
+    extend: str = "neither",
+    below: bool = False,
 ) -> Any:
-    """Add a colour bar with a name on the right of the axes."""
+    """Add a colour bar with a name on the right of the axes, or below axes in 3D."""
+    if below:
+        place: Any = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
+        bar = ax.figure.colorbar(image, ax=ax, extend=extend, **place)
+        name_axis(bar.ax.xaxis, name, unit)
+        return bar
     if ax.name == "3d":
         bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
     else:

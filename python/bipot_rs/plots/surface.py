@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+from bipot_rs.plots.raster import Raster
+from bipot_rs.plots.triangles import alone, of_points, split
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,11 +38,9 @@ NOTHING = {
 _TOUCHES = 1e-12
 # Tolerance for nodes on one plane, relative to its width.
 _PLANE = 1e-6
-_PIXELS = 500
-# An edge longer than this multiple of the sizes of its two nodes bridges a hole.
-_BRIDGE = 2.5
-# Percentage of the nodes whose values lie within the range of colours.
-_SPAN = 98
+# Share of the area whose values lie within the range of colours. Of the nodes it would be
+# another range on a mesh that is refined at an edge.
+_SPAN = 0.98
 # Number of arrows across the surface.
 _ARROWS = 14
 
@@ -53,12 +53,16 @@ def surface_map(
     arrows: bool | None = None,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Map of a flat contact surface in 3D, on a triangulation of its nodes.
+    """Map of a flat contact surface in 3D, interpolated on its facets.
 
-    At an edge tractions are singular: the colours cover the values of 98 % of the nodes,
+    A model, its result and their files know the facets. Otherwise the map is drawn on a
+    triangulation of the contacts, without triangles across holes.
+
+    At an edge tractions are singular: the colours cover the values on 98 % of the area,
     and an arrow at the colour bar shows that there are larger ones. If the quantity is
     zero everywhere, a text says so.
 
@@ -67,8 +71,9 @@ def surface_map(
 
     Parameters
     ----------
-    result, step, where, contacts, units, ax
-        As in `tractions`. If there are several surfaces, select one with ``where``.
+    result, step, where, contacts, limits, units, ax
+        As in `tractions`; ``limits`` are those of the colours. If there are several
+        surfaces, select one with ``where``.
     quantity
         ``"pressure"``, ``"shear"`` (magnitude), ``"slip"`` (magnitude in the step, zero
         at sticking and open contacts), ``"gap"`` (zero at closed contacts).
@@ -91,41 +96,68 @@ def surface_map(
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
     own, ax = ax is None, style.axes_of(ax)
-    draw_map(seen, quantity, ax, vector if arrows else None)
+    limits = style.range_of(limits)
+    draw_map(seen, quantity, ax, vector if arrows else None, limits)
     if own:
         style.fit(ax)
     return ax
 
 
 def draw_map(
-    seen: Contacts, quantity: str, ax: Axes, vector: Floats | None = None
+    seen: Contacts,
+    quantity: str,
+    ax: Axes,
+    vector: Floats | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Axes:
     """Draw `surface_map` into existing axes."""
     uv, names = plane_of(seen)
     values, name, unit = values_of(seen, quantity)
     if is_line(uv):
         raise ValueError("the contacts lie on a line: use tractions instead")
-    if not values.any():
-        mesh = triangles(uv, seen.area)
-        ax.tripcolor(mesh, values, shading="gouraud", cmap=style.blank())
+    nothing = not values.any()
+    if nothing:
         style.say(ax, NOTHING[quantity])
+    if nothing and limits is None:
+        paint(seen, uv, values, ax, cmap=style.blank())
     else:
-        low, high, extend = span(values, quantity)
-        image = ax.tripcolor(
-            triangles(uv, seen.area),
-            values,
-            shading="gouraud",
-            cmap="viridis",
-            vmin=low,
-            vmax=high,
-        )
+        low, high, extend = span(values, quantity, seen.area, limits)
+        image = paint(seen, uv, values, ax, cmap="viridis", vmin=low, vmax=high)
         if vector is not None:
-            _arrows(seen, uv, vector, ax, color="white")
+            # White on dark colours, with a dark rim on light ones.
+            rim: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.5}
+            _arrows(seen, uv, vector, ax, color="white", **rim)
     finish(seen, uv, names, ax)
-    if values.any():
+    if limits is not None or not nothing:
         style.colour_bar(image, ax, name, unit, extend=extend)
     style.note(ax, seen.said)
     return ax
+
+
+def paint(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> Any:
+    """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
+
+    Contacts on no facet are dots.
+    """
+    raster = Raster.around(uv)
+    image = raster.interpolated(uv, surface_triangles(seen, uv), values)
+    found = raster.show(image, ax, **colours)
+    _dots(seen, uv, values, ax, **colours)
+    return found
+
+
+def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> None:
+    if seen.facets is not None:
+        own = alone(seen.facets, len(uv))
+        if own.size:
+            ax.scatter(*uv[own].T, c=values[own], s=9, lw=0, zorder=2, **colours)
+
+
+def surface_triangles(seen: Contacts, uv: Floats) -> Ints:
+    """Triangles ``(t, 3)``: of the facets if these are known, else of the points."""
+    if seen.facets is None:
+        return of_points(uv, seen.area)
+    return split(seen.facets)
 
 
 def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
@@ -149,16 +181,43 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
     return values[quantity], name, unit
 
 
-def span(values: Floats, quantity: str) -> tuple[float, float, str]:
-    """Range of the colours, and "max" if there are larger values, else "neither"."""
+def span(
+    values: Floats,
+    quantity: str,
+    area: Floats | None,
+    limits: tuple[float, float] | None = None,
+) -> tuple[float, float, str]:
+    """Range of the colours, and on which side there are values beyond it.
+
+    The side is in the words of matplotlib: "neither", "min", "max" or "both".
+
+    Parameters
+    ----------
+    values, area
+        ``(n_c,)``; without areas all contacts have the same.
+    limits
+        The range, if it is chosen.
+    """
+    if limits is not None:
+        return *limits, beyond(values, *limits)
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
-    high = float(np.percentile(values, _SPAN))
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(np.ones(len(values)) if area is None else area[order])
+    high = float(values[order][np.searchsorted(below, _SPAN * below[-1])])
     if high <= low:
         # Only a few values differ from the least one: the range covers them.
         high = float(values.max())
     if high <= low:
         return low, low + 1.0, "neither"
-    return low, high, "max" if values.max() > high * (1 + 1e-9) else "neither"
+    return low, high, beyond(values, low, high)
+
+
+def beyond(values: Floats, low: float, high: float) -> str:
+    """On which sides values lie beyond the colours, in the words of matplotlib."""
+    rounding = 1e-9 * max(abs(low), abs(high))
+    sides = bool(values.min() < low - rounding), bool(values.max() > high + rounding)
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(sides, "neither")
 
 
 def status_map(
@@ -206,31 +265,14 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     from scipy.spatial import cKDTree
 
     uv, names = plane_of(seen)
-    low, high = uv.min(axis=0), uv.max(axis=0)
-    step = (high - low).max() / _PIXELS or 1.0
-    # A whole number of pixels along each axis, exactly up to the rim of the surface.
-    count = np.maximum(np.rint((high - low) / step).astype(int), 1)
-    width = np.where(high > low, (high - low) / count, step)
-    u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
-    places = np.stack(np.meshgrid(u, v), axis=-1)
-    image = seen.status[cKDTree(uv).query(places)[1]].astype(float)
+    raster = Raster.around(uv)
+    status = seen.status.astype(float)
+    image = status[cKDTree(uv).query(raster.places)[1]]
     if not is_line(uv):
-        found, bridges = _joined(uv, seen.area)
-        # find_simplex returns -1 outside all triangles: the last entry.
-        hole = np.append(bridges, True)
-        image[hole[found.find_simplex(places)]] = np.nan
-    ax.imshow(
-        image,
-        origin="lower",
-        extent=(
-            low[0],
-            low[0] + count[0] * width[0],
-            low[1],
-            low[1] + count[1] * width[1],
-        ),
-        interpolation="nearest",
-        **style.status_colours(),
-    )
+        inside = raster.interpolated(uv, surface_triangles(seen, uv), status)
+        image[np.isnan(inside)] = np.nan
+        _dots(seen, uv, status, ax, **style.status_colours())
+    raster.show(image, ax, **style.status_colours())
     zones = style.status_handles(seen.status)
     style.legend_above(ax, handles=zones, title=seen.said)
     finish(seen, uv, names, ax)
@@ -244,6 +286,7 @@ def slip(
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
+    limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -255,13 +298,14 @@ def slip(
 
     Parameters
     ----------
-    result, step, along, where, contacts, units, ax
-        As in `tractions`; in 3D ``along`` draws a line instead of arrows.
+    result, step, along, where, contacts, limits, units, ax
+        As in `tractions`; in 3D ``along`` draws a line instead of arrows, and the longest
+        arrow is that of the upper limit.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    own, ax = ax is None, style.axes_of(ax)
+    own, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
     if seen.x.shape[1] == 2 or along is not None:
-        return draw_slip(seen, along, ax)
+        return draw_slip(seen, along, ax, limits)
     uv, names = plane_of(seen)
     moved = closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
@@ -270,7 +314,8 @@ def slip(
     ax.scatter(u[closed], v[closed], s=4, color="#c9ced3", lw=0)
     rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
     ax.scatter(u[~closed], v[~closed], s=9, **rings)
-    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
+    most = float(size.max(initial=0.0)) if limits is None else limits[1]
+    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size, most=most)
     finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
         unit = seen.units.get("length")
@@ -375,9 +420,10 @@ def _arrows(
     ax: Any,
     *,
     values: Floats | None = None,
+    most: float = 1.0,
     **look: Any,
 ) -> Any:
-    """Draw tangential vectors at some contacts; the longest is as long as a square."""
+    """Draw tangential vectors at some contacts; one of size ``most`` fills its square."""
     axes, _ = _tangents(seen)
     size = np.linalg.norm(vector, axis=1)
     largest = float(size.max(initial=0.0))
@@ -392,9 +438,9 @@ def _arrows(
         scale = 1 / (0.8 * across)
         colours: tuple[Floats, ...] = ()
     else:
-        scale = largest / (1.6 * across)
+        scale = most / (1.6 * across)
         colours = (values[chosen],)
-        look["clim"] = (0.0, largest)
+        look["clim"] = (0.0, most)
     return ax.quiver(
         *uv[chosen].T,
         *flat.T,
@@ -406,41 +452,6 @@ def _arrows(
         width=5e-3,
         **look,
     )
-
-
-def _areas(uv: Floats, area: Floats | None) -> Floats:
-    """Areas of the nodes; if unknown, estimated from the rectangle around all."""
-    if area is not None:
-        return area
-    whole = float(np.prod(np.ptp(uv, axis=0)))
-    return np.full(len(uv), 4.0 * whole / len(uv))
-
-
-def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
-    """Delaunay triangles of nodes not on one line, and a mask of those that bridge a hole."""
-    from scipy.spatial import Delaunay
-
-    found = Delaunay(uv)
-    corners = found.simplices
-    # Cells may be elongated: edges are measured after scaling both axes so that the
-    # median triangle is as wide as high.
-    wide, high = np.median(np.ptp(uv[corners], axis=1), axis=0)
-    even = uv * np.sqrt([high / wide, wide / high])
-    size = np.sqrt(_areas(uv, area))
-    longest = np.zeros(len(corners), dtype=bool)
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        i, j = corners[:, a], corners[:, b]
-        length = np.linalg.norm(even[i] - even[j], axis=1)
-        longest |= length > _BRIDGE * (size[i] + size[j])
-    return found, longest
-
-
-def triangles(uv: Floats, area: Floats | None) -> Any:
-    """Triangulation for matplotlib, without triangles that bridge a hole."""
-    from matplotlib.tri import Triangulation
-
-    found, bridges = _joined(uv, area)
-    return Triangulation(uv[:, 0], uv[:, 1], found.simplices, bridges)
 
 
 def _thin(uv: Floats, wanted: Bools, values: Floats | None) -> NDArray[np.intp]:

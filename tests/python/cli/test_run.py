@@ -88,6 +88,7 @@ def test_result_file_is_a_result(tmp_path: Path) -> None:
             "mu": (16,),
             "surface": (16,),
             "surface_names": (1,),
+            "facets": (9, 4),
         }
         assert {"reaction", "relative_displacement", "slip", "status"} <= set(
             file["steps/0001"]

@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem, plots, scene
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import stress, von_mises
-from bipot_rs.plots import style
+from bipot_rs.plots import raster, style, triangles
 from bipot_rs.plots.boundary_facets import skin
 from bipot_rs.plots.space import sharp_edges
+from bipot_rs.plots.surface import span
 from layout import overlaps
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
@@ -224,8 +226,29 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
         "gap": (np.where(last.status == 0, last.relative_displacement[:, 0], 0), "gap"),
     }
     ax = plots.surface_map(result, quantity, arrows=False)
-    (image,) = ax.collections
-    np.testing.assert_array_equal(image.get_array(), exact[quantity][0])
+    # On the square of 100 mm, in the rectangles of its mesh.
+    values = np.zeros((8, 8))
+    at = np.rint(model.points[:, :2] / (100 / 7)).astype(int)
+    values[at[:, 1], at[:, 0]] = exact[quantity][0]
+    image = shown(ax)
+    rows, columns = image.shape
+    y, x = (np.arange(n) + 0.5 for n in (rows, columns))
+    # A pixel is between the least and the largest value of its rectangle.
+    i, j = (y * 7 / rows).astype(int)[:, None], (x * 7 / columns).astype(int)
+    near = np.stack([values[i + k, j + m] for k in (0, 1) for m in (0, 1)])
+    assert (image >= near.min(axis=0)).all()
+    assert (image <= near.max(axis=0)).all()
+    # Along the middle of the cells' edges interpolation is linear between two nodes.
+    grid = np.arange(8) * 100 / 7
+    (source,) = ax.images
+    left, right, low, high = source.get_extent()
+    assert (left, right, low, high) == pytest.approx((0, 100, 0, 100), rel=1e-12)
+    bottom = np.interp(100 * x / columns, grid, values[0])
+    # Half a pixel above the edge: the change over the height of a cell is 86 pixels.
+    slope = (
+        np.abs(np.diff(values, axis=0)).max() + np.abs(np.diff(values, axis=1)).max()
+    )
+    assert np.abs(image[0] - bottom).max() <= slope * 3.5 / rows + 1e-15
     assert ax.get_xlabel() == "x [mm]"
     if quantity == "gap":
         # All contacts are closed: a text says so, and no colour bar is needed.
@@ -235,12 +258,12 @@ def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
         (bar,) = ax.child_axes
         assert bar.get_ylabel().startswith(exact[quantity][1])
     assert ax.get_title("left") == "load step 2 of 2"
-    # Every point of the square surface is in exactly one triangle.
-    triangles = image._triangulation.get_masked_triangles()
-    x, y = model.points[triangles][..., :2].transpose(2, 0, 1)
-    cross = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0])
-    cross -= (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    assert np.abs(cross).sum() / 2 == pytest.approx(100.0**2, rel=1e-12)
+
+
+def shown(ax: Any) -> Any:
+    """The values of the image of a map, ``(rows, columns)``, NaN where it is blank."""
+    (image,) = ax.images
+    return np.ma.filled(image.get_array(), np.nan)
 
 
 def test_arrows_of_shear_have_its_direction(cube: Any) -> None:
@@ -301,24 +324,123 @@ def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
     return found, {"x": x, "area": area[kept], "frame": frame}
 
 
+@pytest.mark.parametrize("areas", [True, False])
 @pytest.mark.parametrize("stretch", [1.0, 3.0, 40.0])
 @pytest.mark.parametrize("hole", [False, True])
-def test_only_holes_are_blank(stretch: float, hole: bool) -> None:
+def test_only_holes_are_blank(stretch: float, hole: bool, areas: bool) -> None:
+    """Without facets, by the areas of the contacts, or by the points alone."""
     found, contacts = sheet(stretch, hole)
-    (image,) = plots.status_map(found, contacts=contacts).images
-    blank = np.isnan(np.ma.filled(image.get_array(), np.nan)).mean()
-    ax = plots.surface_map(found, contacts=contacts)
-    (mesh,) = (c for c in ax.collections if type(c).__name__ == "TriMesh")
-    corners = mesh._triangulation.get_masked_triangles()
-    first, second, third = (contacts["x"][corners[:, k], :2] for k in range(3))
-    (x1, y1), (x2, y2) = (second - first).T, (third - first).T
-    drawn = 0.5 * np.abs(x1 * y2 - x2 * y1).sum() / (144 * stretch)
-    # At the hole, a quarter of the surface, the corners may be cut off.
-    least, most = (0.19, 0.25) if hole else (0.0, 0.0)
-    assert least <= 1 - drawn <= most + 1e-12
-    rows, columns = np.shape(image.get_array())
-    pixels = 2 * (1 / rows + 1 / columns) if hole else 0.0
-    assert abs(blank - (1 - drawn)) <= pixels
+    if not areas:
+        del contacts["area"]
+    blank = np.isnan(shown(plots.surface_map(found, contacts=contacts))).mean()
+    # At the hole, a quarter of the surface, the corners may be cut off; without areas,
+    # half of it.
+    least, most = ((0.2 if areas else 0.12), 0.25) if hole else (0.0, 0.0)
+    # The rim of the hole, half the length of the sheet, is a pixel wide.
+    assert least - 0.01 * hole <= blank <= most + 0.01 * hole
+    same = np.isnan(shown(plots.status_map(found, contacts=contacts))).mean()
+    assert same == blank
+
+
+def graded() -> tuple[bp.Solution, dict[str, Any]]:
+    """Contacts on 30 × 30 cells that grow by 1.4 from the edges; ten times the pressure there."""
+    size = 1.4 ** np.minimum(np.arange(30), 29 - np.arange(30))
+    grid = np.concatenate([[0.0], np.cumsum(size)]) / size.sum()
+    share = np.convolve(np.diff(grid), [0.5, 0.5])
+    u, v = (a.ravel() for a in np.meshgrid(grid, grid))
+    area = np.outer(share, share).ravel()
+    rim = (np.abs(u - 0.5) == 0.5) | (np.abs(v - 0.5) == 0.5)
+    pressure = np.where(rim, 10.0, 1 - 0.5 * (u**2 + v**2))
+    q = np.stack([-pressure * area, 0 * u, 0 * u], axis=1)
+    found = bp.ReducedProblem(sparse.eye_array(3 * len(u)), q, 0.3).solve()
+    first = (31 * np.arange(30)[:, None] + np.arange(30)).ravel()
+    facets = first[:, None] + [0, 1, 32, 31]
+    frame = np.tile(np.roll(np.eye(3), 1, axis=0), (len(u), 1, 1))
+    x = np.column_stack([u, v, 0 * u])
+    return found, {"x": x, "area": area, "frame": frame, "facets": facets}
+
+
+def colours_of(ax: Any) -> Any:
+    """Colours ``(k, 3)`` of 8 bits inside the frame of axes, as they are drawn."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(ax.figure)
+    canvas.draw()
+    box = ax.get_window_extent()
+    # Without the lines of the frame.
+    (left, low), (right, top) = np.rint([box.min + 3, box.max - 3]).astype(int)
+    drawn = np.asarray(canvas.buffer_rgba())[::-1][low:top, left:right, :3]
+    return np.unique(drawn.reshape(-1, 3), axis=0)
+
+
+def test_maps_of_graded_cells_are_whole_and_in_the_colours_of_the_bar() -> None:
+    """Cells of an aspect ratio up to 111, with facets, with areas, and without both."""
+    found, contacts = graded()
+    ratio = np.ptp(np.diff(np.unique(contacts["x"][:, 0])))
+    assert ratio > 100 * np.diff(np.unique(contacts["x"][:, 0])).min()
+    for left_out in ((), ("facets",), ("facets", "area")):
+        known = {k: v for k, v in contacts.items() if k not in left_out}
+        ax = plots.surface_map(found, contacts=known)
+        assert not np.isnan(shown(ax)).any()
+        assert not np.isnan(shown(plots.status_map(found, contacts=known))).any()
+        (image,) = ax.images
+        bar = np.unique(image.cmap(np.arange(256), bytes=True)[:, :3], axis=0)
+        drawn = colours_of(ax)
+        assert len(drawn) > 50
+        assert (drawn[:, None] == bar).all(axis=2).any(axis=1).all()
+        if "area" in known:
+            # The pressure of 10 at the edges, on 0.4 % of the area, is beyond the bar.
+            assert 0.95 < image.get_clim()[1] <= 1.0
+
+
+def test_colours_cover_the_same_part_of_the_area_on_any_mesh() -> None:
+    """99 % of the nodes are on the tenth of the area with the large values."""
+    values = np.concatenate([np.full(10, 1.0), np.linspace(2, 3, 990)])
+    area = np.concatenate([np.full(10, 9.0), np.full(990, 10 / 990)])
+    low, high, beyond = span(values, "pressure", area)
+    # 90 % of the area has the value 1, and 8 of the other 10 % are below 2.8.
+    assert (low, beyond) == (0.0, "max")
+    assert high == pytest.approx(2.8, abs=2e-3)
+    assert span(values, "pressure", None)[1] == pytest.approx(2.98, abs=2e-3)
+
+
+@pytest.mark.parametrize("nodes", [3, 4, 6, 8, 9])
+def test_facets_of_every_kind_are_drawn_whole(nodes: int) -> None:
+    """A linear function on one facet is exact, and the facet is covered."""
+    corners = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
+    corners = corners[:3] if nodes in (3, 6) else corners
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    at = np.concatenate([corners, middles, corners.mean(axis=0)[None]])[:nodes]
+    pixels = raster.Raster.around(at)
+    facet = triangles.split(triangles.checked(np.arange(nodes)[None], nodes))
+    image = pixels.interpolated(at, facet, at @ [1.0, 2.0])
+    known = ~np.isnan(image)
+    exact = pixels.places @ [1.0, 2.0]
+    np.testing.assert_allclose(image[known], exact[known], rtol=1e-12)
+    whole = 1.0 if nodes not in (3, 6) else 0.5
+    # Along the slanted edge a row may miss a pixel.
+    assert known.mean() == pytest.approx(whole, abs=1 / 300)
+
+
+def test_a_part_of_the_facets_has_new_numbers() -> None:
+    facets = triangles.checked([[0, 1, 4, 3], [1, 2, 4, -1]], 5)
+    own = triangles.part(facets, np.array([4, 2, 1]), 5)
+    np.testing.assert_array_equal(own, [[2, 1, 0, -1]])
+    np.testing.assert_array_equal(triangles.alone(facets[1:], 5), [0, 3])
+
+
+@pytest.mark.parametrize(
+    ("facets", "said"),
+    [
+        ([[0, 1]], "3, 4, 6, 8 or 9 nodes"),
+        ([[0, -1, 1, 2]], "-1 only after them"),
+        ([[0, 1, 3]], "expected numbers from 0 to 2"),
+        ([[0.0, 1.0, 2.0]], "expected rows of integers"),
+    ],
+)
+def test_wrong_facets_are_named(facets: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        triangles.checked(facets, 3)
 
 
 @pytest.mark.parametrize("near", [None, 0.5])

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import PathCollection, TriMesh
+from matplotlib.collections import PathCollection
 
 import bipot_rs as bp
 from bipot_rs import plots
+from bipot_rs.plots.surface import beyond
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
@@ -106,15 +107,22 @@ def test_a_map_has_colours_symmetric_about_zero() -> None:
     bar = np.zeros_like(result.reaction)
     bar[:, :, 1] = 1.0
     ax = plots.sensitivity(result.vjp(reaction=bar), of="friction", unit="N")
-    (image,) = (it for it in ax.collections if isinstance(it, TriMesh))
+    (image,) = ax.images
     # Both coefficients of a contact change alike; r_t1 = ∓μ r_n where it slips.
-    values = image.get_array()
-    np.testing.assert_allclose(values, [-10.0, 0.0, 0.0, 20.0], rtol=1e-9, atol=1e-9)
-    low, high = image.get_clim()
-    assert low == -high < 0
-    # 98 % of four values end between the largest two.
-    assert 10.0 < high < 20.0
-    assert image.colorbar.extend == "max"
+    shown = np.asarray(image.get_array())
+    corners = [shown[0, 0], shown[0, -1], shown[-1, 0], shown[-1, -1]]
+    # The pixel of a corner is half a pixel of 600 away from it, in both directions.
+    np.testing.assert_allclose(corners, [-10.0, 0.0, 0.0, 20.0], atol=20 / 600)
+    assert image.get_clim() == pytest.approx((-20.0, 20.0), rel=1e-9)
+    assert image.colorbar.extend == "neither"
+
+
+@pytest.mark.parametrize(
+    ("values", "sides"),
+    [([-1, 1], "neither"), ([-2, 1], "min"), ([0, 2], "max"), ([-2, 2], "both")],
+)
+def test_arrows_of_the_bar_show_larger_values(values: list[int], sides: str) -> None:
+    assert beyond(np.array(values, float), -1.0, 1.0) == sides
 
 
 @pytest.mark.parametrize(

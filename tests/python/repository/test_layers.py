@@ -162,6 +162,7 @@ PYTHON_NAMES = {
     "meshio": ("mesh.readers",),
     "skfem": ("mesh.elements",),
     "h5py": ("files.export", "fclib"),
+    "pandas": ("contact.tables",),
     "petsc4py": ("petsc.library",),
     "mpi4py": ("petsc.library",),
     "jax": ("frameworks.jax_primitive",),

@@ -110,15 +110,12 @@ def _tractions(line: Picture) -> Picture:
         if asked.along is not None:
             line(path, result, title, asked)
             return
-        from bipot_rs.plots.data import selection
+        from bipot_rs.plots.data import part_of, selection
         from bipot_rs.plots.run_figure import tractions
 
         known = result.contacts
         chosen = selection(asked.where, len(result[-1].status), known)
-        contacts = {
-            name: values if name == "surface_names" else values[chosen]
-            for name, values in known.items()
-        }
+        contacts = part_of(known, chosen)
         steps = [
             {"reaction": step.reaction[chosen], "status": step.status[chosen]}
             for step in result

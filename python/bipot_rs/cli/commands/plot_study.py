@@ -14,9 +14,9 @@ from bipot_rs._lib.messages import counted, meant
 from bipot_rs._lib.strict_numbers import real
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.output_folder import RESULT, SWEEP
-from bipot_rs.cli.report import COMPONENTS, FORCES
 from bipot_rs.cli.study.folder import RECORD, read_record
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
+from bipot_rs.contact.tables import COMPONENTS, FORCES
 
 # Columns that are no numbers.
 _TEXTS = ("outcome", "message", "digest")

@@ -381,8 +381,8 @@ class Job(SharedRunner):
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""
-        from bipot_rs.cli.report import row as of_step
-        from bipot_rs.cli.report import worn
+        from bipot_rs.contact.tables import row as of_step
+        from bipot_rs.contact.tables import worn
 
         row = of_step(k, case.step_parameter(k, step), step)
         row |= worn(step, case.model.area)
@@ -458,7 +458,7 @@ class Job(SharedRunner):
 
     def _tables(self, out: Output, scene: Scene, case: Case) -> None:
         """Write the tables, the contacts and the pictures."""
-        from bipot_rs.cli.report import columns
+        from bipot_rs.contact.tables import columns
 
         out.contact_series(case)
         rows = self._rows(case)
@@ -496,7 +496,7 @@ class Job(SharedRunner):
         return {**origin(name, settings, self.scene, problem, message), **stamp}
 
     def _extra(self) -> tuple[str, ...]:
-        from bipot_rs.cli.report import WEAR
+        from bipot_rs.contact.tables import WEAR
 
         if self.scene is not None and self.scene.wear is not None:
             return WEAR

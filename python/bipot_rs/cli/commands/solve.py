@@ -17,9 +17,10 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_folder import RESULT, make
 from bipot_rs.cli.progress import Progress, tell
-from bipot_rs.cli.report import COLUMNS, closing, console, of_surfaces, print_table, row
+from bipot_rs.cli.report import closing, console, print_table
 from bipot_rs.cli.runner import MISTAKES, Runner
 from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.tables import COLUMNS, of_surfaces, row
 
 if TYPE_CHECKING:
     from bipot_rs.cli.matrix_files import Given

@@ -133,7 +133,7 @@ class _Attempt:
 
     def _solve(self) -> None:
         from bipot_rs.cli import cost_forecast
-        from bipot_rs.cli.report import row as of_step
+        from bipot_rs.contact.tables import row as of_step
         from bipot_rs.scene.build import bodies
         from bipot_rs.scene.reading import assemble, read
 

@@ -1,0 +1,171 @@
+"""Animations: a picture of each load step, all with the same scales."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import integers, number
+from bipot_rs.contact.result import Result
+from bipot_rs.files.export import aside, library
+from bipot_rs.plots.body import deformed, usual_scale
+from bipot_rs.plots.by_name import KINDS, Kind, chosen
+from bipot_rs.plots.data import steps_of
+
+# Margin of values along a line above and below, as matplotlib has it.
+_MARGIN = 0.05
+
+
+def animate(
+    result: Any,
+    path: str | os.PathLike[str],
+    kind: str | None = None,
+    *,
+    steps: ArrayLike | None = None,
+    frames_per_second: float = 4.0,
+    dpi: float = 100.0,
+    model: Any = None,
+    **options: Any,
+) -> Path:
+    """Write a GIF that shows a picture of each load step.
+
+    All frames have the same axes, colours, arrow lengths and factor of the displacements:
+    those that show the values of all steps. The options ``limits``, ``scale``, ``box`` and
+    ``largest_force`` of a picture replace them.
+
+    Parameters
+    ----------
+    result
+        A `Result`.
+    path
+        File to write or to replace, ``NAME.gif``.
+    kind, model, options
+        As in `plot`, of a picture that shows one step.
+    steps
+        Numbers of the load steps to show, from 0; default all.
+    frames_per_second, dpi
+        Speed, and pixels by inch: a picture is about 5 inches wide.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written. An earlier file of that name is intact.
+    TypeError, ValueError
+        A wrong argument; the message names it.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".gif":
+        raise ValueError(f"path is {os.fspath(path)!r}, expected a name NAME.gif")
+    for name, value in (("frames_per_second", frames_per_second), ("dpi", dpi)):
+        if not number(name, value) > 0:
+            raise ValueError(f"{name} is {value}, expected a positive number")
+    library("matplotlib", extra="cli", need="pictures")
+    numbers = _numbers(steps_of(result), steps)
+    for name in ("step", "ax"):
+        if name in options:
+            raise TypeError(f"{name} cannot be given for an animation")
+    found, bodies = chosen(result, kind, model, options)
+    if not found.takes("step"):
+        able = ", ".join(name for name, one in KINDS.items() if one.takes("step"))
+        raise ValueError(
+            f"kind is {kind!r}, a picture of all load steps, expected one of {able}"
+        )
+    options = _common(found, result, bodies, numbers, options) | options
+    _write(target, found, result, bodies, numbers, options, frames_per_second, dpi)
+    return target
+
+
+def _numbers(path: Result, steps: ArrayLike | None) -> list[int]:
+    if steps is None:
+        return list(range(len(path)))
+    chosen = np.atleast_1d(integers("steps", steps))
+    if not chosen.size:
+        raise ValueError("steps is empty, expected numbers of load steps")
+    wrong = (chosen < 0) | (chosen >= len(path))
+    if wrong.any():
+        raise ValueError(f"steps has {chosen[wrong][0]}, expected 0 to {len(path) - 1}")
+    return [int(k) for k in chosen.ravel()]
+
+
+def _common(
+    found: Kind, result: Any, model: Any, numbers: list[int], options: dict[str, Any]
+) -> dict[str, Any]:
+    """The options that give all frames the same scales."""
+    of_body = found.draw is deformed
+    common: dict[str, Any] = {}
+    if of_body:
+        largest = max(
+            float(np.linalg.norm(result[k].reaction, axis=1).max(initial=0.0))
+            for k in numbers
+        )
+        common["scale"] = usual_scale(model, [result[k] for k in numbers])
+        if largest > 0:
+            common["largest_force"] = largest
+    if found.takes("limits") and options.get("limits") is None:
+        ranges, boxes = [], []
+        for k in numbers:
+            ax = found(result, model, step=k, **(common | options))
+            ranges += _ranges(ax)
+            boxes.append(_corners(ax))
+        low, high = np.array(ranges).T if ranges else (np.zeros(1), np.zeros(1))
+        if low.min() < high.max():
+            common["limits"] = float(low.min()), float(high.max())
+        if of_body and not options.keys() & {"near", "box"}:
+            corners = np.array(boxes)
+            common["box"] = [corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)]
+    return common
+
+
+def _ranges(ax: Any) -> list[tuple[float, float]]:
+    """Ranges of the values in a picture: of its colours, else of its lines."""
+    bars = [it for it in (*ax.images, *ax.collections) if it.colorbar is not None]
+    if bars:
+        return [it.get_clim() for it in bars]
+    low, high = ax.dataLim.intervaly
+    if ax.images or ax.name == "3d" or not low < high:
+        # A map of a quantity that is zero in this step.
+        return []
+    margin = _MARGIN * (high - low)
+    return [(low - margin, high + margin)]
+
+
+def _corners(ax: Any) -> tuple[Floats, Floats]:
+    """Lower and upper corner of what axes show."""
+    names = "xyz" if ax.name == "3d" else "xy"
+    low, high = np.array([getattr(ax, f"get_{name}lim")() for name in names]).T
+    return low, high
+
+
+def _write(
+    target: Path,
+    found: Kind,
+    result: Any,
+    model: Any,
+    numbers: list[int],
+    options: dict[str, Any],
+    rate: float,
+    dpi: float,
+) -> None:
+    from matplotlib.animation import PillowWriter
+
+    writer = PillowWriter(fps=rate)  # type: ignore[arg-type]
+    with aside(target) as draft:
+        for first, k in enumerate(numbers):
+            figure = found(result, model, step=k, **options).figure
+            if first == 0:
+                writer.setup(figure, draft, dpi=dpi)
+            writer.fig = figure
+            writer.grab_frame()
+        writer.finish()

@@ -1,0 +1,149 @@
+"""Pictures by name, as on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.messages import meant
+from bipot_rs.contact.result import Result
+from bipot_rs.plots.body import deformed
+from bipot_rs.plots.data import look, model_of
+from bipot_rs.plots.line import tractions
+from bipot_rs.plots.path import (
+    dissipation,
+    force_displacement,
+    resultants,
+    status_shares,
+)
+from bipot_rs.plots.space import surface3d
+from bipot_rs.plots.surface import QUANTITIES, is_plane, slip, status_map, surface_map
+from bipot_rs.plots.wear import both
+
+# Quantities of flat maps that have no function of their own.
+_MAPS = ("pressure", "shear", "gap")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A picture with a name.
+
+    Attributes
+    ----------
+    draw
+        The function.
+    bodies
+        Whether it takes the model before the result.
+    quantity
+        The quantity that it draws, if it can draw several.
+    """
+
+    draw: Callable[..., Any]
+    bodies: bool = False
+    quantity: str | None = None
+
+    def takes(self, name: str) -> bool:
+        """Whether the function has an argument of that name."""
+        return name in signature(self.draw).parameters
+
+    def __call__(self, result: Any, model: Any = None, **options: Any) -> Any:
+        """Draw the result, on its model if that is known."""
+        given = [model, result] if self.bodies and model is not None else [result]
+        if self.quantity is not None:
+            options = {"quantity": self.quantity} | options
+        return self.draw(*given, **options)
+
+
+KINDS: Mapping[str, Kind] = (
+    {
+        function.__name__: Kind(function)
+        for function in (
+            tractions,
+            slip,
+            status_map,
+            resultants,
+            status_shares,
+            force_displacement,
+            dissipation,
+        )
+    }
+    | {"deformed": Kind(deformed, bodies=True)}
+    | {f"{name}_map": Kind(surface_map, quantity=name) for name in _MAPS}
+    | {
+        f"{name}_3d": Kind(surface3d, bodies=True, quantity=name)
+        for name in (*QUANTITIES, "status")
+    }
+    | {"wear": Kind(both)}
+)
+
+
+def plot(
+    result: Any, kind: str | None = None, *, model: Any = None, **options: Any
+) -> Any:
+    """Draw a picture by its name.
+
+    Parameters
+    ----------
+    result
+        As in `tractions`.
+    kind
+        ``"tractions"``, ``"slip"``, ``"status_map"``, ``"resultants"``,
+        ``"status_shares"``, ``"force_displacement"``, ``"dissipation"``, ``"deformed"``,
+        ``"wear"``; in 3D also ``"pressure_map"``, ``"shear_map"``, ``"gap_map"``, and
+        ``"pressure_3d"``, ``"shear_3d"``, ``"gap_3d"``, ``"slip_3d"``, ``"status_3d"``.
+        Default: ``"tractions"`` in 2D, in 3D ``"pressure_map"``, or ``"pressure_3d"`` if
+        the surface is not flat.
+    model
+        The bodies, for ``"deformed"`` and outlines in 3D; not needed for a `ModelResult`.
+    options
+        Arguments of the function of the picture.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument; the message names it.
+    """
+    found, bodies = chosen(result, kind, model, options)
+    return found(result, bodies, **options)
+
+
+def chosen(
+    result: Any, kind: str | None, model: Any, options: Mapping[str, Any]
+) -> tuple[Kind, Any]:
+    """The picture of a name, and the model of the result; errors name what is wrong."""
+    name = _usual(result, options) if kind is None else kind
+    if name not in KINDS:
+        raise ValueError(
+            f"kind is {name!r}, expected one of {', '.join(KINDS)}{meant(name, KINDS)}"
+        )
+    found = KINDS[name]
+    for option in options:
+        if not found.takes(option):
+            raise TypeError(
+                f"{option} is no argument of the picture {name!r}, expected some of "
+                f"{', '.join(list(signature(found.draw).parameters)[1:])}"
+            )
+    if model is None:
+        model, _ = model_of(result)
+    if model is None and found.draw is deformed:
+        raise ValueError(
+            "the mesh of the result is not known: pass model=, the Model or the "
+            "fem.Assembly that was solved"
+        )
+    return found, model
+
+
+def _usual(result: Any, options: Mapping[str, Any]) -> str:
+    """The picture of a result if none is named."""
+    known = {k: options[k] for k in ("step", "contacts", "where") if k in options}
+    path = result if isinstance(result, Result) else None
+    if path is not None and len(path) and path[-1].reaction.shape[1] == 2:
+        return "tractions"
+    seen = look(result, **known)
+    if seen.x.shape[1] == 2:
+        return "tractions"
+    return "pressure_map" if is_plane(seen) and np.ptp(seen.x) > 0 else "pressure_3d"

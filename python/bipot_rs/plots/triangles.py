@@ -1,0 +1,130 @@
+"""Triangles of a contact surface, from its facets or from its points alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.types import Floats, Ints
+
+# Triangles of a facet by its number of nodes: corners, midpoints of edges, centre.
+_SPLIT: dict[int, list[tuple[int, int, int]]] = {
+    3: [(0, 1, 2)],
+    4: [(0, 1, 2), (0, 2, 3)],
+    6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    8: [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)],
+    9: [(c, k, 8) for c, k in ((0, 4), (4, 1), (1, 5), (5, 2))]
+    + [(c, k, 8) for c, k in ((2, 6), (6, 3), (3, 7), (7, 0))],
+}
+_CORNERS = {3: 3, 4: 4, 6: 3, 8: 4, 9: 4}
+# A triangle above this multiple of the area of the middle one of its nodes lies across a
+# hole. It is 1 in a uniform grid of rectangles, at most 1.5 in one whose cells grow by 3
+# from one to the next, and at most 1.5 in the corner of a uniform mesh of triangles.
+_BRIDGE = 1.6
+# Area of a node inside a grid of rectangles, by the area of half a rectangle.
+_HALVES = 2.0
+
+
+def checked(facets: Any, contacts: int) -> Ints:
+    """Facets ``(m, k)`` of contacts; a `ValueError` says what is wrong.
+
+    Parameters
+    ----------
+    facets
+        Numbers of contacts, corners first, in the order of VTK; rows of facets with fewer
+        nodes end in -1.
+    """
+    found = np.asarray(facets)
+    if found.dtype.kind not in "iu" or found.ndim != 2:
+        raise ValueError(
+            f"facets of contacts have entries of type {found.dtype} and shape "
+            f"{found.shape}, expected rows of integers"
+        )
+    found = found.astype(np.int64)
+    if found.size and (found.min() < -1 or found.max() >= contacts):
+        raise ValueError(
+            f"facets of contacts are from {found.min()} to {found.max()}, expected "
+            f"numbers from 0 to {contacts - 1}, or -1 after the last node"
+        )
+    count = np.sum(found >= 0, axis=1)
+    holes = (np.cumsum(found < 0, axis=1)[:, :-1] > 0) & (found[:, 1:] >= 0)
+    wrong = ~np.isin(count, list(_SPLIT)) | holes.any(axis=1)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"facet {k} of contacts is {found[k].tolist()}, expected 3, 4, 6, 8 or 9 "
+            "nodes, and -1 only after them"
+        )
+    return found
+
+
+def part(facets: Ints, chosen: NDArray[np.intp], contacts: int) -> Ints:
+    """The facets whose nodes are all chosen, in the numbers of the chosen contacts."""
+    number = np.full(contacts + 1, -2, np.int64)
+    number[chosen] = np.arange(len(chosen))
+    # The last entry is that of -1, no node.
+    number[-1] = -1
+    found: Ints = number[facets]
+    return found[(found > -2).all(axis=1)]
+
+
+def corners(facets: Ints) -> list[Ints]:
+    """Corners of each facet, ``(m, 3)`` or ``(m, 4)`` for each kind of facet."""
+    count = np.sum(facets >= 0, axis=1)
+    return [facets[count == n][:, : _CORNERS[n]] for n in _SPLIT if (count == n).any()]
+
+
+def split(facets: Ints) -> Ints:
+    """Triangles ``(t, 3)`` of all facets; those of second order use their midpoints."""
+    count = np.sum(facets >= 0, axis=1)
+    kinds = [n for n in _SPLIT if (count == n).any()]
+    found = [facets[count == n][:, _SPLIT[n]].reshape(-1, 3) for n in kinds]
+    return np.concatenate([np.empty((0, 3), np.int64), *found])
+
+
+def alone(facets: Ints, contacts: int) -> NDArray[np.intp]:
+    """Contacts that are on no facet."""
+    free = np.ones(contacts + 1, np.bool_)
+    free[facets] = False
+    return np.flatnonzero(free[:contacts])
+
+
+def of_points(uv: Floats, area: Floats | None) -> Ints:
+    """Delaunay triangles ``(t, 3)`` of points ``(n, 2)`` without those across a hole.
+
+    The areas of triangles and nodes are compared, not lengths: cells may be as long and as
+    graded as they are in the mesh.
+
+    Parameters
+    ----------
+    uv
+        At least three points, not on one line.
+    area
+        Tributary areas ``(n,)``. If unknown, they are estimated from the triangles around
+        each point, at most half of which may lie across a hole.
+    """
+    from scipy.spatial import Delaunay
+
+    found: Ints = Delaunay(uv).simplices.astype(np.int64)
+    (u1, v1), (u2, v2) = (uv[found[:, k]].T - uv[found[:, 0]].T for k in (1, 2))
+    size = 0.5 * np.abs(u1 * v2 - v1 * u2)
+    if area is None:
+        area = _HALVES * _median(found, size, len(uv))
+    # The middle one of the three: midpoints and corners of quadratic facets differ.
+    near: Ints = found[size <= _BRIDGE * np.median(area[found], axis=1)]
+    return near
+
+
+def _median(triangles: Ints, size: Floats, points: int) -> Floats:
+    """Lower median of the sizes of the triangles around each point, ``(points,)``."""
+    node, sizes = triangles.ravel(), np.repeat(size, 3)
+    sizes = sizes[np.lexsort((sizes, node))]
+    count = np.bincount(node, minlength=points)
+    first = np.cumsum(count) - count
+    # A duplicate of another point is in no triangle.
+    found = np.zeros(points)
+    known = count > 0
+    found[known] = sizes[(first + (count - 1) // 2)[known]]
+    return found
