@@ -25,7 +25,7 @@ Totals = tuple[Floats, Floats, Floats | None]
 
 
 class Held(Protocol):
-    """Nodes on inclined supports, which K and B do not contain."""
+    """Inclined supports, rigid sets and cyclic symmetries, which K and B do not contain."""
 
     def stiffness(self, K: Any) -> Any:
         """K with these supports."""
@@ -35,6 +35,12 @@ class Held(Protocol):
 
     def prescribed(self, values: Floats) -> None:
         """Raise for displacements that these supports do not allow."""
+
+    def displacement(self, y: Floats) -> Floats:
+        """Displacements of all degrees of freedom, from the solution of (1)."""
+
+    def unknowns(self, u: Floats) -> Floats:
+        """The solution of (1), from the displacements of all degrees of freedom."""
 
 
 @dataclass(frozen=True)

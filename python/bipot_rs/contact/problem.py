@@ -556,7 +556,10 @@ class ContactProblem:
         n, contacts, d = self._shape
         still = np.zeros(n), np.zeros(len(self._fixed)), np.zeros((contacts, d))
         (moved,) = self._core.displacements([(*still, amounts)])
-        return replace(found, displacement=np.asarray(moved, np.float64))
+        whole = np.asarray(moved, np.float64)
+        if self._held is not None:
+            whole = self._held.displacement(whole)
+        return replace(found, displacement=whole)
 
     def solve(
         self,
@@ -1211,6 +1214,7 @@ class ContactProblem:
                     self._loading.held,
                 )
             ),
+            held=self._held,
         )
 
     def _by_component(
