@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, mistyped
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
@@ -26,6 +26,10 @@ Totals = tuple[Floats, Floats, Floats | None]
 
 class Held(Protocol):
     """Inclined supports, rigid sets and cyclic symmetries, which K and B do not contain."""
+
+    @property
+    def dependent(self) -> Ints:
+        """Degrees of freedom that follow others; K has only a diagonal there."""
 
     def stiffness(self, K: Any) -> Any:
         """K with these supports."""

@@ -222,7 +222,7 @@ class ContactProblem:
     array([   0., 1500.])
     """
 
-    # Nodes on inclined supports, which change every load.
+    # Inclined supports, rigid sets and cyclic symmetries, which change every load.
     _held: Held | None = None
     # Number of load steps, where it is known before the first load path.
     _steps: int | None = None
@@ -418,6 +418,9 @@ class ContactProblem:
         }
         if self._condensed is not None:
             known = dict(self._condensed.stats) | known
+            # A degree of freedom that follows others is no body of its own.
+            alone = 0 if self._held is None else len(self._held.dependent)
+            known["bodies"] -= alone
         else:
             n, contacts, d = self._shape
             known = WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known

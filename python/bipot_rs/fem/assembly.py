@@ -688,11 +688,11 @@ def without_stiffness(
     fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
 
     found = [meet(bodies, offset, n, contact) for contact in contacts]
-    pairs = [images(bodies, offset, one) for one in repetitions]
-    for one in pairs:
+    cuts = [images(bodies, offset, one) for one in repetitions]
+    for one in cuts:
         found = merged(found, contacts, one)
     points_of, relations = references(bodies, offset, contacts, remotes)
-    relations += [one.relations() for one in pairs]
+    relations += [one.relations() for one in cuts]
 
     def stacked(name: str, *shape: int) -> Floats:
         return np.concatenate(
@@ -762,7 +762,7 @@ def without_stiffness(
         remotes=tuple(remotes),
         references=points_of,
         ties=ties,
-        images=tuple(pairs),
+        images=tuple(cuts),
         _bare=bare,
     )
 

@@ -121,7 +121,7 @@ class Ties:
         if self.planes is not None:
             size = self.planes.nodes.size
             own = self.planes.load(found[:size])
-            if own is not found[:size] and not np.array_equal(own, found[:size]):
+            if not np.array_equal(own, found[:size]):
                 found = np.concatenate([own, found[size:]])
         if not found[self.dependent].any():
             return found
