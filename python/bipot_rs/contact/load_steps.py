@@ -29,7 +29,7 @@ class Held(Protocol):
 
     @property
     def dependent(self) -> Ints:
-        """Degrees of freedom that follow others; K has only a diagonal there."""
+        """Degrees of freedom that follow others, prescribed as zero."""
 
     def stiffness(self, K: Any) -> Any:
         """K with these supports."""

@@ -45,6 +45,7 @@ from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct, DirectPath
 from bipot_rs.contact.engines.engine import Engine, Known
 from bipot_rs.contact.engines.iterative import Iterative
+from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NoEquilibriumError,
@@ -418,9 +419,6 @@ class ContactProblem:
         }
         if self._condensed is not None:
             known = dict(self._condensed.stats) | known
-            # A degree of freedom that follows others is no body of its own.
-            alone = 0 if self._held is None else len(self._held.dependent)
-            known["bodies"] -= alone
         else:
             n, contacts, d = self._shape
             known = WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known
@@ -1091,8 +1089,9 @@ class ContactProblem:
                 self._chosen = "direct", why
                 return None
         started = time.perf_counter()
+        loose = Loose.of(parts, self._fixed)
         try:
-            core = _core.Primal(parts, *given[:6])
+            core = _core.Primal(loose.stiffened(parts), *given[:6])
         except NotIterativeError as error:
             if self._asked == "iterative":
                 raise
@@ -1103,7 +1102,7 @@ class ContactProblem:
             raise ValueError(f"{error}{cause}") from None
         self._seconds = time.perf_counter() - started
         self._chosen = "auto", "the first load path decides"
-        return Iterative(core, self._direct, (contacts, d))
+        return Iterative(core, self._direct, (contacts, d), loose=loose)
 
     def _direct(self) -> Direct:
         """The direct engine; condenses if that was not done before."""

@@ -88,7 +88,8 @@ class Assembly:
     frame : (n_c, d, d)
         Rows n, t1[, t2], n from the obstacle towards the body.
     fixed : (m,)
-        Prescribed degrees of freedom, ascending.
+        Prescribed degrees of freedom, ascending; among them the dependent ones of `ties`,
+        whose displacement follows from the others.
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
@@ -580,6 +581,8 @@ class Assembly:
                 at[row] = moved
         known_points = prescribed_values(self.references, references)
         at[list(known_points)] = list(known_points.values())
+        if self.ties is not None:
+            at[self.ties.dependent] = 0.0
         held = self.inclined if self.ties is None else self.ties
         if held is not None:
             held.prescribed(at[self.fixed])
@@ -726,14 +729,18 @@ def without_stiffness(
         bare = B if bare is None else bare
         n += dim * sum(one.nodes for one in points_of)
         fixed = np.concatenate([fixed, *(one.fixed for one in points_of)])
-        free = np.ones(n)
-        free[fixed] = 0.0
         B.resize((B.shape[0], n))
         B = B + obstacle_columns(contacts, group, frame, points_of, n)
         ties = tied(relations, fixed, _with_points(points, points_of), inclined)
-        B = ties.relative(B)
+        B, fixed = ties.relative(B), ties.fixed
+        free = np.ones(n)
+        free[fixed] = 0.0
     left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
-    whole = abs(B if ties is not None or bare is None else bare).sum(axis=1).reshape(-1, dim)[:, 1:]
+    whole = (
+        abs(B if ties is not None or bare is None else bare)
+        .sum(axis=1)
+        .reshape(-1, dim)[:, 1:]
+    )
     # A node that can slip only by the rounding of its normal cannot slip.
     mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
 

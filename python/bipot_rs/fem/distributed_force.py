@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Quadrature
 from bipot_rs.fem.elasticity import nodal_forces
@@ -88,7 +88,7 @@ def _part(body: Body, remote: Remote) -> Quadrature:
     return _some(points, chosen)
 
 
-def _some(points: Quadrature, chosen: Floats) -> Quadrature:
+def _some(points: Quadrature, chosen: Ints) -> Quadrature:
     normals = points.normals
     return replace(
         points,

@@ -306,7 +306,7 @@ def unsupported(model: Assembly) -> list[str]:
 
 def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
-    found = [modes[model.fixed]]
+    found = [modes[_prescribed(model)]]
     if model.inclined is not None:
         found.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
     if model.ties is not None:
@@ -315,9 +315,16 @@ def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
     return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
 
 
+def _prescribed(model: Assembly) -> Ints:
+    """Degrees of freedom that supports prescribe, without those that follow others."""
+    if model.ties is None:
+        return model.fixed
+    return np.setdiff1d(model.fixed, model.ties.dependent)
+
+
 def _bare(model: Assembly) -> list[int]:
     held = np.zeros(model.n, np.bool_)
-    held[model.fixed] = True
+    held[_prescribed(model)] = True
     if model.inclined is not None:
         held[model.inclined.normals.tocoo().row] = True
     for remote in model.remotes:

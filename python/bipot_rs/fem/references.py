@@ -384,9 +384,7 @@ def _rigid(
     coefficients[:, :, 0], coefficients[:, :, 1] = 1.0, -1.0
     coefficients[:, :, 2:] = -fields
     relations = [
-        Relations(
-            dofs.reshape(-1, 2 + turning), coefficients.reshape(-1, 2 + turning)
-        )
+        Relations(dofs.reshape(-1, 2 + turning), coefficients.reshape(-1, 2 + turning))
     ]
     if len(idle):
         relations.append(Relations(np.tile(turns, (len(idle), 1)), idle))

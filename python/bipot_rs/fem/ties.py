@@ -7,9 +7,9 @@ equilibrium, tested by all others that do, if
 
     Tᵀ K T y = Tᵀ f + (B T)ᵀ r,     v = B T y + g,     u = T y.
 
-With ``Tᵀ K T + D``, ``Tᵀ f`` and ``B T`` in place of K, f and B this is (1) and (2) with
-unchanged numbers of the degrees of freedom. D is a positive diagonal at the dependent ones,
-on which no force acts. Prescribed degrees of freedom are always independent.
+With ``Tᵀ K T``, ``Tᵀ f`` and ``B T`` in place of K, f and B this is (1) and (2) with unchanged
+numbers of the degrees of freedom. The dependent ones, whose rows and columns are zero, count as
+prescribed with ``y = 0``. Displacements that supports prescribe are independent.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Ties:
     given : sparse (k, n)
         Relations between prescribed degrees of freedom alone.
     fixed : (fixed,)
-        Prescribed degrees of freedom, ascending.
+        Degrees of freedom that supports prescribe, and the dependent ones, ascending.
     nodes : (nodes, d)
         Positions of all nodes and reference nodes [m].
     planes
@@ -80,28 +80,19 @@ class Ties:
     planes: Planes | None = field(default=None, repr=False)
 
     def stiffness(self, K: Any) -> Any:
-        """``Tᵀ K T + D``, bitwise symmetric if K is.
+        """``Tᵀ K T``, bitwise symmetric if K is.
 
         K ``(n, n)``, or without the rows of the reference nodes, which have no stiffness.
         """
-        n, own = self.nodes.size, sparse.csr_array(K)
-        bodies = own.shape[0]
+        own = sparse.csr_array(K)
         if self.planes is not None:
             size = self.planes.nodes.size
-            own = self.planes.stiffness(own[:size][:, :size])
-            bodies = size
-        own = sparse.csr_array(own)
-        own.resize((n, n))
+            own = sparse.csr_array(self.planes.stiffness(own[:size][:, :size]))
+        own.resize((self.nodes.size, self.nodes.size))
         if not self.dependent.size:
             return own
-        # D of the size of the stiffness of the nodes, so that no digits are lost.
-        diagonal = np.zeros(n)
-        mean = float(own.diagonal()[:bodies].mean())
-        diagonal[self.dependent] = own.diagonal()[self.dependent]
-        diagonal[self.dependent] += mean * (diagonal[self.dependent] <= 0)
-        T = self.within
-        inner = sparse.csr_array(T.T @ own @ T)
-        found = sparse.csr_array((inner + inner.T) / 2 + diagonal_matrix(diagonal))
+        inner = sparse.csr_array(self.within.T @ own @ self.within)
+        found = sparse.csr_array((inner + inner.T) / 2)
         found.sort_indices()
         return found
 
@@ -130,7 +121,7 @@ class Ties:
     def prescribed(self, values: Floats) -> None:
         """Refuse displacements ``(fixed,)`` that contradict the relations."""
         if self.planes is not None:
-            self.planes.prescribed(values[: len(self.planes.fixed)])
+            self.planes.prescribed(values[np.isin(self.fixed, self.planes.fixed)])
         moved = np.zeros(self.nodes.size)
         moved[self.fixed] = values
         off = np.abs(self.given @ moved)
@@ -170,7 +161,9 @@ def tied(
     ----------
     relations
         In the order in which they are solved.
-    fixed, nodes, planes
+    fixed
+        Degrees of freedom that supports prescribe, ascending.
+    nodes, planes
         As in `Ties`.
 
     Raises
@@ -202,7 +195,7 @@ def tied(
         within=T,
         dependent=np.flatnonzero(dependent).astype(np.int64),
         given=slow.given_rows(n),
-        fixed=fixed,
+        fixed=np.union1d(fixed, np.flatnonzero(dependent)),
         nodes=nodes,
         planes=planes,
     )

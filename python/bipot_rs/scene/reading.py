@@ -188,7 +188,9 @@ def _at_points(
         if rigid is None or rigid.force is None:
             continue
         name, body = str(contact.obstacle), place[split(contact.on)[0]]
-        if any(c.obstacle == name for c in scene.contact[: scene.contact.index(contact)]):
+        if any(
+            c.obstacle == name for c in scene.contact[: scene.contact.index(contact)]
+        ):
             continue
         for k, number in rigid.force.components().items():
             nodal = model.reference_force(name, unit[k])

@@ -120,7 +120,7 @@ class Rigid(Table):
 
     def varying(self) -> dict[str, Varying]:
         """Numbers that may have an amplitude, by the end of their key path."""
-        found = {}
+        found: dict[str, Varying] = {}
         for key, given in (("move", self.move), ("force", self.force)):
             if given is not None:
                 found |= {f"{key}.{AXES[k]}": v for k, v in given.components().items()}
