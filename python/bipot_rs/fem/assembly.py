@@ -691,9 +691,10 @@ def without_stiffness(
     fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
 
     found = [meet(bodies, offset, n, contact) for contact in contacts]
+    points = np.concatenate([body.points for body in bodies])
     cuts = [images(bodies, offset, one) for one in repetitions]
     for one in cuts:
-        found = merged(found, contacts, one)
+        found = merged(found, contacts, one, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
     relations += [one.relations() for one in cuts]
 
@@ -712,7 +713,6 @@ def without_stiffness(
     B = relative_displacement(found, n)
     free = np.ones(n)
     free[fixed] = 0.0
-    points = np.concatenate([body.points for body in bodies])
     inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
     moving = gaps_of_steps(found, dim)
     if inclined is not None:

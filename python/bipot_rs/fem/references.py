@@ -188,7 +188,7 @@ def references(
     first = sum(body.points.size for body in bodies)
     found: list[Reference] = []
     relations: list[Relations] = []
-    for floating in floatings(contacts):
+    for floating in floatings(contacts, dim):
         centre = _obstacle_point(contacts, floating, dim)
         held = [k for k in range(dim) if k not in floating.components]
         found.append(
@@ -222,7 +222,7 @@ def references(
     return tuple(found), relations
 
 
-def floatings(contacts: Sequence[Contact]) -> list[Floating]:
+def floatings(contacts: Sequence[Contact], dim: int) -> list[Floating]:
     """The floating obstacles of contacts, in the order of their first contact."""
     found: dict[str, Floating] = {}
     for contact in contacts:
@@ -242,7 +242,7 @@ def floatings(contacts: Sequence[Contact]) -> list[Floating]:
                 f"{list(known.components)} in one contact and "
                 f"{list(floating.components)} in another: give all the same"
             )
-    dims = range(3)
+    dims = range(dim)
     for floating in found.values():
         free = list(floating.components)
         if not free or not set(free) <= set(dims) or len(set(free)) < len(free):

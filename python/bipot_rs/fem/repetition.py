@@ -185,13 +185,16 @@ def _rotation(angle: float, axis: Floats | None) -> Floats:
 
 
 def merged(
-    found: Sequence[Meeting], contacts: Sequence[Contact], pairs: Images
+    found: Sequence[Meeting],
+    contacts: Sequence[Contact],
+    pairs: Images,
+    nodes: Floats,
 ) -> list[Meeting]:
     """Contacts of nodes, with those on the second cut joined to their images.
 
     A node on a cut has half of its contact area on either side. Both halves move alike: they
     are one contact with the whole area, at the node of the first cut. Mortar contacts stay as
-    they are.
+    they are. ``nodes`` are the positions of all nodes.
 
     Raises
     ------
@@ -199,12 +202,12 @@ def merged(
         The obstacle does not repeat itself: gaps or normals differ.
     """
     return [
-        one if one.rows is not None else _merged(one, contact, pairs)
+        one if one.rows is not None else _merged(one, contact, pairs, nodes)
         for one, contact in zip(found, contacts, strict=True)
     ]
 
 
-def _merged(one: Meeting, contact: Contact, pairs: Images) -> Meeting:
+def _merged(one: Meeting, contact: Contact, pairs: Images, nodes: Floats) -> Meeting:
     at = {dof: i for i, dof in enumerate(one.dofs[:, 0].tolist())}
     joined = [
         (at[dof], at[image])
@@ -219,14 +222,17 @@ def _merged(one: Meeting, contact: Contact, pairs: Images) -> Meeting:
     normal = own * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn
     length = np.linalg.norm(normal, axis=1)
     whole = own[:, 0] + theirs[:, 0]
-    mean = (own[:, 0] * gap[keep] + theirs[:, 0] * gap[drop]) / length
+    bent = length < (1 - _SAME) * whole
     if contact.against is None:
         _agree(one, contact, pairs, (keep, drop), whole - length)
-    else:
+    elif bent.any():
         # Normals of a bent surface on a cut are those of the facets on one side.
-        bent = length < (1 - _SAME) * whole
-        frame[keep[bent]] = frames(normal[bent], contact.axis) if bent.any() else 0.0
-        gap[keep] = mean
+        at = keep[bent]
+        opposite = nodes[one.dofs[at, 1] // nodes.shape[1]]
+        between = one.points[at] - opposite
+        gap[at] -= np.einsum("cd,cd->c", frame[at, 0], between)
+        frame[at] = frames(normal[bent], contact.axis)
+        gap[at] += np.einsum("cd,cd->c", frame[at, 0], between)
     area[keep] = whole
     rest = np.ones(len(area), np.bool_)
     rest[drop] = False
