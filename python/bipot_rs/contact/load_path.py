@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings, by_component
@@ -16,10 +18,10 @@ from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.derivatives import PathDerivatives
 from bipot_rs.contact.engines.engine import Asked, Engine, Known, Named
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.load_steps import Totals, done, reached
+from bipot_rs.contact.load_steps import Held, Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
 from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.solution import Recovery, Step
 from bipot_rs.contact.status import Outcome
 
 if TYPE_CHECKING:
@@ -54,8 +56,10 @@ class Following:
         known: Known | None = None,
         remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
         model: PathDerivatives | None = None,
+        held: Held | None = None,
     ) -> None:
         self._engine = engine
+        self._held = held
         self._contacts = contacts
         self._named = Named(mu, contacts["x"], contacts["area"])
         self._shape = shape
@@ -80,6 +84,8 @@ class Following:
         """Set the core to the state after the last step."""
         at = self.steps[-1] if self.steps else self.before
         self._last = None if at is None else at.relative_displacement
+        if self._held is not None and at is not None and "u" in at._kept:
+            at = replace(at, _kept={"u": self._held.unknowns(at._kept["u"])})
         self.path = self._engine.path(at)
 
     def advance(
@@ -124,6 +130,10 @@ class Following:
         engine = self.path.engine
         engine = engine if gap is None else engine.with_gap(gap)
         u, errors = raw.get("displacement"), raw.get("error_estimate")
+        recovery = engine.recovery(self._seconds, self._offsets)
+        if self._held is not None:
+            u = None if u is None else self._held.displacement(u)
+            recovery = _Whole(recovery, self._held)
         return Step(
             **solution_fields(raw),
             _words=self._words(raw),
@@ -133,7 +143,7 @@ class Following:
             prescribed=prescribed,
             gap=gap,
             traction=None if area is None else raw["reaction"] / area[:, None],
-            _recover=engine.recovery(self._seconds, self._offsets),
+            _recover=recovery,
             _problem=engine.inquiry(
                 Asked(
                     load,
@@ -252,6 +262,29 @@ class Following:
             frame=self._contacts["frame"],
             bodies=meeting,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """Displacements of all degrees of freedom, from those that the engine solves for."""
+
+    recovery: Recovery
+    held: Held
+
+    def has_factor(self) -> bool:
+        """As `Recovery`."""
+        return self.recovery.has_factor()
+
+    def primal(self) -> _core.Primal | None:
+        """As `Recovery`."""
+        return self.recovery.primal()
+
+    def condensed(self) -> _core.Condensed:
+        """As `Recovery`."""
+        return self.recovery.condensed()
+
+    def __call__(self, steps: Sequence[Step], /) -> Floats:
+        return np.stack([self.held.displacement(y) for y in self.recovery(steps)])
 
 
 def state(start: Start | None, contacts: int, d: int) -> Step | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, mistyped
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
@@ -29,7 +29,11 @@ Totals = tuple[Floats, Floats, Floats | None]
 
 
 class Held(Protocol):
-    """Nodes on inclined supports, which K and B do not contain."""
+    """Inclined supports, rigid sets and cyclic symmetries, which K and B do not contain."""
+
+    @property
+    def dependent(self) -> Ints:
+        """Degrees of freedom that follow others, prescribed as zero."""
 
     def stiffness(self, K: Any) -> Any:
         """K with these supports."""
@@ -39,6 +43,12 @@ class Held(Protocol):
 
     def prescribed(self, values: Floats) -> None:
         """Raise for displacements that these supports do not allow."""
+
+    def displacement(self, y: Floats) -> Floats:
+        """Displacements of all degrees of freedom, from the solution of (1)."""
+
+    def unknowns(self, u: Floats) -> Floats:
+        """The solution of (1), from the displacements of all degrees of freedom."""
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct, DirectPath
 from bipot_rs.contact.engines.engine import Engine, Known
 from bipot_rs.contact.engines.iterative import Iterative
+from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NoEquilibriumError,
@@ -223,7 +224,7 @@ class ContactProblem:
     array([   0., 1500.])
     """
 
-    # Nodes on inclined supports, which change every load.
+    # Inclined supports, rigid sets and cyclic symmetries, which change every load.
     _held: Held | None = None
     # Number of load steps, where it is known before the first load path.
     _steps: int | None = None
@@ -557,7 +558,10 @@ class ContactProblem:
         n, contacts, d = self._shape
         still = np.zeros(n), np.zeros(len(self._fixed)), np.zeros((contacts, d))
         (moved,) = self._core.displacements([(*still, amounts)])
-        return replace(found, displacement=np.asarray(moved, np.float64))
+        whole = np.asarray(moved, np.float64)
+        if self._held is not None:
+            whole = self._held.displacement(whole)
+        return replace(found, displacement=whole)
 
     def solve(
         self,
@@ -1088,8 +1092,9 @@ class ContactProblem:
                 self._chosen = "direct", why
                 return None
         started = time.perf_counter()
+        loose = Loose.of(parts, self._fixed)
         try:
-            core = _core.Primal(parts, *given[:6])
+            core = _core.Primal(loose.stiffened(parts), *given[:6])
         except NotIterativeError as error:
             if self._asked == "iterative":
                 raise
@@ -1100,7 +1105,7 @@ class ContactProblem:
             raise ValueError(f"{error}{cause}") from None
         self._seconds = time.perf_counter() - started
         self._chosen = "auto", "the first load path decides"
-        return Iterative(core, self._direct, (contacts, d))
+        return Iterative(core, self._direct, (contacts, d), loose=loose)
 
     def _direct(self) -> Direct:
         """The direct engine; condenses if that was not done before."""
@@ -1214,6 +1219,7 @@ class ContactProblem:
                     self._loading.held,
                 )
             ),
+            held=self._held,
         )
 
     def _by_component(

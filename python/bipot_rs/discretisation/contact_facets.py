@@ -170,6 +170,8 @@ def prescribed_facets(model: Assembly, bodies: Sequence[Simplices]) -> list[Bool
     names = [body.name for body in model.bodies]
     held = [np.zeros((len(one.facets), dim), dtype=np.bool_) for one in bodies]
     for support in model.supports:
+        if support.surface is None:
+            continue
         owner = names.index(support.body)
         body, one = model.bodies[owner], bodies[owner]
         facets = body.facets(support.surface)

@@ -185,6 +185,20 @@ class Estimator:
                 "the model has a plane of symmetry that is not normal to an axis: the "
                 "discretisation error does not support it, rotate the meshes"
             )
+        if model.references or model.ties is not None:
+            raise ValueError(
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "periodicity: the discretisation error does not support them"
+            )
+        named = [set(body.mesh.boundaries or {}) for body in model.bodies]
+        owners = [body.name for body in model.bodies]
+        for support in model.supports:
+            surfaces = named[owners.index(support.body)]
+            if support.surface not in surfaces or support.at is not None:
+                raise ValueError(
+                    f"a support holds nodes of body {support.body!r} that are not a "
+                    "surface: the discretisation error needs supports on surfaces"
+                )
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)

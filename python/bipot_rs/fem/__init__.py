@@ -9,11 +9,13 @@ if TYPE_CHECKING:
     from bipot_rs.fem.assembly import Assembly, Model, Support, assemble, build
     from bipot_rs.fem.body import Body
     from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
-    from bipot_rs.fem.contact import Contact
+    from bipot_rs.fem.contact import Contact, Floating
     from bipot_rs.fem.elasticity import stiffness
     from bipot_rs.fem.loads import Load
     from bipot_rs.fem.materials import Material, Orthotropic
     from bipot_rs.fem.parameter_gradient import ParameterGradient
+    from bipot_rs.fem.references import Remote
+    from bipot_rs.fem.repetition import Cyclic, Periodic
     from bipot_rs.fem.stress_recovery import stress, thermal, von_mises
     from bipot_rs.mesh.boxes import FACES, box
     from bipot_rs.mesh.elements import second_order
@@ -25,11 +27,15 @@ __all__ = [
     "Assembly",
     "Body",
     "Contact",
+    "Cyclic",
+    "Floating",
     "Load",
     "Material",
     "Model",
     "Orthotropic",
     "ParameterGradient",
+    "Periodic",
+    "Remote",
     "Spring",
     "Support",
     "Symmetry",
@@ -56,11 +62,13 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.fem.assembly": ("Assembly", "Model", "Support", "assemble", "build"),
         "bipot_rs.fem.body": ("Body",),
         "bipot_rs.fem.boundary": ("Spring", "Symmetry", "surface", "with_surfaces"),
-        "bipot_rs.fem.contact": ("Contact",),
+        "bipot_rs.fem.contact": ("Contact", "Floating"),
         "bipot_rs.fem.elasticity": ("stiffness",),
         "bipot_rs.fem.loads": ("Load",),
         "bipot_rs.fem.materials": ("Material", "Orthotropic"),
         "bipot_rs.fem.parameter_gradient": ("ParameterGradient",),
+        "bipot_rs.fem.references": ("Remote",),
+        "bipot_rs.fem.repetition": ("Cyclic", "Periodic"),
         "bipot_rs.fem.stress_recovery": ("stress", "thermal", "von_mises"),
         "bipot_rs.mesh.boxes": ("FACES", "box"),
         "bipot_rs.mesh.elements": ("second_order",),

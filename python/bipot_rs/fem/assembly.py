@@ -29,12 +29,23 @@ from bipot_rs.fem.contact import (
     meet,
     relative_displacement,
 )
+from bipot_rs.fem.distributed_force import distributed_force
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.loads import Load
 from bipot_rs.fem.parameter_gradient import ParameterGradient, of_gradient
+from bipot_rs.fem.references import (
+    Reference,
+    Remote,
+    obstacle_columns,
+    prescribed_values,
+    reference_named,
+    references,
+)
+from bipot_rs.fem.repetition import Images, Repetition, images, merged
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
+from bipot_rs.fem.ties import Ties, tied
 from bipot_rs.obstacle.motion import Motion
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
@@ -44,12 +55,18 @@ _NO_WAY = 1e-6
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed displacement components of a named surface."""
+    """Prescribed displacement components of a part of a body.
+
+    ``surface`` is the name of a surface or of a volume; None is the whole body. ``within``
+    selects nodes by ranges of coordinates, ``at`` only the node nearest to a position
+    (`Body.members`): so also nodes inside the body can be held.
+    """
 
     body: str
-    surface: str
+    surface: str | None
     components: Sequence[int]
     within: Box | None = None
+    at: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +88,8 @@ class Assembly:
     frame : (n_c, d, d)
         Rows n, t1[, t2], n from the obstacle towards the body.
     fixed : (m,)
-        Prescribed degrees of freedom, ascending.
+        Prescribed degrees of freedom, ascending; among them the dependent ones of `ties`,
+        whose displacement follows from the others.
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
@@ -83,8 +101,9 @@ class Assembly:
         Index in ``contacts`` of each contact node.
     support_dofs : tuple of (len(components), nodes) arrays
         Degrees of freedom of each support.
-    nodes : (n / d, d)
-        Positions of all nodes, body after body [m].
+    nodes : (nodes, d)
+        Positions of all nodes, body after body [m]. Without reference points n is d times
+        their number.
     supports
         As passed, followed by one for each plane of symmetry normal to an axis.
     symmetries : int
@@ -97,6 +116,16 @@ class Assembly:
         Planes of symmetry that are not normal to an axis. K, B, the loads made here and
         `problem` include them. A `ContactProblem` made directly needs
         ``inclined.within @ f`` as the load instead of f.
+    remotes : tuple of Remote
+        As passed to `assemble`.
+    references : tuple of bipot_rs.fem.references.Reference
+        Floating obstacles and rigid sets: their degrees of freedom follow those of the
+        nodes.
+    ties : bipot_rs.fem.ties.Ties or None
+        Relations of rigid sets and repetitions. K, B, the loads made here and `problem`
+        include them.
+    images : tuple of bipot_rs.fem.repetition.Images
+        The nodes of the cuts of cyclic symmetries and periodicities.
     """
 
     bodies: tuple[Body, ...]
@@ -120,12 +149,17 @@ class Assembly:
     springs: tuple[Spring, ...] = ()
     moving: Floats | None = field(default=None, repr=False)
     inclined: Planes | None = None
+    remotes: tuple[Remote, ...] = ()
+    references: tuple[Reference, ...] = ()
+    ties: Ties | None = None
+    images: tuple[Images, ...] = ()
     _bare: Any = field(default=None, repr=False)
 
     @property
     def n(self) -> int:
         """Number of degrees of freedom."""
-        return int(self.nodes.size)
+        references = sum(one.nodes for one in self.references)
+        return int(self.nodes.size) + self.dim * references
 
     def stiffness_rows(self, nodes: Ints) -> Any:
         """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
@@ -137,7 +171,17 @@ class Assembly:
         ----------
         nodes
             Ascending indices into `nodes`, ``(m,)``.
+
+        Raises
+        ------
+        ValueError
+            The model has reference points or ties: their rows need the whole K.
         """
+        if self.references or self.ties is not None:
+            raise ValueError(
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "periodicity: K is not assembled in parts; solve it in one process"
+            )
         return system_stiffness(self.bodies, self.springs, self.inclined, nodes)
 
     @property
@@ -176,7 +220,7 @@ class Assembly:
         traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
         fields: dict[str, NDArray[Any]] = {
-            "displacement": displacement.reshape(-1, self.dim),
+            "displacement": displacement[: self.nodes.size].reshape(-1, self.dim),
             "contact_pressure": np.zeros(len(self.nodes)),
             "contact_shear": np.zeros_like(self.nodes),
             "contact_status": np.full(len(self.nodes), -1, dtype=np.int8),
@@ -193,7 +237,19 @@ class Assembly:
             if contact.pairing != "match":
                 own = np.flatnonzero(self.group == group)
                 self._spread(fields, own, traction[own, 0], shear[own], status[own])
+        for pairs in self.images:
+            self._repeat(fields, pairs)
         return fields
+
+    def _repeat(self, fields: dict[str, NDArray[Any]], pairs: Images) -> None:
+        """Contact fields of the second cut, whose contacts were joined to their images."""
+        on, onto = pairs.on // self.dim, pairs.onto // self.dim
+        known = fields["contact_status"]
+        bare = (known[onto] < 0) & (known[on] >= 0)
+        on, onto = on[bare], onto[bare]
+        known[onto] = known[on]
+        fields["contact_pressure"][onto] = fields["contact_pressure"][on]
+        fields["contact_shear"][onto] = fields["contact_shear"][on] @ pairs.turn.T
 
     def _spread(
         self,
@@ -264,7 +320,7 @@ class Assembly:
         ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
         """
         return ContactProblem._on_inclined_supports(
-            self.inclined,
+            self.inclined if self.ties is None else self.ties,
             self.K,
             self.B,
             gap=self.gap,
@@ -274,7 +330,7 @@ class Assembly:
             dim=self.dim,
             points=self.points,
             frame=self.frame,
-            coordinates=np.repeat(self.nodes, self.dim, axis=0),
+            coordinates=self._coordinates(),
             num_threads=num_threads,
             gaps=self.moving,
             on_forecast=on_forecast,
@@ -282,8 +338,16 @@ class Assembly:
             steps=steps,
             bodies=dict(
                 zip((body.name for body in self.bodies), self.offset, strict=True)
-            ),
+            )
+            | {f"{one.kind} {one.name}": one.first for one in self.references},
         )
+
+    def _coordinates(self) -> Floats | None:
+        """Position of each degree of freedom; None if one is an unknown rotation."""
+        for one in self.references:
+            if not np.isin(one.turns, self.fixed).all():
+                return None
+        return np.repeat(_with_points(self.nodes, self.references), self.dim, axis=0)
 
     def gradient(self, gradient: Any, loads: Sequence[Load] = ()) -> ParameterGradient:
         """The gradient of a result with respect to materials, shape and obstacles.
@@ -413,15 +477,73 @@ class Assembly:
     def _at(self, index: int, own: Floats) -> Floats:
         f, first = np.zeros(self.n), self.offset[index]
         f[first : first + own.size] = own
+        if self.ties is not None:
+            return self.ties.load(f)
         return f if self.inclined is None else self.inclined.within @ f
 
     def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
         return self._at(index, nodal_forces(self.bodies[index], points, value))
 
-    def prescribed(self, values: Sequence[Sequence[float]]) -> Floats:
+    def reference_force(
+        self, name: str, force: ArrayLike | None = None, moment: ArrayLike | None = None
+    ) -> Floats:
+        """Forces ``(n,)`` of a force and a moment at a reference point.
+
+        Parameters
+        ----------
+        name
+            A floating obstacle, which takes no moment, or a remote.
+        force, moment
+            ``(d,)`` [N], and about the point ``(3,)``, in the plane a number [N m].
+
+        Raises
+        ------
+        ValueError
+            There is no reference point of this name, or the moment has no arm.
+        """
+        for remote in self.remotes:
+            if remote.name == name and remote.distributed:
+                index = body_index(self.bodies, remote.body)
+                own = distributed_force(self.bodies[index], remote, force, moment)
+                return self._at(index, own)
+        one = reference_named(self.references, name)
+        f = np.zeros(self.n)
+        f[np.concatenate([one.dofs, one.turns])] = one.force(force, moment)
+        # A dependent degree of freedom of the point passes its load on.
+        return f if self.ties is None else self.ties.load(f)
+
+    def reference_motion(
+        self, name: str, displacement: ArrayLike
+    ) -> tuple[Floats, Floats]:
+        """Translation ``(..., d)`` [m] and rotation ``(..., 3)`` [rad] of a reference point.
+
+        Parameters
+        ----------
+        name
+            A floating obstacle, whose rotation has no components, or a rigid set; in the
+            plane the rotation has one component.
+        displacement
+            Of one step ``(n,)`` or of several ``(steps, n)``.
+        """
+        one = reference_named(self.references, name)
+        u = floats("displacement", displacement)
+        if u.shape[-1:] != (self.n,):
+            raise ValueError(
+                f"displacement has shape {u.shape}, expected ({self.n},) or "
+                f"(steps, {self.n})"
+            )
+        return u[..., one.dofs], u[..., one.turns] / (one.arm or 1.0)
+
+    def prescribed(
+        self,
+        values: Sequence[Sequence[float]],
+        references: Mapping[str, Sequence[float]] | None = None,
+    ) -> Floats:
         """Values at `fixed`, from one number for each component of each support [m].
 
-        Planes of symmetry have the value zero and are not listed.
+        Planes of symmetry have the value zero and are not listed. ``references`` are the
+        prescribed components of rigid sets by their names, translations [m] and then
+        rotations [rad]; the default is zero.
 
         Raises
         ------
@@ -457,8 +579,13 @@ class Assembly:
                         "value"
                     )
                 at[row] = moved
-        if self.inclined is not None:
-            self.inclined.prescribed(at[self.fixed])
+        known_points = prescribed_values(self.references, references)
+        at[list(known_points)] = list(known_points.values())
+        if self.ties is not None:
+            at[self.ties.dependent] = 0.0
+        held = self.inclined if self.ties is None else self.ties
+        if held is not None:
+            held.prescribed(at[self.fixed])
         return at[self.fixed]
 
 
@@ -469,6 +596,8 @@ def assemble(
     *,
     symmetries: Sequence[Symmetry] = (),
     springs: Sequence[Spring] = (),
+    remotes: Sequence[Remote] = (),
+    repetitions: Sequence[Repetition] = (),
 ) -> Assembly:
     """Assemble K, B and the contact data of elastic bodies.
 
@@ -483,6 +612,10 @@ def assemble(
         (`bipot_rs.fem.inclined_supports`).
     springs
         Elastic foundations.
+    remotes
+        Sets of nodes that move with a reference point or that a force at it acts on.
+    repetitions
+        Cuts of cyclic symmetries and periodicities.
 
     A contact node whose tangential displacement is prescribed, on both sides of
     a pair, gets ``mu = 0``: friction has no effect there.
@@ -494,10 +627,19 @@ def assemble(
         a normal of length zero: the message has the name and the place.
     """
     found = without_stiffness(
-        bodies, contacts, supports, symmetries=symmetries, springs=springs
+        bodies,
+        contacts,
+        supports,
+        symmetries=symmetries,
+        springs=springs,
+        remotes=remotes,
+        repetitions=repetitions,
     )
-    K = system_stiffness(found.bodies, found.springs, found.inclined)
-    return replace(found, K=K)
+    if found.ties is None:
+        K = system_stiffness(found.bodies, found.springs, found.inclined)
+        return replace(found, K=K)
+    K = system_stiffness(found.bodies, found.springs, None)
+    return replace(found, K=found.ties.stiffness(K))
 
 
 def without_stiffness(
@@ -507,6 +649,8 @@ def without_stiffness(
     *,
     symmetries: Sequence[Symmetry] = (),
     springs: Sequence[Spring] = (),
+    remotes: Sequence[Remote] = (),
+    repetitions: Sequence[Repetition] = (),
 ) -> Assembly:
     """Assemble everything but K, with the arguments and errors of `assemble`.
 
@@ -537,18 +681,22 @@ def without_stiffness(
                 f"components of the support on {support.surface!r} are "
                 f"{list(support.components)}, expected some of {list(range(dim))}"
             )
-        nodes = bodies[b].nodes(support.surface, support.within)
-        if not nodes.size:
-            raise ValueError(
-                f"support on {support.surface!r} of body {support.body!r} has no nodes: "
-                "within excludes all of them"
-            )
+        try:
+            nodes = bodies[b].members(support.surface, support.within, support.at)
+        except ValueError as error:
+            raise ValueError(f"support on {support.surface!r}: {error}") from None
         components = np.array(support.components, dtype=np.int64)
         support_dofs.append(offset[b] + dim * nodes + components[:, None])
     flat = [dofs.ravel() for dofs in support_dofs]
     fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
 
     found = [meet(bodies, offset, n, contact) for contact in contacts]
+    points = np.concatenate([body.points for body in bodies])
+    cuts = [images(bodies, offset, one) for one in repetitions]
+    for one in cuts:
+        found = merged(found, contacts, one, points)
+    points_of, relations = references(bodies, offset, contacts, remotes)
+    relations += [one.relations() for one in cuts]
 
     def stacked(name: str, *shape: int) -> Floats:
         return np.concatenate(
@@ -565,7 +713,6 @@ def without_stiffness(
     B = relative_displacement(found, n)
     free = np.ones(n)
     free[fixed] = 0.0
-    points = np.concatenate([body.points for body in bodies])
     inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
     moving = gaps_of_steps(found, dim)
     if inclined is not None:
@@ -577,8 +724,23 @@ def without_stiffness(
             frame = turned
         bare = B
         B = inclined.relative(B)
+    ties = None
+    if points_of or relations:
+        bare = B if bare is None else bare
+        n += dim * sum(one.nodes for one in points_of)
+        fixed = np.concatenate([fixed, *(one.fixed for one in points_of)])
+        B.resize((B.shape[0], n))
+        B = B + obstacle_columns(contacts, group, frame, points_of, n)
+        ties = tied(relations, fixed, _with_points(points, points_of), inclined)
+        B, fixed = ties.relative(B), ties.fixed
+        free = np.ones(n)
+        free[fixed] = 0.0
     left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
-    whole = abs(B if bare is None else bare).sum(axis=1).reshape(-1, dim)[:, 1:]
+    whole = (
+        abs(B if ties is not None or bare is None else bare)
+        .sum(axis=1)
+        .reshape(-1, dim)[:, 1:]
+    )
     # A node that can slip only by the rounding of its normal cannot slip.
     mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
 
@@ -604,8 +766,18 @@ def without_stiffness(
         symmetries=len(straight),
         springs=tuple(springs),
         inclined=inclined,
+        remotes=tuple(remotes),
+        references=points_of,
+        ties=ties,
+        images=tuple(cuts),
         _bare=bare,
     )
+
+
+def _with_points(points: Floats, references: Sequence[Reference]) -> Floats:
+    """Positions of the nodes and of the reference nodes after them."""
+    own = [one.point[None] for one in references for _ in range(one.nodes)]
+    return np.concatenate([points, *own])
 
 
 def _in_frames(

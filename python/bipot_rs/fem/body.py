@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
     KINDS,
@@ -232,10 +233,69 @@ class Body:
         """Nodes of a named surface, ascending, with ``low ≤ x[axis] ≤ high`` if ``within``."""
         corners = facet_nodes(self.mesh, self.facets(surface))
         nodes = np.unique(corners).astype(np.int64)
+        return self._within(nodes, within, f"surface {surface!r}")
+
+    def members(
+        self,
+        part: str | None = None,
+        within: Box | None = None,
+        at: ArrayLike | None = None,
+    ) -> Ints:
+        """Nodes of a part of the body, also inside it, ascending.
+
+        Parameters
+        ----------
+        part
+            A named surface or volume; None for the whole body.
+        within
+            Ranges of coordinates, as in `nodes`.
+        at
+            A position ``(d,)``: only the node nearest to it, of equally near ones that
+            with the least number [m].
+
+        Raises
+        ------
+        ValueError
+            There is no such part, no node is in the ranges, or ``at`` is outside the box
+            that contains the body.
+        """
+        if part is None:
+            whose = f"body {self.name!r}"
+            nodes = np.arange(len(self.points))
+        elif part in (self.mesh.boundaries or {}):
+            whose = f"surface {part!r} of body {self.name!r}"
+            nodes = self.nodes(part)
+        elif part in (self.mesh.subdomains or {}):
+            whose = f"volume {part!r} of body {self.name!r}"
+            nodes = np.unique(self.cells[self.volume_cells(part)]).astype(np.int64)
+        else:
+            names = [*(self.mesh.boundaries or {}), *(self.mesh.subdomains or {})]
+            raise ValueError(
+                f"body {self.name!r} has no surface or volume {part!r}"
+                + instead(part, sorted(names), "its mesh names neither")
+            )
+        nodes = self._within(nodes, within, whose)
+        if not nodes.size:
+            raise ValueError(f"{whose} has no nodes within the ranges: widen within")
+        if at is None:
+            return nodes
+        x = floats("at", at, shape=(self.dim,))
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        slack = 1e-6 * (high - low).max()
+        if (x < low - slack).any() or (x > high + slack).any():
+            raise ValueError(
+                f"at is {place(x)}, outside body {self.name!r}, which extends from "
+                f"{place(low)} to {place(high)}: choose a position inside"
+            )
+        apart = np.linalg.norm(self.points[nodes] - x, axis=1)
+        # Equally near ones differ by rounding.
+        return nodes[np.flatnonzero(apart <= apart.min() + slack)[:1]]
+
+    def _within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
         for axis, (low, high) in (within or {}).items():
             if axis not in range(self.dim):
                 raise ValueError(
-                    f"within of surface {surface!r} has axis {axis}, expected one of "
+                    f"within of {whose} has axis {axis}, expected one of "
                     f"{list(range(self.dim))}"
                 )
             x = self.mesh.p[axis, nodes]

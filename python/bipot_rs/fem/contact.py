@@ -26,6 +26,24 @@ _ALL_PAIRS = 2**20
 
 
 @dataclass(frozen=True)
+class Floating:
+    """A rigid obstacle that a force moves: its position is an unknown.
+
+    Contacts with an equal ``floating`` touch the same obstacle.
+
+    Parameters
+    ----------
+    name
+        Name of the obstacle, for its force and its displacement.
+    components
+        Directions in which it may translate, some of 0 to d - 1; it does not rotate.
+    """
+
+    name: str
+    components: Sequence[int]
+
+
+@dataclass(frozen=True)
 class Contact:
     """A named surface, and the obstacle or surface that it may touch.
 
@@ -48,6 +66,9 @@ class Contact:
     match, facets with all nodes selected. In 3D ``mu`` may be a pair, for the tangents t1
     and t2: t1 is then ``axis (d,)``, a direction of the material such as its grain,
     projected onto the tangent plane; without ``axis``, the tangents are those of `frames`.
+
+    With ``floating``, the force `Assembly.reference_force` moves the rigid obstacle, in
+    addition to ``motion``: small translations, with the normals of the start.
     """
 
     body: str
@@ -61,6 +82,7 @@ class Contact:
     obstacle: Obstacle | None = None
     motion: Motion | None = None
     pairing: str = "match"
+    floating: Floating | None = None
 
 
 def _pair(contact: Contact) -> tuple[str, str]:
@@ -511,7 +533,7 @@ def _match(
     ours: Floats, theirs: Floats, frame: Floats, contact: Contact, size: float
 ) -> Ints:
     """Index of the node opposite to each of ours, along the normal."""
-    match = _nearest(ours, theirs)
+    match = nearest_points(ours, theirs)
     between = ours - theirs[match]
     along = np.einsum("cd,cd->c", frame[:, 0], between)
     aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
@@ -533,7 +555,7 @@ def _match(
     return np.asarray(match, dtype=np.int64)
 
 
-def _nearest(ours: Floats, theirs: Floats) -> Ints:
+def nearest_points(ours: Floats, theirs: Floats) -> Ints:
     """Index in ``theirs`` of the point nearest to each of ``ours``."""
     if len(ours) * len(theirs) > _ALL_PAIRS:
         from scipy.spatial import cKDTree

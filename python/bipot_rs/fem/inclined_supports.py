@@ -136,6 +136,19 @@ class Planes:
             return force
         return np.asarray(self.within @ force, np.float64)
 
+    @property
+    def dependent(self) -> Ints:
+        """No degree of freedom follows others."""
+        return np.zeros(0, np.int64)
+
+    def displacement(self, y: Floats) -> Floats:
+        """The displacements ``(n,)`` are the unknowns of (1) themselves."""
+        return y
+
+    def unknowns(self, u: Floats) -> Floats:
+        """As `displacement`."""
+        return u
+
     def prescribed(self, values: Floats) -> None:
         """Refuse displacements ``(fixed,)`` that leave the planes."""
         prescribed = np.zeros(self.nodes.size)

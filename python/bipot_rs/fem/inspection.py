@@ -252,6 +252,7 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     motion that is free under this assumption is free for any load.
     """
     modes, owner = _modes(model)
+    modes, owner = _with_references(model, modes, owner)
     bare = set(_bare(model))
     supports = _supporting(model, modes)
     # Bodies without contact to a rigid obstacle.
@@ -264,13 +265,24 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     rubs = np.ones(len(model.gap), np.bool_) if rough else _rubs(model)
     felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
     constraints = np.concatenate([*supports, *felt])
-    for members in _meeting(model):
-        columns = np.flatnonzero(np.isin(owner, members))
+    count = len(model.bodies)
+    for joined in _meeting(model):
+        members = [b for b in joined if b < count]
+        columns = np.flatnonzero(np.isin(owner, joined))
         own = constraints[:, columns]
         # The triangle of QR has the same singular values as the many rows.
         triangle = np.linalg.qr(np.vstack([own, np.zeros((len(columns),) * 2)]), "r")
         _, values, V = np.linalg.svd(triangle)
         free = V[values <= _FREE * values.max()].T
+        if joined != members:
+            of_bodies = owner[columns] < count
+            for k in _alone(free, of_bodies):
+                one = model.references[int(owner[columns[k]]) - count]
+                yield (
+                    f"{one.kind} {one.name!r} can move freely, and no contact holds it: "
+                    "prescribe its motion, or add a contact or friction that stops it"
+                )
+            free, columns = _part(free, of_bodies), columns[of_bodies]
         if not free.shape[1]:
             continue
         several = len(members) > 1
@@ -294,17 +306,30 @@ def unsupported(model: Assembly) -> list[str]:
 
 def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
-    found = [modes[model.fixed]]
+    found = [modes[_prescribed(model)]]
     if model.inclined is not None:
-        found.append(np.asarray(model.inclined.normals.T @ modes))
+        found.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
+    if model.ties is not None:
+        own = model.ties.dependent
+        found.append(modes[own] - model.ties.within[own] @ modes)
     return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
+
+
+def _prescribed(model: Assembly) -> Ints:
+    """Degrees of freedom that supports prescribe, without those that follow others."""
+    if model.ties is None:
+        return model.fixed
+    return np.setdiff1d(model.fixed, model.ties.dependent)
 
 
 def _bare(model: Assembly) -> list[int]:
     held = np.zeros(model.n, np.bool_)
-    held[model.fixed] = True
+    held[_prescribed(model)] = True
     if model.inclined is not None:
         held[model.inclined.normals.tocoo().row] = True
+    for remote in model.remotes:
+        if remote.components or remote.rotations:
+            held[model.offset[body_index(model.bodies, remote.body)]] = True
     sprung = {body_index(model.bodies, spring.body) for spring in model.springs}
     return [
         b
@@ -345,14 +370,58 @@ def _modes(model: Assembly) -> tuple[Floats, Ints]:
     return np.column_stack(found), np.array(owner, dtype=np.int64)
 
 
-def _meeting(model: Assembly) -> list[list[int]]:
-    """Groups of bodies connected by contacts."""
+def _with_references(
+    model: Assembly, modes: Floats, owner: Ints
+) -> tuple[Floats, Ints]:
+    """The motions with those of reference points, whose owners follow the bodies."""
+    count = len(model.bodies)
+    found, owners = [modes], [owner]
+    for k, one in enumerate(model.references):
+        dofs = np.concatenate([one.dofs, one.turns])
+        columns = np.zeros((model.n, len(dofs)))
+        columns[dofs, np.arange(len(dofs))] = 1.0
+        found.append(columns)
+        owners.append(np.full(len(dofs), count + k, np.int64))
+    return np.concatenate(found, axis=1), np.concatenate(owners)
+
+
+def _part(free: Floats, of_bodies: Bools) -> Floats:
+    """The motions of the bodies alone, orthonormal."""
+    U, size, _ = np.linalg.svd(free[of_bodies], full_matrices=False)
+    return np.asarray(U[:, size > _FREE], np.float64)
+
+
+def _alone(free: Floats, of_bodies: Bools) -> list[int]:
+    """For each free motion of a reference point alone, its largest component."""
+    if not free.shape[1]:
+        return []
+    _, size, V = np.linalg.svd(free[of_bodies], full_matrices=True)
+    still = np.concatenate([size, np.zeros(len(V) - len(size))]) <= _FREE
+    return [int(k) for k in np.argmax(np.abs(free @ V[still].T), axis=0)]
+
+
+def _pairs(model: Assembly) -> Iterator[set[int]]:
+    """Bodies and reference points that contacts and ties connect, two by two."""
     index = {body.name: b for b, body in enumerate(model.bodies)}
-    sets = [{b} for b in range(len(model.bodies))]
+    count = len(model.bodies)
+    point = {one.name: count + k for k, one in enumerate(model.references)}
     for contact in model.contacts:
-        if contact.against is None:
-            continue
-        pair = {index[contact.body], index[contact.against[0]]}
+        if contact.against is not None:
+            yield {index[contact.body], index[contact.against[0]]}
+        elif contact.floating is not None:
+            yield {index[contact.body], point[contact.floating.name]}
+    for remote in model.remotes:
+        if not remote.distributed:
+            yield {index[remote.body], point[remote.name]}
+    for pairs in model.images:
+        ends = [pairs.on[0], pairs.onto[0]]
+        yield set((np.searchsorted(model.offset, ends, side="right") - 1).tolist())
+
+
+def _meeting(model: Assembly) -> list[list[int]]:
+    """Groups of bodies and reference points connected by contacts and ties."""
+    sets = [{b} for b in range(len(model.bodies) + len(model.references))]
+    for pair in _pairs(model):
         joined = set().union(*(one for one in sets if one & pair))
         sets = [one for one in sets if not one & pair] + [joined]
     return sorted(sorted(one) for one in sets)

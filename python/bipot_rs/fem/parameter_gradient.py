@@ -83,6 +83,14 @@ class Assembled(Protocol):
     def inclined(self) -> Any:
         """Planes of symmetry that are not normal to an axis, or None."""
 
+    @property
+    def references(self) -> Sequence[Any]:
+        """Floating obstacles and rigid sets."""
+
+    @property
+    def ties(self) -> Any:
+        """Relations between degrees of freedom, or None."""
+
 
 class ParameterGradient:
     """Derivatives of one number with respect to the parameters of a model.
@@ -118,6 +126,11 @@ class ParameterGradient:
         loads: Sequence[Load] = (),
     ) -> None:
         self._model = model
+        if model.references or model.ties is not None:
+            raise ValueError(
+                "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
+                "periodicity: gradients with respect to parameters are not available"
+            )
         u = floats("displacement", displacement, ndim=2)
         steps, n, contacts = len(u), model.nodes.size, (len(model.group), model.dim)
         self._u = floats("displacement", u, shape=(steps, n))

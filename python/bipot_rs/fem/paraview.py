@@ -204,7 +204,7 @@ def cell_fields(
     """
     if means is None:
         means = [MeanStress(body) for body in model.bodies]
-    ends = [*model.offset[1:], model.n]
+    ends = [*model.offset[1:], model.nodes.size]
     tensors = np.concatenate(
         [
             mean(displacement[first:end], space=True)

@@ -74,12 +74,12 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
 def deformed_nodes(
     nodes: Floats, displacement: Floats, scale: float | None, share: float
 ) -> tuple[Floats, float]:
-    """Points ``nodes + scale * u``, and the scale.
+    """Points ``nodes + scale * u``, and the scale; u may continue with reference points.
 
     The default scale is a round number, 1 or more, for which the largest displacement is
     about ``share`` of the largest extent of the bodies.
     """
-    u = displacement.reshape(nodes.shape)
+    u = displacement[: nodes.size].reshape(nodes.shape)
     if scale is None:
         largest = float(np.linalg.norm(u, axis=1).max(initial=0.0))
         extent = float(np.ptp(nodes, axis=0).max())

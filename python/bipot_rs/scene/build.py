@@ -9,7 +9,9 @@ import numpy as np
 from bipot_rs.fem.assembly import Support
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
-from bipot_rs.fem.contact import Contact
+from bipot_rs.fem.contact import Contact, Floating
+from bipot_rs.fem.references import Remote
+from bipot_rs.fem.repetition import Cyclic, Periodic, Repetition
 from bipot_rs.fem.stress_recovery import Initial, thermal
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import KINDS, first_order, second_order
@@ -167,18 +169,62 @@ def contacts(scene: Scene) -> list[Contact]:
                 obstacle=None if c.obstacle is None else known[c.obstacle],
                 motion=None if rigid is None else motion_of(rigid, scene.path, ends),
                 pairing=c.pairing,
+                floating=None if rigid is None else _floating(str(c.obstacle), rigid),
             )
         )
     return found
+
+
+def _floating(name: str, rigid: Rigid) -> Floating | None:
+    """The obstacle as one that a force moves."""
+    if rigid.force is None:
+        return None
+    return Floating(name, tuple(rigid.force.components()))
 
 
 def supports(scene: Scene) -> list[Support]:
     """Make the supports; their prescribed values are in the path."""
     return [
         Support(
-            *split(s.on), tuple(s.components()), s.within.box() if s.within else None
+            split(s.on)[0],
+            split(s.on)[1] or None,
+            tuple(s.components()),
+            s.within.box() if s.within else None,
+            s.at,
         )
         for s in scene.support
+    ]
+
+
+def remotes(scene: Scene) -> list[Remote]:
+    """Make the remote points; their prescribed values and loads are in the path."""
+    found = []
+    for name, table in scene.remote.items():
+        body, part = split(table.on)
+        given = table.given()
+        found.append(
+            Remote(
+                name,
+                body,
+                part or None,
+                table.point,
+                components=tuple(given.get("move", ())),
+                rotations=tuple(given.get("turn", ())),
+                distributed=table.distributed,
+                within=table.within.box() if table.within else None,
+            )
+        )
+    return found
+
+
+def repetitions(scene: Scene) -> list[Repetition]:
+    """Make the cyclic symmetries and the periodicities."""
+    return [
+        *(
+            Cyclic(split(c.on), split(c.onto), c.sectors, c.about, c.axis)
+            for c in scene.cyclic
+        ),
+        *(Periodic(split(p.on), split(p.onto)) for p in scene.periodic),
     ]
 
 

@@ -202,13 +202,38 @@ class Model:
         ``major_radius`` and ``minor_radius``; ``surface``, a file such as STL. ``inside``
         is true if the bodies lie inside the shape. ``move`` is a table of ``x``, ``y``,
         ``z``; ``turn`` is a table of ``angle`` in **degrees**, ``about`` and in three
-        dimensions ``axis``. Both are totals along the path.
+        dimensions ``axis``. Both are totals along the path. ``force``, a table of ``x``,
+        ``y``, ``z``, is the total force on the obstacle, which moves in these directions
+        until the contacts balance it.
         """
         self._named("obstacle", name, table)
 
     def support(self, on: str, **table: Any) -> None:
-        """Prescribe displacements on a surface: ``x``, ``y``, ``z``, ``within``."""
+        """Prescribe displacements ``x``, ``y``, ``z`` on a part of a body.
+
+        ``on`` is a surface, a volume or a body. ``within`` selects nodes by ranges of
+        coordinates, ``at`` only the node nearest to a position, also inside the body.
+        """
         self._listed("support", on, table)
+
+    def remote(self, name: str, **table: Any) -> None:
+        """Let a part ``on`` of a body follow a ``point``, or load it by a force there.
+
+        The part, a surface, a volume or a body with ``within``, moves as a rigid body. Its
+        point is moved by ``move`` and ``turn`` (degrees), loaded by ``force`` and
+        ``moment``, each a table of ``x``, ``y``, ``z``; other components are free. With
+        ``distributed=True`` the part may deform, and the force and the moment are spread
+        over it.
+        """
+        self._named("remote", name, table)
+
+    def cyclic(self, on: str, onto: str, *, sectors: int, **table: Any) -> None:
+        """Make two cuts those of one of ``sectors`` equal sectors: ``about``, ``axis``."""
+        self._listed("cyclic", on, {"onto": onto, "sectors": sectors, **table})
+
+    def periodic(self, on: str, onto: str) -> None:
+        """Make two cuts those of a structure that repeats itself by a translation."""
+        self._listed("periodic", on, {"onto": onto})
 
     def symmetry(self, on: str) -> None:
         """Make a flat surface a plane of symmetry."""
@@ -507,6 +532,20 @@ class ModelResult(Result):
     def support_force(self, name: str) -> Floats:
         """Force of the supports on a surface on their body, ``(steps, d)`` [N]."""
         return self.case.support_force(self, name)
+
+    def reference_motion(self, name: str) -> tuple[Floats, Floats]:
+        """Translation [m] and rotation [rad] of an obstacle with a force, or of a remote.
+
+        As `Case.reference_motion`: ``(steps, d)`` and ``(steps, 3)``.
+        """
+        return self.case.reference_motion(self, name)
+
+    def reference_force(self, name: str) -> tuple[Floats, Floats]:
+        """Total force [N] and moment [N m] at the point of an obstacle or a remote.
+
+        As `Case.reference_force`: ``(steps, d)`` and ``(steps, 3)``.
+        """
+        return self.case.reference_force(self, name)
 
 
 def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:

@@ -20,6 +20,7 @@ from bipot_rs.contact.solution import Step
 from bipot_rs.contact.wear.record import Wear
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
+from bipot_rs.fem.references import reference_named
 from bipot_rs.fem.stress_recovery import Initial, stress
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.scene.schema.contact import Rigid
@@ -452,7 +453,10 @@ class Case:
             No support is on it; the message lists the surfaces with supports.
         """
         model = self.model
-        names = [f"{s.body}.{s.surface}" for s in model.supports]
+        names = [
+            s.body if s.surface is None else f"{s.body}.{s.surface}"
+            for s in model.supports
+        ]
         mine = [
             d
             for d, known in zip(model.support_dofs, names, strict=True)
@@ -472,6 +476,48 @@ class Case:
             np.add.at(force, dofs % model.dim, out)
         return found
 
+    def reference_motion(self, result: Result, name: str) -> tuple[Floats, Floats]:
+        """Translation ``(steps, d)`` and rotation ``(steps, 3)`` of a reference point.
+
+        Parameters
+        ----------
+        result
+            Result of this case, with displacements.
+        name
+            An obstacle with a force: its translation in addition to its ``move``, and no
+            rotation. Or a remote that is not distributed: translation [m] and rotation
+            [rad], in the plane ``(steps, 1)``.
+
+        Raises
+        ------
+        ValueError
+            There is no such reference point; the message lists the known ones.
+        """
+        return self.model.reference_motion(
+            name, np.stack([step.displacement for step in result])
+        )
+
+    def reference_force(self, result: Result, name: str) -> tuple[Floats, Floats]:
+        """Total force ``(steps, d)`` [N] and moment at a reference point [N m].
+
+        ``K u - Bᵀ r`` at its degrees of freedom: the loads, and the reactions of its
+        prescribed components, which balance the contact forces of an obstacle and the
+        stress at a rigid set. Arguments and errors as `reference_motion`; the moment has
+        the shape of the rotation. A component that a support on nodes of the set
+        determines is zero here: its reaction is in `support_force`.
+        """
+        model = self.model
+        one = reference_named(model.references, name)
+        dofs = np.concatenate([one.dofs, one.turns])
+        carried = np.ones(len(dofs))
+        if model.ties is not None:
+            carried[np.isin(dofs, model.ties.dependent)] = 0.0
+        K, B = model.K[dofs], model.B[:, dofs].T
+        force = np.stack([K @ s.displacement - B @ s.reaction.ravel() for s in result])
+        force *= carried
+        d = model.dim
+        return force[:, :d], force[:, d:] * (one.arm or 1.0)
+
 
 def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Case:
     """Make the case whose load steps end at ``t (steps,)``."""
@@ -490,8 +536,17 @@ def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Ca
         acting.append(replace(one, history=history(one.number)))
         np.add(load, np.outer(acting[-1].history, one.nodal), out=load)
     rows = [[history(v) for v in s.components().values()] for s in scene.support]
+    points = {
+        name: [history(v) for v in remote.given().get("move", {}).values()]
+        + [np.deg2rad(history(v)) for v in remote.given().get("turn", {}).values()]
+        for name, remote in scene.remote.items()
+        if not remote.distributed
+    }
     prescribed = [
-        model.prescribed([[float(h[step]) for h in row] for row in rows])
+        model.prescribed(
+            [[float(h[step]) for h in row] for row in rows],
+            {name: [float(h[step]) for h in row] for name, row in points.items()},
+        )
         for step in range(len(t))
     ]
     return Case(

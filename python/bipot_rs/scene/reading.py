@@ -24,6 +24,8 @@ from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.build import (
     contacts,
+    remotes,
+    repetitions,
     split,
     springs,
     strain_of,
@@ -134,6 +136,8 @@ def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) ->
             supports(scene),
             symmetries=symmetries(scene),
             springs=springs(scene),
+            remotes=remotes(scene),
+            repetitions=repetitions(scene),
         )
         loads = tuple(_loads(scene, meshed, model))
         return along(scene, model, loads, np.arange(1.0, scene.path.count() + 1))
@@ -171,6 +175,35 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Assembly) -> Iterator[Lo
         nodal = model.initial_strain(on, strain)
         still = np.zeros(model.dim)
         yield Load(place[on], None, still, none, nodal, s.factor, strain)
+    yield from _at_points(scene, model, place)
+
+
+def _at_points(
+    scene: Scene, model: Assembly, place: Mapping[str, int]
+) -> Iterator[Load]:
+    """Forces on obstacles, and forces and moments at remote points."""
+    unit, none, still = np.eye(model.dim), np.zeros(0), np.zeros(model.dim)
+    for contact in scene.contact:
+        rigid = scene.obstacle.get(contact.obstacle or "")
+        if rigid is None or rigid.force is None:
+            continue
+        name, body = str(contact.obstacle), place[split(contact.on)[0]]
+        if any(
+            c.obstacle == name for c in scene.contact[: scene.contact.index(contact)]
+        ):
+            continue
+        for k, number in rigid.force.components().items():
+            nodal = model.reference_force(name, unit[k])
+            yield Load(body, None, still, none, nodal, number)
+    for name, remote in scene.remote.items():
+        body, given = place[split(remote.on)[0]], remote.given()
+        for k, number in given.get("force", {}).items():
+            nodal = model.reference_force(name, unit[k])
+            yield Load(body, None, still, none, nodal, number)
+        for k, number in given.get("moment", {}).items():
+            axis = np.eye(3)[k] if model.dim == 3 else np.ones(1)
+            nodal = model.reference_force(name, moment=axis)
+            yield Load(body, None, still, none, nodal, number)
 
 
 def _place(loc: Sequence[str | int], table: Any) -> list[str]:

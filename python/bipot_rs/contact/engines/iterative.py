@@ -17,6 +17,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.diagnosis import Tried, diagnose
 from bipot_rs.contact.engines.engine import Asked, Engine, Path
+from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.error_bound import ErrorBound, without
 from bipot_rs.contact.reduced import solution_fields
 from bipot_rs.contact.solution import Solution, Step
@@ -42,6 +43,8 @@ class Iterative:
     direct
         Makes the direct engine, for a step that this one cannot solve; it raises
         `MemoryError` if the factor does not fit.
+    loose
+        Degrees of freedom without stiffness, to which ``core`` has springs.
     """
 
     core: _core.Primal
@@ -50,6 +53,7 @@ class Iterative:
     gap: Floats | None = None
     mu: Floats | None = None
     record: Record = field(default_factory=Record)
+    loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
     name = "iterative"
 
     @property
@@ -76,11 +80,14 @@ class Iterative:
 
     def path(self, at: Step | None) -> IterativePath:
         """A load path that starts from a step, or from the unloaded bodies."""
+        return IterativePath(self, self.from_step(at), at)
+
+    def from_step(self, at: Step | None) -> _core.PrimalPath:
+        """The path of the core that starts from a step."""
         if at is None:
-            return IterativePath(self, _core.PrimalPath(self.core), None)
+            return _core.PrimalPath(self.core)
         state = at.reaction, at.relative_displacement, at.status
-        path = _core.PrimalPath(self.core, state, at._kept.get("u"))
-        return IterativePath(self, path, at)
+        return _core.PrimalPath(self.core, state, at._kept.get("u"))
 
     def recovery(self, seconds: dict[str, float], gap: Floats) -> _Recovery:
         """What computes the displacements of steps."""
@@ -122,16 +129,39 @@ class IterativePath:
         """Make a step to the total loads."""
         if self._other is not None:
             return self._other.step(load, prescribed, gap, settings)
-        raw = self._core.step(load, prescribed, gap, *settings)
+        loose = self._iterative.loose
+        if loose.dofs.size:
+            raw = self._proximal(load, prescribed, gap, settings)
+        else:
+            raw = self._solved(load, prescribed, gap, settings)
+        if raw["outcome"] == "stalled":
+            return self._again(raw, load, prescribed, gap, settings)
+        if raw["outcome"] == "converged":
+            kept = {"u": raw["displacement"]} if loose.dofs.size else {}
+            self._last = Step(**solution_fields(raw), slip=raw["slip"], _kept=kept)
+        return raw
+
+    def _solved(self, *asked: Any) -> dict[str, Any]:
+        """One step of the core, with its record."""
+        *loads, settings = asked
+        raw = self._core.step(*loads, *settings)
         record = self._iterative.record
         record.newton += raw["newton"]
         record.krylov += raw["krylov"]
         record.bytes_multigrid = max(record.bytes_multigrid, raw["bytes_multigrid"])
-        if raw["outcome"] == "stalled":
-            return self._again(raw, load, prescribed, gap, settings)
-        if raw["outcome"] == "converged":
-            self._last = Step(**solution_fields(raw), slip=raw["slip"])
         return raw
+
+    def _proximal(self, load: Floats, *asked: Any) -> dict[str, Any]:
+        """A step with degrees of freedom without stiffness, from the last state each time."""
+        loose, last = self._iterative.loose, self._last
+        known = None if last is None else last._kept.get("u")
+        at = np.zeros(len(loose.dofs)) if known is None else known[loose.dofs]
+
+        def step(stretched: Floats) -> dict[str, Any]:
+            self._core = self._iterative.from_step(last)
+            return self._solved(stretched, *asked)
+
+        return loose.solve(step, load, at, asked[-1][1])
 
     def _again(self, raw: dict[str, Any], *asked: Any) -> dict[str, Any]:
         """The same step by the direct engine; the first answer if it does not fit."""
@@ -158,9 +188,9 @@ class _Recovery:
         """Displacements are always available."""
         return True
 
-    def primal(self) -> _core.Primal:
-        """The bodies, for derivatives."""
-        return self.engine.core
+    def primal(self) -> _core.Primal | None:
+        """The bodies, for derivatives; None if the core has springs of its own."""
+        return None if self.engine.loose.dofs.size else self.engine.core
 
     def condensed(self) -> _core.Condensed:
         """The bodies as the direct engine condenses them, if derivatives stall."""

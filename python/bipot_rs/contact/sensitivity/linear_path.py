@@ -57,6 +57,11 @@ class LinearPath:
         *,
         iterative: bool = True,
     ) -> None:
+        if model.held is not None and model.held.dependent.size:
+            raise ValueError(
+                "the model has a rigid set, a cyclic symmetry or a periodicity: "
+                "derivatives of its results are not available"
+            )
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])
         self.shape = steps[0].reaction.shape

@@ -18,6 +18,10 @@ from bipot_rs._lib.validation import gaps as gaps_of_steps
 class Inclined(Protocol):
     """Nodes on inclined supports."""
 
+    @property
+    def dependent(self) -> Ints:
+        """Degrees of freedom that follow others."""
+
     def load(self, force: Floats) -> Floats:
         """Forces without the reactions of these supports."""
 

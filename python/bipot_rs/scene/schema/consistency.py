@@ -58,6 +58,8 @@ def inconsistencies(
         *_strains(scene, known, dim),
         *_contacts(scene, known, dim),
         *_obstacles(scene, dim),
+        *remotes(scene, dim),
+        *repetitions(scene, dim),
         *_path(scene),
         *_wear(scene),
     ]
@@ -186,15 +188,26 @@ def _materials(scene: Scene) -> Iterator[str]:
 
 def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
     """Values of ``on``."""
-    for kind in ("support", "symmetry", "spring", "traction", "pressure", "contact"):
+    for kind in ("symmetry", "spring", "traction", "pressure", "contact"):
         for i, entry in enumerate(getattr(scene, kind)):
             yield from _surface(known, f"{kind}.{i}.on", entry.on)
+    for i, support in enumerate(scene.support):
+        yield from _surface(known, f"support.{i}.on", support.on, inside=True)
+    for name, remote in scene.remote.items():
+        yield from _surface(known, f"remote.{name}.on", remote.on, inside=True)
+    for kind in ("cyclic", "periodic"):
+        for i, entry in enumerate(getattr(scene, kind)):
+            yield from _surface(known, f"{kind}.{i}.on", entry.on)
+            yield from _surface(known, f"{kind}.{i}.onto", entry.onto)
     for i, force in enumerate(scene.body_force):
         if force.on not in scene.body:
             yield f"body_force.{i}.on: {_unknown('body', force.on, scene.body)}"
 
 
-def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
+def _surface(
+    known: Mapping[str, Known], path: str, on: str, *, inside: bool = False
+) -> Iterator[str]:
+    """Messages about a surface; ``inside`` also accepts a volume and a whole body."""
     body, dot, face = on.partition(".")
     if body not in known:
         problem = _unknown("body", body, list(known))
@@ -205,6 +218,8 @@ def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
         yield f"{path}: {problem}"
         return
     names = known[body].surfaces
+    if inside and (not dot or face in (known[body].volumes or ())):
+        return
     if names is None:
         if not face:
             yield f'{path}: should be "{body}.SURFACE", a surface that the mesh file names'
@@ -221,6 +236,12 @@ def _components(scene: Scene, dim: int | None) -> Iterator[str]:
     for i, support in enumerate(scene.support):
         if support.within is not None and dim == 2 and support.within.z is not None:
             yield f"support.{i}.within.z: {_IN_SPACE}"
+        yield from _length(f"support.{i}.at", support.at, dim)
+        if support.at is None and support.within is None and "." not in support.on:
+            yield (
+                f"support.{i}.on: is the whole body {support.on!r}; name a surface or a "
+                "volume, or add within or at"
+            )
 
 
 def _given(place: str, entry: Components, dim: int | None) -> Iterator[str]:
@@ -344,8 +365,77 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
         for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
             if part is not None:
                 yield from _axis(f"{place}.{key}.axis", part.axis, dim)
-        if rigid.move is not None:
-            yield from _given(f"{place}.move", rigid.move, dim)
+        for key, given in (("move", rigid.move), ("force", rigid.force)):
+            if given is not None:
+                yield from _given(f"{place}.{key}", given, dim)
+        if rigid.move is not None and rigid.force is not None:
+            for k in rigid.move.components().keys() & rigid.force.components().keys():
+                yield (
+                    f"{place}.force.{AXES[k]}: remove it or {place}.move.{AXES[k]}: a "
+                    "direction has either a force or a displacement"
+                )
+
+
+def remotes(scene: Scene, dim: int | None) -> Iterator[str]:
+    """Messages about remote points."""
+    for name, remote in scene.remote.items():
+        place = f"remote.{name}"
+        if "." in name:
+            yield f"{place}: {_DOT}"
+        if name in scene.obstacle and scene.obstacle[name].force is not None:
+            yield f"{place}: an obstacle with a force has this name; choose another name"
+        yield from _length(f"{place}.point", remote.point, dim)
+        if remote.within is not None:
+            yield from _within(f"{place}.within", remote.within, dim)
+        given = remote.given()
+        if not given:
+            yield f"{place}: needs move, turn, force or moment"
+        for key, numbers in given.items():
+            yield from _axes(f"{place}.{key}", key, numbers, dim)
+        for held, loaded in (("move", "force"), ("turn", "moment")):
+            if remote.distributed and held in given:
+                yield (
+                    f"{place}.{held}: remove it, or distributed: a part that may deform "
+                    "has no prescribed motion"
+                )
+            for k in given.get(held, {}).keys() & given.get(loaded, {}).keys():
+                yield (
+                    f"{place}.{loaded}.{AXES[k]}: remove it or {place}.{held}.{AXES[k]}: "
+                    "a component is either prescribed or loaded"
+                )
+
+
+def _axes(
+    place: str, key: str, numbers: Mapping[int, object], dim: int | None
+) -> Iterator[str]:
+    turning = key in ("turn", "moment")
+    if not numbers:
+        yield f"{place}: has no component, expected {'z' if turning else 'x, y or z'}"
+    if dim != 2:
+        return
+    for k in numbers:
+        if turning and k != 2:
+            yield f"{place}.{AXES[k]}: remove it, in two dimensions the only axis is z"
+        elif not turning and k == 2:
+            yield f"{place}.z: {_IN_SPACE}"
+
+
+def repetitions(scene: Scene, dim: int | None) -> Iterator[str]:
+    """Messages about cyclic symmetries and periodicities."""
+    for i, cyclic in enumerate(scene.cyclic):
+        place = f"cyclic.{i}"
+        yield from _length(f"{place}.about", cyclic.about, dim)
+        yield from _axis(f"{place}.axis", cyclic.axis, dim)
+    for kind in ("cyclic", "periodic"):
+        for i, entry in enumerate(getattr(scene, kind)):
+            if entry.on == entry.onto:
+                yield f"{kind}.{i}.onto: should be another surface than on"
+    tied = scene.tied()
+    if tied is not None and scene.solver.engine == "petsc":
+        yield (
+            f"solver.engine: should not be 'petsc', which does not support {tied}; use "
+            "'auto', 'direct' or 'iterative'"
+        )
 
 
 def _torus(place: str, torus: Ring, dim: int | None) -> Iterator[str]:

@@ -10,6 +10,7 @@ from pydantic import Field
 from bipot_rs._lib.types import Floats
 from bipot_rs.scene.schema.mesh import Within
 from bipot_rs.scene.schema.table import (
+    AXES,
     Component,
     Components,
     OneOrList,
@@ -93,6 +94,8 @@ class Rigid(Table):
     the other side of a surface; by default the normals of a surface point to the bodies.
     Files are those that meshio reads, such as STL; their names are relative to the scene
     file. ``move`` and ``turn`` are the total displacement and rotation, times amplitudes.
+    ``force`` is the total force on the obstacle: its displacement in these directions is an
+    unknown.
     """
 
     plane: Plane | None = None
@@ -103,6 +106,7 @@ class Rigid(Table):
     inside: bool = False
     move: Components | None = None
     turn: Turn | None = None
+    force: Components | None = None
 
     @property
     def centre(self) -> list[float] | None:
@@ -116,10 +120,10 @@ class Rigid(Table):
 
     def varying(self) -> dict[str, Varying]:
         """Numbers that may have an amplitude, by the end of their key path."""
-        found = {}
-        if self.move is not None:
-            letters = "xyz"
-            found = {f"move.{letters[k]}": v for k, v in self.move.components().items()}
+        found: dict[str, Varying] = {}
+        for key, given in (("move", self.move), ("force", self.force)):
+            if given is not None:
+                found |= {f"{key}.{AXES[k]}": v for k, v in given.components().items()}
         if self.turn is not None:
             found["turn.angle"] = self.turn.angle
         return found

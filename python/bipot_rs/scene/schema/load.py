@@ -22,10 +22,15 @@ _Stiffnesses = Annotated[list[_Stiffness], Field(min_length=2, max_length=3)]
 
 
 class Prescribed(Components):
-    """Displacement components prescribed on a surface; others stay free."""
+    """Displacement components prescribed on a part of a body; others stay free.
+
+    ``on`` is a surface, a volume or a whole body. ``within`` selects nodes by ranges of
+    coordinates, ``at`` only the node nearest to a position.
+    """
 
     on: str
     within: Within | None = None
+    at: Vector | None = None
 
 
 class Mirror(Table):

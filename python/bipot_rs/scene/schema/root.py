@@ -22,6 +22,7 @@ from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import Block, Mesh
 from bipot_rs.scene.schema.path import LoadPath
 from bipot_rs.scene.schema.table import AXES, Table, Varying
+from bipot_rs.scene.schema.tie import Cyclic, Periodic, Remote
 from bipot_rs.scene.schema.wear import Wear
 
 # Cells of an element, by dimension.
@@ -69,6 +70,9 @@ class Scene(Table):
     obstacle: dict[str, Rigid] = Field(default_factory=dict)
     support: list[Prescribed] = Field(default_factory=list)
     symmetry: list[Mirror] = Field(default_factory=list)
+    cyclic: list[Cyclic] = Field(default_factory=list)
+    periodic: list[Periodic] = Field(default_factory=list)
+    remote: dict[str, Remote] = Field(default_factory=dict)
     spring: list[Foundation] = Field(default_factory=list)
     traction: list[Traction] = Field(default_factory=list)
     pressure: list[Pressure] = Field(default_factory=list)
@@ -144,3 +148,19 @@ class Scene(Table):
         for name, rigid in self.obstacle.items():
             for end, number in rigid.varying().items():
                 yield f"obstacle.{name}.{end}", number
+        for name, point in self.remote.items():
+            for end, number in point.varying().items():
+                yield f"remote.{name}.{end}", number
+
+    def tied(self) -> str | None:
+        """Key of the first table that ties degrees of freedom to others; None without one."""
+        for kind in ("cyclic", "periodic"):
+            if getattr(self, kind):
+                return f"{kind}.0"
+        for name, point in self.remote.items():
+            if not point.distributed:
+                return f"remote.{name}"
+        for name, rigid in self.obstacle.items():
+            if rigid.force is not None:
+                return f"obstacle.{name}.force"
+        return None

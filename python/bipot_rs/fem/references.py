@@ -1,0 +1,406 @@
+"""Reference points: rigid obstacles under a force, and node sets that follow a point.
+
+A reference point has one reference node of ``d`` degrees of freedom for its translation. A
+rigid set has a second one for its rotation: ``ψ = L θ`` with the largest distance L of its
+nodes from the point, so that all degrees of freedom are lengths. Reference nodes follow the
+nodes of the bodies in the numbering, and have no stiffness of their own.
+
+A node at x of a rigid set follows ``u = a + θ × (x - p)``, with the translation a of the
+point p. An obstacle that moves by a changes the relative displacement of its contacts by
+``-a``, so that (1) in its row is the balance of its force with the contact forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from bipot_rs._lib.messages import instead
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
+from bipot_rs.fem.body import Body, Box
+from bipot_rs.fem.contact import Contact, Floating, body_index, rigid_obstacle
+from bipot_rs.fem.ties import Relations
+
+# Directions in which the nodes of a set differ by less than this, relative to their
+# largest distance from the point, give no moment arm.
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True)
+class Remote:
+    """A set of nodes that moves with a reference point, or that a force at it acts on.
+
+    A rigid set keeps its shape: its nodes follow the translation and rotation of the point.
+    Each of their components is prescribed, or free and loaded by
+    `Assembly.reference_force`. With ``distributed`` the set may deform: it has no unknowns of
+    its own, and a force and a moment at the point act as nodal forces with the same resultant,
+    in proportion to the areas (volumes) of the nodes.
+
+    Parameters
+    ----------
+    name
+        Unique among remotes and floating obstacles.
+    body
+        Name of the body.
+    part
+        A surface or a volume; None for all nodes of the body.
+    point
+        The reference point ``(d,)`` [m]; by default the mean position of the set.
+    components
+        Prescribed translations, some of 0 to d - 1.
+    rotations
+        Prescribed rotations: numbers of axes, in the plane only 2.
+    distributed
+        Whether the set may deform.
+    within
+        Ranges of coordinates that select nodes.
+    """
+
+    name: str
+    body: str
+    part: str | None = None
+    point: ArrayLike | None = None
+    components: Sequence[int] = ()
+    rotations: Sequence[int] = ()
+    distributed: bool = False
+    within: Box | None = None
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference point among the degrees of freedom.
+
+    Attributes
+    ----------
+    name
+        That of the obstacle or the set.
+    kind
+        ``"obstacle"`` or ``"rigid set"``.
+    point : (d,)
+        Position [m].
+    first
+        First degree of freedom.
+    arm
+        Length L of the rotations ``ψ = L θ`` [m]; None for an obstacle.
+    fixed : (m,)
+        Prescribed degrees of freedom, ascending.
+    components, rotations
+        Prescribed translations and rotations (numbers of axes), except those that are zero.
+    idle : (k, rotations)
+        Rotations that move no node of the set: those about the line of its nodes.
+    """
+
+    name: str
+    kind: str
+    point: Floats
+    first: int
+    arm: float | None
+    fixed: Ints
+    components: tuple[int, ...]
+    rotations: tuple[int, ...]
+    idle: Floats = field(repr=False)
+
+    @property
+    def nodes(self) -> int:
+        """Number of reference nodes: 1, or 2 with rotations."""
+        return 1 if self.arm is None else 2
+
+    @property
+    def dofs(self) -> Ints:
+        """Degrees of freedom of the translation ``(d,)``."""
+        return self.first + np.arange(len(self.point))
+
+    @property
+    def turns(self) -> Ints:
+        """Degrees of freedom of the rotation: 3 in space, 1 in the plane, 0 for an obstacle."""
+        d = len(self.point)
+        count = 0 if self.arm is None else 3 if d == 3 else 1
+        return self.first + d + np.arange(count)
+
+    def values(self, given: Sequence[float]) -> dict[int, float]:
+        """Prescribed value of each of `fixed`: translations [m], then rotations [rad]."""
+        found = floats(
+            f"values of the reference point {self.name!r}",
+            given,
+            shape=(len(self.components) + len(self.rotations),),
+        ).tolist()
+        known = dict.fromkeys(self.fixed.tolist(), 0.0)
+        moved = len(self.components)
+        for k, value in zip(self.components, found[:moved], strict=True):
+            known[int(self.dofs[k])] = value
+        for axis, value in zip(self.rotations, found[moved:], strict=True):
+            known[self._turn(axis)] = value * (self.arm or 1.0)
+        return known
+
+    def _turn(self, axis: int) -> int:
+        return int(self.turns[axis if len(self.point) == 3 else 0])
+
+    def force(self, force: ArrayLike | None, moment: ArrayLike | None) -> Floats:
+        """Loads at `dofs` and `turns` of a force [N] and a moment [N m]."""
+        d, turning = len(self.point), len(self.turns)
+        what = f"of the reference point {self.name!r}"
+        found = np.zeros(d + turning)
+        if force is not None:
+            found[:d] = floats(f"force {what}", force, shape=(d,))
+        if moment is None:
+            return found
+        if self.arm is None:
+            raise ValueError(
+                f"moment {what} was given, but an obstacle under a force only translates: "
+                "leave it out"
+            )
+        own = np.atleast_1d(floats(f"moment {what}", moment))
+        if own.shape != (turning,):
+            raise ValueError(
+                f"moment {what} has shape {own.shape}, expected ({turning},)"
+            )
+        lost = np.abs(self.idle @ own).max(initial=0.0)
+        if lost > _FLAT * np.abs(own).max(initial=0.0):
+            raise ValueError(
+                f"moment {what} has a component of {lost:g} about the line on which all "
+                "nodes of the set lie, where it has no arm: add nodes aside, or leave this "
+                "component out"
+            )
+        found[d:] = own / self.arm
+        return found
+
+
+def references(
+    bodies: Sequence[Body],
+    offset: Sequence[int],
+    contacts: Sequence[Contact],
+    remotes: Sequence[Remote],
+) -> tuple[tuple[Reference, ...], list[Relations]]:
+    """Number the reference points, and make the relations of rigid sets.
+
+    Raises
+    ------
+    ValueError
+        Names that repeat or do not exist, wrong components, a set without nodes.
+    """
+    dim = bodies[0].dim
+    first = sum(body.points.size for body in bodies)
+    found: list[Reference] = []
+    relations: list[Relations] = []
+    for floating in floatings(contacts, dim):
+        centre = _obstacle_point(contacts, floating, dim)
+        held = [k for k in range(dim) if k not in floating.components]
+        found.append(
+            Reference(
+                name=floating.name,
+                kind="obstacle",
+                point=centre,
+                first=first,
+                arm=None,
+                fixed=first + np.array(held, np.int64),
+                components=(),
+                rotations=(),
+                idle=np.zeros((0, 0)),
+            )
+        )
+        first += dim
+    for remote in remotes:
+        _check(remote, dim)
+        if remote.distributed:
+            continue
+        own, relation = _rigid(bodies, offset, remote, first)
+        found.append(own)
+        relations += relation
+        first += 2 * dim
+    names = [one.name for one in found] + [r.name for r in remotes if r.distributed]
+    if len(set(names)) < len(names):
+        raise ValueError(
+            f"names of floating obstacles and remotes repeat: {names}, expected different "
+            "names"
+        )
+    return tuple(found), relations
+
+
+def floatings(contacts: Sequence[Contact], dim: int) -> list[Floating]:
+    """The floating obstacles of contacts, in the order of their first contact."""
+    found: dict[str, Floating] = {}
+    for contact in contacts:
+        floating = contact.floating
+        if floating is None:
+            continue
+        if contact.against is not None:
+            raise ValueError(
+                f"floating of the contact on {contact.surface!r} was given, but "
+                f"{'.'.join(contact.against)} is a surface of another body: load that body "
+                "instead"
+            )
+        known = found.setdefault(floating.name, floating)
+        if tuple(known.components) != tuple(floating.components):
+            raise ValueError(
+                f"the floating obstacle {floating.name!r} has components "
+                f"{list(known.components)} in one contact and "
+                f"{list(floating.components)} in another: give all the same"
+            )
+    dims = range(dim)
+    for floating in found.values():
+        free = list(floating.components)
+        if not free or not set(free) <= set(dims) or len(set(free)) < len(free):
+            raise ValueError(
+                f"components of the floating obstacle {floating.name!r} are {free}, "
+                "expected different ones of x, y[, z] as 0, 1[, 2]"
+            )
+    return list(found.values())
+
+
+def obstacle_columns(
+    contacts: Sequence[Contact],
+    group: Ints,
+    frame: Floats,
+    found: Sequence[Reference],
+    n: int,
+) -> Any:
+    """Part of B ``(d n_c, n)`` that floating obstacles move: -1 times their frames."""
+    count, d = frame.shape[:2]
+    first = {one.name: one.first for one in found}
+    own = [first[c.floating.name] if c.floating else -1 for c in contacts]
+    at = np.array(own, np.int64)[group]
+    moved = np.flatnonzero(at >= 0)
+    rows = (d * moved[:, None] + np.arange(d))[:, :, None]
+    columns = (at[moved][:, None] + np.arange(d))[:, None, :]
+    shape = len(moved), d, d
+    entries = (
+        -frame[moved].ravel(),
+        (
+            np.broadcast_to(rows, shape).ravel(),
+            np.broadcast_to(columns, shape).ravel(),
+        ),
+    )
+    made = sparse.csr_array(entries, shape=(d * count, n))
+    made.eliminate_zeros()
+    return made
+
+
+def set_of(body: Body, remote: Remote) -> tuple[Ints, Floats]:
+    """Nodes of a remote, and its reference point."""
+    nodes = body.members(remote.part, remote.within)
+    if remote.point is None:
+        return nodes, np.asarray(body.points[nodes].mean(axis=0), np.float64)
+    point = floats(
+        f"point of the remote {remote.name!r}", remote.point, shape=(body.dim,)
+    )
+    return nodes, point
+
+
+def rotations(arms: Floats) -> Floats:
+    """``e_r × x`` of points ``(m, d)`` for each axis of rotation, ``(m, d, axes)``."""
+    if arms.shape[1] == 2:
+        return np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, :, None]
+    return np.stack([np.cross(unit, arms) for unit in np.eye(3)], axis=2)
+
+
+def reference_named(found: Sequence[Reference], name: str) -> Reference:
+    """The reference point of this name; `ValueError` lists the known names."""
+    for one in found:
+        if one.name == name:
+            return one
+    known = [one.name for one in found]
+    raise ValueError(
+        f"there is no reference point {name!r}"
+        + instead(name, known, "the model has no floating obstacle and no rigid set")
+    )
+
+
+def prescribed_values(
+    found: Sequence[Reference], given: Mapping[str, Sequence[float]] | None
+) -> dict[int, float]:
+    """Prescribed value of each fixed degree of freedom of reference points."""
+    values = dict(given or {})
+    known: dict[int, float] = {}
+    for one in found:
+        count = len(one.components) + len(one.rotations)
+        known |= one.values(values.pop(one.name, [0.0] * count))
+    for name in values:
+        reference_named(found, name)
+    return known
+
+
+def _check(remote: Remote, dim: int) -> None:
+    what = f"of the remote {remote.name!r}"
+    axes = range(3) if dim == 3 else range(2, 3)
+    for name, given, known in (
+        ("components", remote.components, range(dim)),
+        ("rotations", remote.rotations, axes),
+    ):
+        own = list(given)
+        if not set(own) <= set(known) or len(set(own)) < len(own):
+            raise ValueError(
+                f"{name} {what} are {own}, expected different ones of {list(known)}"
+            )
+        if own and remote.distributed:
+            raise ValueError(
+                f"{name} {what} are {own}, but distributed is true: only a rigid set has "
+                "a prescribed motion"
+            )
+
+
+def _obstacle_point(
+    contacts: Sequence[Contact], floating: Floating, dim: int
+) -> Floats:
+    """A point of the obstacle for messages: its centre, or that of the first contact."""
+    for contact in contacts:
+        if contact.floating is not None and contact.floating.name == floating.name:
+            obstacle = rigid_obstacle(contact, dim)
+            for name in ("centre", "point"):
+                found = getattr(obstacle, name, None)
+                if found is not None and np.shape(found) == (dim,):
+                    return np.asarray(found, np.float64)
+    return np.zeros(dim)
+
+
+def _rigid(
+    bodies: Sequence[Body], offset: Sequence[int], remote: Remote, first: int
+) -> tuple[Reference, list[Relations]]:
+    """The reference point of a rigid set, and its relations."""
+    b = body_index(bodies, remote.body)
+    body, d = bodies[b], bodies[b].dim
+    nodes, point = set_of(body, remote)
+    arms = body.points[nodes] - point
+    reach = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
+    reach = reach or float(np.ptp(body.points, axis=0).max())
+    fields = rotations(arms / reach)
+    turning = fields.shape[2]
+    # Rotations that move no node.
+    _, size, V = np.linalg.svd(
+        np.vstack([fields.reshape(-1, turning), np.zeros((turning,) * 2)]),
+        full_matrices=False,
+    )
+    idle = V[size <= _FLAT * np.sqrt(len(nodes))]
+    moves, turns = first + np.arange(d), first + d + np.arange(turning)
+    own = offset[b] + d * nodes[:, None] + np.arange(d)
+    dofs = np.empty((len(nodes), d, 2 + turning), np.int64)
+    dofs[:, :, 0], dofs[:, :, 1], dofs[:, :, 2:] = own, moves, turns
+    coefficients = np.empty(dofs.shape)
+    coefficients[:, :, 0], coefficients[:, :, 1] = 1.0, -1.0
+    coefficients[:, :, 2:] = -fields
+    relations = [
+        Relations(dofs.reshape(-1, 2 + turning), coefficients.reshape(-1, 2 + turning))
+    ]
+    if len(idle):
+        relations.append(Relations(np.tile(turns, (len(idle), 1)), idle))
+    held = [moves[k] for k in remote.components]
+    held += [turns[k if d == 3 else 0] for k in remote.rotations]
+    if d == 2:
+        held.append(first + 3)  # the second reference node has one rotation alone
+    made = Reference(
+        name=remote.name,
+        kind="rigid set",
+        point=point,
+        first=first,
+        arm=reach,
+        fixed=np.sort(np.array(held, np.int64)),
+        components=tuple(remote.components),
+        rotations=tuple(remote.rotations),
+        idle=idle,
+    )
+    return made, relations

@@ -1,0 +1,275 @@
+"""Cyclic symmetry and periodicity: two cuts of a structure that repeats itself.
+
+A sector of a structure of N equal sectors under loads that repeat too: the displacement on
+one cut is that on the other, rotated by 360°/N, ``u(Q x) = Q u(x)``. Where a structure repeats
+by translation, ``u(x + t) = u(x)``. The two cuts have the same nodes up to this motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.messages import place
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import floats, integer
+from bipot_rs.contact.frames import frames
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.contact import Contact, Meeting, body_index, nearest_points
+from bipot_rs.fem.ties import Relations
+from bipot_rs.obstacle.protocol import directed
+
+# Tolerance of coordinates from two meshers, relative to the size of the body.
+_SAME = 1e-7
+# Tolerance of gaps and normals at a contact and its image, relative to the size of the body
+# and to 1: files give coordinates with seven digits.
+_AGREE = 1e-5
+# Entries of a rotation below this are rounding of zero.
+_GONE = 1e-15
+
+
+@dataclass(frozen=True)
+class Cyclic:
+    """Two cuts of one of ``sectors`` equal sectors about an axis.
+
+    Parameters
+    ----------
+    on, onto
+        ``(body, surface)`` of the two cuts, in any order.
+    sectors
+        Number of sectors of the whole structure, at least 2.
+    about
+        A point of the axis ``(d,)`` [m]; default the origin.
+    axis
+        Direction of the axis ``(3,)``, in space only.
+    """
+
+    on: tuple[str, str]
+    onto: tuple[str, str]
+    sectors: int
+    about: ArrayLike | None = None
+    axis: ArrayLike | None = None
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """Two cuts of a structure that repeats itself by a translation.
+
+    Parameters
+    ----------
+    on, onto
+        ``(body, surface)`` of the two cuts. The translation from ``on`` to ``onto`` is that
+        between the centres of their boxes.
+    """
+
+    on: tuple[str, str]
+    onto: tuple[str, str]
+
+
+Repetition = Cyclic | Periodic
+
+
+@dataclass(frozen=True)
+class Images:
+    """The nodes of two cuts.
+
+    Attributes
+    ----------
+    on, onto : (m,)
+        First degree of freedom of each node of the first cut, and of its image.
+    turn : (d, d)
+        Q, the identity for a translation.
+    what
+        Names of the cuts, for messages.
+    size
+        Largest extent of the body [m].
+    """
+
+    on: Ints
+    onto: Ints
+    turn: Floats
+    what: str
+    size: float
+
+    def relations(self) -> Relations:
+        """``u(Q x) - Q u(x) = 0``."""
+        d = len(self.turn)
+        own = self.onto[:, None] + np.arange(d)
+        dofs = np.empty((len(self.on), d, 1 + d), np.int64)
+        dofs[:, :, 0] = own
+        dofs[:, :, 1:] = (self.on[:, None] + np.arange(d))[:, None, :]
+        values = np.empty(dofs.shape)
+        values[:, :, 0], values[:, :, 1:] = 1.0, -self.turn
+        return Relations(dofs.reshape(-1, 1 + d), values.reshape(-1, 1 + d))
+
+
+def images(
+    bodies: Sequence[Body], offset: Sequence[int], repetition: Repetition
+) -> Images:
+    """Find the image of each node.
+
+    Raises
+    ------
+    ValueError
+        Names that do not exist, a wrong axis or number, cuts whose nodes do not match.
+    """
+    (own, here), (other, there) = repetition.on, repetition.onto
+    b, o = body_index(bodies, own), body_index(bodies, other)
+    first, second = bodies[b].nodes(here), bodies[o].nodes(there)
+    what = f"{own}.{here} and {other}.{there}"
+    if len(first) != len(second):
+        raise ValueError(
+            f"surfaces {what} repeat each other, but have {len(first)} and {len(second)} "
+            "nodes: mesh both in the same way"
+        )
+    x, y = bodies[b].points[first], bodies[o].points[second]
+    size = float(np.ptp(bodies[b].points, axis=0).max())
+    tried = []
+    for turn, moved in _motions(repetition, x, y, bodies[b].dim, what):
+        match = nearest_points(moved, y)
+        off = np.linalg.norm(moved - y[match], axis=1)
+        tried.append((float(off.max()), turn, match, int(np.argmax(off))))
+    off_by, turn, match, worst = min(tried, key=lambda one: one[0])
+    if off_by > _SAME * size or len(np.unique(match)) < len(match):
+        raise ValueError(
+            f"surfaces {what} do not repeat each other: the image of the node at "
+            f"{place(x[worst])} is {off_by:g} from the nearest node: check the axis and "
+            "the number of sectors, and mesh both cuts in the same way"
+        )
+    dim = bodies[b].dim
+    on, onto = offset[b] + dim * first, offset[o] + dim * second[match]
+    # From either side: a node of both cuts, on the axis, is its own image.
+    return Images(on, onto, turn, what, size)
+
+
+def _motions(
+    repetition: Repetition, x: Floats, y: Floats, dim: int, what: str
+) -> list[tuple[Floats, Floats]]:
+    """Rotations that may take one cut to the other, with the moved nodes."""
+    if isinstance(repetition, Periodic):
+        low, high = x.min(axis=0), x.max(axis=0)
+        shift = (y.min(axis=0) - low + y.max(axis=0) - high) / 2
+        return [(np.eye(dim), x + shift)]
+    count = integer(f"sectors of {what}", repetition.sectors, least=2)
+    about = np.zeros(dim)
+    if repetition.about is not None:
+        about = floats(f"about of {what}", repetition.about, shape=(dim,))
+    if (repetition.axis is None) == (dim == 3):
+        raise ValueError(
+            f"axis of {what} is {'missing' if dim == 3 else 'given'}: a cyclic symmetry "
+            "needs an axis in space, and none in the plane"
+        )
+    axis = None
+    if dim == 3:
+        axis = directed(f"axis of {what}", repetition.axis, 3)
+    found = []
+    for angle in (2 * np.pi / count, -2 * np.pi / count):
+        turn = _rotation(angle, axis)
+        found.append((turn, about + (x - about) @ turn.T))
+    return found
+
+
+def _rotation(angle: float, axis: Floats | None) -> Floats:
+    c, s = np.cos(angle), np.sin(angle)
+    if axis is None:
+        turn = np.array([[c, -s], [s, c]])
+    else:
+        n = np.asarray(axis) / np.linalg.norm(axis)
+        across = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
+        turn = c * np.eye(3) + s * across + (1 - c) * np.outer(n, n)
+    turn[np.abs(turn) <= _GONE] = 0.0
+    return np.asarray(turn, np.float64)
+
+
+def merged(
+    found: Sequence[Meeting],
+    contacts: Sequence[Contact],
+    pairs: Images,
+    nodes: Floats,
+) -> list[Meeting]:
+    """Contacts of nodes, with those on the second cut joined to their images.
+
+    A node on a cut has half of its contact area on either side. Both halves move alike: they
+    are one contact with the whole area, at the node of the first cut. Mortar contacts stay as
+    they are. ``nodes`` are the positions of all nodes.
+
+    Raises
+    ------
+    ValueError
+        The obstacle does not repeat itself: gaps or normals differ.
+    """
+    return [
+        one if one.rows is not None else _merged(one, contact, pairs, nodes)
+        for one, contact in zip(found, contacts, strict=True)
+    ]
+
+
+def _merged(one: Meeting, contact: Contact, pairs: Images, nodes: Floats) -> Meeting:
+    at = {dof: i for i, dof in enumerate(one.dofs[:, 0].tolist())}
+    joined = [
+        (at[dof], at[image])
+        for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True)
+        if dof != image and dof in at and image in at
+    ]
+    if not joined:
+        return one
+    keep, drop = np.array(joined).T
+    area, gap, frame = one.area.copy(), one.gap.copy(), one.frame.copy()
+    own, theirs = area[keep, None], area[drop, None]
+    normal = own * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn
+    length = np.linalg.norm(normal, axis=1)
+    whole = own[:, 0] + theirs[:, 0]
+    bent = length < (1 - _SAME) * whole
+    if contact.against is None:
+        _agree(one, contact, pairs, (keep, drop), whole - length)
+    elif bent.any():
+        # Normals of a bent surface on a cut are those of the facets on one side.
+        at = keep[bent]
+        opposite = nodes[one.dofs[at, 1] // nodes.shape[1]]
+        between = one.points[at] - opposite
+        gap[at] -= np.einsum("cd,cd->c", frame[at, 0], between)
+        frame[at] = frames(normal[bent], contact.axis)
+        gap[at] += np.einsum("cd,cd->c", frame[at, 0], between)
+    area[keep] = whole
+    rest = np.ones(len(area), np.bool_)
+    rest[drop] = False
+    return _some(replace(one, area=area, gap=gap, frame=frame), rest)
+
+
+def _some(one: Meeting, rest: Bools) -> Meeting:
+    return replace(
+        one,
+        points=one.points[rest],
+        frame=one.frame[rest],
+        gap=one.gap[rest],
+        area=one.area[rest],
+        dofs=one.dofs[rest],
+        moved=None if one.moved is None else one.moved[:, rest],
+    )
+
+
+def _agree(
+    one: Meeting,
+    contact: Contact,
+    pairs: Images,
+    joined: tuple[Ints, Ints],
+    turned: Floats,
+) -> None:
+    """Refuse an obstacle that is not the same on both cuts."""
+    keep, drop = joined
+    off = np.abs(one.gap[keep] - one.gap[drop]) / pairs.size
+    off = np.maximum(off, turned / one.area[keep])
+    if one.moved is not None:
+        apart = one.moved[:, keep, 0] - one.moved[:, drop, 0]
+        off = np.maximum(off, np.abs(apart).max(axis=0) / pairs.size)
+    worst = int(np.argmax(off))
+    if off[worst] > _AGREE:
+        raise ValueError(
+            f"the obstacle of the contact on {contact.surface!r} does not repeat itself "
+            f"with the surfaces {pairs.what}: gaps or normals differ at "
+            f"{place(one.points[keep[worst]])} and its image: use an obstacle with the "
+            "same symmetry"
+        )

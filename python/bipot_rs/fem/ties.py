@@ -1,0 +1,313 @@
+"""Ties: linear relations between displacements, as a change of variables.
+
+Homogeneous relations ``C u = 0`` express some degrees of freedom, the dependent ones, by the
+others: ``u = T y``. Row i of T is that of the identity if i is independent, and column i is
+zero if i is dependent, so that ``T T = T``. Displacements that satisfy the relations are in
+equilibrium, tested by all others that do, if
+
+    Tᵀ K T y = Tᵀ f + (B T)ᵀ r,     v = B T y + g,     u = T y.
+
+With ``Tᵀ K T``, ``Tᵀ f`` and ``B T`` in place of K, f and B this is (1) and (2) with unchanged
+numbers of the degrees of freedom. The dependent ones, whose rows and columns are zero, count as
+prescribed with ``y = 0``. Displacements that supports prescribe are independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
+from bipot_rs._lib.messages import place
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.fem.inclined_supports import Planes
+
+# Coefficients below this, relative to their relation, are rounding: mesh files give
+# coordinates with seven digits.
+_SAME = 1e-5
+# Coefficients of T below this are rounding of double precision.
+_GONE = 1e-14
+# A preferred degree of freedom becomes dependent if its coefficient is at least this part of
+# the largest one.
+_PREFERRED = 0.1
+
+
+@dataclass(frozen=True)
+class Relations:
+    """Relations ``Σ coefficients · u[dofs] = 0``, one in each row.
+
+    Attributes
+    ----------
+    dofs, coefficients : (relations, terms)
+        The first degree of freedom of a row is preferred as the dependent one. Terms with a
+        coefficient of zero are ignored.
+    """
+
+    dofs: Ints
+    coefficients: Floats
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Relations between displacements, as a matrix; the `Held` of a contact problem.
+
+    Attributes
+    ----------
+    within : sparse (n, n)
+        T.
+    dependent : (m,)
+        Numbers of the dependent degrees of freedom, ascending.
+    given : sparse (k, n)
+        Relations between prescribed degrees of freedom alone.
+    fixed : (fixed,)
+        Degrees of freedom that supports prescribe, and the dependent ones, ascending.
+    nodes : (nodes, d)
+        Positions of all nodes and reference nodes [m].
+    planes
+        Planes of symmetry that are not normal to an axis, or None. They contain no dependent
+        degree of freedom.
+    """
+
+    within: Any = field(repr=False)
+    dependent: Ints = field(repr=False)
+    given: Any = field(repr=False)
+    fixed: Ints = field(repr=False)
+    nodes: Floats = field(repr=False)
+    planes: Planes | None = field(default=None, repr=False)
+
+    def stiffness(self, K: Any) -> Any:
+        """``Tᵀ K T``, bitwise symmetric if K is.
+
+        K ``(n, n)``, or without the rows of the reference nodes, which have no stiffness.
+        """
+        own = sparse.csr_array(K)
+        if self.planes is not None:
+            size = self.planes.nodes.size
+            own = sparse.csr_array(self.planes.stiffness(own[:size][:, :size]))
+        own.resize((self.nodes.size, self.nodes.size))
+        if not self.dependent.size:
+            return own
+        inner = sparse.csr_array(self.within.T @ own @ self.within)
+        found = sparse.csr_array((inner + inner.T) / 2)
+        found.sort_indices()
+        return found
+
+    def relative(self, B: Any) -> Any:
+        """``B T``, with entries set to zero that are rounding relative to the row of B."""
+        found = sparse.csr_array(B @ self.within)
+        rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
+        largest = abs(B).max(axis=1).toarray().ravel()
+        found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
+        found.eliminate_zeros()
+        found.sort_indices()
+        return found
+
+    def load(self, force: Floats) -> Floats:
+        """``Tᵀ f``, without the reactions of the planes; unchanged if both change nothing."""
+        found = force
+        if self.planes is not None:
+            size = self.planes.nodes.size
+            own = self.planes.load(found[:size])
+            if not np.array_equal(own, found[:size]):
+                found = np.concatenate([own, found[size:]])
+        if not found[self.dependent].any():
+            return found
+        return np.asarray(self.within.T @ found, np.float64)
+
+    def prescribed(self, values: Floats) -> None:
+        """Refuse displacements ``(fixed,)`` that contradict the relations."""
+        if self.planes is not None:
+            self.planes.prescribed(values[np.isin(self.fixed, self.planes.fixed)])
+        moved = np.zeros(self.nodes.size)
+        moved[self.fixed] = values
+        off = np.abs(self.given @ moved)
+        wrong = off > _SAME * (abs(self.given) @ np.abs(moved))
+        if wrong.any():
+            row, dim = int(np.argmax(wrong)), self.nodes.shape[1]
+            dof = int(self.given.indices[self.given.indptr[row]])
+            raise ValueError(
+                f"the displacements that supports prescribe near {self._place(dof // dim)} "
+                f"contradict a rigid set or a cyclic symmetry by {off[row]:g}: prescribe "
+                "values that agree, or leave them out on one side"
+            )
+
+    def _place(self, node: int) -> str:
+        return place(self.nodes[node])
+
+    def displacement(self, y: Floats) -> Floats:
+        """``u = T y``, ``(n,)``."""
+        return np.asarray(self.within @ y, np.float64)
+
+    def unknowns(self, u: Floats) -> Floats:
+        """The y of ``u = T y`` with zeros at the dependent degrees of freedom."""
+        y = u.copy()
+        y[self.dependent] = 0.0
+        return y
+
+
+def tied(
+    relations: Sequence[Relations],
+    fixed: Ints,
+    nodes: Floats,
+    planes: Planes | None = None,
+) -> Ties:
+    """Solve relations for dependent degrees of freedom.
+
+    Parameters
+    ----------
+    relations
+        In the order in which they are solved.
+    fixed
+        Degrees of freedom that supports prescribe, ascending.
+    nodes, planes
+        As in `Ties`.
+
+    Raises
+    ------
+    ValueError
+        A node is in a relation and on an inclined plane of symmetry.
+    """
+    n = nodes.size
+    prescribed = np.zeros(n, np.bool_)
+    prescribed[fixed] = True
+    _refuse_planes(relations, nodes, planes)
+    simple, rest = _separated(relations, prescribed)
+    slow = _Elimination(prescribed)
+    for dofs, coefficients in rest:
+        slow.add(dofs, coefficients)
+    rows, columns, values = slow.entries(n)
+    dependent = np.zeros(n, np.bool_)
+    dependent[list(slow.solved)] = True
+    first = sparse.csr_array((values, (rows, columns)), shape=(n, n))
+    rows, columns, values = simple
+    dependent[rows] = True
+    kept = np.ones(n)
+    kept[rows] = 0.0
+    fast = sparse.csr_array((values, (rows, columns)), shape=(n, n))
+    T = sparse.csr_array((fast + diagonal_matrix(kept)) @ first)
+    T.eliminate_zeros()
+    T.sort_indices()
+    return Ties(
+        within=T,
+        dependent=np.flatnonzero(dependent).astype(np.int64),
+        given=slow.given_rows(n),
+        fixed=np.union1d(fixed, np.flatnonzero(dependent)),
+        nodes=nodes,
+        planes=planes,
+    )
+
+
+def _refuse_planes(
+    relations: Sequence[Relations], nodes: Floats, planes: Planes | None
+) -> None:
+    if planes is None:
+        return
+    on_plane = np.zeros(nodes.size, np.bool_)
+    on_plane[planes.normals.tocoo().row] = True
+    for own in relations:
+        both = own.dofs[(own.coefficients != 0) & on_plane[own.dofs]]
+        if both.size:
+            raise ValueError(
+                f"the node at {place(nodes[both[0] // nodes.shape[1]])} is on an inclined "
+                "plane of symmetry and in a rigid set or a cyclic symmetry: exclude it by "
+                "within, or rotate the mesh so that the plane is normal to an axis"
+            )
+
+
+def _separated(
+    relations: Sequence[Relations], prescribed: Bools
+) -> tuple[tuple[Ints, Ints, Floats], Iterator[tuple[Ints, Floats]]]:
+    """Entries of T of relations whose preferred degree of freedom is in no other, and the rest."""
+    uses = np.zeros(len(prescribed), np.int64)
+    for own in relations:
+        np.add.at(uses, own.dofs[own.coefficients != 0], 1)
+    rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], []
+    rest: list[tuple[Ints, Floats]] = []
+    for own in relations:
+        first = own.dofs[:, 0]
+        lead = np.abs(own.coefficients[:, 0])
+        simple = (uses[first] == 1) & ~prescribed[first]
+        simple &= lead >= _PREFERRED * np.abs(own.coefficients).max(axis=1)
+        dofs, share = own.dofs[simple, 1:], own.coefficients[simple]
+        rows.append(np.repeat(first[simple], dofs.shape[1]))
+        columns.append(dofs.ravel())
+        values.append((-share[:, 1:] / share[:, :1]).ravel())
+        rest += zip(own.dofs[~simple], own.coefficients[~simple], strict=True)
+    data = np.concatenate([np.zeros(0), *values])
+    return (np.concatenate(rows), np.concatenate(columns), data), iter(rest)
+
+
+class _Elimination:
+    """Gaussian elimination, relation by relation.
+
+    Attributes
+    ----------
+    solved
+        The coefficients of the independent degrees of freedom, of each dependent one.
+    """
+
+    def __init__(self, prescribed: Bools) -> None:
+        self._prescribed = prescribed
+        self.solved: dict[int, dict[int, float]] = {}
+        # The dependent ones whose coefficients name a degree of freedom.
+        self._naming: dict[int, set[int]] = {}
+        self._given: list[dict[int, float]] = []
+
+    def add(self, dofs: Ints, coefficients: Floats) -> None:
+        """Solve one more relation."""
+        row: dict[int, float] = {}
+        for dof, value in zip(dofs.tolist(), coefficients.tolist(), strict=True):
+            for other, share in self.solved.get(dof, {dof: 1.0}).items():
+                row[other] = row.get(other, 0.0) + value * share
+        size = float(np.abs(coefficients).max())
+        row = {dof: value for dof, value in row.items() if abs(value) > _GONE * size}
+        free = {dof: value for dof, value in row.items() if not self._prescribed[dof]}
+        largest = max((abs(value) for value in free.values()), default=0.0)
+        if largest <= _SAME * size:
+            kept = {d: v for d, v in row.items() if d not in free and abs(v) > _SAME}
+            if kept:
+                self._given.append(kept)
+            return
+        preferred = int(dofs[0])
+        pivot = preferred
+        if abs(free.get(preferred, 0.0)) < _PREFERRED * largest:
+            pivot = max(free, key=lambda dof: abs(free[dof]))
+        lead = row.pop(pivot)
+        self._solve(pivot, {dof: -value / lead for dof, value in row.items()})
+
+    def _solve(self, pivot: int, row: dict[int, float]) -> None:
+        for dependent in self._naming.pop(pivot, set()):
+            own = self.solved[dependent]
+            share = own.pop(pivot)
+            for dof, value in row.items():
+                own[dof] = own.get(dof, 0.0) + share * value
+                self._naming.setdefault(dof, set()).add(dependent)
+        self.solved[pivot] = row
+        for dof in row:
+            self._naming.setdefault(dof, set()).add(pivot)
+
+    def entries(self, n: int) -> tuple[Ints, Ints, Floats]:
+        """Rows, columns and values of T."""
+        plain = np.ones(n, np.bool_)
+        plain[list(self.solved)] = False
+        same = np.flatnonzero(plain)
+        rows = [i for i, row in self.solved.items() for _ in row]
+        columns = [j for row in self.solved.values() for j in row]
+        values = [value for row in self.solved.values() for value in row.values()]
+        return (
+            np.concatenate([same, np.array(rows, np.int64)]),
+            np.concatenate([same, np.array(columns, np.int64)]),
+            np.concatenate([np.ones(len(same)), np.array(values, np.float64)]),
+        )
+
+    def given_rows(self, n: int) -> Any:
+        """Relations between prescribed degrees of freedom alone, ``(k, n)``."""
+        rows = [k for k, row in enumerate(self._given) for _ in row]
+        columns = [dof for row in self._given for dof in row]
+        values = [value for row in self._given for value in row.values()]
+        shape = len(self._given), n
+        return sparse.csr_array((values, (rows, columns)), shape=shape, dtype=float)

@@ -1,0 +1,434 @@
+"""Obstacles under a force, rigid sets and forces at a distance."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs.fem.assembly import Support
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.contact import Contact, Floating
+from bipot_rs.fem.inspection import inspect
+from bipot_rs.fem.references import Remote
+from bipot_rs.mesh import elements
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.shapes import Plane, Sphere
+
+Floats = NDArray[np.float64]
+SOFT = fem.Material(1000.0, 0.3)
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+# Residuals of 1e-13, times the condition of small elastic bodies, 1e3.
+SOLVED = 1e-10
+
+
+def block(cell: str, n: int = 4, degree: int = 1, size: float = 1.0) -> Body:
+    mesh = fem.box([size * np.linspace(0, 1, n + 1)] * CELLS[cell], cell)
+    return Body("it", mesh if degree == 1 else elements.second_order(mesh), SOFT)
+
+
+def punched(
+    d: int, pairing: str, body: Body | None = None, **more: Any
+) -> fem.Assembly:
+    """A block on a support, under a flat punch."""
+    body = body or block("quadrilateral" if d == 2 else "hexahedron")
+    top = float(body.points[:, -1].max())
+    punch = Plane(np.eye(d)[-1] * top, -np.eye(d)[-1])
+    contact = Contact("it", "top", 0.3, obstacle=punch, pairing=pairing, **more)
+    return fem.assemble([body], [contact], [Support("it", "bottom", range(d))])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+def test_a_force_equals_the_displacement_that_needs_it(d: int, pairing: str) -> None:
+    down = np.zeros((1, d))
+    down[0, -1], down[0, 0] = -0.01, 0.001
+    moved = punched(d, pairing, motion=Motion(down))
+    one = moved.problem().solve(tol=1e-13)
+    force = np.einsum("ck,ckd->d", one.reaction[0], moved.frame)
+    pushed = punched(d, pairing, floating=Floating("punch", range(d)))
+    # Everywhere the obstacle moves with the body, nothing changes.
+    u = np.zeros((pushed.n // d, d)) + np.arange(1.0, d + 1)
+    assert np.abs(pushed.B @ u.ravel()).max() < 1e-14 * d
+    two = pushed.problem().solve(pushed.reference_force("punch", force), tol=1e-13)
+    motion, rotation = pushed.reference_motion("punch", two.displacement)
+    np.testing.assert_allclose(motion, down, rtol=0, atol=SOLVED * 0.01)
+    assert rotation.shape == (1, 0)
+    np.testing.assert_allclose(
+        two.reaction, one.reaction, rtol=0, atol=SOLVED * one.reaction.max()
+    )
+    np.testing.assert_allclose(
+        two.displacement[0, : moved.n], one.displacement[0], rtol=0, atol=SOLVED * 0.01
+    )
+
+
+def test_a_free_obstacle_balances_its_contacts() -> None:
+    """Two surfaces touch one sphere; the engines agree."""
+    results = []
+    for engine in ("direct", "iterative"):
+        body = block("hexahedron", 5)
+        ball = Floating("ball", (0, 2))
+        sphere = Sphere([0.5, 0.5, 3.0], 2.0)
+        at = {"obstacle": sphere, "floating": ball}
+        contacts = [
+            Contact("it", "top", 0.3, within={0: (0.0, 0.5)}, **at),
+            Contact("it", "top", 0.2, within={0: (0.51, 1.0)}, **at),
+        ]
+        model = fem.assemble([body], contacts, [Support("it", "bottom", range(3))])
+        assert inspect(model) == []
+        problem = model.problem(engine=engine)
+        path = [
+            model.reference_force("ball", [x, 0.0, -10.0]) for x in (0.0, 1.0, -1.0)
+        ]
+        result = problem.solve(np.array(path), tol=1e-13)
+        assert problem.stats["engine_reason"] == "it was asked for"
+        for step, x in zip(result, (0.0, 1.0, -1.0), strict=True):
+            total = np.einsum("ck,ckd->d", step.reaction, model.frame)
+            np.testing.assert_allclose(total[[0, 2]], [x, -10], rtol=0, atol=1e-10)
+        results.append(result)
+    one, two = results
+    np.testing.assert_allclose(two.reaction, one.reaction, rtol=0, atol=1e-9)
+    u = one.displacement
+    np.testing.assert_allclose(two.displacement, u, rtol=0, atol=1e-9 * np.abs(u).max())
+    # A path that continues from a step has the same bits.
+    rest = problem.solve(np.array(path[1:]), tol=1e-13, start=two[0])
+    np.testing.assert_array_equal(rest.reaction, two.reaction[1:])
+    np.testing.assert_array_equal(rest.displacement, two.displacement[1:])
+
+
+def test_units_of_an_obstacle_under_a_force() -> None:
+    """Lengths in mm or in m, stress unchanged: displacements as lengths, forces as areas."""
+    found = []
+    for scale in (1.0, 1e3):
+        body = block("quadrilateral", size=scale)
+        model = punched(2, "match", body, floating=Floating("punch", (1,)))
+        f = model.reference_force("punch", [0.0, -3.0 * scale])
+        result = model.problem().solve(f, tol=1e-13)
+        found.append((result.displacement / scale, result.reaction / scale))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
+
+
+def test_gradient_by_the_force_on_an_obstacle() -> None:
+    """The derivative of the approach by the force is the slope of two close solutions."""
+    model = punched(2, "match", floating=Floating("punch", (1,)))
+    f = model.reference_force("punch", [0.0, -3.0])
+    problem = model.problem(engine="direct")
+    slope = problem.solve(f, tol=1e-13).jvp(load=f).displacement[0, -1]
+    # One closed flat contact: all is proportional to the force.
+    assert slope == pytest.approx(problem.solve(f).displacement[0, -1], rel=1e-8)
+
+
+def test_an_obstacle_that_nothing_holds() -> None:
+    model = punched(2, "match", floating=Floating("punch", (0, 1)))
+    assert inspect(model) == []
+    contact = model.contacts[0]
+    bare = Contact(
+        "it", "top", 0.0, obstacle=contact.obstacle, floating=contact.floating
+    )
+    slippery = fem.assemble(model.bodies, [bare], model.supports)
+    assert inspect(slippery) == [
+        "obstacle 'punch' can move freely, and no contact holds it: prescribe its motion, "
+        "or add a contact or friction that stops it"
+    ]
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_column_under_a_rigid_plate(cell: str) -> None:
+    """Without Poisson's effect a force at the middle gives F L / (E A), without rotation."""
+    d = CELLS[cell]
+    body = Body("it", block(cell).mesh, fem.Material(1000.0, 0.0))
+    model = fem.assemble(
+        [body],
+        [Contact("it", "bottom", 0.2, plane=(np.zeros(d), np.eye(d)[-1]))],
+        remotes=[Remote("plate", "it", "top", components=range(d - 1))],
+    )
+    assert inspect(model) == []
+    f = model.reference_force("plate", -7.0 * np.eye(d)[-1])
+    result = model.problem().solve(f, tol=1e-13)
+    motion, turn = model.reference_motion("plate", result.displacement[0])
+    np.testing.assert_allclose(motion, -7e-3 * np.eye(d)[-1], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(turn, 0, atol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_rigid_set_by_force_or_by_motion(d: int) -> None:
+    """A force and a moment far away; then the motion that they caused, prescribed."""
+    body = block("quadrilateral" if d == 2 else "tetrahedron")
+    point = np.array([0.3, 0.4, 1.7])[[0, 2] if d == 2 else [0, 1, 2]]
+    floor = Contact("it", "bottom", 0.4, plane=(np.zeros(d), np.eye(d)[-1]))
+    loaded = fem.assemble([body], [floor], remotes=[Remote("grip", "it", "top", point)])
+    force, moment = np.array([0.3, -0.2, -9.0][-d:]), np.array([0.5, 0.3, -0.2][-1:])
+    if d == 3:
+        moment = np.array([0.5, 0.3, -0.2])
+    result = loaded.problem().solve(
+        loaded.reference_force("grip", force, moment), tol=1e-13
+    )
+    shift, turn = loaded.reference_motion("grip", result.displacement[0])
+    nodes = body.nodes("top")
+    arm = body.points[nodes] - point
+    u = result.displacement[0, : loaded.nodes.size].reshape(-1, d)[nodes]
+    rigid = (
+        shift + np.cross(turn, arm)
+        if d == 3
+        else shift + turn * np.column_stack([-arm[:, 1], arm[:, 0]])
+    )
+    np.testing.assert_allclose(u, rigid, rtol=0, atol=1e-14)
+    # Balance of forces and of moments about the point.
+    push = np.einsum("ck,ckd->cd", result.reaction[0], loaded.frame)
+    lever = loaded.points - point
+    np.testing.assert_allclose(push.sum(axis=0), -force, rtol=0, atol=SOLVED * 9)
+    about = (
+        np.cross(lever, push).sum(axis=0)
+        if d == 3
+        else np.sum(lever[:, 0] * push[:, 1] - lever[:, 1] * push[:, 0])
+    )
+    np.testing.assert_allclose(about, -moment, rtol=0, atol=SOLVED * 9)
+    axes = range(3) if d == 3 else (2,)
+    held = Remote("grip", "it", "top", point, components=range(d), rotations=axes)
+    moved = fem.assemble([body], [floor], remotes=[held])
+    values = moved.prescribed([], {"grip": [*shift, *turn]})
+    again = moved.problem().solve(None, values, tol=1e-13)
+    np.testing.assert_allclose(
+        again.displacement, result.displacement, rtol=0, atol=SOLVED * np.abs(u).max()
+    )
+
+
+def test_numbering_of_a_rigid_set() -> None:
+    """Renumbered nodes of the mesh, the same displacements."""
+    found = []
+    for seed in (None, 3):
+        mesh = block("triangle").mesh
+        order = np.arange(mesh.p.shape[1])
+        if seed is not None:
+            order = np.random.default_rng(seed).permutation(order)
+        place = np.argsort(order)
+        mesh = type(mesh)(mesh.p[:, order], place[mesh.t])
+        mesh = fem.with_surfaces(
+            mesh,
+            {
+                "top": fem.surface(mesh, {1: (1.0, 1.0)}),
+                "bottom": fem.surface(mesh, {1: (0.0, 0.0)}),
+            },
+        )
+        model = fem.assemble(
+            [Body("it", mesh, SOFT)],
+            [Contact("it", "bottom", 0.2, plane=([0, 0], [0, 1]))],
+            remotes=[Remote("grip", "it", "top", [0.7, 2.0])],
+        )
+        f = model.reference_force("grip", [0.1, -4.0], 0.2)
+        result = model.problem().solve(f, tol=1e-13)
+        u = result.displacement[0]
+        found.append(
+            (u[: model.nodes.size].reshape(-1, 2)[place], u[model.nodes.size :])
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
+
+
+def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
+    """Three nodes held in three directions, 3-2-1: the set can only stay."""
+    body = block("hexahedron", 2)
+    corners = ([0.0, 0, 1], (0, 1, 2)), ([1.0, 0, 1], (1, 2)), ([0.0, 1, 1], (2,))
+    model = fem.assemble(
+        [body],
+        [],
+        [Support("it", "top", own, at=x) for x, own in corners],
+        remotes=[Remote("grip", "it", "top")],
+    )
+    assert inspect(model) == []
+    f = model.body_force("it", [1.0, 2.0, -3.0])
+    shift, turn = model.reference_motion("grip", model.problem().solve(f).displacement)
+    np.testing.assert_allclose(shift, 0, atol=1e-15)
+    np.testing.assert_allclose(turn, 0, atol=1e-15)
+    moved = model.prescribed([[0.1, 0.2, 0.3], [0.2, 0.3], [0.4]])
+    u = model.problem().solve(None, moved).displacement
+    # Rotated about x by 0.1.
+    shift, turn = model.reference_motion("grip", u[0])
+    np.testing.assert_allclose(turn, [0.1, 0, 0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(shift, [0.1, 0.2, 0.35], rtol=0, atol=1e-15)
+
+
+def test_half_of_a_rigid_set_on_a_plane_of_symmetry() -> None:
+    """Components that symmetry excludes are prescribed, also where a support holds nodes."""
+    cut = np.linspace(0, 1, 3)
+    floor = [Contact("it", "bottom", 0.3, plane=([0, 0, 0.0], [0, 0, 1]))]
+
+    def solved(x: Floats, share: float, *symmetric: fem.Symmetry) -> Any:
+        body = Body("it", fem.box([x, cut, cut], "hexahedron"), SOFT)
+        held = {"components": (0,), "rotations": (1, 2)} if symmetric else {}
+        grip = Remote("grip", "it", "top", [0.0, 0.5, 1.0], **held)
+        model = fem.assemble([body], floor, symmetries=symmetric, remotes=[grip])
+        f = model.reference_force("grip", [0, share, -8 * share], [0.4 * share, 0, 0])
+        result = model.problem().solve(f, tol=1e-13)
+        return body, result, model
+
+    whole, all_of, _ = solved(np.linspace(-1, 1, 5), 2.0)
+    half, part, model = solved(cut, 1.0, fem.Symmetry("it", "left"))
+    same = [np.flatnonzero((whole.points == x).all(axis=1))[0] for x in half.points]
+    u = all_of.displacement[0, : whole.points.size].reshape(-1, 3)[same]
+    v = part.displacement[0, : half.points.size].reshape(-1, 3)
+    np.testing.assert_allclose(v, u, rtol=0, atol=SOLVED * np.abs(u).max())
+    shift, turn = model.reference_motion("grip", part.displacement[0])
+    np.testing.assert_allclose([shift[0], turn[1], turn[2]], 0, atol=1e-15)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("part", ["top", None])
+def test_distributed_forces_have_the_resultant(
+    cell: str, degree: int, part: str | None
+) -> None:
+    body, d = block(cell, 3, degree), CELLS[cell]
+    point = np.array([0.2, 1.4, -0.6][:d])
+    model = fem.assemble(
+        [body], [], remotes=[Remote("pull", "it", part, point, distributed=True)]
+    )
+    force = np.array([1.0, -2.0, 0.5][:d])
+    moment = np.array([0.3]) if d == 2 else np.array([0.3, -0.7, 0.2])
+    f = model.reference_force("pull", force, moment).reshape(-1, d)
+    lever = body.points - point
+    turn = (
+        np.cross(lever, f)
+        if d == 3
+        else lever[:, :1] * f[:, 1:] - lever[:, 1:] * f[:, :1]
+    )
+    # Sums of some hundred rounded products of size 1.
+    np.testing.assert_allclose(f.sum(axis=0), force, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(turn.sum(axis=0), moment, rtol=0, atol=1e-13)
+    if part is not None:
+        assert not f[np.setdiff1d(np.arange(len(f)), body.nodes("top"))].any()
+        centre = body.points[body.nodes("top")].mean(axis=0)
+        middle = Remote("pull", "it", part, centre, distributed=True)
+        plain = fem.assemble([body], [], remotes=[middle])
+        # A force at the centre is a uniform traction.
+        np.testing.assert_allclose(
+            plain.reference_force("pull", force),
+            plain.traction("it", "top", force),
+            rtol=0,
+            atol=1e-13,
+        )
+
+
+def test_nodes_on_a_line_have_no_arm_about_it() -> None:
+    body = block("hexahedron", 2)
+    edge = {1: (0.0, 0.0)}
+    for distributed in (False, True):
+        remote = Remote("edge", "it", "top", within=edge, distributed=distributed)
+        if distributed:
+            with pytest.raises(
+                ValueError, match="no facet or cell with all nodes within"
+            ):
+                fem.assemble([body], [], remotes=[remote]).reference_force(
+                    "edge", [0, 0, 1.0]
+                )
+            continue
+        model = fem.assemble(
+            [body], [], [Support("it", "bottom", range(3))], remotes=[remote]
+        )
+        assert inspect(model) == []
+        f = model.reference_force("edge", [0, 0, 1.0], [0, 0.1, 0.1])
+        _, turn = model.reference_motion(
+            "edge", model.problem().solve(f).displacement[0]
+        )
+        assert turn[0] == 0
+        assert turn[1] != 0
+        with pytest.raises(
+            ValueError, match="about the line on which all nodes of the set"
+        ):
+            model.reference_force("edge", moment=[0.1, 0, 0])
+
+
+def test_nodes_inside_a_body_are_held() -> None:
+    mesh = fem.box([np.linspace(0, 1, 5)] * 2, "quadrilateral")
+    middle = np.flatnonzero((np.abs(mesh.p[:, mesh.t].mean(axis=1) - 0.5) < 0.2).all(0))
+    mesh = mesh.with_subdomains({"core": middle})
+    body = Body("it", mesh, SOFT)
+    assert len(body.members("core")) == 9
+    held = fem.assemble([body], [], [Support("it", "core", (0, 1))])
+    assert len(held.fixed) == 18
+    inside = Support("it", None, (0,), within={0: (0.5, 0.5), 1: (0.2, 0.6)})
+    at = Support("it", None, (0, 1), at=[0.3, 0.45])
+    one = fem.assemble([body], [], [inside, at])
+    assert {tuple(x) for x in one.nodes[one.fixed // 2]} == {
+        (0.5, 0.25),
+        (0.5, 0.5),
+        (0.25, 0.5),
+    }
+    values = one.prescribed([[0.2], [0.1, -0.1]])
+    u = one.problem().solve(None, values).displacement[0].reshape(-1, 2)
+    near = int(np.argmin(np.linalg.norm(one.nodes - [0.25, 0.5], axis=1)))
+    np.testing.assert_array_equal(u[near], [0.1, -0.1])
+
+
+def refused(
+    message: str, *, contacts: Any = (), remotes: Any = (), **support: Any
+) -> None:
+    supports = [Support("it", components=(0,), **support)] if support else []
+    with pytest.raises(ValueError, match=message):
+        fem.assemble([block("quadrilateral", 2)], contacts, supports, remotes=remotes)
+
+
+def test_mistakes_of_references() -> None:
+    plane = Plane([0.0, 1.0], [0.0, -1.0])
+    punch = Contact("it", "top", 0.3, obstacle=plane, floating=Floating("punch", ()))
+    refused("components of the floating obstacle 'punch' are \\[\\]", contacts=[punch])
+    punch = Contact("it", "top", 0.3, obstacle=plane, floating=Floating("punch", (2,)))
+    refused("components of the floating obstacle 'punch' are \\[2\\]", contacts=[punch])
+    refused(
+        "components of the remote 'a' are \\[2\\]",
+        remotes=[Remote("a", "it", components=[2])],
+    )
+    refused(
+        "rotations of the remote 'a' are \\[0\\]",
+        remotes=[Remote("a", "it", rotations=[0])],
+    )
+    two = [Remote("a", "it", "top"), Remote("a", "it", "left", distributed=True)]
+    refused("names of floating obstacles and remotes repeat", remotes=two)
+    refused(
+        "has no surface or volume 'tpo', expected one of",
+        remotes=[Remote("a", "it", "tpo")],
+    )
+    refused(
+        "at is \\(3, 0\\), outside body 'it', which extends",
+        surface=None,
+        at=[3.0, 0.0],
+    )
+    refused("has no nodes within the ranges", surface=None, within={0: (0.1, 0.2)})
+    other = Remote("a", "it", "top", components=[0], distributed=True)
+    refused("only a rigid set has a prescribed motion", remotes=[other])
+
+
+def test_what_models_with_references_cannot_do() -> None:
+    model = punched(2, "match", floating=Floating("punch", (1,)))
+    with pytest.raises(ValueError, match="K is not assembled in parts"):
+        model.stiffness_rows(np.arange(3))
+    with pytest.raises(
+        ValueError, match="moment of the reference point 'punch' was given"
+    ):
+        model.reference_force("punch", moment=[1.0])
+    with pytest.raises(
+        ValueError, match="there is no reference point 'pnuch', expected one"
+    ):
+        model.reference_force("pnuch", [0, 1.0])
+    result = model.problem(engine="direct").solve(
+        model.reference_force("punch", [0, -1.0])
+    )
+    with pytest.raises(
+        ValueError, match="gradients with respect to parameters are not"
+    ):
+        model.gradient(result.vjp(reaction=result.reaction))
+    body = block("quadrilateral")
+    tied = fem.assemble(
+        [body],
+        [Contact("it", "bottom", 0.2, plane=([0, 0], [0, 1]))],
+        remotes=[Remote("a", "it", "top")],
+    )
+    result = tied.problem().solve(tied.reference_force("a", [0, -1.0]))
+    with pytest.raises(
+        ValueError, match="derivatives of its results are not available"
+    ):
+        result.jvp(load=tied.reference_force("a", [0, -1.0]))
+    assert isinstance(result, bp.Result)
