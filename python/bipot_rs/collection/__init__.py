@@ -13,7 +13,7 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.collection.catalogue import PATHS
-    from bipot_rs.collection.check import Checked, check
+    from bipot_rs.collection.checks import Checked, check
     from bipot_rs.collection.entry import Entry
     from bipot_rs.collection.load_path import LoadPath
     from bipot_rs.collection.manifest import Row
@@ -25,7 +25,7 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.collection.catalogue": ("PATHS",),
-        "bipot_rs.collection.check": ("Checked", "check"),
+        "bipot_rs.collection.checks": ("Checked", "check"),
         "bipot_rs.collection.entry": ("Entry",),
         "bipot_rs.collection.load_path": ("LoadPath",),
         "bipot_rs.collection.manifest": ("Row",),

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from bipot_rs.collection.catalogue import PATHS
-from bipot_rs.collection.check import Checked, check, summary
+from bipot_rs.collection.checks import Checked, check, summary
 from bipot_rs.collection.manifest import Row
 from bipot_rs.collection.write import generate
 

@@ -22,7 +22,7 @@ CELLS = {2: "quadrilateral", 3: "hexahedron"}
 def grid(start: float, end: float, cells: int, ratio: float = 1.0) -> Floats:
     """Grid points of an axis; each cell is ``ratio`` times as long as the one before."""
     ends = np.cumsum(np.append(0.0, ratio ** np.arange(cells, dtype=np.float64)))
-    return start + (end - start) * ends / ends[-1]
+    return np.asarray(start + (end - start) * ends / ends[-1], np.float64)
 
 
 def block(

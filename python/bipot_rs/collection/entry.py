@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from bipot_rs.collection.load_path import LoadPath
@@ -24,3 +24,14 @@ class Entry(NamedTuple):
     family: str
     about: str
     make: Callable[[], LoadPath]
+
+
+def entries(
+    families: Mapping[str, Sequence[Callable[[], LoadPath]]],
+) -> dict[str, Entry]:
+    """Entries by the names of their functions, whose docstrings say what happens."""
+    return {
+        make.__name__: Entry(family, make.__doc__ or "", make)
+        for family, members in families.items()
+        for make in members
+    }

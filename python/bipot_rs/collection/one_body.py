@@ -14,7 +14,7 @@ from bipot_rs.collection.elastic import (
     moved,
     on_floor,
 )
-from bipot_rs.collection.entry import Entry
+from bipot_rs.collection.entry import entries
 from bipot_rs.collection.load_path import (
     LoadPath,
     Proof,
@@ -46,31 +46,40 @@ def cube(cells: int, height: int = 4) -> list[Floats]:
 
 
 def block_2d_3() -> LoadPath:
+    """Pressed, sheared, lifted off, pressed at another place."""
     return moved(on_floor(square(2), 0.3), release(2, 0.02, 0.02))
 
 
 def block_2d_9_cyclic() -> LoadPath:
+    """Two cycles of shear."""
     return moved(on_floor(square(8), 0.3), cycles(2, 0.02, 0.012, 2))
 
 
 def block_2d_33_release() -> LoadPath:
+    """As block_2d_3, in twelve steps."""
     return moved(on_floor(square(32), 0.35), release(2, 0.02, 0.012, 2))
 
 
 def block_2d_129_strong() -> LoadPath:
+    """μ = 1 and ν = 0.49: sticks and opens."""
     model = on_floor(square(128), 1.0, poisson=0.49)
     return moved(model, press_and_shear(2, 0.02, 0.03, 2))
 
 
 def hertz_2d_65_cyclic() -> LoadPath:
+    """A steel cylinder in SI units, fretted once."""
     # A steel cylinder of radius 50 mm; the floor carries the curvature.
     axes = [grid(-2e-3, 2e-3, 64), grid(0.0, 4e-3, 12, 1.2)]
-    gap = lambda x: x[:, 0] ** 2 / 0.1  # noqa: E731
+
+    def gap(x: Floats) -> Floats:
+        return x[:, 0] ** 2 / 0.1
+
     model = on_floor(axes, 0.3, clearance=gap, **STEEL)
     return moved(model, cycles(2, 1.2e-5, 4e-6, 1, 2))
 
 
 def rough_2d_257() -> LoadPath:
+    """Random heights and friction coefficients."""
     rng = np.random.default_rng(6)
     height, mu = 2e-3 * rng.random(257), rng.uniform(0.1, 0.7, 257)
     model = on_floor(square(256, 8), 0.3, clearance=height)
@@ -78,6 +87,7 @@ def rough_2d_257() -> LoadPath:
 
 
 def roller_2d_41() -> LoadPath:
+    """A rigid roller presses, rolls and is lifted."""
     body = block("block", [grid(-1.0, 1.0, 40), grid(-1.0, 0.0, 8, 1 / 1.3)])
     roller = Cylinder((-0.3, 1.0), 1.0)
     # Pressed in, rolled along the top in four steps, and lifted.
@@ -89,6 +99,7 @@ def roller_2d_41() -> LoadPath:
 
 
 def strip_2d_3001_global() -> LoadPath:
+    """A long strip on a rough floor."""
     rng = np.random.default_rng(8)
     axes = [grid(0.0, 300.0, 3000), grid(0.0, 1.0, 4, 1.4)]
     height = 4e-3 * rng.random(3001)
@@ -98,14 +109,17 @@ def strip_2d_3001_global() -> LoadPath:
 
 
 def block_3d_4_turning() -> LoadPath:
+    """Shear in a direction that turns once."""
     return moved(on_floor(cube(1), 0.3), turning(0.02, 0.015, 8))
 
 
 def block_3d_9_release() -> LoadPath:
+    """As block_2d_3, in space."""
     return moved(on_floor(cube(2), 0.3), release(3, 0.02, 0.015))
 
 
 def block_3d_36_cyclic() -> LoadPath:
+    """Two cycles of shear along a curve."""
     motion = cycles(3, 0.02, 0.01, 2)
     # Across the shear, so that no slip keeps its direction.
     motion[:, 1] = 0.3 * np.roll(motion[:, 0], 1)
@@ -113,25 +127,32 @@ def block_3d_36_cyclic() -> LoadPath:
 
 
 def block_3d_121() -> LoadPath:
+    """Pressed, then sheared."""
     motion = press_and_shear(3, 0.02, 0.012, 2)
     motion[:, 1] = motion[:, 0] / 3
     return moved(on_floor(cube(10), 0.3), motion)
 
 
 def block_3d_256_turning() -> LoadPath:
+    """As block_3d_4_turning."""
     return moved(on_floor(cube(15), 0.4), turning(0.02, 0.01, 4))
 
 
 def hertz_3d_169() -> LoadPath:
+    """A steel ball in SI units, sheared in two directions."""
     side = grid(-1e-3, 1e-3, 12)
     axes = [side, side, grid(0.0, 2e-3, 6, 1.3)]
-    gap = lambda x: (x[:, 0] ** 2 + x[:, 1] ** 2) / 0.04  # noqa: E731
+
+    def gap(x: Floats) -> Floats:
+        return (x[:, 0] ** 2 + x[:, 1] ** 2) / 0.04
+
     model = on_floor(axes, 0.2, clearance=gap, **STEEL)
     corners = [[0, 0, -2e-5], [4e-6, 1e-6, -2e-5], [-2e-6, 2e-6, -2e-5]]
     return moved(model, legs(corners))
 
 
 def twist_3d_49() -> LoadPath:
+    """Twisted about an axis near the middle, and back."""
     motion = np.tile([0.0, 0.0, -0.02], (5, 1))
     # Off the axis of symmetry, where slip would have no direction.
     motion[:, 0] = [0.0, 0.001, 0.002, 0.003, 0.002]
@@ -140,6 +161,7 @@ def twist_3d_49() -> LoadPath:
 
 
 def layer_3d_961_global() -> LoadPath:
+    """A rough layer, lifted off and pressed again."""
     rng = np.random.default_rng(20)
     side = grid(0.0, 10.0, 30)
     axes = [side, side, grid(0.0, 1.0, 3, 1.4)]
@@ -158,18 +180,21 @@ def _pull(model: Assembly, direction: Floats) -> Floats:
 
 
 def floating_2d_17_cyclic() -> LoadPath:
+    """A block that friction alone holds."""
     model = free_on_floor([grid(-0.5, 0.5, 16), grid(0.0, 0.4, 5, 1.3)], 0.4)
     shear = legs([[0.0], [0.3], [-0.3], [0.35]], 2)
     return loaded(model, _weight(model) + shear * _pull(model, np.array([1.0, 0.0])))
 
 
 def near_sliding_2d_25() -> LoadPath:
+    """The load reaches 1 − 1e-6 of the limit."""
     model = free_on_floor([grid(-0.5, 0.5, 24), grid(0.0, 0.3, 4, 1.3)], 0.4)
     pull = _pull(model, np.array([0.4, 0.0]))
     return loaded(model, _weight(model) + NEAR[:, None] * pull)
 
 
 def floating_3d_16_cyclic() -> LoadPath:
+    """Friction holds a block in space."""
     side = grid(-0.5, 0.5, 3)
     model = free_on_floor([side, side, grid(0.0, 0.4, 3, 1.3)], 0.4)
     corners = [[0.2, 0.1], [-0.25, 0.1], [0.1, -0.3], [0.3, 0.1]]
@@ -178,6 +203,7 @@ def floating_3d_16_cyclic() -> LoadPath:
 
 
 def near_sliding_3d_25() -> LoadPath:
+    """As in the plane."""
     side = grid(-0.5, 0.5, 4)
     model = free_on_floor([side, side, grid(0.0, 0.3, 3, 1.3)], 0.3)
     pull = _pull(model, 0.3 * np.array([0.8, 0.6, 0.0]))
@@ -185,6 +211,7 @@ def near_sliding_3d_25() -> LoadPath:
 
 
 def none_2d_13_sliding() -> LoadPath:
+    """The last load exceeds friction by a tenth."""
     model = free_on_floor([grid(-0.5, 0.5, 12), grid(0.0, 0.3, 4, 1.3)], 0.4)
     pull = _pull(model, np.array([0.4, 0.0]))
     load = _weight(model) + np.array([[0.5], [0.9], [1.1]]) * pull
@@ -194,6 +221,7 @@ def none_2d_13_sliding() -> LoadPath:
 
 
 def none_3d_16_tipping() -> LoadPath:
+    """The last load tips the block over."""
     side = grid(-0.5, 0.5, 3)
     model = free_on_floor([side, side, grid(0.0, 1.5, 5, 1.3)], 0.9)
     pull = _pull(model, np.array([1.0, 0.0, 0.0]))
@@ -204,50 +232,41 @@ def none_3d_16_tipping() -> LoadPath:
     return loaded(model, load, proof=Proof(motion=motion.ravel()))
 
 
-ENTRIES = {
-    function.__name__: Entry(family, about, function)
-    for function, family, about in (
-        (
+ENTRIES = entries(
+    {
+        "one body": (
             block_2d_3,
-            "one body",
-            "Pressed, sheared, lifted off, pressed at another place.",
-        ),
-        (block_2d_9_cyclic, "cyclic", "Two cycles of shear."),
-        (block_2d_33_release, "release", "As block_2d_3, in twelve steps."),
-        (block_2d_129_strong, "one body", "μ = 1 and ν = 0.49: sticks and opens."),
-        (hertz_2d_65_cyclic, "cyclic", "A steel cylinder in SI units, fretted once."),
-        (rough_2d_257, "one body", "Random heights and friction coefficients."),
-        (roller_2d_41, "release", "A rigid roller presses, rolls and is lifted."),
-        (strip_2d_3001_global, "one body", "A long strip on a rough floor."),
-        (
-            floating_2d_17_cyclic,
-            "held by contact",
-            "A block that friction alone holds.",
-        ),
-        (
-            near_sliding_2d_25,
-            "nearly sliding",
-            "The load reaches 1 − 1e-6 of the limit.",
-        ),
-        (block_3d_4_turning, "one body", "Shear in a direction that turns once."),
-        (block_3d_9_release, "release", "As block_2d_3, in space."),
-        (block_3d_36_cyclic, "cyclic", "Two cycles of shear along a curve."),
-        (block_3d_121, "one body", "Pressed, then sheared."),
-        (block_3d_256_turning, "one body", "As block_3d_4_turning."),
-        (
+            block_2d_129_strong,
+            rough_2d_257,
+            strip_2d_3001_global,
+            block_3d_4_turning,
+            block_3d_121,
+            block_3d_256_turning,
             hertz_3d_169,
-            "one body",
-            "A steel ball in SI units, sheared in two directions.",
+            twist_3d_49,
         ),
-        (twist_3d_49, "one body", "Twisted about an axis near the middle, and back."),
-        (
+        "cyclic": (
+            block_2d_9_cyclic,
+            hertz_2d_65_cyclic,
+            block_3d_36_cyclic,
+        ),
+        "release": (
+            block_2d_33_release,
+            roller_2d_41,
+            block_3d_9_release,
             layer_3d_961_global,
-            "release",
-            "A rough layer, lifted off and pressed again.",
         ),
-        (floating_3d_16_cyclic, "held by contact", "Friction holds a block in space."),
-        (near_sliding_3d_25, "nearly sliding", "As in the plane."),
-        (none_2d_13_sliding, "no answer", "The last load exceeds friction by a tenth."),
-        (none_3d_16_tipping, "no answer", "The last load tips the block over."),
-    )
-}
+        "held by contact": (
+            floating_2d_17_cyclic,
+            floating_3d_16_cyclic,
+        ),
+        "nearly sliding": (
+            near_sliding_2d_25,
+            near_sliding_3d_25,
+        ),
+        "no answer": (
+            none_2d_13_sliding,
+            none_3d_16_tipping,
+        ),
+    }
+)

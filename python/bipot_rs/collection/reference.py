@@ -177,9 +177,9 @@ def _jacobian(p: System, r: Floats, u: Floats, status: Statuses, rows: Any) -> A
         by_r[:, 2, 0] = -2 * mu**2 * r[:, 0]
         by_r[:, 2, 1:] = 2 * r[:, 1:]
     free = (mu == 0) & ~sticks
-    for changed, new in ((free, (np.eye(p.d), np.zeros((p.d, p.d)))),):
-        by_r[changed], by_u[changed] = new
-    by_r[free, 0, 0], by_u[free, 0, 0] = 0, 1
+    # u_n = 0 and r_t = 0.
+    normal = np.diag(np.eye(p.d)[0])
+    by_r[free], by_u[free] = np.eye(p.d) - normal, normal
     by_r[sticks], by_u[sticks] = 0, np.eye(p.d)
     A_r, A_u = _blocks(by_r), _blocks(by_u)
     E = p.E[rows]
@@ -213,7 +213,8 @@ def _solver(J: Any, redundant: bool) -> Callable[[Floats], Floats]:
 
 def _scale(largest: Floats) -> Floats:
     largest = largest.ravel()
-    return 2.0 ** -np.round(np.log2(np.where(largest > 0, largest, 1.0)))
+    powers = np.round(np.log2(np.where(largest > 0, largest, 1.0)))
+    return np.asarray(np.ldexp(1.0, -powers.astype(int)), np.float64)
 
 
 def _violated(

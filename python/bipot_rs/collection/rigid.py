@@ -92,7 +92,8 @@ def lattice(
     """
     d = len(side)
     index = np.stack(np.unravel_index(np.arange(np.prod(side)), side), axis=1)
-    number, centre = np.arange(len(index)).reshape(side), 2.0 * index + 1.0
+    number = np.arange(len(index)).reshape(side)
+    centre = np.asarray(2.0 * index + 1.0, np.float64)
     parts = []
     for axis in range(d):
         low = number.take(range(side[axis] - 1), axis).ravel()
@@ -109,7 +110,7 @@ def lattice(
     if seed is not None:
         rng = np.random.default_rng(seed)
         normal += 0.08 * rng.standard_normal(normal.shape)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
     first, second, point = (
         np.concatenate([part[k] for part in parts]) for k in range(3)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.entry import Entry
+from bipot_rs.collection.entry import entries
 from bipot_rs.collection.load_path import LoadPath, Proof
 from bipot_rs.collection.rigid import RigidSet, arch, lattice, path
 
@@ -20,30 +20,32 @@ def _shaken(of: RigidSet, seed: int, spring: float, mu: float) -> LoadPath:
     load[:, :, d - 1] = -(1.0 + rng.random(bodies))
     side = rng.standard_normal((bodies, d - 1)) + 0.5
     load[:, :, : d - 1] = _TO_AND_FRO[:, None, None] * side
-    stiffness = np.zeros((bodies, of.motions))
-    stiffness[:] = spring * rng.uniform(0.5, 1.5, bodies)[:, None]
-    return path(
-        of, load.reshape(len(load), -1), mu, spring=stiffness.ravel(), joint=1.0
-    )
+    stiffness = spring * np.repeat(rng.uniform(0.5, 1.5, bodies), of.motions)
+    return path(of, load.reshape(len(load), -1), mu, spring=stiffness, joint=1.0)
 
 
 def disks_2d_28() -> LoadPath:
+    """Disks on springs, with compliant joints, shaken."""
     return _shaken(lattice((4, 4), seed=30), 30, 0.1, 0.4)
 
 
 def disks_2d_496() -> LoadPath:
+    """As disks_2d_28, between two walls."""
     return _shaken(lattice((15, 16), walls=True, seed=31), 31, 0.2, 0.35)
 
 
 def disks_2d_3003() -> LoadPath:
+    """As disks_2d_28, with 3,003 contacts."""
     return _shaken(lattice((39, 39), seed=32), 32, 0.2, 0.4)
 
 
 def balls_3d_325() -> LoadPath:
+    """Balls on springs, with compliant joints, shaken."""
     return _shaken(lattice((5, 5, 5), seed=33), 33, 0.2, 0.4)
 
 
 def balls_3d_2025() -> LoadPath:
+    """As balls_3d_325."""
     return _shaken(lattice((9, 9, 9), seed=34), 34, 0.2, 0.4)
 
 
@@ -56,12 +58,14 @@ def _arch_load(of: RigidSet, points: Floats) -> Floats:
 
 
 def arch_2d_16() -> LoadPath:
+    """Seven stones that contact alone holds; joints open."""
     stones = arch(7, 1.0, 1.35)
     points = np.array([0.0, 0.4, 0.8, 0.2, 0.9])
     return path(stones, _arch_load(stones, points), 0.6, joint=1e-3)
 
 
 def slab_2d_5_redundant() -> LoadPath:
+    """A slab on supports that settle."""
     x = np.linspace(-1.0, 1.0, 5)
     slab = RigidSet(
         np.array([[0.0, 0.2]]),
@@ -77,6 +81,7 @@ def slab_2d_5_redundant() -> LoadPath:
 
 
 def none_2d_6_clamped() -> LoadPath:
+    """Walls around a rigid plate overlap at the end."""
     x = np.array([-1.0, 0.0, 1.0])
     points = np.r_[np.c_[x, 0 * x - 0.2], np.c_[x, 0 * x + 0.2]]
     up = np.repeat([1.0, -1.0], 3)
@@ -123,41 +128,30 @@ def _several(groups: int) -> LoadPath:
 
 
 def several_2d_3() -> LoadPath:
+    """Strong friction and coupling."""
     return _several(1)
 
 
 def several_2d_9() -> LoadPath:
+    """Three groups as several_2d_3, weakly coupled."""
     return _several(3)
 
 
-ENTRIES = {
-    function.__name__: Entry(family, about, function)
-    for function, family, about in (
-        (disks_2d_28, "rigid sets", "Disks on springs, with compliant joints, shaken."),
-        (disks_2d_496, "rigid sets", "As disks_2d_28, between two walls."),
-        (disks_2d_3003, "rigid sets", "As disks_2d_28, with 3,003 contacts."),
-        (
+ENTRIES = entries(
+    {
+        "rigid sets": (
+            disks_2d_28,
+            disks_2d_496,
+            disks_2d_3003,
             balls_3d_325,
-            "rigid sets",
-            "Balls on springs, with compliant joints, shaken.",
-        ),
-        (balls_3d_2025, "rigid sets", "As balls_3d_325."),
-        (
+            balls_3d_2025,
             arch_2d_16,
-            "rigid sets",
-            "Seven stones that contact alone holds; joints open.",
+            slab_2d_5_redundant,
         ),
-        (slab_2d_5_redundant, "rigid sets", "A slab on supports that settle."),
-        (
-            none_2d_6_clamped,
-            "no answer",
-            "Walls around a rigid plate overlap at the end.",
-        ),
-        (several_2d_3, "several answers", "Strong friction and coupling."),
-        (
+        "no answer": (none_2d_6_clamped,),
+        "several answers": (
+            several_2d_3,
             several_2d_9,
-            "several answers",
-            "Three groups as several_2d_3, weakly coupled.",
         ),
-    )
-}
+    }
+)

@@ -72,11 +72,11 @@ def contents(row: Row) -> str:
 def page(rows: Sequence[Row]) -> str:
     """Text of the page for the files of a folder."""
     paths = dict.fromkeys(row.path for row in rows)
+    sizes = f"{min(r.contacts for r in rows):,} to {max(r.contacts for r in rows):,}"
     lines = [
         "# Load paths of quasi-static frictional contact",
         "",
-        f"{len(paths)} load paths, {len(rows)} files, {min(r.contacts for r in rows):,} to "
-        f"{max(r.contacts for r in rows):,} contacts. "
+        f"{len(paths)} load paths, {len(rows)} files, {sizes} contacts.",
         "`python -m bipot_rs.collection DIR` writes all;",
         "`python -m bipot_rs.collection --check DIR` checks every answer with NumPy alone.",
         "`MANIFEST.csv` describes each file.",

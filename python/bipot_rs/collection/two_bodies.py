@@ -6,7 +6,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.collection.elastic import block, floor, grid, loaded, moved, pair
-from bipot_rs.collection.entry import Entry
+from bipot_rs.collection.entry import entries
 from bipot_rs.collection.load_path import (
     LoadPath,
     cycles,
@@ -31,16 +31,19 @@ def _in_space(plane: list[Floats]) -> list[Floats]:
 
 
 def pair_2d_33_contrast() -> LoadPath:
+    """Moduli 10,000 to 1, one cycle of shear."""
     model = pair(_above(32), _below(32), 0.3, (1e4, 1.0))
     return moved(model, cycles(2, 0.02, 0.01, 1))
 
 
 def pair_2d_21_mortar() -> LoadPath:
+    """Meshes that do not match."""
     model = pair(_above(20), _below(13), 0.3, (1.0, 3.0), pairing="mortar")
     return moved(model, press_and_shear(2, 0.02, 0.025, 2))
 
 
 def pair_2d_1001_global() -> LoadPath:
+    """Two long strips with rough surfaces."""
     rng = np.random.default_rng(24)
     upper = [grid(0.0, 100.0, 1000), grid(0.0, 1.0, 4, 1.3)]
     lower = [grid(0.0, 100.0, 1000), grid(-1.0, 0.0, 4, 1 / 1.3)]
@@ -50,6 +53,7 @@ def pair_2d_1001_global() -> LoadPath:
 
 
 def pair_3d_81() -> LoadPath:
+    """Moduli 10 to 1, pressed and sheared."""
     upper, lower = _in_space(_above(8, 4)), _in_space(_below(8, 4))
     motion = press_and_shear(3, 0.02, 0.012, 2)
     motion[:, 1] = motion[:, 0] / 4
@@ -57,6 +61,7 @@ def pair_3d_81() -> LoadPath:
 
 
 def pair_3d_49_mortar() -> LoadPath:
+    """Meshes that do not match, one cycle."""
     upper, lower = _in_space(_above(6, 3)), _in_space(_below(4, 3))
     motion = cycles(3, 0.02, 0.025, 1)
     motion[:, 1] = 0.2 * np.roll(motion[:, 0], 1)
@@ -64,8 +69,12 @@ def pair_3d_49_mortar() -> LoadPath:
 
 
 def pair_3d_100_release() -> LoadPath:
+    """Curved surfaces, lifted off, pressed again."""
     upper, lower = _in_space(_above(9, 3)), _in_space(_below(9, 3))
-    gap = lambda x: 0.02 * (x[:, 0] ** 2 + 2 * x[:, 1] ** 2)  # noqa: E731
+
+    def gap(x: Floats) -> Floats:
+        return 0.02 * (x[:, 0] ** 2 + 2 * x[:, 1] ** 2)
+
     model = pair(upper, lower, 0.4, clearance=gap)
     return moved(model, release(3, 0.02, 0.008))
 
@@ -87,23 +96,28 @@ def _stack(d: int, cells: int, mu: float) -> LoadPath:
 
 
 def stack_2d_22() -> LoadPath:
+    """Two blocks on each other, without supports."""
     return _stack(2, 10, 0.4)
 
 
 def stack_3d_32() -> LoadPath:
+    """Two blocks on each other in space."""
     return _stack(3, 3, 0.4)
 
 
-ENTRIES = {
-    function.__name__: Entry(family, about, function)
-    for function, family, about in (
-        (pair_2d_33_contrast, "two bodies", "Moduli 10,000 to 1, one cycle of shear."),
-        (pair_2d_21_mortar, "two bodies", "Meshes that do not match."),
-        (pair_2d_1001_global, "two bodies", "Two long strips with rough surfaces."),
-        (pair_3d_81, "two bodies", "Moduli 10 to 1, pressed and sheared."),
-        (pair_3d_49_mortar, "two bodies", "Meshes that do not match, one cycle."),
-        (pair_3d_100_release, "release", "Curved surfaces, lifted off, pressed again."),
-        (stack_2d_22, "held by contact", "Two blocks on each other, without supports."),
-        (stack_3d_32, "held by contact", "Two blocks on each other in space."),
-    )
-}
+ENTRIES = entries(
+    {
+        "two bodies": (
+            pair_2d_33_contrast,
+            pair_2d_21_mortar,
+            pair_2d_1001_global,
+            pair_3d_81,
+            pair_3d_49_mortar,
+        ),
+        "release": (pair_3d_100_release,),
+        "held by contact": (
+            stack_2d_22,
+            stack_3d_32,
+        ),
+    }
+)

@@ -190,7 +190,7 @@ def _forward_error(
     (r, u, y), (v, force) = answer, equations
     at = np.flatnonzero(closed)
     rows = (p.d * at[:, None] + np.arange(p.d)).ravel()
-    law, by_r, by_v = _law(p, r[at], v.reshape(r.shape)[at], slips[at], p.mu[at])
+    law, by_r, by_v = _law(r[at], v.reshape(r.shape)[at], slips[at], p.mu[at])
     left = sparse.block_diag([*by_v, np.zeros((0, 0))], format="csr")
     E = p.E[rows]
     own = sparse.block_diag([*by_r, np.zeros((0, 0))], format="csr")
@@ -208,9 +208,7 @@ def _forward_error(
     return max(error, float(np.abs(moved).max() / np.abs(flat).max()))
 
 
-def _law(
-    p: System, r: Long, u: Long, slips: Bools, mu: Floats
-) -> tuple[Long, Floats, Floats]:
+def _law(r: Long, u: Long, slips: Bools, mu: Floats) -> tuple[Long, Floats, Floats]:
     """Equations of closed contacts and their derivatives by r and by u."""
     count, d = r.shape
     speed = np.where(slips, _length(u[:, 1:]), 1)
