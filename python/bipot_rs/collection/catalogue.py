@@ -1,0 +1,8 @@
+"""`PATHS`: all load paths of the collection by name."""
+
+from __future__ import annotations
+
+from bipot_rs.collection import one_body, rigid_paths, two_bodies
+from bipot_rs.collection.entry import Entry
+
+PATHS: dict[str, Entry] = one_body.ENTRIES | two_bodies.ENTRIES | rigid_paths.ENTRIES

@@ -1,0 +1,150 @@
+"""The problems of a load path one after the other, each with its reference answers.
+
+The slip history of a step is that of the reference answers of the steps before, in float64.
+Each problem is therefore the same on all machines up to the rounding of W and q, and
+complete without the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.collection.load_path import LoadPath, Proof
+from bipot_rs.collection.reference import Reference, refine
+from bipot_rs.collection.system import System, system
+from bipot_rs.contact.errors import NotConvergedError
+from bipot_rs.contact.global_problem import GlobalProblem
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.reduced import ReducedProblem
+from bipot_rs.contact.solution import Solution
+from bipot_rs.fclib import Vectors
+
+Problem = ReducedProblem | GlobalProblem
+# Residual of the approximate answers: their statuses are then right unless a contact is
+# this close to a change, and the reference corrects those.
+TOLERANCE = 1e-12
+
+
+class Step(NamedTuple):
+    """A problem of the collection.
+
+    Attributes
+    ----------
+    problem
+        As in its file.
+    answers
+        Known answers; the path goes on from the first. Empty if there is none.
+    complete
+        Whether it is proved by enumeration that there are no other answers.
+    proof
+        A motion or forces that prove that there is no answer; see `LoadPath`.
+    """
+
+    problem: Problem
+    answers: list[Reference]
+    complete: bool
+    proof: Vectors | None
+
+
+def steps(path: LoadPath) -> Iterator[Step]:
+    """Problem and reference answers of each load step.
+
+    Raises
+    ------
+    NotConvergedError
+        A problem that should have an answer is not solved.
+    ArithmeticError
+        There is no reference answer near the approximate one.
+    """
+    make = _global(path) if path.form == "global" else _local(path)
+    tangential = np.zeros((len(path.gap), path.B.shape[0] // len(path.gap) - 1))
+    for k in range(path.steps):
+        problem = make(k, tangential)
+        if path.proof is not None and k == path.steps - 1:
+            yield Step(problem, [], True, proved(path, problem, path.proof))
+            return
+        found, complete = _answers(path, problem)
+        yield Step(problem, found, complete, None)
+        tangential = tangential + found[0].u[:, 1:]
+
+
+def _local(path: LoadPath) -> Callable[[int, Floats], ReducedProblem]:
+    condensed = ContactProblem(
+        path.K,
+        path.B,
+        gap=path.gap_of(0),
+        mu=path.mu,
+        fixed=path.fixed,
+        num_threads=1,
+        engine="direct",
+        working_set=False,
+    )
+
+    def make(step: int, tangential: Floats) -> ReducedProblem:
+        gap = path.gap_of(step)
+        known = condensed.reduced(path.load[step], path.prescribed[step], gap=gap)
+        q = known.q.copy()
+        q[:, 1:] -= tangential
+        return ReducedProblem(known.W, q, path.mu, rigid=known.rigid)
+
+    return make
+
+
+def _global(path: LoadPath) -> Callable[[int, Floats], GlobalProblem]:
+    """Problems with the prescribed degrees of freedom eliminated."""
+    n = path.K.shape[0]
+    free = np.setdiff1d(np.arange(n), path.fixed)
+    K, B = sparse.csr_array(path.K), sparse.csr_array(path.B)
+    M, H = K[free][:, free], sparse.csr_array(B[:, free].T)
+    coupling, lead = K[free][:, path.fixed], B[:, path.fixed]
+
+    def make(step: int, tangential: Floats) -> GlobalProblem:
+        gap, moved = path.gap_of(step), path.prescribed[step]
+        w = gap + (lead @ moved).reshape(gap.shape)
+        w[:, 1:] -= tangential
+        f = path.load[step][free] - coupling @ moved
+        return GlobalProblem(M, H, f, w, path.mu)
+
+    return make
+
+
+def _answers(path: LoadPath, problem: Problem) -> tuple[list[Reference], bool]:
+    whole, complete = system(problem), False
+    if path.several and isinstance(problem, ReducedProblem):
+        found = problem.answers()
+        known, complete = list(found), found.complete
+    else:
+        known = [problem.solve(tol=TOLERANCE, num_threads=1)]
+    if not known or not known[0].converged:
+        raise NotConvergedError(known[0].message if known else "no answer was found")
+    return [_reference(path, problem, whole, one) for one in known], complete
+
+
+def _reference(
+    path: LoadPath, problem: Problem, whole: System, known: Solution
+) -> Reference:
+    if isinstance(problem, GlobalProblem):
+        y = problem.velocity(known)
+    else:
+        y = np.zeros(0) if known.rigid_motion is None else known.rigid_motion
+    return refine(whole, known.reaction, y, known.status, redundant=path.redundant)
+
+
+def proved(path: LoadPath, problem: Problem, proof: Proof) -> Vectors:
+    """Proof in the form of a file: ``r`` are forces, ``u = V l`` a motion."""
+    rigid = problem.rigid if isinstance(problem, ReducedProblem) else None
+    V, _ = rigid or (np.zeros((path.gap.size, 0)), None)
+    u, r = np.zeros(path.gap_of(0).shape), np.zeros(path.gap_of(0).shape)
+    amplitudes = np.zeros(V.shape[1])
+    if proof.motion is not None:
+        wanted = sparse.csr_array(path.B) @ proof.motion
+        amplitudes = np.linalg.lstsq(V, wanted, rcond=None)[0]
+        u = (V @ amplitudes).reshape(u.shape)
+    if proof.forces is not None:
+        r[:, 0] = proof.forces
+    return Vectors(u, r, None, amplitudes)

@@ -1,0 +1,246 @@
+"""The files of the collection: written twice, checked, and damaged."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import collection
+from bipot_rs.collection import manifest
+from bipot_rs.collection.__main__ import main
+from bipot_rs.collection.rules import FILES, RULES
+from places import ROOT
+
+DATA = ROOT / "tests" / "data" / "collection"
+NAMES = ["block_2d_3", "block_3d_4_turning", "several_2d_3", "none_2d_6_clamped"]
+NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("collection")
+    collection.generate(folder, NAMES)
+    return folder
+
+
+def test_two_runs_write_the_same_bytes(written: Path, tmp_path: Path) -> None:
+    """Another process, with another number of threads."""
+    threads = dict.fromkeys(
+        ("BIPOT_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2"
+    )
+    command = [sys.executable, "-m", "bipot_rs.collection", str(tmp_path / "again")]
+    run = subprocess.run(
+        [*command, "--only", ",".join(NAMES)],
+        env=os.environ | threads,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    files = sorted(path.name for path in written.iterdir())
+    assert files == sorted(path.name for path in (tmp_path / "again").iterdir())
+    for name in files:
+        assert (tmp_path / "again" / name).read_bytes() == (written / name).read_bytes()
+    assert run.stdout.count("contacts") == len(files) - 2
+
+
+def test_stored_files_are_those_of_the_generator(written: Path) -> None:
+    """Other machines may round W and q in the last digits; references follow them."""
+    stored = sorted(DATA.glob("*.hdf5"))
+    assert sum(path.stat().st_size for path in DATA.iterdir()) < 300_000
+    assert len(stored) == 15
+    for path in stored:
+        known, new = bp.fclib.read(path), bp.fclib.read(written / path.name)
+        # Conditions are below 1e3, entries are rounded to 1e-16.
+        np.testing.assert_allclose(
+            known.q, new.q, rtol=0, atol=1e-13 * np.abs(known.q).max()
+        )
+        one, two = (bp.fclib.read_solution(p) for p in (path, written / path.name))
+        if one is None:
+            assert two is None
+            continue
+        largest = np.abs(one.r).max()
+        if not path.name.startswith("none"):
+            np.testing.assert_allclose(one.r, two.r, rtol=0, atol=1e-12 * largest)
+
+
+@pytest.mark.parametrize("folder", ["stored", "written"])
+def test_the_check_passes(folder: str, written: Path) -> None:
+    found = collection.check(DATA if folder == "stored" else written)
+    assert found
+    assert [one for one in found if one.faults] == []
+    # Numbers are rounded to 1.1e-16; conditions are below 100.
+    assert max(one.error for one in found) <= 1e-14
+
+
+def test_every_solver_answer_is_near_a_reference(written: Path) -> None:
+    for row in collection.check(written):
+        problem = bp.fclib.read(written / row.file)
+        solution = problem.solve(tol=1e-12)
+        known = bp.fclib.read_solution(written / row.file)
+        if known is None:
+            assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM
+            continue
+        answers = [known, *bp.fclib.read_guesses(written / row.file)]
+        if row.file.startswith("none_2d_6"):
+            continue  # its reactions are not unique
+        size = max(np.abs(known.r).max(), 1e-300)
+        # The tolerance times the condition of W, below 1e3.
+        assert (
+            min(np.abs(solution.reaction - a.r).max() for a in answers) <= 1e-9 * size
+        )
+
+
+def _scaled(name: str, by: float) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file[f"/solution/{name}"][...] *= by
+
+    return change
+
+
+def _entry(name: str, at: int, value: float) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file[name][at] = value
+
+    return change
+
+
+def _consistent(file: h5py.File) -> None:
+    """Reactions that are wrong by 1e-11, with the u that belongs to them."""
+    size = int(file["/fclib_local/W/m"][0])
+    W = file["/fclib_local/W/x"][:].reshape(size, size)
+    r = file["/solution/r"][:] * (1 + 1e-11)
+    file["/solution/r"][...] = r
+    u = W @ r + file["/fclib_local/vectors/q"][:]
+    keep = file["/solution/u"][:] == 0
+    file["/solution/u"][...] = np.where(keep, 0, u)
+
+
+def _without_answer(file: h5py.File) -> None:
+    del file["/solution"]
+
+
+def _second_answer_as_first(file: h5py.File) -> None:
+    for name in ("u", "r"):
+        file[f"/guesses/1/{name}"][...] = file[f"/solution/{name}"][:]
+
+
+def _opposite(name: str) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file[f"/guesses/1/{name}"][...] *= -1
+
+    return change
+
+
+def _no_proof(file: h5py.File) -> None:
+    del file["/guesses"]
+
+
+WRONG = {
+    "reaction": ("block_2d_3-0001", _scaled("r", 1 + 1e-11), "its error is about"),
+    "displacement": ("block_2d_3-0001", _scaled("u", 1 + 1e-11), "u is not W r"),
+    "consistent": ("block_2d_3-0002", _consistent, "its error is about"),
+    "tension": ("block_2d_3-0002", _entry("/solution/r", 0, -1e-3), "pulls"),
+    "penetration": ("block_2d_3-0003", _entry("/solution/u", 0, -1e-6), "penetrates"),
+    "friction": ("block_2d_3-0002", _entry("/solution/r", 1, 1.0), "too large"),
+    "open": (
+        "block_2d_3-0002",
+        _entry("/solution/u", 0, 1e-9),
+        "pressed contact is open",
+    ),
+    "direction": ("block_3d_4_turning-0001", _entry("/solution/u", 1, 1e-3), "oppose"),
+    "balance": (
+        "floating_3d_16_cyclic-0000",
+        _scaled("r", 1 + 1e-11),
+        "do not balance",
+    ),
+    "missing": ("block_2d_3-0002", _without_answer, "0 answers, expected 1"),
+    "twice": ("several_2d_3-0000", _second_answer_as_first, "answers are the same"),
+    "motion": ("none_2d_13_sliding-0002", _opposite("l"), "dual cone"),
+    "forces": ("none_2d_6_clamped-0002", _opposite("r"), "normal reactions"),
+    "no proof": ("none_2d_6_clamped-0002", _no_proof, "proof is missing"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) -> None:
+    name, change, said = WRONG[case]
+    rows = manifest.read(written)
+    own = [row for row in rows if row.path == name.partition("-")[0]]
+    manifest.write(tmp_path, own)
+    for row in own:
+        shutil.copy(written / row.file, tmp_path)
+    with h5py.File(tmp_path / f"{name}.hdf5", "r+") as file:
+        change(file)
+    wrong = [one for one in collection.check(tmp_path) if one.faults]
+    assert [one.file for one in wrong] == [f"{name}.hdf5"]
+    assert said in "; ".join(wrong[0].faults)
+
+
+def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(written, folder)
+    (folder / "block_2d_3-0004.hdf5").write_bytes(b"not HDF5")
+    (folder / "block_2d_3-0005.hdf5").unlink()
+    wrong = {one.file: one.faults for one in collection.check(folder) if one.faults}
+    assert set(wrong) == {"block_2d_3-0004.hdf5", "block_2d_3-0005.hdf5"}
+    assert "cannot be read as HDF5" in wrong["block_2d_3-0004.hdf5"][0]
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 40
+    folder = str(tmp_path / "one")
+    assert main([folder, "--only", "several_2d_3"]) == 0
+    assert main(["--check", folder]) == 0
+    assert "3 of 3 files are right" in capsys.readouterr().out
+    with h5py.File(tmp_path / "one" / "several_2d_3-0000.hdf5", "r+") as file:
+        file["/solution/r"][...] *= 2
+    assert main(["--check", folder]) == 1
+    assert "2 of 3 files are right" in capsys.readouterr().out
+    assert main([folder, "--only", "several_3d_3"]) == 2
+    assert "did you mean 'several_2d_3'?" in capsys.readouterr().err
+    assert main(["--check", str(tmp_path)]) == 2
+    assert "MANIFEST.csv is not a file" in capsys.readouterr().err
+    for wrong in ([], ["--check", "--only", "several_2d_3", folder]):
+        with pytest.raises(SystemExit) as ended:
+            main(wrong)
+        assert ended.value.code == 2
+
+
+def test_the_manifest_is_checked(written: Path, tmp_path: Path) -> None:
+    text = (written / "MANIFEST.csv").read_text(encoding="utf-8")
+    for wrong, said in (
+        (text.replace("file,path", "file,way"), "has the columns"),
+        (text.replace(",local,", ","), "14 cells, expected 15"),
+        (text.replace(",local,2,3,", ",local,2,three,"), "invalid literal"),
+    ):
+        (tmp_path / "MANIFEST.csv").write_text(wrong, encoding="utf-8")
+        with pytest.raises(ValueError, match=said):
+            collection.check(tmp_path)
+
+
+def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:
+    page = (ROOT / "docs" / "collection.md").read_text(encoding="utf-8")
+    assert page.endswith(FILES + "\n" + RULES)
+    for name, entry in collection.PATHS.items():
+        assert f"\n| {name} | {entry.family} | {entry.about} |\n" in page
+    own = (written / "README.md").read_text(encoding="utf-8")
+    assert own.endswith(FILES + "\n" + RULES)
+    assert "| several_2d_3 | several answers | 2 | 3 | 3 | 1 to 3 | local |" in own
+
+
+def test_a_path_without_its_answer_is_an_error() -> None:
+    """A load that the contacts cannot carry, without a proof."""
+    from bipot_rs.collection.steps import steps
+
+    path = replace(collection.PATHS["none_2d_13_sliding"].make(), proof=None)
+    with pytest.raises(bp.NotConvergedError):
+        list(steps(path))
