@@ -90,8 +90,6 @@ class Result(Presentation, Sequence[Step]):
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
-        # Load parameters of a file.
-        self._loads: list[float] | None = None
         # For derivatives; None for a result without its problem.
         self._model: PathDerivatives | None = None
         # Its linearised steps, once they were made.
