@@ -26,7 +26,7 @@ from places import ROOT
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]
 )
-MESHES = sorted(ROOT.glob("docs/**/*.msh"))
+MESHES = sorted([*ROOT.glob("docs/**/*.msh"), *ROOT.glob("docs/**/*.inp")])
 BLOCK = re.compile(
     r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL
 )
@@ -251,6 +251,22 @@ def test_readme_example_is_right(
     assert abs(force[0, 1]) <= 1e-9 * force[0, 0]  # tol = 1e-10 a node, 41 nodes
     assert -0.3 * force[1, 0] < force[1, 1] < 0
     assert {int(s) for s in result.status[1]} == {bp.Status.SLIP, bp.Status.STICK}
+
+
+EXCERPT = re.compile(r"^```py\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def test_excerpts_of_examples_are_verbatim() -> None:
+    """Blocks that need a program which may be missing here are lines of an example."""
+    found = 0
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        names = re.findall(r"\((?:\.\./)*(examples/\w+\.py)\)", text)
+        sources = [(ROOT / name).read_text("utf-8") for name in names]
+        for excerpt in EXCERPT.findall(text):
+            assert any(excerpt in source for source in sources), f"{page}: {excerpt}"
+            found += 1
+    assert found >= 6
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
