@@ -232,7 +232,9 @@ def run(
         ),
     ] = False,
 ) -> None:
-    """Solve a scene. Writes steps.csv, result.h5, and result.pvd for ParaView.
+    """Solve a scene. Writes steps.csv, result.h5, and files for ParaView.
+
+    result.pvd holds the bodies, contact.pvd the contacts.
 
     Ctrl-C stops it; the load steps solved so far are written.
     """
@@ -340,7 +342,7 @@ def solve(
     --contacts, dof and force in --load, dof and value in --fixed. Steps and degrees of
     freedom count from 0. To name nodes of a Matrix Market file, give --nodes and, if
     needed, --order. Writes reactions.csv, displacements.csv, steps.csv, result.h5 and,
-    with --nodes, result.pvd.
+    with --nodes, contact.pvd and result.pvd for ParaView.
     """
     from bipot_rs.cli.commands.solve import Request, Solve
 
@@ -454,7 +456,8 @@ def info(
         str,
         typer.Argument(
             metavar="FILE",
-            help="A result, scene, mesh, matrix or FCLIB file; a folder of a run or sweep.",
+            help="A result, scene, mesh, matrix, FCLIB or ParaView file (.pvd, .vtu); a "
+            "folder of a run or sweep.",
         ),
     ],
     json: _Json = False,

@@ -166,8 +166,12 @@ def closing(
     tol: float,
     folder: Any,
     remarks: Sequence[str] = (),
+    index: str = "result.pvd",
 ) -> list[str]:
-    """Closing lines of a solved path: summary, remarks, and next commands on ``folder``."""
+    """Closing lines of a solved path: summary, remarks, and next commands on ``folder``.
+
+    ``index`` is the series for ParaView to open.
+    """
     if not rows:
         return []
     last = rows[-1]
@@ -192,7 +196,7 @@ def closing(
     lines += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
     if folder is not None:
         lines.append(
-            f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
+            f"next: paraview {folder}/{index}, bipot plot {folder}, bipot info {folder}"
         )
     return lines
 

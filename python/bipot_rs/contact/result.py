@@ -490,6 +490,17 @@ def load_result(path: str | os.PathLike[str]) -> Result:
             raise ValueError(
                 f"{path} is not a result that can be read: step {k}: {error}"
             ) from None
+    if mesh is not None:
+        sizes = [
+            np.size(record["displacement"])
+            for record in records
+            if "displacement" in record
+        ]
+        if not mesh.fits(shape[0], min(sizes, default=None)):
+            raise ValueError(
+                f"{path} is not a result that can be read: the mesh does not fit its "
+                "contacts or displacements"
+            )
 
     def named(prefix: str) -> dict[str, Any]:
         return {
@@ -508,8 +519,9 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     )
     found._first = int(attributes.get("first_step", 0))
     found._mesh = mesh
-    if all("load" in record for record in records):
-        found._loads = tuple(float(record["load"]) for record in records)
+    loads = [record.get("load") for record in records]
+    known = tuple(float(load) for load in loads if isinstance(load, int | float))
+    found._loads = known if len(known) == len(records) else None
     for name in _OF_STIFFNESS:
         if name in attributes:
             setattr(found, name, float(attributes[name]))

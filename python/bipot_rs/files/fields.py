@@ -41,11 +41,13 @@ class Quantity:
 OF_CONTACTS = {
     "displacement": Quantity("displacement", "length", GLOBAL),
     "force": Quantity("contact force on the body", "force", GLOBAL),
-    "reaction_local": Quantity("the same force", "force", LOCAL),
+    "reaction_local": Quantity("contact force on the body", "force", LOCAL),
     "traction": Quantity("contact force on the body per area", "stress", GLOBAL),
     "pressure": Quantity("normal part of the traction, positive if pressed", "stress"),
     "slip": Quantity("tangential displacement in the load step", "length", GLOBAL),
-    "slip_local": Quantity("the same displacement, t1[, t2]", "length", LOCAL),
+    "slip_local": Quantity(
+        "tangential displacement in the load step: t1[, t2]", "length", LOCAL
+    ),
     "relative_displacement_local": Quantity(
         "total displacement relative to the obstacle, with the initial gap",
         "length",
@@ -72,7 +74,9 @@ OF_CELLS = {
     "stress": Quantity("mean stress: xx, yy, zz, xy, yz, xz", "stress", GLOBAL),
     "von_mises": Quantity("von Mises stress of the mean stress", "stress"),
     "error": Quantity("energy of the discretisation error", "energy"),
-    "error_density": Quantity("the same energy per volume", "energy density"),
+    "error_density": Quantity(
+        "energy of the discretisation error per volume", "energy density"
+    ),
 }
 # Numbers of a step: /fields, and field data of the files for ParaView.
 OF_STEPS = {

@@ -100,6 +100,16 @@ class ResultMesh:
             return None
         return _picked(displacement, self.dofs[self.contact_nodes])
 
+    def fits(self, contacts: int, unknowns: int | None) -> bool:
+        """Whether indices are within these numbers of contacts and degrees of freedom."""
+        facets = [one.corners.max(initial=-1) for one in self.contact_facets]
+        known = self.contact_nodes is None or self.contact_nodes.shape == (contacts,)
+        return bool(
+            known
+            and max(facets, default=-1) < contacts
+            and (unknowns is None or self.dofs.max(initial=-1) < unknowns)
+        )
+
     def save(
         self,
         group: Any,

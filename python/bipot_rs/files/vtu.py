@@ -15,6 +15,7 @@ import sys
 import zlib
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -174,6 +175,61 @@ def collection(names: Sequence[str], times: Sequence[float]) -> bytes:
     )
     parts = (head, "<Collection>", *sets, "</Collection>", "</VTKFile>\n")
     return "\n".join(parts).encode()
+
+
+def read_collection(path: Path) -> list[tuple[float, str]]:
+    """Time and file of each step of a PVD index.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        The file is not a PVD index.
+    """
+    sets = _elements(path, "Collection", "DataSet", ("timestep", "file"))
+    try:
+        return [(float(time), file) for time, file in sets]
+    except ValueError:
+        raise ValueError(f"{path}: a timestep is not a number") from None
+
+
+def read_listing(path: Path) -> list[str]:
+    """Files of the pieces of a PVTU file; raises as `read_collection`."""
+    return [
+        file for (file,) in _elements(path, "PUnstructuredGrid", "Piece", ("Source",))
+    ]
+
+
+def without_points(path: Path) -> bool:
+    """Whether a VTU file has no points; raises as `read_collection`."""
+    counts = _elements(path, "UnstructuredGrid", "Piece", ("NumberOfPoints",))
+    return all(count == "0" for (count,) in counts)
+
+
+def _elements(
+    path: Path, kind: str, tag: str, names: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """Attributes of all elements of a tag in a file of VTK."""
+    from xml.etree import ElementTree
+
+    content = path.read_bytes()
+    if b"<!DOCTYPE" in content:
+        # Its entities could grow without limit, and VTK writes none.
+        raise ValueError(f"{path} has a document type, expected a file of VTK")
+    try:
+        root = ElementTree.fromstring(content)  # noqa: S314 - no entities
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path} is not XML: {error}") from None
+    if root.tag != "VTKFile" or root.get("type") != kind:
+        raise ValueError(f"{path} is not a file of VTK of type {kind}")
+    found = []
+    for element in root.iter(tag):
+        values = [element.get(name) for name in names]
+        if None in values:
+            raise ValueError(f"{path}: a {tag} lacks {' or '.join(names)}")
+        found.append(tuple(str(value) for value in values))
+    return found
 
 
 def _number(value: float) -> str:

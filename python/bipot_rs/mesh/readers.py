@@ -19,12 +19,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
+from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
@@ -91,6 +93,43 @@ def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str
     return {name: _mesh(where, file, name, check=check) for name in volumes}
 
 
+@dataclass(frozen=True)
+class Grid:
+    """Points, cells and fields of a VTU file.
+
+    Attributes
+    ----------
+    points
+        ``(points, 3)``.
+    cells
+        Pairs of a kind and nodes ``(cells, nodes of a cell)``.
+    of_points, of_cells, of_file
+        Arrays by name: of all points, of all cells in their order, and field data.
+    """
+
+    points: Floats
+    cells: list[tuple[str, Ints]]
+    of_points: dict[str, NDArray[Any]]
+    of_cells: dict[str, NDArray[Any]]
+    of_file: dict[str, NDArray[Any]]
+
+
+def read_grid(path: str | os.PathLike[str]) -> Grid:
+    """Read a VTU file with its fields; raises as `read_cells`."""
+    mesh = _read_any(Path(path), "a VTU file")
+    return Grid(
+        np.asarray(mesh.points, np.float64),
+        _blocks(mesh),
+        {name: np.asarray(array) for name, array in mesh.point_data.items()},
+        {
+            name: np.concatenate(parts)
+            for name, parts in mesh.cell_data.items()
+            if parts
+        },
+        {name: np.asarray(array) for name, array in mesh.field_data.items()},
+    )
+
+
 def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, Ints]]]:
     """Read points ``(m, d)`` and cells by kind from any file of meshio, such as STL.
 
@@ -103,20 +142,27 @@ def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, In
     ModuleNotFoundError
         meshio is not installed.
     """
-    file = Path(path)
+    mesh = _read_any(Path(path), "a surface")
+    return np.asarray(mesh.points, np.float64), _blocks(mesh)
+
+
+def _blocks(mesh: Any) -> list[tuple[str, Ints]]:
+    return [(block.type, np.asarray(block.data, np.int64)) for block in mesh.cells]
+
+
+def _read_any(file: Path, what: str) -> Any:
+    """Read a file by meshio; ``what`` it should be, for errors."""
     meshio = _meshio(file)
     if not file.is_file():
         raise FileNotFoundError(f"there is no file {file}")
     try:
         # meshio first reads text STL as binary, and its count of triangles overflows.
         with unmarked(file) as source, np.errstate(over="ignore"):
-            mesh = meshio.read(source)
+            return meshio.read(source)
     # Readers of meshio raise any exception; one of them calls sys.exit.
     except (Exception, SystemExit) as error:  # noqa: BLE001
         said = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{file} cannot be read as a surface: {said}") from None
-    cells = [(block.type, np.asarray(block.data, np.int64)) for block in mesh.cells]
-    return np.asarray(mesh.points, np.float64), cells
+        raise ValueError(f"{file} cannot be read as {what}: {said}") from None
 
 
 def _open(path: Path) -> Content:

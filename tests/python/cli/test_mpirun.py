@@ -197,6 +197,12 @@ def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
     index = ET.parse(here / "result.pvd").getroot()
     steps = [item.attrib["file"] for item in index.iter("DataSet")]
     assert steps == ["result_0000.pvtu", "result_0001.pvtu"]
+    # The load of the scene, as in the index that one process writes.
+    for name in ("result.pvd", "contact.pvd"):
+        of_one = ET.parse(tmp_path / "one" / name).getroot().iter("DataSet")
+        of_all = ET.parse(here / name).getroot().iter("DataSet")
+        assert [a.attrib["timestep"] for a in of_all] == ["0", "1"]
+        assert [a.attrib["timestep"] for a in of_one] == ["0", "1"]
     for k, name in enumerate(steps):
         whole = meshio.read(tmp_path / "one" / f"result_{k:04d}.vtu")
         listing = ET.parse(here / name).getroot()
@@ -204,6 +210,10 @@ def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
         pieces = [one.attrib["Source"] for one in listing.iter("Piece")]
         assert len(pieces) == 3
         found = [meshio.read(here / piece) for piece in pieces]
+        for piece in found:
+            assert piece.field_data.keys() == {"load", "time", "units"}
+            for about, value in whole.field_data.items():
+                np.testing.assert_array_equal(piece.field_data[about], value)
         of_points = [a.attrib for a in listing.find(".//PPointData")]
         of_cells = [a.attrib for a in listing.find(".//PCellData")]
         assert {a["Name"] for a in of_points} == set(whole.point_data)

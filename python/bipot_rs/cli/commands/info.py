@@ -9,6 +9,7 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import MARK, unmarked, without
 from bipot_rs._lib.messages import counted, printable
+from bipot_rs.cli.commands import info_fields
 from bipot_rs.cli.commands.info_mesh import SUFFIXES, box, mesh
 from bipot_rs.cli.commands.info_sweep import sweep
 from bipot_rs.cli.matrix_files import MARKET, market_refuses
@@ -20,7 +21,7 @@ _STEPS = 3
 
 
 def info(name: str) -> dict[str, Any]:
-    """Summarise a result, a sweep, an FCLIB problem, a mesh, a matrix or a scene.
+    """Summarise a result, a file for ParaView, a sweep, a problem, a mesh or a scene.
 
     Parameters
     ----------
@@ -44,6 +45,8 @@ def info(name: str) -> dict[str, Any]:
         return sweep(path / SWEEP) if (path / SWEEP).exists() else _folder(path)
     if path.name == SWEEP:
         return sweep(path)
+    if path.suffix.lower() in info_fields.SUFFIXES:
+        return info_fields.fields(path)
     if path.suffix.lower() in SUFFIXES:
         return mesh(path)
     if path.suffix.lower() == ".mtx":
@@ -51,7 +54,8 @@ def info(name: str) -> dict[str, Any]:
     if path.suffix not in (".h5", ".hdf5", ".hdf"):
         if path.is_file() and path.suffix not in ("", ".toml"):
             raise ValueError(
-                f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
+                f"{name} is a file {path.suffix}, expected a result (.h5), a series for "
+                f"ParaView ({', '.join(info_fields.SUFFIXES)}), a sweep "
                 f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a matrix (.mtx), a problem "
                 "(.hdf5) or a scene (.toml)"
             )

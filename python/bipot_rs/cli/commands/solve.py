@@ -199,7 +199,8 @@ class Solve(Runner):
             return
         remarks = () if self.result is None else self.result.remarks
         drawn = None if given.points is None else folder
-        lines = closing(rows, self.request.tol, drawn, remarks)
+        # The bodies are points only, and there are none if some nodes are not listed.
+        lines = closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
         contacts = counted(len(given.gap), "contact")
         seconds = perf_counter() - self.started
         lines.append(

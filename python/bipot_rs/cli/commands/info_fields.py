@@ -1,0 +1,215 @@
+"""``bipot info`` of files for ParaView: steps, points, cells, fields and their units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.commands.info_mesh import box, mesh
+from bipot_rs.files.fields import FIELDS
+from bipot_rs.files.vtu import read_collection, read_listing, without_points
+from bipot_rs.mesh.readers import Grid, read_grid
+
+SUFFIXES = (".pvd", ".pvtu", ".vtu")
+
+
+def fields(path: Path) -> dict[str, Any]:
+    """Summarise a series of steps, or the file of one step.
+
+    A VTU file without a load step is a mesh: its summary lists the fields as well.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``points``, ``cells`` by kind, ``fields`` by name, ``load`` and ``time`` of
+        the step, and ``lines`` for a terminal; of a series also ``steps``, ``times``.
+
+    Raises
+    ------
+    OSError, ValueError, ModuleNotFoundError
+        As `bipot_rs.mesh.readers.read_grid`.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    suffix = path.suffix.lower()
+    if suffix == ".pvd":
+        return _series(path)
+    if suffix == ".vtu":
+        grid = _grid(path)
+        if "time" not in grid.of_file:
+            return _mesh(path, grid)
+    return _step(path)
+
+
+def _series(path: Path) -> dict[str, Any]:
+    steps = read_collection(path)
+    times = [time for time, _ in steps]
+    found: dict[str, Any] = {
+        "kind": "series",
+        "file": str(path),
+        "steps": len(steps),
+        "times": times,
+    }
+    title = f"{path}: a series of {counted(len(steps), 'step')} for ParaView"
+    if not steps:
+        return found | {"lines": [title]}
+    lines = [
+        f"{title}, time {_between(min(times), max(times))}",
+        f"  files     {steps[0][1]} to {steps[-1][1]}",
+    ]
+    lost = [file for _, file in steps if not (path.parent / file).is_file()]
+    if lost:
+        raise ValueError(
+            f"{path} names {counted(len(lost), 'file')} that do not exist, the first is "
+            f"{lost[0]}: copy the whole folder, not the index only"
+        )
+    last = _step(path.parent / steps[-1][1])
+    _, *more = last.pop("lines")
+    lines.append(f"  last step {last['file']}")
+    return (
+        found
+        | {k: v for k, v in last.items() if k not in found}
+        | {"lines": lines + more}
+    )
+
+
+def _step(path: Path) -> dict[str, Any]:
+    """Summarise one step, whose parts may lie in several files."""
+    files = [path]
+    if path.suffix.lower() == ".pvtu":
+        files = [path.parent / name for name in read_listing(path)]
+        if not files:
+            raise ValueError(f"{path} has no pieces")
+    grids = [_grid(file) for file in files]
+    parts = "" if len(files) == 1 else f" in {len(files)} parts"
+    found = {"kind": "step", "file": str(path), **_contents(grids)}
+    lines = [f"{path}: one step for ParaView{parts}", *_lines(grids, found)]
+    return found | {"lines": lines}
+
+
+def _grid(file: Path) -> Grid:
+    """Read a VTU file; meshio refuses those without points, as of a rank without cells."""
+    try:
+        return read_grid(file)
+    except ValueError:
+        if not _is_empty(file):
+            raise
+    return Grid(np.empty((0, 3)), [], {}, {}, {})
+
+
+def _is_empty(file: Path) -> bool:
+    try:
+        return without_points(file)
+    except ValueError:
+        return False
+
+
+def _mesh(path: Path, grid: Grid) -> dict[str, Any]:
+    """Summarise a mesh and its fields; cells that are no body may have fields."""
+    own = _contents([grid])
+    try:
+        found = mesh(path)
+    except ValueError:
+        if not own["fields"]:
+            raise
+        found = {"kind": "step", "file": str(path), **own}
+        lines = [f"{path}: points and cells with fields", *_lines([grid], own)]
+        return found | {"lines": lines}
+    if not grid.of_points:
+        return found
+    lines = [*found["lines"], *_field_lines(own["fields"])]
+    return found | {"fields": own["fields"], "lines": lines}
+
+
+def _contents(grids: list[Grid]) -> dict[str, Any]:
+    cells: dict[str, int] = {}
+    for grid in grids:
+        for kind, nodes in grid.cells:
+            cells[kind] = cells.get(kind, 0) + len(nodes)
+    first = next((grid for grid in grids if grid.of_file), grids[0])
+    numbers = {
+        name: float(first.of_file[name].ravel()[0])
+        for name in ("load", "time")
+        if first.of_file.get(name, np.zeros(0)).size
+    }
+    units = _units(first.of_file)
+    named: dict[str, Any] = {}
+    for of in ("points", "cells"):
+        # A part without cells may lack the fields of cells.
+        parts = [getattr(grid, f"of_{of}") for grid in grids]
+        for name in dict.fromkeys(name for part in parts for name in part):
+            known = [part[name] for part in parts if name in part]
+            named[name] = {"of": of, "units": units.get(name), **_range(known)}
+            if name in FIELDS:
+                named[name]["meaning"] = FIELDS[name].meaning
+    return {
+        "points": sum(len(grid.points) for grid in grids),
+        "cells": cells,
+        **numbers,
+        "fields": named,
+    }
+
+
+def _units(of_file: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    """Units by field; {} if the file does not name them."""
+    try:
+        text = np.asarray(of_file["units"], np.uint8).tobytes().decode()
+        return {str(name): str(unit) for name, unit in json.loads(text).items()}
+    except (KeyError, ValueError, AttributeError):
+        return {}
+
+
+def _range(parts: list[NDArray[Any]]) -> dict[str, Any]:
+    """Components and range of a field: of the lengths of vectors, else of all numbers."""
+    width = int(parts[0].shape[1]) if parts[0].ndim == 2 else 1
+    values = np.concatenate([part.reshape(-1, width) for part in parts])
+    numbers = np.linalg.norm(values, axis=1) if width == 3 else values
+    if not numbers.size:
+        return {"components": width, "low": None, "high": None}
+    return {
+        "components": width,
+        "low": float(numbers.min()),
+        "high": float(numbers.max()),
+    }
+
+
+def _lines(grids: list[Grid], found: Mapping[str, Any]) -> list[str]:
+    cells = ", ".join(f"{count} {kind}" for kind, count in found["cells"].items())
+    points = np.concatenate([grid.points for grid in grids])
+    where = f", {box(points)}" if len(points) else ""
+    lines = [f"  points    {found['points']}{where}", f"  cells     {cells or 'none'}"]
+    numbers = [
+        f"{name} {found[name]:.6g}" for name in ("load", "time") if name in found
+    ]
+    if numbers:
+        lines.append(f"  step      {', '.join(numbers)}")
+    return lines + _field_lines(found["fields"])
+
+
+def _field_lines(named: Mapping[str, Any]) -> list[str]:
+    lines = []
+    wide = max(map(len, named), default=0)
+    for of in ("points", "cells"):
+        title = f"of {of}"
+        for name, one in named.items():
+            if one["of"] != of:
+                continue
+            unit = f" {one['units']}" if one["units"] else ""
+            kind = {1: "number", 3: "vector"}.get(
+                one["components"], f"{one['components']} components"
+            )
+            span = "-" if one["low"] is None else _between(one["low"], one["high"])
+            size = " of length" if one["components"] == 3 else ""
+            lines.append(f"  {title:<9} {name:<{wide}}  {kind}{size} {span}{unit}")
+            title = ""
+    return lines
+
+
+def _between(low: float, high: float) -> str:
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
