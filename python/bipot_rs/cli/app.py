@@ -487,7 +487,11 @@ def plot(
         ),
     ] = "tractions",
     out: Annotated[
-        Path | None, typer.Option(help="File to write. Default: RESULT/KIND.png.")
+        Path | None,
+        typer.Option(
+            help="File to write. Default: RESULT/KIND.png. NAME.gif is an animation over "
+            "the load steps."
+        ),
     ] = None,
     contact: Annotated[
         str | None,
@@ -506,6 +510,20 @@ def plot(
         int | None,
         typer.Option(
             metavar="K", help="Load step to draw, counted from 1. Default: the last."
+        ),
+    ] = None,
+    near: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F",
+            help="For deformed: only the surroundings of the contacts, up to F times their "
+            "extent.",
+        ),
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F", help="For deformed: the factor of the displacements."
         ),
     ] = None,
     scene: Annotated[
@@ -552,6 +570,8 @@ def plot(
                 "--contact": contact,
                 "--along": along,
                 "--step": step,
+                "--near": near,
+                "--scale": scale,
                 "--scene": scene,
                 "--set": settings,
             }
@@ -575,6 +595,8 @@ def plot(
             contact=contact,
             along=along,
             step=step,
+            near=near,
+            scale=scale,
             scene=scene,
             settings=settings or (),
         )
