@@ -100,6 +100,7 @@ _OPTIONS = {
 _WORDS = {
     "along is missing": "--along is missing",
     "near is": "--near is",
+    "kind is": "--kind is",
     "scale is": "--scale is",
     "by where=": "by --contact",
     "with where= those": "with --contact those",
