@@ -490,7 +490,11 @@ def plot(
         ),
     ] = "tractions",
     out: Annotated[
-        Path | None, typer.Option(help="File to write. Default: RESULT/KIND.png.")
+        Path | None,
+        typer.Option(
+            help="File to write. Default: RESULT/KIND.png. NAME.gif is an animation over "
+            "the load steps."
+        ),
     ] = None,
     contact: Annotated[
         str | None,
@@ -509,6 +513,20 @@ def plot(
         int | None,
         typer.Option(
             metavar="K", help="Load step to draw, counted from 1. Default: the last."
+        ),
+    ] = None,
+    near: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F",
+            help="For deformed: only the surroundings of the contacts, up to F times their "
+            "extent.",
+        ),
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F", help="For deformed: the factor of the displacements."
         ),
     ] = None,
     scene: Annotated[
@@ -555,6 +573,8 @@ def plot(
                 "--contact": contact,
                 "--along": along,
                 "--step": step,
+                "--near": near,
+                "--scale": scale,
                 "--scene": scene,
                 "--set": settings,
             }
@@ -578,6 +598,8 @@ def plot(
             contact=contact,
             along=along,
             step=step,
+            near=near,
+            scale=scale,
             scene=scene,
             settings=settings or (),
         )

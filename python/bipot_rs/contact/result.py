@@ -37,7 +37,9 @@ class Result(Presentation, Sequence[Step]):
         The converged steps.
     contacts
         Data of the contacts: ``x``, ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
-        ``None`` if not known.
+        ``None`` if not known. Of a model also ``surface``, ``surface_names`` and in 3D
+        ``facets``, for pictures: numbers of contacts ``(m, k)``, corners first, -1 after
+        the last node. May be set, as ``result.contacts["facets"] = pairs.facets``.
     start
         The step that the path started from, ``None`` for the unloaded bodies.
     seconds

@@ -134,8 +134,8 @@ def _ranges(ax: Any) -> list[tuple[float, float]]:
     if bars:
         return [it.get_clim() for it in bars]
     low, high = ax.dataLim.intervaly
-    if ax.images or ax.name == "3d" or not low < high:
-        # A map of a quantity that is zero in this step.
+    if ax.get_aspect() != "auto" or not low < high:
+        # A map without a bar, of a quantity that is zero in this step.
         return []
     margin = _MARGIN * (high - low)
     return [(low - margin, high + margin)]

@@ -333,6 +333,7 @@ def _forces(
             scale=1,
             width=4e-3,
             zorder=3,
+            **style.RIM,
         )
     else:
         ax.quiver(*at.T, *arrows.T, color=_FORCE, pivot="tip", lw=1.0)

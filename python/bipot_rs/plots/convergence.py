@@ -75,11 +75,11 @@ def convergence(
     if len(path) <= _NAMED:
         style.legend_above(ax)
     else:
-        from matplotlib.cm import ScalarMappable
         from matplotlib.colors import ListedColormap
 
         drawn = ListedColormap(colours(np.linspace(0, 0.9, 256)))
-        style.colour_bar(ScalarMappable(shade, drawn), ax, "load step", None)
+        scale = style.scale_of(drawn, 1, len(path))
+        style.colour_bar(scale, ax, "load step", None)
         handles = [h for h in ax.get_lines() if h.get_label() == "held to"]
         style.legend_above(ax, handles=handles)
     return ax

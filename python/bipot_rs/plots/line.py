@@ -87,7 +87,8 @@ def draw_tractions(
     what = ("pressure", "shear") if seen.area is not None else ("normal", "tangential")
     edge = None
     for k, (_, one) in enumerate(lines):
-        mark = mark_of(one)
+        # The marks of the first and last contact are on the frame.
+        mark = mark_of(one) | {"clip_on": limits is not None}
         colours = (style.PRESSURE, style.SHEAR)
         if len(lines) > 1:
             colours = (style.cycle(k), style.cycle(k))
@@ -96,13 +97,12 @@ def draw_tractions(
             limit = _limit(seen, one) * p
             band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
-            line = "--" if len(lines) == 1 else ":"
-            dashed: dict[str, Any] = {"ls": line, "color": band, "lw": 1}
+            dashed: dict[str, Any] = {"ls": ":", "color": band, "lw": 1.2}
             (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
             ax.plot(one.s, -limit, **dashed)
         ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
-        if len(lines) > 1:
-            mark = {"ls": "--"} | mark
+        # In grey the colours are alike.
+        mark = {"ls": "--"} | mark
         ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:
@@ -213,6 +213,7 @@ def draw_slip(
         if np.isnan(v).any():
             # A single contact between open ones needs a marker: it has no line.
             mark = {"marker": "o", "ms": 2} | mark
+        mark |= {"clip_on": limits is not None}
         ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:

@@ -137,9 +137,9 @@ def _of_surface(
         press, drag, limit, _ = sums(reaction, frame, mu)
         least = -1.0
     ax.plot(number, press, color=colour or canvas.PRESSURE, label=names[0], **style)
-    dashed = {"ls": "--"} if colour else {}
+    # In grey the colours are alike.
     ax.plot(
-        number, drag, color=colour or canvas.SHEAR, label=names[1], **style, **dashed
+        number, drag, ls="--", color=colour or canvas.SHEAR, label=names[1], **style
     )
     if limit is not None:
         band = {"color": colour or canvas.LIMIT, "alpha": 0.15, "lw": 0}

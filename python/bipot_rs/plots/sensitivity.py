@@ -45,7 +45,8 @@ def sensitivity(
     It shows which contacts decide: in 2D along a line, above the status of the contacts; in
     3D on a map of a flat surface, or along a line if ``along`` is given. Red means that the
     number grows with the friction coefficient or the gap of the contact, blue that it falls;
-    the colours of a map are symmetric about zero. Rings mark contacts on a border between
+    the colours of a map are symmetric about zero, and its lines at thirds of them are dashed
+    if negative. Rings mark contacts on a border between
     two statuses (``one_sided``), where the derivative holds on one side only.
 
     Values belong to contacts, not to areas: on a finer mesh each contact decides less about
@@ -158,6 +159,7 @@ def _draw_map(
     _, largest, _ = span(np.abs(values), "", seen.area)
     range_: dict[str, Any] = {"vmin": -largest, "vmax": largest}
     image = paint(seen, uv, values, ax, cmap=_COLOURS, **range_)
+    _contours(image, largest, ax)
     _rings(ax, uv[:, 0], uv[:, 1], marked)
     if not values.any():
         style.say(ax, "no contact changes the number")
@@ -167,6 +169,18 @@ def _draw_map(
         style.legend_above(ax, handles=_legend(marked), title=seen.said)
     else:
         style.note(ax, seen.said)
+
+
+def _contours(image: Any, largest: float, ax: Any) -> None:
+    """Draw lines at thirds of the range, dashed if negative: in grey both signs are dark."""
+    values = np.ma.masked_invalid(image.get_array())
+    levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
+    levels = levels[(levels > values.min()) & (levels < values.max())]
+    if levels.size:
+        look: dict[str, Any] = {"colors": "black", "linewidths": 0.6}
+        ax.contour(
+            values, levels, extent=image.get_extent(), negative_linestyles="--", **look
+        )
 
 
 def _rings(ax: Any, x: Floats, y: Floats, marked: Bools) -> None:

@@ -61,7 +61,7 @@ def surface3d(
     limits
         Least and largest value of the colours, to compare load steps.
     contacts
-        As in `tractions`, with ``facets`` if they are not known; only without a model.
+        As in `tractions`, with ``facets`` if they are not known; default the model.
     ax
         For matplotlib: axes in 3D to draw into. For PyVista: a ``Plotter``; default a new
         one, off screen, which ``.screenshot("a.png")`` writes.
@@ -89,8 +89,6 @@ def surface3d(
         result, model = model, model_of(model)[0] if isinstance(model, Result) else None
     else:
         model, _ = drawn_model(model)
-        if contacts is not None:
-            raise ValueError("contacts and model are given, expected one of them")
     seen = look(
         result, step, contacts=model if contacts is None else contacts, units=units
     )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 # With more series than this, a colour bar shows their numbers. The cycle of colours has
 # as many.
 _NAMED = 6
+_MARKS = ("o", "s", "^", "D", "v", "P")
 # Most entries of a legend above the axes, in three columns.
 _MOST = 18
 
@@ -71,10 +72,12 @@ def study(
     """
     ax = style.axes_of(ax)
     colours = _colours(series)
-    for one, colour in zip(series, colours, strict=True):
+    for k, (one, colour) in enumerate(zip(series, colours, strict=True)):
         solved = ~one.partial
         order = np.flatnonzero(solved)[np.argsort(one.x[solved], kind="stable")]
-        look: dict[str, Any] = {"color": colour, "lw": 1.4, "marker": "o", "ms": 4}
+        look: dict[str, Any] = {"color": colour, "lw": 1.4, "ms": 4}
+        # Marks distinguish the few series that a legend names without colours.
+        look["marker"] = _MARKS[k] if len(series) <= _NAMED else "o"
         if not lines:
             look["ls"] = "none"
         ax.plot(one.x[order], one.y[order], label=one.name, **look)
@@ -118,14 +121,14 @@ def _legend(ax: Axes, series: Sequence[Series], parameter: str) -> None:
     numbers = _numbers(series)
     handles: list[Any] = []
     if len(series) > _NAMED and numbers is not None:
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
-        shade = Normalize(numbers.min(), numbers.max())
-        style.colour_bar(ScalarMappable(shade, _shades()), ax, parameter, None)
+        scale = style.scale_of(_shades(), numbers.min(), numbers.max())
+        style.colour_bar(scale, ax, parameter, None)
         parameter = ""
     elif 1 < len(series) <= _MOST:
-        handles = [line for line in ax.get_lines() if line.get_marker() == "o"]
+        # The crosses have no names.
+        named = (str(line.get_label()) for line in ax.get_lines())
+        drawn = zip(named, ax.get_lines(), strict=True)
+        handles = [line for name, line in drawn if not name.startswith("_")]
     elif len(series) > _MOST:
         parameter = f"{len(series)} combinations of {parameter}"
     if any(one.partial.any() for one in series):

@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
 PRESSURE, SHEAR, LIMIT, QUIET = "#1f4e79", "#c0392b", "#f28e2b", "#7f8c8d"
 # Colours of several surfaces, used cyclically.
-_CYCLE = ("#1f4e79", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7f7f7f")
+# The first three differ in lightness, too.
+_CYCLE = ("#1f4e79", "#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#7f7f7f")
 # Inches: scaled to a column of 85 mm, letters of 10 points become 7 points.
 SIZE = (4.8, 3.6)
+# Arrows with a dark rim can be seen on light and on dark colours, and in grey.
+RIM: Mapping[str, Any] = {"edgecolor": "black", "linewidth": 0.4}
 Units = Mapping[str, str]
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -126,6 +129,14 @@ def colour_bar(
         bar = ax.figure.colorbar(image, cax=place, extend=extend)
     name_axis(bar.ax.yaxis, name, unit)
     return bar
+
+
+def scale_of(colours: Any, low: float, high: float) -> Any:
+    """Colours of a bar without a picture in these colours."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(low, high), colours)
 
 
 def stress_unit(units: Units) -> str | None:

@@ -124,9 +124,7 @@ def draw_map(
         low, high, extend = span(values, quantity, seen.area, limits)
         image = paint(seen, uv, values, ax, cmap="viridis", vmin=low, vmax=high)
         if vector is not None:
-            # White on dark colours, with a dark rim on light ones.
-            rim: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.5}
-            _arrows(seen, uv, vector, ax, color="white", **rim)
+            _arrows(seen, uv, vector, ax, color="white", **style.RIM)
     finish(seen, uv, names, ax)
     if limits is not None or not nothing:
         style.colour_bar(image, ax, name, unit, extend=extend)
@@ -315,13 +313,17 @@ def slip(
     rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
     ax.scatter(u[~closed], v[~closed], s=9, **rings)
     most = float(size.max(initial=0.0)) if limits is None else limits[1]
-    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size, most=most)
+    arrows = _arrows(
+        seen, uv, moved, ax, cmap="viridis", values=size, most=most, **style.RIM
+    )
     finish(seen, uv, names, ax, margin=0.13)
+    if arrows is None:
+        style.say(ax, NOTHING["slip"])
+        # Steps of an animation have the same bar.
+        arrows = None if limits is None else style.scale_of("viridis", 0.0, most)
     if arrows is not None:
         unit = seen.units.get("length")
         style.colour_bar(arrows, ax, "slip in the step", unit)
-    else:
-        style.say(ax, NOTHING["slip"])
     style.note(ax, seen.said)
     if own:
         style.fit(ax)

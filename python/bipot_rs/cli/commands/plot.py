@@ -5,17 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli.output_folder import RESULT
-
-# Quantities that can be drawn on the surfaces of three-dimensional bodies.
-_IN_SPACE = ("pressure", "shear", "gap", "slip", "status")
-# Pictures that need the mesh of the bodies.
-BODIES = ("deformed", *(f"{quantity}_3d" for quantity in _IN_SPACE))
 
 
 @dataclass(frozen=True)
@@ -30,6 +24,8 @@ class Asked:
         ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for the default of the picture.
     step
         The load step to draw, from 0; None for the last.
+    near, scale
+        As in `plots.deformed`; None for the default.
     case
         The `Case` with the bodies, for pictures that need their mesh.
     """
@@ -37,7 +33,18 @@ class Asked:
     where: str | None = None
     along: str | None = None
     step: int | None = None
+    near: float | None = None
+    scale: float | None = None
     case: Any = None
+
+    def given(self, kind: str, takes: Callable[[str], bool]) -> dict[str, Any]:
+        """The options of a picture; an error if it does not take one of them."""
+        chosen = {name: getattr(self, name) for name in _OPTIONS}
+        given = {key: value for key, value in chosen.items() if value is not None}
+        for key in given:
+            if not takes(key):
+                raise ValueError(f"--{_OPTIONS[key]} cannot be used with --kind {kind}")
+        return given
 
 
 # A function that draws: the file to write, the result, a title, the part to draw.
@@ -45,56 +52,56 @@ Picture = Callable[[Path, Any, str, Asked], None]
 
 
 def kinds() -> dict[str, Picture]:
-    """Pictures by name: that of ``bipot run --plot``, and those of `bipot_rs.plots`."""
-    from bipot_rs import plots
-    from bipot_rs.plots.wear import both
+    """Pictures by name: those of `plots.plot`, and that of ``bipot run --plot``."""
+    from bipot_rs.plots.by_name import KINDS, Kind
 
-    def one(kind: str, function: Callable[..., Any], *names: str) -> Picture:
-        takes = signature(function).parameters
-
+    def one(name: str, kind: Kind) -> Picture:
         def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
-            chosen = {name: getattr(asked, name) for name in _OPTIONS}
-            given = {key: value for key, value in chosen.items() if value is not None}
-            for key in given:
-                if key not in takes:
-                    raise ValueError(
-                        f"--{_OPTIONS[key]} cannot be used with --kind {kind}"
-                    )
-            bodies = [asked.case] if kind in BODIES else []
-            ax = function(*bodies, result, *names, **given)
+            given = asked.given(name, kind.takes)
+            ax = kind(result, asked.case, **given)
             if title:
                 ax.figure.suptitle(title)
             ax.figure.savefig(path, dpi=150, bbox_inches="tight")
 
         return draw
 
-    drawn: dict[str, Picture] = {}
-    drawn["tractions"] = _tractions(one("tractions", plots.tractions))
-    for function in (
-        plots.slip,
-        plots.status_map,
-        plots.resultants,
-        plots.status_shares,
-        plots.force_displacement,
-        plots.dissipation,
-        plots.deformed,
-    ):
-        drawn[function.__name__] = one(function.__name__, function)
-    for quantity in ("pressure", "shear", "gap"):
-        kind = f"{quantity}_map"
-        drawn[kind] = one(kind, plots.surface_map, quantity)
-    for quantity in _IN_SPACE:
-        kind = f"{quantity}_3d"
-        drawn[kind] = one(kind, plots.surface3d, quantity)
-    drawn["wear"] = one("wear", both)
+    drawn = {name: one(name, kind) for name, kind in KINDS.items()}
+    drawn["tractions"] = _tractions(drawn["tractions"])
     return drawn
 
 
+def bodies() -> list[str]:
+    """Names of the pictures that need the mesh of the bodies."""
+    from bipot_rs.plots.by_name import KINDS
+
+    return [name for name, kind in KINDS.items() if kind.bodies]
+
+
+def _animated(path: Path, result: Any, kind: str, asked: Asked) -> None:
+    """Write a GIF, one frame for each load step."""
+    from bipot_rs.plots.animation import animate
+    from bipot_rs.plots.by_name import KINDS
+
+    if asked.step is not None:
+        raise ValueError("--step cannot be used with a GIF, which shows all load steps")
+    given = asked.given(kind, KINDS[kind].takes)
+    animate(result, path, kind, model=asked.case, **given)
+
+
 # Attributes of `Asked`, and the options of the command line.
-_OPTIONS = {"where": "contact", "along": "along", "step": "step"}
+_OPTIONS = {
+    "where": "contact",
+    "along": "along",
+    "step": "step",
+    "near": "near",
+    "scale": "scale",
+}
 # Words in messages of `bipot_rs.plots`, and those of the command line.
 _WORDS = {
     "along is missing": "--along is missing",
+    "near is": "--near is",
+    "kind is": "--kind is",
+    "scale is": "--scale is",
     "by where=": "by --contact",
     "with where= those": "with --contact those",
     "by surface3d": "by --kind pressure_3d",
@@ -134,6 +141,8 @@ def draw(
     contact: str | None = None,
     along: str | None = None,
     step: int | None = None,
+    near: float | None = None,
+    scale: float | None = None,
     scene: str | None = None,
     settings: Sequence[str] = (),
 ) -> Path:
@@ -147,13 +156,15 @@ def draw(
         One of `kinds`.
     out
         File to write, in the format of its suffix; by default ``KIND.png`` in the folder of
-        the result.
+        the result. A name that ends in ``.gif`` is an animation over the load steps.
     contact
         The surface to draw, ``"body.surface"``; by default all.
     along
         Horizontal axis of a line: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
     step
         The load step to draw, from 1; by default the last.
+    near, scale
+        The part of the bodies to draw, and the factor of displacements, of ``deformed``.
     scene, settings
         The scene of the result and the keys set in it, for pictures that need the mesh; by
         default those named in the file.
@@ -174,9 +185,9 @@ def draw(
         )
     if along is not None and along not in ("x", "y", "z", "arc"):
         raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
-    if kind not in BODIES and (scene is not None or settings):
+    if kind not in bodies() and (scene is not None or settings):
         raise ValueError(
-            f"--scene and --set are only for --kind {', '.join(BODIES)}: other pictures "
+            f"--scene and --set are only for --kind {', '.join(bodies())}: other pictures "
             "need no mesh"
         )
     path = Path(name)
@@ -200,11 +211,15 @@ def draw(
     title = str(attributes.get("title", ""))
     result.units = json.loads(attributes.get("units") or "{}") or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
-    case = _case(path, attributes, scene, settings) if kind in BODIES else None
+    case = _case(path, attributes, scene, settings) if kind in bodies() else None
+    at = None if step is None else step - 1
+    asked = Asked(contact, along, at, near, scale, case)
     try:
         with writing(target):
-            at = None if step is None else step - 1
-            known[kind](target, result, title, Asked(contact, along, at, case))
+            if target.suffix.lower() == ".gif":
+                _animated(target, result, kind, asked)
+            else:
+                known[kind](target, result, title, asked)
     except ValueError as error:
         message = str(error)
         if "not supported" in message:
@@ -223,7 +238,7 @@ def _case(
 ) -> Any:
     """Mesh the bodies of a result again; an error if the scene is not the one solved."""
     from bipot_rs.cli.resume import stamps
-    from bipot_rs.scene.build import bodies
+    from bipot_rs.scene.build import bodies as made
     from bipot_rs.scene.reading import assemble, read
 
     solved = str(attributes.get("scene", ""))
@@ -248,4 +263,4 @@ def _case(
             f"{path} was not solved from {name!r} as it is now, or with other settings: "
             "give its scene with --scene, and its settings with --set"
         )
-    return assemble(found, bodies(found))
+    return assemble(found, made(found))

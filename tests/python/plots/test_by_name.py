@@ -1,0 +1,282 @@
+"""Pictures by name from a result, and animations whose frames have the same scales."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import bipot_rs as bp
+from bipot_rs import fem, plots
+from bipot_rs.plots.by_name import KINDS
+
+
+def block(dim: int, steps: int = 3) -> Any:
+    """A block on a floor, pressed and dragged farther in each step."""
+    cell = "quadrilateral" if dim == 2 else "hexahedron"
+    m = bp.Model("Block", units={"length": "mm", "force": "N", "stress": "MPa"})
+    m.material("soft", young=10.0, poisson=0.3)
+    sides = {"xyz"[k]: {"from": 0.0, "to": 1.0, "cells": 3} for k in range(dim)}
+    m.body("block", material="soft", cell=cell, **sides)
+    up = [0.0] * (dim - 1) + [1.0]
+    m.contact("block.bottom", plane={"point": [0.0] * dim, "normal": up}, mu=0.3)
+    held: dict[str, Any] = {"xyz"[dim - 1]: m.times(-0.02, "pull")}
+    held["x"] = m.times(0.01, "pull")
+    if dim == 3:
+        held["y"] = 0.0
+    m.support("block.top", **held)
+    m.path(steps=steps, pull=np.linspace(1 / steps, 1, steps).tolist())
+    return m.solve()
+
+
+@pytest.fixture(scope="module")
+def flat() -> Any:
+    return block(2)
+
+
+@pytest.fixture(scope="module")
+def solid() -> Any:
+    return block(3, steps=2)
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The axes of the frames, as they are written."""
+    from matplotlib.animation import PillowWriter
+
+    kept: list[Any] = []
+    grab = PillowWriter.grab_frame
+
+    def keep(writer: Any, **more: Any) -> None:
+        kept.append(writer.fig.axes[0])
+        grab(writer, **more)
+
+    monkeypatch.setattr(PillowWriter, "grab_frame", keep)
+    return kept
+
+
+def test_the_usual_picture(flat: Any, solid: Any) -> None:
+    assert flat.plot().get_ylabel() == "traction [MPa]"
+    (bar,) = solid.plot(step=0).child_axes
+    assert bar.get_ylabel() == "pressure [MPa]"
+    off = {k: v for k, v in solid.contacts.items() if k != "facets"}
+    curved = off["x"] + 0.1 * off["x"][:, :1] ** 2 * [0, 0, 1]
+    assert solid.plot(contacts=off | {"x": curved}).name == "3d"
+
+
+def test_pictures_by_name_are_those_of_the_functions(solid: Any) -> None:
+    for name, direct in (
+        ("slip", plots.slip(solid)),
+        ("shear_map", plots.surface_map(solid, "shear")),
+        ("status_3d", plots.surface3d(solid.case, solid, "status")),
+        ("deformed", plots.deformed(solid)),
+    ):
+        ax = solid.plot(name)
+        assert ax.get_title("left") == direct.get_title("left")
+        assert len(ax.collections) == len(direct.collections)
+        for one, other in zip(ax.collections, direct.collections, strict=True):
+            for values in (one.get_array(), other.get_array()):
+                assert (values is None) is (one.get_array() is None)
+            if one.get_array() is not None:
+                np.testing.assert_array_equal(one.get_array(), other.get_array())
+
+
+def test_facets_are_drawn_without_the_model(solid: Any, tmp_path: Path) -> None:
+    """A result from a file has its facets; the model only adds the outlines."""
+    solid.save(tmp_path / "a.h5")
+    again = bp.load(tmp_path / "a.h5")
+    for name in ("pressure_3d", "slip_3d"):
+        alone, whole = again.plot(name), solid.plot(name)
+        one, other = (
+            next(c for c in ax.collections if c.get_array() is not None)
+            for ax in (alone, whole)
+        )
+        np.testing.assert_array_equal(one.get_array(), other.get_array())
+        assert len(one.get_array()) == 9
+    with pytest.raises(ValueError, match="the mesh of the result is not known"):
+        again.plot("deformed")
+    again.plot("deformed", model=solid.case)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (lambda r: r.plot("slop"), ValueError, "kind is 'slop'.*mean 'slip'"),
+        (lambda r: r.plot("slip", scale=2), TypeError, "scale is no argument of"),
+        (lambda r: r.animate("a.png"), ValueError, "path is 'a.png', expected"),
+        (lambda r: r.animate("a.gif", "dissipation"), ValueError, "of all load steps"),
+        (lambda r: r.animate("a.gif", step=1), TypeError, "step cannot be given"),
+        (lambda r: r.animate("a.gif", steps=[3]), ValueError, "steps has 3, exp"),
+        (lambda r: r.animate("a.gif", steps=[]), (TypeError, ValueError), "steps"),
+        (
+            lambda r: r.animate("a.gif", frames_per_second=0),
+            ValueError,
+            "frames_per_second is 0, expected a positive",
+        ),
+        (lambda r: r.plot(limits=(1, 1)), ValueError, "limits are 1 and 1, expected"),
+        (lambda r: r.plot("deformed", box=[[0, 0]]), ValueError, "box has shape"),
+        (
+            lambda r: r.plot("deformed", box=[[0, 0], [0, 1]]),
+            ValueError,
+            "box is flat",
+        ),
+        (
+            lambda r: r.plot("deformed", near=1, box=[[0, 0], [1, 1]]),
+            ValueError,
+            "near and box are given",
+        ),
+    ],
+)
+def test_wrong_arguments_of_pictures_by_name(
+    flat: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Any,
+    error: Any,
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=said):
+        call(flat)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gif_has_a_frame_for_each_step(
+    flat: Any, seen: list[Any], tmp_path: Path
+) -> None:
+    file = flat.animate(tmp_path / "a.gif", dpi=40, frames_per_second=5)
+    with Image.open(file) as read:
+        assert (read.format, read.n_frames) == ("GIF", 3)
+        assert read.info["duration"] == 200
+    said = [ax.get_legend().get_title().get_text() for ax in seen]
+    assert said == [f"load step {k} of 3" for k in (1, 2, 3)]
+    # One vertical axis shows the values of all steps.
+    (low, high), *others = (ax.get_ylim() for ax in seen)
+    assert others == [(low, high)] * 2
+    p = flat.traction[..., 0]
+    assert high == pytest.approx(p.max() + 0.05 * (p.max() + 0.3 * p.max()), rel=1e-12)
+    chosen = flat.animate(tmp_path / "b.gif", steps=[2], dpi=40)
+    assert chosen.stat().st_size > 0
+    assert len(seen) == 4
+
+
+def bars(ax: Any) -> list[Any]:
+    return [it for it in (*ax.images, *ax.collections) if it.colorbar is not None]
+
+
+@pytest.mark.parametrize("kind", ["pressure_map", "shear_3d", "slip", "deformed"])
+def test_frames_have_the_same_colours(
+    solid: Any, kind: str, seen: list[Any], tmp_path: Path
+) -> None:
+    solid.animate(tmp_path / "a.gif", kind, dpi=30)
+    ranges = [bars(ax)[0].get_clim() for ax in seen]
+    assert len(set(ranges)) == 1
+    own = [bars(solid.plot(kind, step=k))[0].get_clim() for k in (0, 1)]
+    assert ranges[0] == (min(a for a, _ in own), max(b for _, b in own))
+    # Steps differ, so that this is no accident.
+    assert len(set(own)) == 2
+    for name in ("xlim", "ylim", *(["zlim"] if seen[0].name == "3d" else [])):
+        assert len({getattr(ax, f"get_{name}")() for ax in seen}) == 1
+
+
+def test_frames_of_bodies_show_growing_displacements(
+    flat: Any, seen: list[Any], tmp_path: Path
+) -> None:
+    """With one factor the body moves three times as far in the last step as in the first."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.quiver import Quiver
+
+    flat.animate(tmp_path / "a.gif", "deformed", dpi=30)
+    said = {ax.get_title("left").split(",")[0] for ax in seen}
+    assert len(said) == 1
+    factor = float(said.pop().removeprefix("displacements × "))
+    model = flat.case.model
+    for k, ax in enumerate(seen):
+        cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)
+        corners = np.array([path.vertices[:4] for path in cells.get_paths()])
+        u = flat[k].displacement.reshape(-1, 2)
+        nodes = np.concatenate([c for _, c in model.cells])
+        np.testing.assert_allclose(
+            corners, (model.nodes + factor * u)[nodes], rtol=1e-14
+        )
+        # Arrows: one length for one force in all frames.
+        (arrows,) = (c for c in ax.collections if isinstance(c, Quiver))
+        longest = np.hypot(arrows.U, arrows.V).max()
+        force = np.linalg.norm(flat[k].reaction, axis=1).max()
+        last = np.linalg.norm(flat[2].reaction, axis=1).max()
+        (reference,) = (c for c in seen[2].collections if isinstance(c, Quiver))
+        whole = np.hypot(reference.U, reference.V).max()
+        # The arrows of a frame also scale with the extent of its bodies, within 5 %.
+        assert longest / whole == pytest.approx(force / last, rel=0.05)
+
+
+def test_a_step_without_values_has_the_bar_of_the_others(
+    seen: list[Any], tmp_path: Path
+) -> None:
+    """Nothing slips in the first step."""
+    points = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    load = np.tile([[-10.0, 0.0, 0.0], [-10.0, 5.0, 0.0]], (1, 4))
+    frame = fem.frames(np.tile([0.0, 0, 1], (4, 1)))
+    result = bp.solve(
+        np.eye(12), np.eye(12), load, gap=np.zeros(4), mu=0.3, points=points,
+        frame=frame, area=np.ones(4),
+    )  # fmt: skip
+    for kind in ("slip", "shear_map"):
+        seen.clear()
+        result.animate(tmp_path / "a.gif", kind, dpi=30)
+        first, last = seen
+        assert first.child_axes[0].get_ylim() == last.child_axes[0].get_ylim()
+        assert [t.get_text() for t in first.texts] == [
+            {"slip": "no slip in the step", "shear_map": "no friction acts"}[kind]
+        ]
+
+
+def test_chosen_scales_are_kept(flat: Any, seen: list[Any], tmp_path: Path) -> None:
+    flat.animate(tmp_path / "a.gif", limits=(-5.0, 20.0), dpi=30)
+    # The strip of statuses is below the limits.
+    assert all(ax.get_ylim()[1] == 20.0 > -5.0 > ax.get_ylim()[0] for ax in seen)
+
+
+def test_an_earlier_file_survives_a_failure(
+    flat: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib.animation import PillowWriter
+
+    target = tmp_path / "a.gif"
+    target.write_text("earlier")
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PillowWriter, "finish", full)
+    with pytest.raises(OSError, match=r"cannot write .*a\.gif: No space"):
+        flat.animate(target, dpi=30)
+    assert target.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_pyplot_is_not_imported(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np, bipot_rs as bp; "
+        "r = bp.solve(np.eye(4), np.eye(4), [-1.0, 0.1, -1, 0.1], gap=[0, 0], mu=0.3, "
+        "points=[[0, 0], [1, 0]]); print('bipot_rs.plots' in sys.modules); "
+        "r.animate('a.gif'); print('matplotlib.pyplot' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.split() == ["False", "False"]
+
+
+def test_every_function_of_a_result_has_a_name() -> None:
+    """Except those of something else than a result."""
+    others = {"animate", "convergence", "plot", "reaction_band", "sensitivity"}
+    named = {kind.draw.__name__ for kind in KINDS.values()} - {"both"} | {"wear"}
+    assert named | others == set(plots.__all__)

@@ -1,0 +1,173 @@
+"""Curved surfaces are drawn by their facets; bodies keep or enlarge their gaps."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import fem, plots
+from bipot_rs.fem.contact_surface import contact_facets
+from bipot_rs.plots import triangles
+from layout import overlaps
+
+
+def bowl(cells: int, cell: str) -> fem.Assembly:
+    """A block whose lower side is curved, above a plane."""
+    grid = np.linspace(-1, 1, cells + 1)
+    mesh = fem.box([grid, grid, np.linspace(0, 1, 3)], cell)
+    x, y, z = mesh.p
+    mesh.doflocs[2] = z + 0.3 * (1 - z) * (x**2 + y**2)
+    body = fem.Body("bowl", mesh, fem.Material(10.0, 0.3))
+    floor = fem.Contact("bowl", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
+    return fem.assemble([body], [floor], [fem.Support("bowl", "top", [0, 1, 2])])
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_facets_of_a_curved_surface_cover_it(cell: str) -> None:
+    model = bowl(6, cell)
+    facets = triangles.checked(contact_facets(model), len(model.points))
+    assert len(facets) == (36 if cell == "hexahedron" else 72)
+    a, b, c = model.points[triangles.split(facets)].swapaxes(0, 1)
+    # Triangles are exact; quadrilaterals are not plane.
+    rounding = 1e-2 if cell == "hexahedron" else 1e-9
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(model.area.sum(), rel=rounding)
+    assert not triangles.alone(facets, len(model.points)).size
+
+
+def test_the_picture_of_a_run_has_facets(tmp_path: Any, monkeypatch: Any) -> None:
+    """Not dots; dots only if the facets are not known."""
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Path3DCollection, Poly3DCollection
+
+    from bipot_rs.fem.contact_surface import surface_labels
+    from bipot_rs.plots.run_figure import tractions
+
+    model = bowl(4, "hexahedron")
+    result = model.problem().solve(prescribed=model.prescribed([[0.0, 0.0, -0.1]]))
+    known = result.contacts | surface_labels(model)
+    steps = [{"reaction": s.reaction, "status": s.status} for s in result]
+    kept: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    tractions(tmp_path / "a.png", known, steps)
+    del known["facets"]
+    tractions(tmp_path / "a.png", known, steps)
+    for figure, drawn, absent in (
+        (kept[0], Poly3DCollection, Path3DCollection),
+        (kept[1], Path3DCollection, Poly3DCollection),
+    ):
+        panels = [ax for ax in figure.findobj() if getattr(ax, "name", "") == "3d"]
+        assert len(panels) == 3
+        for ax in panels:
+            assert any(isinstance(it, drawn) for it in ax.collections)
+            assert not any(type(it) is absent for it in ax.collections)
+    assert overlaps(kept[0]) == []
+
+
+def surfaces(nodes: int) -> Any:
+    """Pairs of two equal flat surfaces of one or four facets, one above the other."""
+    if nodes == 4:
+        at = np.array([[x, y, 0.0] for y in range(3) for x in range(3)])
+        facets = np.array([[k, k + 1, k + 4, k + 3] for k in (0, 1, 3, 4)])
+    else:
+        corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        at = np.concatenate([corner, (corner + np.roll(corner, -1, axis=0)) / 2])
+        facets = np.arange(6)[None]
+    down = facets[:, [0, 3, 2, 1]] if nodes == 4 else facets[:, [0, 2, 1, 5, 4, 3]]
+    return bp.pairs(at, down, at - [0, 0, 0.1], facets), at, down
+
+
+@pytest.mark.parametrize("nodes", [4, 6])
+def test_mortar_surfaces_know_their_facets(nodes: int) -> None:
+    found, at, down = surfaces(nodes)
+    kept = triangles.checked(found.facets, len(found.points))
+    corners = 4 if nodes == 4 else 3
+    np.testing.assert_array_equal(
+        found.points[kept[:, :corners]], at[down[:, :corners]]
+    )
+    n = found.B.shape[1]
+    result = bp.ContactProblem(
+        np.eye(n), found.B, gap=found.gap - 0.2, mu=0.3, points=found.points,
+        frame=found.frame, area=found.area,
+    ).solve()  # fmt: skip
+    ax = plots.surface3d(result, contacts=found)
+    image = next(c for c in ax.collections if c.get_array() is not None)
+    assert len(image.get_array()) == len(down)
+    result.contacts["facets"] = found.facets
+    again = result.plot("pressure_3d")
+    same = next(c for c in again.collections if c.get_array() is not None)
+    np.testing.assert_array_equal(same.get_array(), image.get_array())
+
+
+def test_contacts_on_no_facet_are_dots() -> None:
+    found, *_ = surfaces(4)
+    n = found.B.shape[1]
+    result = bp.ContactProblem(
+        np.eye(n), found.B, gap=found.gap - 0.2, mu=0.3, points=found.points,
+        frame=found.frame, area=found.area,
+    ).solve()  # fmt: skip
+    result.contacts["facets"] = found.facets[:1]
+    left_out = 9 - 4
+    for ax in (result.plot("pressure_3d"), result.plot("pressure_map")):
+        dots = [
+            len(c.get_offsets()) for c in ax.collections if len(c.get_offsets()) > 1
+        ]
+        assert dots == [left_out]
+
+
+def stacked(gap: float) -> tuple[fem.Assembly, bp.Result]:
+    """A block above another, with a gap that closes."""
+    grid = np.linspace(0, 1, 4)
+    soft = fem.Material(10.0, 0.3)
+    low = fem.Body("low", fem.box([grid, grid], "quadrilateral"), soft)
+    mesh = fem.box([grid, grid + 1 + gap], "quadrilateral")
+    high = fem.Body("high", mesh, soft)
+    contact = fem.Contact("high", "bottom", 0.3, against=("low", "top"))
+    held = [fem.Support("low", "bottom", [0, 1]), fem.Support("high", "top", [0, 1])]
+    model = fem.assemble([low, high], [contact], held)
+    down = model.prescribed([[0.0, 0.0], [0.0, -gap - 0.01]])
+    return model, model.problem().solve(prescribed=down)
+
+
+@pytest.mark.parametrize(
+    ("gap", "scale", "said"),
+    [(0.05, 5.0, True), (0.05, 1.0, False), (0.0, 5.0, False), (1e-9, 5.0, False)],
+)
+def test_gaps_between_bodies_are_not_enlarged(
+    gap: float, scale: float, said: bool
+) -> None:
+    model, result = stacked(gap)
+    ax = plots.deformed(model, result, scale=scale)
+    assert ("gaps between bodies × 1" in ax.get_title("left")) is said
+    assert overlaps(ax.figure) == []
+
+
+def test_gaps_to_obstacles_are_enlarged() -> None:
+    """A closed contact touches the band at any factor: no text is needed."""
+    from matplotlib.collections import PolyCollection
+
+    grid = np.linspace(0, 1, 4)
+    mesh = fem.box([grid, grid + 0.05], "quadrilateral")
+    body = fem.Body("it", mesh, fem.Material(10.0, 0.3))
+    floor = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]))
+    model = fem.assemble([body], [floor], [fem.Support("it", "top", [0, 1])])
+    result = model.problem().solve(prescribed=model.prescribed([[0.0, -0.06]]))
+    assert (result.status != bp.Status.OPEN).all()
+    for scale in (1.0, 3.0, 10.0):
+        ax = plots.deformed(model, result, scale=scale)
+        assert "gaps" not in ax.get_title("left")
+        cells, band = (c for c in ax.collections if type(c) is PolyCollection)
+        top = max(path.vertices[:, 1].max() for path in band.get_paths())
+        low = min(path.vertices[:, 1].min() for path in cells.get_paths())
+        # Rounding of the displacements, enlarged.
+        assert top == pytest.approx(low, abs=1e-9 * scale)
+
+
+def test_a_part_of_the_bodies_is_drawn() -> None:
+    model, result = stacked(0.05)
+    ax = plots.deformed(model, result, box=[[0.5, 1.2], [0.0, 0.9]])
+    assert (ax.get_xlim(), ax.get_ylim()) == ((0.0, 0.5), (0.9, 1.2))
+    wide = plots.deformed(model, result, limits=(0.0, 1e-3))
+    bar = next(c for c in wide.collections if c.colorbar is not None)
+    assert (bar.get_clim(), bar.colorbar.extend) == ((0.0, 1e-3), "max")
