@@ -151,8 +151,10 @@ def test_shipped_names() -> None:
         "cattaneo_mindlin",
         "cyclic_cube",
         "pressed_block",
+        "pushed_punch",
         "raous_plate",
         "sheared_cube",
+        "twisted_pad",
         "two_blocks",
     ]
 
@@ -167,6 +169,8 @@ def test_shipped_names() -> None:
         ("two_blocks", 8, 2430, 81, 2),
         ("cyclic_cube", 9, 3000, 100, 41),
         ("raous_plate", 32, 2178, 32, 5),
+        ("pushed_punch", 40, 1724, 41, 4),
+        ("twisted_pad", 8, 1215, 73, 4),
     ],
 )
 def test_size_of_shipped_scenes(

@@ -188,11 +188,10 @@ def _materials(scene: Scene) -> Iterator[str]:
 
 def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
     """Values of ``on``."""
-    for kind in ("symmetry", "spring", "traction", "pressure", "contact"):
+    for kind in ("support", "symmetry", "spring", "traction", "pressure", "contact"):
         for i, entry in enumerate(getattr(scene, kind)):
-            yield from _surface(known, f"{kind}.{i}.on", entry.on)
-    for i, support in enumerate(scene.support):
-        yield from _surface(known, f"support.{i}.on", support.on, inside=True)
+            inside = kind == "support"
+            yield from _surface(known, f"{kind}.{i}.on", entry.on, inside=inside)
     for name, remote in scene.remote.items():
         yield from _surface(known, f"remote.{name}.on", remote.on, inside=True)
     for kind in ("cyclic", "periodic"):
@@ -237,7 +236,7 @@ def _components(scene: Scene, dim: int | None) -> Iterator[str]:
         if support.within is not None and dim == 2 and support.within.z is not None:
             yield f"support.{i}.within.z: {_IN_SPACE}"
         yield from _length(f"support.{i}.at", support.at, dim)
-        if support.at is None and support.within is None and "." not in support.on:
+        if support.at is None and support.within is None and support.on in scene.body:
             yield (
                 f"support.{i}.on: is the whole body {support.on!r}; name a surface or a "
                 "volume, or add within or at"

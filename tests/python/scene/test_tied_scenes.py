@@ -1,0 +1,245 @@
+"""Scenes with obstacles under a force, remote points, cyclic symmetry and held nodes."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import bipot_rs as bp
+from bipot_rs import scene
+from children import bipot
+from comparisons import bits
+
+# Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
+SOLVED = 1e-9
+
+
+def pad(whole: bool) -> bp.Model:
+    """The scene `twisted_pad`, coarse; or all four sectors of it."""
+    m = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4})
+    if not whole:
+        return m
+    table = m.to_dict()
+    side = {"from": -20.0, "to": 20.0, "cells": "2*n"}
+    table["body"]["pad"] |= {"x": side, "y": side}
+    del table["cyclic"]
+    for on, key, sign in (("left", "y", -1), ("front", "x", 1)):
+        twist = bp.Model.times(0.05 * sign, "twist")
+        table["traction"].append({"on": f"pad.{on}", key: twist})
+    made = bp.Model()
+    made._table = table
+    return made
+
+
+def block(**more: Any) -> bp.Model:
+    m = bp.Model("Block", n=4)
+    m.material("soft", young=1000.0, poisson=0.3)
+    side = {"from": 0.0, "to": 1.0, "cells": "n"}
+    m.body("it", material="soft", cell="quadrilateral", x=side, y=side)
+    m.contact("it.bottom", mu=0.3, plane={"point": [0.0, 0.0], "normal": [0.0, 1.0]})
+    return m
+
+
+def test_a_sector_is_a_quarter_of_the_pad() -> None:
+    part, whole = pad(False).solve(tol=1e-13), pad(True).solve(tol=1e-13)
+    one, four = part.case.model, whole.case.model
+    _, at = cKDTree(four.nodes).query(one.nodes)
+    u = whole.displacement.reshape(len(whole), -1, 3)[:, at]
+    v = part.displacement.reshape(len(part), -1, 3)
+    np.testing.assert_allclose(v, u, rtol=0, atol=SOLVED * np.abs(u).max())
+    force, full = part.contact_force("pad.bottom"), whole.contact_force("pad.bottom")
+    np.testing.assert_allclose(4 * force[:, 2], full[:, 2], rtol=SOLVED)
+    np.testing.assert_allclose(full[:, :2], 0, atol=SOLVED * full.max())
+
+
+def test_a_pushed_punch() -> None:
+    m = bp.Model.from_toml("pushed_punch").with_(**{"mesh.n": 20})
+    assert m.check() == []
+    result = m.solve()
+    force, moment = result.reference_force("punch")
+    on_block = result.contact_force("block.top")
+    # The obstacle is pushed by 250, and balances the contacts in both directions.
+    np.testing.assert_allclose(force[:, 1], -250, rtol=SOLVED)
+    np.testing.assert_allclose(on_block, force, rtol=0, atol=SOLVED * 250)
+    assert moment.shape == (4, 0)
+    motion, _ = result.reference_motion("punch")
+    # The displacement along x is prescribed, and not part of this motion.
+    np.testing.assert_array_equal(motion[:, 0], 0)
+    assert (motion[:, 1] < 0).all()
+
+
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+@pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad"])
+def test_resumed_and_automatic_paths(name: str, engine: str, tmp_path: Path) -> None:
+    m = bp.Model.from_toml(name).with_(**{"mesh.n": 4 if name == "twisted_pad" else 20})
+    m.solver(engine=engine, tol=1e-11)
+    result = m.solve()
+    case = m.assemble()
+    part = case.problem().solve(
+        None if case.load is None else case.load[:2],
+        case.prescribed[:2],
+        tol=1e-11,
+        gap=None if case.gaps is None else case.gaps[:2],
+    )
+    part.save(tmp_path / "part.h5", displacements=True)
+    rest = m.solve(start=bp.load(tmp_path / "part.h5"))
+    assert bits(rest, result[2:])
+    np.testing.assert_array_equal(rest.displacement, result.displacement[2:])
+    automatic = m.with_(**{"path.automatic": True}).solve()
+    if np.array_equal(automatic.s, np.arange(1.0, 5.0)):
+        assert bits(automatic, result)
+    else:
+        assert automatic.s[-1] == 4
+
+
+def test_run_writes_the_files_of_the_model(tmp_path: Path) -> None:
+    m = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4})
+    m.to_toml(tmp_path / "pad.toml")
+    assert bp.Model.from_toml(tmp_path / "pad.toml") == m
+    run = bipot("run", "pad.toml", "--out", "one", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    result = bp.load(tmp_path / "one" / "result.h5")
+    assert bits(result, m.solve())
+
+
+def test_remote_force_motion_and_distribution() -> None:
+    m = block()
+    m.remote(
+        "grip",
+        on="it.top",
+        point=[0.4, 2.0],
+        move={"y": m.times(-0.01, "press")},
+        force={"x": m.times(0.3, "pull")},
+        moment={"z": 0.0},
+    )
+    m.path(press=[1.0, 1.0], pull=[0.0, 1.0])
+    assert m.check() == []
+    result = m.solve()
+    force, moment = result.reference_force("grip")
+    on_block = result.contact_force("it.bottom")
+    np.testing.assert_allclose(force, -on_block, rtol=0, atol=SOLVED * force.max())
+    np.testing.assert_allclose(force[:, 0], [0, 0.3], rtol=0, atol=SOLVED)
+    np.testing.assert_allclose(moment, 0, atol=SOLVED)
+    motion, turn = result.reference_motion("grip")
+    np.testing.assert_allclose(motion[:, 1], -0.01, rtol=1e-14)
+    assert turn.shape == (2, 1)
+    # The same by prescribing all that was found.
+    m = block()
+    degrees = float(np.rad2deg(turn[0, 0]))
+    moved = {"x": float(motion[0, 0]), "y": -0.01}
+    m.remote("grip", on="it.top", point=[0.4, 2.0], move=moved, turn={"z": degrees})
+    again = m.solve()
+    np.testing.assert_allclose(
+        again.displacement[0], result.displacement[0], rtol=0, atol=SOLVED * 0.01
+    )
+    # A distributed force is statically the same, and the surface deforms.
+    m = block()
+    m.remote("push", on="it.top", distributed=True, force={"y": -2.0}, point=[0.5, 1.0])
+    plain = block()
+    plain.traction("it.top", y=-2.0)
+    np.testing.assert_allclose(
+        m.solve().displacement, plain.solve().displacement, rtol=0, atol=1e-14
+    )
+    with pytest.raises(
+        ValueError, match="there is no reference point 'push': the model"
+    ):
+        m.solve().reference_motion("push")
+
+
+def test_a_held_point_inside() -> None:
+    m = block()
+    m.support("it", at=[0.45, 0.55], x=0.02)
+    m.pressure("it.top", 1.0)
+    result = m.solve()
+    case = result.case
+    assert len(case.model.fixed) == 1
+    held = case.model.nodes[case.model.fixed[0] // 2]
+    np.testing.assert_array_equal(held, [0.5, 0.5])
+    # Friction along the floor balances the force that holds the point.
+    total = result.support_force("it") + result.contact_force("it.bottom")
+    np.testing.assert_allclose(total, [[0, 1]], rtol=0, atol=SOLVED)
+
+
+def test_a_periodic_layer() -> None:
+    """A half-space layer held by its neighbours: the constrained modulus."""
+    m = block()
+    m.periodic("it.left", "it.right")
+    m.pressure("it.top", 2.0)
+    u = m.solve().displacement[0].reshape(-1, 2)
+    modulus = 1000 * 0.7 / (1.3 * 0.4)
+    top = m.assemble().model.nodes[:, 1] == 1
+    np.testing.assert_allclose(u[top, 1], -2 / modulus, rtol=SOLVED)
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    (
+        {"remote.a": {"on": "it.tpo", "force": {"x": 1.0}}},
+        "remote.a.on: there is no surface",
+    ),
+    ({"remote.a": {"on": "it.top"}}, "remote.a: needs move, turn, force or moment"),
+    (
+        {"remote.a": {"on": "it.top", "move": {"x": 1.0}, "force": {"x": 1.0}}},
+        "remote.a.force.x: remove it or remote.a.move.x: a component is either",
+    ),
+    (
+        {"remote.a": {"on": "it.top", "turn": {"x": 1.0}}},
+        "remote.a.turn.x: remove it, in two dimensions the only axis is z",
+    ),
+    (
+        {"remote.a": {"on": "it.top", "distributed": True, "move": {"x": 1.0}}},
+        "remote.a.move: remove it, or distributed: a part that may deform has no",
+    ),
+    (
+        {"remote.a": {"on": "it.top", "force": {"z": 1.0}}},
+        "remote.a.force.z: remove it, the scene has two dimensions",
+    ),
+    (
+        {"cyclic": [{"on": "it.left", "onto": "it.left", "sectors": 4}]},
+        "cyclic.0.onto: should be",
+    ),
+    (
+        {"cyclic": [{"on": "it.left", "onto": "it.bottom", "sectors": 1}]},
+        "cyclic.0.sectors: should",
+    ),
+    (
+        {"cyclic": [{"on": "it.left", "onto": "it.bottom", "sectors": 3}]},
+        "surfaces it.left and it.bottom do not repeat each other",
+    ),
+    (
+        {"periodic": [{"on": "it.left", "onto": "it.rigth"}]},
+        "periodic.0.onto: there is no surface",
+    ),
+    (
+        {"support": [{"on": "it", "x": 0.0}]},
+        "support.0.on: is the whole body 'it'; name a",
+    ),
+    (
+        {"support": [{"on": "it", "x": 0.0, "at": [0, 0, 0.0]}]},
+        "support.0.at: should have 2 comp",
+    ),
+    (
+        {
+            "obstacle.o": {
+                "plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]},
+                "move": {"y": 1.0},
+                "force": {"y": 1.0},
+            }
+        },
+        "obstacle.o.force.y: remove it or obstacle.o.move.y: a direction has either",
+    ),
+    (
+        {"remote.a": {"on": "it.top", "force": {"x": 1.0}}, "solver.engine": "petsc"},
+        "solver.engine: should not be 'petsc', which does not support remote.a",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG)
+def test_mistakes(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(scene.SceneError) as error:
+        block().with_(**changes).assemble()
+    assert any(problem.startswith(message) for problem in error.value.problems), (
+        error.value
+    )
