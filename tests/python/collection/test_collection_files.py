@@ -155,7 +155,12 @@ WRONG = {
         _entry("/solution/u", 0, 1e-9),
         "pressed contact is open",
     ),
-    "direction": ("block_3d_4_turning-0001", _entry("/solution/u", 1, 1e-3), "oppose"),
+    "direction": ("block_3d_4_turning-0001", _entry("/solution/u", 7, 1e-3), "oppose"),
+    "status": (
+        "block_3d_4_turning-0001",
+        _entry("/solution/u", 1, 1e-30),
+        "too little",
+    ),
     "balance": (
         "floating_3d_16_cyclic-0000",
         _scaled("r", 1 + 1e-11),
