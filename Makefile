@@ -152,6 +152,7 @@ bench-full: $(STAMP)
 	$(PY) benches/kernels_and_numpy.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
+	$(PY) benches/load_paths.py
 	$(PY) benches/sensitivities.py
 	$(PY) benches/identification.py
 	$(PY) benches/solvers_and_peers.py

@@ -123,8 +123,11 @@ def run_bipot(problem, method, target, limit):
     return solved, seconds, answer.work, answer.iterations, eta
 
 
-def run_siconos(problem, solver, target, siconos):
-    """Solve with Siconos, which does not count products; result as of `run_bipot`."""
+def siconos_answer(problem, solver, target, siconos):
+    """Seconds, reactions and η of Siconos with the first tolerance that meets the target.
+
+    ``None`` if no tolerance does.
+    """
     W, q, to_r = problem.dense
     np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=problem.mu)
     for tol in 10.0 ** np.arange(min(-4, int(np.log10(target)) + 2), -16, -1.0):
@@ -134,8 +137,17 @@ def run_siconos(problem, solver, target, siconos):
         r, seconds = answer
         met, eta = problem.meets(target, r * to_r)
         if met:
-            return True, seconds, np.nan, 0, eta
-    return False, np.inf, np.nan, 0, np.inf
+            return seconds, r * to_r, eta
+    return None
+
+
+def run_siconos(problem, solver, target, siconos):
+    """Solve with Siconos, which does not count products; result as of `run_bipot`."""
+    found = siconos_answer(problem, solver, target, siconos)
+    if found is None:
+        return False, np.inf, np.nan, 0, np.inf
+    seconds, _, eta = found
+    return True, seconds, np.nan, 0, eta
 
 
 def families(folder):

@@ -58,6 +58,7 @@ class Siconos:
     def __init__(self, python, folder, limit):
         self.command = [python, str(PEERS / "siconos_reduced.py")]
         self.folder, self.limit, self.process = Path(folder), limit, None
+        self.iterations = 0  # of the last answer
 
     def start(self):
         """Start the process; return whether it runs."""
@@ -90,7 +91,9 @@ class Siconos:
         if not line:
             self.close()
             return None
-        return np.load(files["answer"]), json.loads(line)["seconds"]
+        told = json.loads(line)
+        self.iterations = told["iterations"]
+        return np.load(files["answer"]), told["seconds"]
 
     def close(self):
         """End the process."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -131,7 +132,7 @@ def _faults_of_answer(
     faults += _faults_of_law(p, r, u, closed, slips, unique=unique)
     try:
         error = _forward_error(p, (r, u, y), (v, force), closed, slips, unique=unique)
-    except (RuntimeError, ValueError, linalg.LinAlgError):
+    except (RuntimeError, ValueError, linalg.LinAlgError, linalg.LinAlgWarning):
         return [*faults, "the equations of its statuses are singular"], np.inf
     if not error <= ERROR:
         faults.append(f"its error is about {error:.1e}")
@@ -237,12 +238,15 @@ def _solve(J: Any, right: Long, *, unique: bool) -> Floats:
     columns = 1 / np.maximum(abs(J).max(axis=0).toarray().ravel(), 1e-300)
     J = sparse.csc_array(J.multiply(columns))
     scaled = (right * rows).astype(np.float64)
-    if not unique:
-        found = linalg.lstsq(J.toarray(), scaled, cond=_RANK)[0]
-    elif J.nnz > _DENSE * J.shape[0] ** 2:
-        found = linalg.solve(J.toarray(), scaled)
-    else:
-        found = splu(J).solve(scaled)
+    with warnings.catch_warnings():
+        # A zero pivot, which leaves no number that could be judged.
+        warnings.simplefilter("error", linalg.LinAlgWarning)
+        if not unique:
+            found = linalg.lstsq(J.toarray(), scaled, cond=_RANK)[0]
+        elif J.nnz > _DENSE * J.shape[0] ** 2:
+            found = linalg.lu_solve(linalg.lu_factor(J.toarray()), scaled)
+        else:
+            found = splu(J).solve(scaled)
     return np.asarray(columns * found, np.float64)
 
 

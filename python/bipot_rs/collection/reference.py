@@ -29,8 +29,9 @@ from bipot_rs.contact.status import Status
 
 Statuses = NDArray[np.int8]
 # Last correction of Newton's method and violation of an inequality, relative to the largest
-# reaction or displacement. Rounding to float64 then gives the nearest float.
-CONVERGED = 1e-24
+# reaction or displacement. The error after a correction is at least a thousand times
+# smaller, so that rounding to float64 gives the nearest float.
+CONVERGED = 1e-20
 # Redundant reactions are not unique; those of the solver satisfy the law to its residual.
 REDUNDANT = 1e-13
 # Matrices with more than this share of entries are factored as dense ones.

@@ -78,7 +78,7 @@ def page(rows: Sequence[Row]) -> str:
         "",
         f"{len(paths)} load paths, {len(rows)} files, {sizes} contacts.",
         "`python -m bipot_rs.collection DIR` writes all;",
-        "`python -m bipot_rs.collection --check DIR` checks every answer with NumPy alone.",
+        "`python -m bipot_rs.collection --check DIR` checks every answer without a solver.",
         "`MANIFEST.csv` describes each file.",
         "",
         "| path | family | d | contacts | steps | answers | form | what happens |",
