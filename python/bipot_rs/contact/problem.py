@@ -44,13 +44,11 @@ from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct, DirectPath
 from bipot_rs.contact.engines.engine import Engine, Known
-from bipot_rs.contact.engines.iterative import Iterative
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NoEquilibriumError,
     NotIterativeError,
 )
-from bipot_rs.contact.existence import Existence
 from bipot_rs.contact.load_path import Following, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
@@ -61,6 +59,8 @@ from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.engines.iterative import Iterative
+    from bipot_rs.contact.existence import Existence
     from bipot_rs.contact.stiffness_digits import Digits
     from bipot_rs.contact.wear.record import Wear
 
@@ -543,6 +543,8 @@ class ContactProblem:
         >>> [free.existence(load).verdict for load in ([-1.0, 0.0], [1.0, 0.0])]
         ['guaranteed', 'none']
         """
+        from bipot_rs.contact.existence import Existence
+
         try:
             reduced = self.reduced(load, prescribed, start, gap=gap)
         except NoEquilibriumError as error:
@@ -1097,6 +1099,8 @@ class ContactProblem:
             raise ValueError(f"{error}{cause}") from None
         self._seconds = time.perf_counter() - started
         self._chosen = "auto", "the first load path decides"
+        from bipot_rs.contact.engines.iterative import Iterative
+
         return Iterative(core, self._direct, (contacts, d))
 
     def _direct(self) -> Direct:
