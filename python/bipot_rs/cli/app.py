@@ -7,6 +7,7 @@ with --json, in one line. A command imports large libraries when it needs them.
 
 from __future__ import annotations
 
+import copy
 import os
 import sys
 from collections.abc import Iterator
@@ -61,7 +62,7 @@ class _App(typer.Typer):
                 interrupts.hold()
             try:
                 # typer turns an interrupt into an exit status, without a message.
-                status = typer.main.get_command(self).main(
+                status = typer.main.get_command(self._with_one(arguments)).main(
                     arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
                 )
             except TyperException as error:
@@ -81,6 +82,20 @@ class _App(typer.Typer):
             if interrupts.came is not None and not interrupts.reported:
                 return end(interrupts.status, "interrupted")
             return status
+
+    def _with_one(self, arguments: list[str]) -> _App:
+        """The app with only the command that is called, if its name comes first.
+
+        Typer evaluates the annotations of all commands, in a tenth of the time of a small
+        run.
+        """
+        only = copy.copy(self)
+        only.registered_commands = [
+            one
+            for one in self.registered_commands
+            if one.callback is not None and one.callback.__name__ in arguments[:1]
+        ]
+        return only if only.registered_commands else self
 
 
 def _scenes_like(incomplete: str) -> list[str]:

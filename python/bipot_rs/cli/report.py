@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bipot_rs._lib.messages import counted
+from bipot_rs.cli.plain_text import Paper, on_terminal
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
 from bipot_rs.contact.solution import Step
@@ -43,13 +44,12 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
 
 
 def console() -> Any:
-    """A rich console as wide as the terminal; 1000 characters for a file."""
+    """A rich console as wide as the terminal, or `Paper` for a file."""
+    if not on_terminal():
+        return Paper()
     from rich.console import Console
 
-    found = Console(highlight=False, soft_wrap=True)
-    if not found.is_terminal:
-        found.width = 1000
-    return found
+    return Console(highlight=False, soft_wrap=True)
 
 
 def print_table(
@@ -65,7 +65,7 @@ def print_table(
     Parameters
     ----------
     console
-        A rich console.
+        A rich console, or `Paper`, which is as wide as the table.
     rows
         Rows of `contact.tables.row` with those of `forces` and the columns ``more``.
     unit
@@ -84,6 +84,22 @@ def print_table(
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3
         shown = [*rows[:third], None, *rows[-third:]]
+    if isinstance(console, Paper):
+        console.table(title, _heads(names, shown, unit), _cells(names, shown))
+    else:
+        _print_fitted(console, names, shown, title, unit)
+    if len(shown) < len(rows):
+        console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)
+
+
+def _print_fitted(
+    console: Any,
+    names: list[str],
+    shown: Sequence[Mapping[str, Any] | None],
+    title: str,
+    unit: str,
+) -> None:
+    """Print a table without the columns that the console has no place for."""
     table = _table(names, shown, title, unit)
     components = [name for name in names if name.startswith(COMPONENTS)]
     for name in filter(names.__contains__, (*_LEAST, *components)):
@@ -94,8 +110,31 @@ def print_table(
         names.remove(name)
         table = _table(names, shown, title, unit)
     console.print(table)
-    if len(shown) < len(rows):
-        console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)
+
+
+def _heads(
+    columns: Sequence[str], rows: Sequence[Mapping[str, Any] | None], unit: str
+) -> list[str]:
+    """Heads of the columns, with the names of the surfaces if there are several."""
+    surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
+    known = (rows[0] if rows else None) or {}
+    found = []
+    for column in columns:
+        kind, _, surface = column.partition(" of ")
+        head = _head(kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in known)
+        several = len(surfaces) > 1 and surface
+        found.append(f"{surface}\n{head}" if several else head)
+    return found
+
+
+def _cells(
+    columns: Sequence[str], rows: Sequence[Mapping[str, Any] | None]
+) -> list[list[str]]:
+    """Texts of the cells; a row None stands for rows that are left out."""
+    return [
+        ["…" if one is None else _cell(one, column) for column in columns]
+        for one in rows
+    ]
 
 
 def _table(
@@ -115,19 +154,11 @@ def _table(
         pad_edge=False,
         collapse_padding=True,
     )
-    surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
-    known = (rows[0] if rows else None) or {}
-    for column in columns:
-        kind, _, surface = column.partition(" of ")
-        head = _head(kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in known)
-        if len(surfaces) > 1 and surface:
-            head = f"{surface}\n{head}"
-        table.add_column(head, justify="right", no_wrap=True)
-    for one in rows:
-        if one is None:
-            table.add_row(*["…"] * len(columns))
-            continue
-        table.add_row(*(_cell(one, column) for column in columns))
+    for head in _heads(columns, rows, unit):
+        # rich reads square brackets as markup.
+        table.add_column(head.replace("[", r"\["), justify="right", no_wrap=True)
+    for cells in _cells(columns, rows):
+        table.add_row(*cells)
     return table
 
 
@@ -145,8 +176,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
             "friction_used": "Σ|rt|/(Σμrn)",
             **{name: f"F{name[-1]}{force}" for name in COMPONENTS},
         }
-    # rich reads square brackets as markup.
-    return heads.get(kind, kind).replace("[", r"\[")
+    return heads.get(kind, kind)
 
 
 def _cell(one: Mapping[str, Any], column: str) -> str:

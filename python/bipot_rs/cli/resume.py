@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs.contact import result
 from bipot_rs.contact.result import Result
@@ -31,8 +32,6 @@ _STAMPS = {
 
 def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
     """Attributes of a result file that identify its run."""
-    from importlib.metadata import version
-
     # After defaults and --set, so that two spellings of one scene are the same.
     # The engine does not change the problem.
     text = scene.model_dump_json(by_alias=True, exclude={"solver": {"engine"}})
@@ -42,7 +41,7 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
         if file.is_file():
             digest.update(hashlib.sha256(file.read_bytes()).digest())
     return {
-        "package": version("bipot-rs"),
+        "package": _core.version,
         "scene_digest": digest.hexdigest(),
         "method": method,
         "tol": tol,

@@ -44,14 +44,12 @@ from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct, DirectPath
 from bipot_rs.contact.engines.engine import Engine, Known
-from bipot_rs.contact.engines.iterative import Iterative
 from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.errors import (
     FloatingBodyError,
     NoEquilibriumError,
     NotIterativeError,
 )
-from bipot_rs.contact.existence import Existence
 from bipot_rs.contact.load_path import Following, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
@@ -62,6 +60,8 @@ from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.engines.iterative import Iterative
+    from bipot_rs.contact.existence import Existence
     from bipot_rs.contact.state import Start
     from bipot_rs.contact.stiffness_digits import Digits
     from bipot_rs.contact.wear.record import Wear
@@ -545,6 +545,8 @@ class ContactProblem:
         >>> [free.existence(load).verdict for load in ([-1.0, 0.0], [1.0, 0.0])]
         ['guaranteed', 'none']
         """
+        from bipot_rs.contact.existence import Existence
+
         try:
             reduced = self.reduced(load, prescribed, start, gap=gap)
         except NoEquilibriumError as error:
@@ -1105,6 +1107,8 @@ class ContactProblem:
             raise ValueError(f"{error}{cause}") from None
         self._seconds = time.perf_counter() - started
         self._chosen = "auto", "the first load path decides"
+        from bipot_rs.contact.engines.iterative import Iterative
+
         return Iterative(core, self._direct, (contacts, d), loose=loose)
 
     def _direct(self) -> Direct:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,16 +26,19 @@ from bipot_rs._lib.validation import (
     threads,
     vectors,
 )
-from bipot_rs.contact import existence, rigid_motions, summary
+from bipot_rs.contact import rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
-from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.reaction_range import ReactionRange, ranges
-from bipot_rs.contact.sensitivity.reduced import ReducedModel
 from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
+
+# Most problems are only solved: methods for anything else import what they need.
+if TYPE_CHECKING:
+    from bipot_rs.contact.enumeration import Answers
+    from bipot_rs.contact.existence import Existence
+    from bipot_rs.contact.reaction_range import ReactionRange
+    from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
 # A residual that most problems reach; the limit is rounding if that is larger.
 _TIGHT = 1e-14
@@ -272,6 +275,8 @@ class ReducedProblem:
         TypeError, ValueError
             ``restarts`` is not a positive integer, or ``seed`` is negative.
         """
+        from bipot_rs.contact.enumeration import Answers, search
+
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
         exhausted = _core.answers(self._core)
@@ -354,6 +359,8 @@ class ReducedProblem:
     def _ranges(
         self, contacts: list[int], component: int, solution: Solution | None
     ) -> list[ReactionRange]:
+        from bipot_rs.contact.reaction_range import ranges
+
         component = integer("component", component, least=0, most=self.q.shape[1] - 1)
         if solution is None:
             # Slip to rounding, if it can be had: it decides which reactions are answers.
@@ -402,6 +409,8 @@ class ReducedProblem:
         TypeError
             ``exhaust`` is not a bool.
         """
+        from bipot_rs.contact.existence import Existence, dense, judge
+
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
         # In components scaled by these factors, friction is isotropic.
@@ -421,8 +430,8 @@ class ReducedProblem:
                     f"motion: {words}",
                     motion=direction,
                 )
-        W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
-        found = existence.judge(self._core, W, by * self.q, mu, rigid)
+        W = by.ravel()[:, None] * dense(self.W) * by.ravel()
+        found = judge(self._core, W, by * self.q, mu, rigid)
         found = replace(
             found,
             motion=None if found.motion is None else found.motion / by,
@@ -441,6 +450,8 @@ class ReducedProblem:
 
     def _model(self) -> ReducedModel:
         """The data of this problem, for derivatives."""
+        from bipot_rs.contact.sensitivity.reduced import ReducedModel
+
         W = self.W if hasattr(self.W, "tocsr") else np.asarray(self.W)
         modes = np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
         return ReducedModel(self._core, W, self.mu, modes)
@@ -455,6 +466,8 @@ class ReducedProblem:
     def _solution(
         self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
+        from bipot_rs.contact.existence import dense
+
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):
             modes, amounts = self.rigid[0].T, raw["free_motion"]
@@ -464,7 +477,7 @@ class ReducedProblem:
             method=method,
             max_seconds=max_seconds,
             mu=self.mu,
-            W=lambda: existence.dense(self.W),
+            W=lambda: dense(self.W),
             modes=lambda: (
                 np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
             ),
@@ -599,8 +612,9 @@ def refuse_settings(method: str, tol: float | str) -> None:
         As `ReducedProblem.solve`; the message suggests a method with a similar name.
     """
     one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
+    chosen = settings(method, 1e-10 if isinstance(tol, str) else tol, None, None)
     try:
-        one.solve(method, tol=1e-10 if isinstance(tol, str) else tol)
+        one._core.solve(*chosen, None, None, None, None)
     except ValueError as error:
         words = str(error)
         known = words.partition("expected one of ")[2].replace("'", "").split(", ")

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 
+# Up to this number of points, all pairs take less time than the import of the tree.
+_FEW = 1000
+
 
 def distances(points: Floats) -> Floats:
     """Distance of each point to its nearest neighbour, ``(m,)``.
@@ -17,12 +20,19 @@ def distances(points: Floats) -> Floats:
     >>> distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
     array([1., 1., 2.])
     """
-    from scipy.spatial import cKDTree
-
     if len(points) < 2:
         return np.full(len(points), np.inf)
-    found, _ = cKDTree(points).query(points, k=2)
-    nearest = np.asarray(found[:, 1], np.float64)
+    if len(points) <= _FEW:
+        square = np.zeros((len(points), len(points)))
+        for x in points.T:
+            square += (x[:, None] - x) ** 2
+        np.fill_diagonal(square, np.inf)
+        nearest = np.sqrt(square.min(axis=1))
+    else:
+        from scipy.spatial import cKDTree
+
+        found, _ = cKDTree(points).query(points, k=2)
+        nearest = np.asarray(found[:, 1], np.float64)
     # Two contacts of one node are not a distance in the mesh.
     return np.where(nearest > 0, nearest, np.inf)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,6 @@ from bipot_rs.fem.distributed_force import distributed_force
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.loads import Load
-from bipot_rs.fem.parameter_gradient import ParameterGradient, of_gradient
 from bipot_rs.fem.references import (
     Reference,
     Remote,
@@ -47,6 +46,9 @@ from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
 from bipot_rs.fem.ties import Ties, tied
 from bipot_rs.obstacle.motion import Motion
+
+if TYPE_CHECKING:
+    from bipot_rs.fem.parameter_gradient import ParameterGradient
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
 # prescribed, relative to the row: rounding of the normal.
@@ -360,6 +362,8 @@ class Assembly:
             The loads of the path, whose nodal forces change with the parameters. Without
             loads the nodal forces are held constant.
         """
+        from bipot_rs.fem.parameter_gradient import of_gradient
+
         return of_gradient(self, gradient, loads)
 
     def gaps(self, steps: int) -> Floats | None:

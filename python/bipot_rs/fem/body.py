@@ -17,16 +17,14 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
-    KINDS,
-    Kind,
     cell_nodes,
     cross,
     facet_nodes,
     inverse,
     jacobian,
     kind_of,
-    reference,
 )
+from bipot_rs.mesh.kinds import Kind
 
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]
@@ -77,7 +75,8 @@ class Body:
         Unique among the bodies of a model.
     mesh
         A mesh of scikit-fem, such as from `box` or `read_mesh`: triangles,
-        quadrilaterals, tetrahedra or hexahedra of first or second order.
+        quadrilaterals, tetrahedra or hexahedra of first or second order. The boxes of a
+        scene have a `BoxMesh`, which has the same arrays.
     material
         One for the whole body, or a mapping from volume names (``mesh.subdomains``) to
         materials. The volumes must cover the body without overlap.
@@ -102,7 +101,7 @@ class Body:
     @property
     def kind(self) -> Kind:
         """Kind of the cells: element, quadrature, facets."""
-        return KINDS[type(self.mesh)]
+        return kind_of(self.mesh)
 
     @property
     def dim(self) -> int:
@@ -176,7 +175,7 @@ class Body:
         """Quadrature on the cells."""
         corners = self.cells
         x = self.points[corners]
-        phi, slopes, weights = reference(self.kind.scalar, self.kind.order)
+        phi, slopes, weights = self.kind.reference
         _, determinant = inverse(jacobian(x, slopes))
         return Quadrature(
             corners=corners,
@@ -209,7 +208,7 @@ class Body:
         facets = self.facets(name)
         corners = facet_nodes(self.mesh, facets)
         x = self.points[corners]
-        phi, slopes, weights = reference(self.kind.facet.element, self.kind.facet.order)
+        phi, slopes, weights = self.kind.facet.reference
         tangents = jacobian(x, slopes).swapaxes(0, 1)
         if self.dim == 2:
             area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)

@@ -18,7 +18,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field, Quadrature
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import inverse, jacobian, reference
+from bipot_rs.mesh.elements import inverse, jacobian
 
 
 def stiffness(body: Body, nodes: Ints | None = None) -> Any:
@@ -46,7 +46,7 @@ def stiffness(body: Body, nodes: Ints | None = None) -> Any:
     ValueError
         A cell is folded or flat; the message gives its index and position.
     """
-    _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+    _, slopes, weights = body.kind.reference
     points, corners, touching, near = body.mesh.p, body.cells, None, None
     material = body.material_of_cells if len(body.materials) > 1 else None
     if nodes is not None:
@@ -149,7 +149,7 @@ def _laws(body: Body) -> Floats:
 
 def _folded(body: Body, cell: int) -> ValueError:
     corners = body.points[body.cells[cell]]
-    _, slopes, _ = reference(body.kind.scalar, body.kind.order)
+    _, slopes, _ = body.kind.reference
     with np.errstate(divide="ignore", invalid="ignore"):
         _, determinant = inverse(jacobian(corners[None], slopes))
     return ValueError(

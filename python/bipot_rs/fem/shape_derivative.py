@@ -16,7 +16,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.fem.body import Body
-from bipot_rs.mesh.elements import facet_nodes, jacobian, reference
+from bipot_rs.mesh.elements import facet_nodes, jacobian
 
 
 def stress_of_motion(
@@ -59,7 +59,7 @@ class AreaVectors:
         kind = body.kind.facet
         self._count = len(body.points)
         self.corners = facet_nodes(body.mesh, body.facets(surface))
-        self.phi, self._slopes, self.weights = reference(kind.element, kind.order)
+        self.phi, self._slopes, self.weights = kind.reference
         # (b, a, facets, q).
         self._tangents = jacobian(body.points[self.corners], self._slopes).transpose(
             1, 2, 3, 0

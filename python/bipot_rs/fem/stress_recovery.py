@@ -22,7 +22,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field
 from bipot_rs.fem.elasticity import distinct_cells
 from bipot_rs.fem.material_derivative import elasticity
-from bipot_rs.mesh.elements import inverse, jacobian, reference
+from bipot_rs.mesh.elements import inverse, jacobian
 
 # The six components of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
@@ -72,7 +72,7 @@ class MeanStress:
         self._cells = body.cells if cells is None else body.cells[cells]
         material = body.material_of_cells
         self._material = material if cells is None else material[cells]
-        _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+        _, slopes, weights = body.kind.reference
         shapes, self._which = distinct_cells(body.points[self._cells])
         inner, determinant = inverse(jacobian(shapes, slopes))
         share = weights[:, None] * np.abs(determinant)
@@ -252,7 +252,7 @@ def _nodal(body: Body, displacement: ArrayLike) -> Floats:
 
 def slopes_at_points(body: Body) -> Floats:
     """``∂_a φ_i`` at the points of the cells, ``(q, i, a, cells)``."""
-    _, slopes, _ = reference(body.kind.scalar, body.kind.order)
+    _, slopes, _ = body.kind.reference
     inner, _ = inverse(jacobian(body.points[body.cells], slopes))
     return np.asarray(np.einsum("qbi,qbac->qiac", slopes, inner), dtype=np.float64)
 

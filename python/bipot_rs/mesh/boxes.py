@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.validation import floats
-from bipot_rs.mesh.elements import KINDS, keep_topology
+from bipot_rs.mesh.box_mesh import BoxMesh, tensor_mesh
+from bipot_rs.mesh.kinds import FIRST
 
-_CELLS = {kind.shape: kind.mesh for kind in KINDS.values() if kind.degree == 1}
 # Faces of a box, (axis, end); the last axis points up.
 FACES: dict[int, dict[str, tuple[int, int]]] = {
     2: {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)},
@@ -48,12 +48,17 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
         Mesh with boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
         and in 3D ``front``/``back`` (y).
     """
+    return box_mesh(axes, cell).whole
+
+
+def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
+    """As `box`, without scikit-fem."""
     grids = [
         np.sort(floats(f"axis {k} of axes", axis, ndim=1))
         for k, axis in enumerate(axes)
     ]
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
-    if cell not in _CELLS or len(grids) != dim:
+    if cell not in FIRST or len(grids) != dim:
         raise ValueError(
             f"cell is {cell!r} with {len(grids)} axes, expected triangle or "
             "quadrilateral with 2, tetrahedron or hexahedron with 3"
@@ -61,15 +66,12 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
     for k, grid in enumerate(grids):
         if grid.size < 2 or not np.all(np.diff(grid) > 0):
             raise ValueError(f"axis {k} needs two or more distinct grid points")
-    mesh: Any = _CELLS[cell].init_tensor(*grids)  # type: ignore[attr-defined]
+    mesh = tensor_mesh(grids, cell)
     facets = mesh.boundary_facets()
     vertices = mesh.p[:, mesh.facets[:, facets]]
-    named = mesh.with_boundaries(
+    return mesh.with_boundaries(
         {
             name: facets[(vertices[axis] == grids[axis][-end]).all(axis=0)]
             for name, (axis, end) in FACES[dim].items()
         }
     )
-    # The topology takes longer than assembling K.
-    keep_topology(named, mesh)
-    return named

@@ -10,12 +10,10 @@ import numpy as np
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Ints
 from bipot_rs.mesh.elements import (
-    KINDS,
     cell_nodes,
     inverse,
     jacobian,
     kind_of,
-    reference,
 )
 
 # Volume over the cube of the longest side, below which the sign is rounding.
@@ -64,9 +62,9 @@ def check_mesh(mesh: Any, what: str = "mesh") -> None:
 
 
 def _cells(mesh: Any, nodes: Ints, what: str) -> None:
-    kind = KINDS[type(mesh)]
+    kind = kind_of(mesh)
     x = np.asarray(mesh.p.T[nodes])
-    _, slopes, weights = reference(kind.scalar, kind.order)
+    _, slopes, weights = kind.reference
     with np.errstate(divide="ignore", invalid="ignore"):
         _, determinant = inverse(jacobian(x, slopes))
     volume = np.einsum("q,qp->p", weights, determinant)

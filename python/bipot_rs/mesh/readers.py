@@ -34,13 +34,13 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
 from bipot_rs.mesh.content import Content
-from bipot_rs.mesh.elements import OF_VTK, facet_nodes, keep_topology, make_mesh
+from bipot_rs.mesh.elements import facet_nodes, keep_topology, make_mesh
+from bipot_rs.mesh.kinds import OF_VTK
 from bipot_rs.mesh.quality import check_mesh
 
 # Kinds of cells that may be facets: dimension and number of corners.
 _FACETS = {
-    kind.facet.vtk: (kind.dim - 1, len(kind.facet.linear().doflocs))
-    for kind in OF_VTK.values()
+    kind.facet.vtk: (kind.dim - 1, kind.facet.corners) for kind in OF_VTK.values()
 }
 _IGNORED = ("vertex",)
 # Up to this number of different values, integer cell data count as groups.

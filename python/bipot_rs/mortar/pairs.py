@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,11 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
-from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, whole
 from bipot_rs.mortar.shape_functions import reference
+
+# A contact of matching nodes imports this module, but not the integrals.
+if TYPE_CHECKING:
+    from bipot_rs.mortar.integrals import Weights
 
 METHODS = ("mortar", "nodes")
 # A node this far outside a facet, in reference coordinates, counts as on its edge: two
@@ -158,6 +161,8 @@ def pairs(
     else:
         added = _clearance(clearance, len(slave.points))
     if method == "mortar":
+        from bipot_rs.mortar.integrals import integrate, overlaps, weights
+
         over = overlaps(slave, master, limit)
         if not len(over.slave):
             raise ValueError(_nothing(slave, master, distance))
@@ -212,6 +217,8 @@ def rigid_pairs(
         raise TypeError(
             f"gap is {shown(gap)}, expected a function of positions that returns distances"
         )
+    from bipot_rs.mortar.integrals import integrate, weights, whole
+
     slave = surface("", points, facets)
     found = weights(slave, integrate(slave, whole(slave), None, gap), None)
     places = slave.points[found.node]
@@ -327,6 +334,8 @@ def _nodes(
 ) -> Weights:
     """Put each slave node on the first master facet that its normal meets."""
     from scipy import sparse
+
+    from bipot_rs.mortar.integrals import Weights
 
     if slave.kind.nodes > slave.kind.corners:
         raise ValueError(

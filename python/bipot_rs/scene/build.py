@@ -13,9 +13,8 @@ from bipot_rs.fem.contact import Contact, Floating
 from bipot_rs.fem.references import Remote
 from bipot_rs.fem.repetition import Cyclic, Periodic, Repetition
 from bipot_rs.fem.stress_recovery import Initial, thermal
-from bipot_rs.mesh.boxes import box
-from bipot_rs.mesh.elements import KINDS, first_order, second_order
-from bipot_rs.mesh.readers import read_mesh
+from bipot_rs.mesh.boxes import box_mesh
+from bipot_rs.mesh.elements import first_order, kind_of, second_order
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
 from bipot_rs.obstacle.triangulated import Surface
@@ -72,15 +71,18 @@ def _known(body: Body) -> Known:
 
 def _mesh(scene: Scene, block: Block) -> Any:
     if block.mesh is not None:
+        # The readers take longer to import than a box takes to mesh.
+        from bipot_rs.mesh.readers import read_mesh
+
         mesh = read_mesh(scene.place(block.mesh.file), block.mesh.group)
         _check_shape(scene, mesh)
     else:
         n = scene.mesh.n if scene.mesh else None
         axes = (block.x, block.y, block.z)
         grids = [axis.grid(n) for axis in axes if axis is not None]
-        mesh = box(grids, scene.cell(block) or "")
+        mesh = box_mesh(grids, scene.cell(block) or "")
     order = scene.order(block)
-    if order is None or order == KINDS[type(mesh)].degree:
+    if order is None or order == kind_of(mesh).degree:
         return mesh
     return second_order(mesh) if order == 2 else first_order(mesh)
 
@@ -88,7 +90,7 @@ def _mesh(scene: Scene, block: Block) -> Any:
 def _check_shape(scene: Scene, mesh: Any) -> None:
     """Refuse a ``mesh.element`` whose shape is not that of the cells of a file."""
     element = scene.mesh.element if scene.mesh else None
-    shape = KINDS[type(mesh)].shape
+    shape = kind_of(mesh).shape
     simplex = shape in ("triangle", "tetrahedron")
     if element is not None and simplex != element.startswith("P"):
         raise ValueError(

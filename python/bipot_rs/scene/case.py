@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,6 @@ from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
-from bipot_rs.contact.wear.record import Wear
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
 from bipot_rs.fem.references import reference_named
@@ -28,6 +27,9 @@ from bipot_rs.scene.schema.load import Pressure
 from bipot_rs.scene.schema.path import LoadPath
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import Varying
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.wear.record import Wear
 
 
 @dataclass(frozen=True)

@@ -12,23 +12,23 @@ import places
 from bipot_rs import fem
 from bipot_rs.fem.elasticity import vtk_cells
 from bipot_rs.files.vtu import Grid
-from bipot_rs.mesh import elements
+from bipot_rs.mesh import elements, serendipity
 
 DATA = places.DATA / "meshes"
 # The element of each file, for a box 2 x 1 (x 1) in two volumes.
 BOXES = {
     "triangle.msh": skfem.MeshTri1,
     "quad.msh": skfem.MeshQuad1,
-    "quad8.msh": elements.MeshQuadS2,
+    "quad8.msh": serendipity.MeshQuadS2,
     "quad9.msh": skfem.MeshQuad2,
     "tetra.msh": skfem.MeshTet1,
     "tetra10.msh": skfem.MeshTet2,
     "hexahedron.msh": skfem.MeshHex1,
-    "hexahedron20.msh": elements.MeshHexS2,
+    "hexahedron20.msh": serendipity.MeshHexS2,
     "hexahedron27.msh": skfem.MeshHex2,
     "tetra.inp": skfem.MeshTet1,
     "tetra10.inp": skfem.MeshTet2,
-    "hexahedron20.inp": elements.MeshHexS2,
+    "hexahedron20.inp": serendipity.MeshHexS2,
     "triangle6.inp": skfem.MeshTri2,
 }
 STEEL = fem.Material(210e9, 0.3)

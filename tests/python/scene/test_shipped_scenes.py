@@ -369,7 +369,7 @@ def test_triangles_of_a_scene_keep_the_given_element() -> None:
     back = scene.read(
         "pressed_block", ["body.block.cell=triangle", "mesh.n=2", "mesh.element=Q1"]
     )
-    kinds = [type(scene.bodies(read)[0].mesh).__name__ for read in (own, by_mesh, back)]
+    kinds = [scene.bodies(read)[0].kind.of_mesh for read in (own, by_mesh, back)]
     assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
 
 

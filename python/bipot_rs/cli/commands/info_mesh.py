@@ -44,7 +44,7 @@ def box(x: NDArray[Any]) -> str:
 def _bodies(path: Path) -> dict[str, Any]:
     import numpy as np
 
-    from bipot_rs.mesh.elements import KINDS
+    from bipot_rs.mesh.elements import kind_of
     from bipot_rs.mesh.readers import read_mesh, read_meshes
 
     several = ""
@@ -63,7 +63,7 @@ def _bodies(path: Path) -> dict[str, Any]:
     surfaces: dict[str, int] = {}
     mistake = ""
     for one in parts:
-        kind = KINDS[type(one)]
+        kind = kind_of(one)
         order = "first" if kind.degree == 1 else "second"
         name = (
             f"{_MANY.get(kind.shape, kind.shape + 's')} of {order} order ({kind.vtk})"

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.derivatives import Gradient, Tangent
-from bipot_rs.contact.sensitivity import gradient, tangent
-from bipot_rs.contact.sensitivity.displacements import Stalled
-from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import PathModel
+
+# Each load path has a `Differentiable`, but few are differentiated: the methods import the
+# linearisation.
+if TYPE_CHECKING:
+    from bipot_rs.contact.sensitivity.linear_path import LinearPath
 
 T = TypeVar("T")
 
@@ -34,6 +36,8 @@ class Differentiable:
         /,
     ) -> Tangent:
         """`Result.jvp`."""
+        from bipot_rs.contact.sensitivity import tangent
+
         return self._derived(
             result,
             lambda path: tangent.jvp(path, result, load, prescribed, gap, mu, K),
@@ -49,6 +53,8 @@ class Differentiable:
         /,
     ) -> Gradient:
         """`Result.vjp`."""
+        from bipot_rs.contact.sensitivity import gradient
+
         given = reaction, displacement, relative_displacement, slip
         return self._derived(result, lambda path: gradient.vjp(path, result, *given))
 
@@ -57,6 +63,9 @@ class Differentiable:
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
         """
+        from bipot_rs.contact.sensitivity.displacements import Stalled
+        from bipot_rs.contact.sensitivity.linear_path import LinearPath
+
         path = result._linearised
         if path is None:
             path = LinearPath(self.model, result.steps, result.contacts)
@@ -69,6 +78,8 @@ class Differentiable:
         return found
 
     def _direct(self, result: Any) -> LinearPath:
+        from bipot_rs.contact.sensitivity.linear_path import LinearPath
+
         try:
             return LinearPath(
                 self.model, result.steps, result.contacts, iterative=False

@@ -18,8 +18,13 @@ class Table(BaseModel):
     """A table without unknown keys."""
 
     # Strict: a number in quotes, or `true` for 1, is a typing error.
+    # Built at the first use, as one: each table by itself would build its parts again.
     model_config = ConfigDict(
-        extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        populate_by_name=True,
+        defer_build=True,
     )
 
 

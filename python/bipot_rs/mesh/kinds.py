@@ -1,0 +1,263 @@
+"""Kinds of cells and their facets: nodes, quadrature, shape functions, order in VTK.
+
+The tables of first order are written out here. Those of second order, and the mesh classes,
+are of scikit-fem, which is imported when one of them is needed: a scene of boxes of first
+order starts without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.optional import missing
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.mesh import first_order_cells
+from bipot_rs.mesh.first_order_cells import Reference
+
+_RING = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+_CORNERS: dict[str, list[tuple[float, ...]]] = {
+    "triangle": [(0, 0), (1, 0), (0, 1)],
+    "quadrilateral": [*_RING],
+    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hexahedron": [(x, y, z) for z in (0.0, 1.0) for x, y in _RING],
+}
+# Edges in the order of their midpoints in VTK.
+_EDGES = {
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "tetrahedron": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hexahedron": [
+        *[(i, (i + 1) % 4) for i in range(4)],
+        *[(4 + i, 4 + (i + 1) % 4) for i in range(4)],
+        *[(i, 4 + i) for i in range(4)],
+    ],
+}
+# Further nodes of the elements of full second order.
+_CENTRES: dict[str, list[tuple[float, ...]]] = {
+    "quad9": [(0.5, 0.5)],
+    "hexahedron27": [
+        (0, 0.5, 0.5),
+        (1, 0.5, 0.5),
+        (0.5, 0, 0.5),
+        (0.5, 1, 0.5),
+        (0.5, 0.5, 0),
+        (0.5, 0.5, 1),
+        (0.5, 0.5, 0.5),
+    ],
+}
+
+
+def library() -> Any:
+    """scikit-fem.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        It is not installed; the message names the extra that installs it.
+    """
+    try:
+        import skfem
+    except ModuleNotFoundError as error:
+        raise missing(error, "finite elements", "skfem", "fem") from None
+    return skfem
+
+
+@dataclass(frozen=True)
+class Facet:
+    """A facet of a cell.
+
+    Attributes
+    ----------
+    vtk : str
+        Its name in VTK and meshio.
+    shape : str
+        ``"line"``, ``"triangle"`` or ``"quadrilateral"``.
+    of_nodes : str
+        Element of one component, its name in scikit-fem.
+    order : int
+        Order of its quadrature.
+    lumps : bool
+        Whether a constant pressure gives each node a positive force.
+    """
+
+    vtk: str
+    shape: str
+    of_nodes: str
+    order: int
+    lumps: bool = True
+
+    @property
+    def element(self) -> Any:
+        """Element of one component: a class of scikit-fem."""
+        return getattr(library(), self.of_nodes)
+
+    @property
+    def linear(self) -> Any:
+        """Element of first order on its corners: a class of scikit-fem."""
+        return getattr(library(), first_order_cells.ELEMENT[self.shape])
+
+    @property
+    def corners(self) -> int:
+        """Number of corners."""
+        return len(first_order_cells.CORNERS[self.shape])
+
+    @property
+    def reference(self) -> Reference:
+        """As `Kind.reference`."""
+        return reference_of(self.shape, self.of_nodes, self.order)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of cell.
+
+    Attributes
+    ----------
+    vtk : str
+        Its name in VTK and meshio.
+    shape : str
+        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
+    degree : int
+        1 or 2.
+    of_mesh, of_cell : str
+        The mesh class, and the element of one component: their names in scikit-fem.
+    order : int
+        Order of its quadrature. Simplices of first order have constant gradients; 2 and 4
+        are full Gauss quadrature with 2 and 3 points in each direction. It is exact on
+        straight cells, and on curved cells for constant stresses and pressures. The
+        rules for tetrahedra of orders 3 and 4 have negative weights. The rule of order 5
+        has points at the corners, where a valid curved cell may fold. The rule of order
+        6 has neither fault.
+    facet : Facet
+        Its facets.
+    """
+
+    vtk: str
+    shape: str
+    degree: int
+    of_mesh: str
+    of_cell: str
+    order: int
+    facet: Facet
+
+    @property
+    def mesh(self) -> Any:
+        """The mesh class of scikit-fem."""
+        return mesh_class(self.of_mesh)
+
+    @property
+    def scalar(self) -> Any:
+        """Element of one component: a class of scikit-fem."""
+        return getattr(library(), self.of_cell)
+
+    @property
+    def reference(self) -> Reference:
+        """Shape functions on the reference cell, at its Gauss points; read-only."""
+        return reference_of(self.shape, self.of_cell, self.order)
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(_CORNERS[self.shape][0])
+
+    @property
+    def corners(self) -> int:
+        """Number of corners; they are the first nodes of a cell."""
+        return len(_CORNERS[self.shape])
+
+    @property
+    def nodes(self) -> Floats:
+        """Positions of the nodes of the reference cell in the order of the element."""
+        if self.degree == 1:
+            return np.array(first_order_cells.CORNERS[self.shape], dtype=np.float64)
+        return np.asarray(self.scalar().doflocs, dtype=np.float64)
+
+    @property
+    def places(self) -> Floats:
+        """Positions of the nodes of the reference cell in the order of VTK, ``(nodes, d)``."""
+        return _places(self.vtk, self.shape, self.degree)
+
+    @property
+    def order_of_vtk(self) -> Ints:
+        """Index in the element of each node in the order of VTK."""
+        return find(self.places, self.nodes)
+
+    @property
+    def mirror(self) -> Ints:
+        """Order of the nodes of VTK that mirrors the cell."""
+        mirrored = self.places.copy()
+        if self.shape == "hexahedron":  # upside down
+            mirrored[:, 2] = 1 - mirrored[:, 2]
+        else:  # two axes swapped
+            mirrored[:, [0, 1]] = mirrored[:, [1, 0]]
+        return find(mirrored, self.places)
+
+
+@cache
+def _places(vtk: str, shape: str, degree: int) -> Floats:
+    corners = np.array(_CORNERS[shape], dtype=np.float64)
+    if degree == 1:
+        return corners
+    middles = corners[np.array(_EDGES[shape])].mean(axis=1)
+    centres = np.array(_CENTRES.get(vtk, []), dtype=np.float64)
+    return np.concatenate([corners, middles, centres.reshape(-1, corners.shape[1])])
+
+
+def find(wanted: Floats, among: Floats) -> Ints:
+    """Index in ``among`` of each point of ``wanted``, to rounding."""
+    distance = np.abs(wanted[..., None, :] - among).max(axis=-1)
+    return np.asarray(distance.argmin(axis=-1), dtype=np.int64)
+
+
+@cache
+def mesh_class(name: str) -> Any:
+    """A mesh class of scikit-fem, or of `serendipity`, by its name."""
+    from bipot_rs.mesh import serendipity
+
+    return getattr(serendipity, name, None) or getattr(library(), name)
+
+
+@cache
+def reference_of(shape: str, element: str, order: int) -> Reference:
+    """Shape functions of an element at the points of a rule: `Kind.reference`."""
+    if element == first_order_cells.ELEMENT[shape]:
+        return first_order_cells.reference(shape, order)
+    from bipot_rs.mesh.elements import reference
+
+    return reference(getattr(library(), element), order)
+
+
+_LINE = Facet("line", "line", "ElementLineP1", 2)
+_LINE3 = Facet("line3", "line", "ElementLineP2", 4)
+_TRI = Facet("triangle", "triangle", "ElementTriP1", 2)
+_TRI6 = Facet("triangle6", "triangle", "ElementTriP2", 4, lumps=False)
+_QUAD = Facet("quad", "quadrilateral", "ElementQuad1", 2)
+_QUAD8 = Facet("quad8", "quadrilateral", "ElementQuadS2", 4, lumps=False)
+_QUAD9 = Facet("quad9", "quadrilateral", "ElementQuad2", 4)
+
+# Names in VTK, shapes, degrees, classes of scikit-fem, orders of quadrature, facets.
+_ALL = (
+    Kind("triangle", "triangle", 1, "MeshTri1", "ElementTriP1", 1, _LINE),
+    Kind("quad", "quadrilateral", 1, "MeshQuad1", "ElementQuad1", 2, _LINE),
+    Kind("tetra", "tetrahedron", 1, "MeshTet1", "ElementTetP1", 1, _TRI),
+    Kind("hexahedron", "hexahedron", 1, "MeshHex1", "ElementHex1", 2, _QUAD),
+    Kind("triangle6", "triangle", 2, "MeshTri2", "ElementTriP2", 4, _LINE3),
+    Kind("quad9", "quadrilateral", 2, "MeshQuad2", "ElementQuad2", 4, _LINE3),
+    Kind("quad8", "quadrilateral", 2, "MeshQuadS2", "ElementQuadS2", 4, _LINE3),
+    Kind("tetra10", "tetrahedron", 2, "MeshTet2", "ElementTetP2", 6, _TRI6),
+    Kind("hexahedron27", "hexahedron", 2, "MeshHex2", "ElementHex2", 4, _QUAD9),
+    Kind("hexahedron20", "hexahedron", 2, "MeshHexS2", "ElementHexS2", 4, _QUAD8),
+)
+OF_VTK = {kind.vtk: kind for kind in _ALL}
+# Kinds of first order by their shape.
+FIRST = {kind.shape: kind for kind in _ALL if kind.degree == 1}
+
+
+@cache
+def by_class() -> dict[type, Kind]:
+    """Kinds by the mesh class of scikit-fem."""
+    return {kind.mesh: kind for kind in _ALL}
