@@ -8,6 +8,7 @@ from typing import Any
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.remarks import NEVER_CLOSED
 from bipot_rs.contact.resultants import resultants
 from bipot_rs.contact.solution import Step
@@ -70,7 +71,8 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
     ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
     and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
-    return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
+    frame = of_step(step, model.frame)
+    return of_surfaces(step, frame, model.mu, model.group, surface_names(model))
 
 
 def of_surfaces(

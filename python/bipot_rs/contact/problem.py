@@ -51,8 +51,9 @@ from bipot_rs.contact.errors import (
     NotIterativeError,
 )
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.load_path import Following, state
+from bipot_rs.contact.load_path import NO_FRAME, Following, state, with_frames
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
+from bipot_rs.contact.moving import MovingGaps, carried, rotation
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.sensitivity.model import PathModel
@@ -151,9 +152,9 @@ class ContactProblem:
         step until no other contact penetrates. By default a working set is used if a body
         has hundreds of candidates and at least 3/4 of them are open at the start.
     gaps
-        Gaps of each load step for moving obstacles, ``(steps, n_c)`` or
-        ``(steps, n_c, d)``: the default of ``gap`` in `solve`. ``gap`` itself holds the
-        gaps at the start.
+        Gaps of each load step for moving obstacles, ``(steps, n_c)``,
+        ``(steps, n_c, d)`` or `MovingGaps`: the default of ``gap`` in `solve`. ``gap``
+        itself holds the gaps at the start.
     on_forecast
         Called after the ordering and before the factorisation, with a forecast of the
         cost: a mapping with ``bodies``, ``n_contact_dofs``, ``nnz_factor``, ``flops``,
@@ -252,7 +253,7 @@ class ContactProblem:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
-        gaps: ArrayLike | None = None,
+        gaps: ArrayLike | MovingGaps | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
         stiffness_rtol: float | None = None,
@@ -284,9 +285,17 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(
-            n, len(self._fixed), contacts, d, loads, gaps, held=self._held
+            n,
+            len(self._fixed),
+            contacts,
+            d,
+            loads,
+            gaps,
+            held=self._held,
+            framed=bases is not None,
         )
-        self._gaps_by_component = np.ndim(gaps) == 3 if gaps is not None else False
+        own = self._loading.gaps
+        self._gaps_by_component = not isinstance(own, MovingGaps) and np.ndim(gaps) == 3
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
         self._contact = contact
@@ -455,7 +464,7 @@ class ContactProblem:
         prescribed: ArrayLike | None = None,
         start: Result | Step | None = None,
         *,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> ReducedProblem:
         """Reduced problem (5) of one step, from the unloaded state or from ``start``.
 
@@ -469,8 +478,8 @@ class ContactProblem:
         start
             A `Result` or one of its steps, whose slip history enters ``q``.
         gap
-            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``. The default is the ``gap`` of the
-            problem.
+            Gaps of the step, ``(n_c,)``, ``(n_c, d)`` or `MovingGaps` of one step. The
+            default is the ``gap`` of the problem.
 
         Raises
         ------
@@ -483,22 +492,43 @@ class ContactProblem:
         """
         _, contacts, d = self._shape
         loads, core = self._loading.one(load, prescribed), self._core
-        if gap is not None:
-            core = core.with_gap(self._loading.gap(gap))
-        q, modes, force = core.free_part(*loads)
         before = state(start, contacts, d)
+        if gap is not None or (before is not None and before.frame is not None):
+            core, before = self._placed(core, before, gap)
+        q, modes, force = core.free_part(*loads)
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
         rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
-        blocks = self._core.sparse_compliance()
+        blocks = core.sparse_compliance()
         if blocks is None:
-            return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
+            return ReducedProblem(core.compliance(), q, self._mu, rigid=rigid)
         from scipy.sparse import bsr_array
 
         first, columns, values = blocks
         entries = values.reshape(-1, d, d), columns, first
         W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
         return ReducedProblem(W, q, self._mu, rigid=rigid)
+
+    def _placed(
+        self,
+        core: _core.Condensed,
+        before: Step | None,
+        gap: ArrayLike | MovingGaps | None,
+    ) -> tuple[_core.Condensed, Step | None]:
+        """The condensed bodies and the state before a step, in the frames of the step."""
+        frame = base = self._contacts["frame"]
+        if gap is not None:
+            offsets = self._loading.gap(gap)
+            if isinstance(offsets, MovingGaps):
+                frame, offsets = offsets.frame, offsets.by_component
+                core = core.rotated(rotation(frame, base))
+            core = core.with_gap(offsets)
+        own = before is not None and before.frame is not None
+        if before is not None and (own or frame is not base):
+            if base is None:
+                raise ValueError(NO_FRAME)
+            before = carried(before, frame, base, self._given.gap[:, 0])
+        return core, before
 
     def existence(
         self,
@@ -507,7 +537,7 @@ class ContactProblem:
         start: Result | Step | None = None,
         *,
         exhaust: bool = False,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Existence:
         """Whether a solution of one step exists, as far as this can be proved.
 
@@ -569,7 +599,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
 
@@ -608,7 +638,8 @@ class ContactProblem:
             row is used in all steps. The default is the ``gaps`` of the problem, else its
             ``gap`` in all steps. A tangential gap is the tangential position of the body
             relative to its obstacle at ``u = 0``: an obstacle that moves by ``s`` along a
-            tangent has the gap ``-s``, and this motion is part of ``slip``.
+            tangent has the gap ``-s``, and this motion is part of ``slip``. If frames change
+            along the path, `MovingGaps`; each step then has the frame `Step.frame`.
 
         Raises
         ------
@@ -663,7 +694,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Wear | Result | Step | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
 
@@ -771,7 +802,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
-        gap: Callable[[float], ArrayLike] | None = None,
+        gap: Callable[[float], ArrayLike | MovingGaps] | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, with slip history.
 
@@ -802,7 +833,8 @@ class ContactProblem:
             another kind of path it begins at ``s = 0``.
         gap
             Gaps for moving obstacles: a function of ``s`` that returns ``(n_c,)`` or
-            ``(n_c, d)``, totals as in `solve`. The default is the ``gap`` of the problem.
+            ``(n_c, d)``, or `MovingGaps` of one step, totals as in `solve`. The default is
+            the ``gap`` of the problem.
 
         Raises
         ------
@@ -911,8 +943,8 @@ class ContactProblem:
                 raise type(error)(f"case {k}: {error}") from None
         made = [path.path for path in paths]
         direct = [path.core for path in made if isinstance(path, DirectPath)]
-        if len(direct) < len(made):
-            # Each linear system uses all threads.
+        if len(direct) < len(made) or any(map(with_frames, paths, totals)):
+            # Each linear system uses all threads; frames change from step to step.
             return [
                 path.alone(asked) for path, asked in zip(paths, totals, strict=True)
             ]
@@ -1183,7 +1215,7 @@ class ContactProblem:
         mu: Floats,
         chosen: Settings,
         start: Result | Step | None,
-        gap: ArrayLike | Callable[[float], ArrayLike] | None = None,
+        gap: ArrayLike | MovingGaps | Callable[[float], Any] | None = None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
         before, known = self._remarks, self._strength
@@ -1214,12 +1246,14 @@ class ContactProblem:
         )
 
     def _by_component(
-        self, gap: ArrayLike | Callable[[float], ArrayLike] | None
+        self, gap: ArrayLike | MovingGaps | Callable[[float], Any] | None
     ) -> bool | None:
         """Whether the gaps of steps are by component; None without gaps of steps."""
         if gap is None:
             own = self._loading.gaps
             return None if own is None else self._gaps_by_component
+        if isinstance(gap, MovingGaps):
+            return False
         return callable(gap) or np.ndim(gap) == 3
 
 

@@ -17,6 +17,7 @@ from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export
@@ -204,8 +205,9 @@ class Result(Sequence[Step]):
                 "expected it from 0"
             )
         force, frame = self.reaction, self.contacts.get("frame")
-        if frame is not None:
-            force = np.einsum("sck,ckd->scd", force, frame)
+        if frame is not None and self.steps:
+            every = np.stack([of_step(step, frame) for step in self.steps])
+            force = np.einsum("sck,sckd->scd", force, every)
         # Without contacts there is one group, whose sum is zero.
         groups = range(int(number.max(initial=0)) + 1)
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
@@ -345,6 +347,12 @@ class Result(Sequence[Step]):
             )
         if self._model is None:
             raise ValueError(LOST)
+        turned = [k for k, step in enumerate(self.steps) if step.frame is not None]
+        if turned:
+            raise ValueError(
+                f"load step {turned[0] + 1} has frames of its own, because an obstacle turns "
+                "or curves: derivatives need the same frames in all steps"
+            )
         return self._model
 
     def save(
@@ -428,7 +436,8 @@ class Result(Sequence[Step]):
         frame = self.contacts.get("frame")
         if frame is not None:
             for fields_of, step in zip(series, self.steps, strict=True):
-                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
+                own = of_step(step, frame)
+                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, own)
         export.write_series(
             index,
             x,

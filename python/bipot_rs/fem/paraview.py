@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
@@ -136,7 +137,7 @@ class BodySeries:
     ) -> None:
         """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
         model, own = self._model, self._cells
-        fields = model.fields(step.displacement, step.reaction, step.status)
+        fields = model.in_step(step).fields(step.displacement, step.reaction, step.status)
         rest = None if at_rest is None else at_rest[own]
         in_cells = cell_fields(model, step.displacement, rest, self._means)
         in_cells |= {name: field[own] for name, field in (more or {}).items()}
@@ -192,8 +193,8 @@ def contact_fields(model: Assembly, step: Step) -> Fields:
         ``pressure`` [Pa], ``slip`` of the step [m], remaining ``gap`` [m], ``status``
         (0 open, 1 slip, 2 stick), and ``normal``; with wear ``wear_depth`` [m].
     """
-    d = model.dim
-    force = np.einsum("ck,ckd->cd", step.reaction, model.frame)
+    d, frame = model.dim, of_step(step, model.frame)
+    force = np.einsum("ck,ckd->cd", step.reaction, frame)
     dofs = model.contact_dofs[:, :1] + np.arange(d)
     worn = {} if step.wear is None else {"wear_depth": step.wear}
     return worn | {
@@ -201,8 +202,8 @@ def contact_fields(model: Assembly, step: Step) -> Fields:
         "reaction": force,
         "traction": force / model.area[:, None],
         "pressure": step.reaction[:, 0] / model.area,
-        "slip": np.einsum("ck,ckd->cd", step.slip, model.frame[:, 1:]),
+        "slip": np.einsum("ck,ckd->cd", step.slip, frame[:, 1:]),
         "gap": np.ascontiguousarray(step.relative_displacement[:, 0]),
         "status": step.status,
-        "normal": model.frame[:, 0],
+        "normal": frame[:, 0],
     }

@@ -164,6 +164,17 @@ class PetscEngine:
         """Not needed: a problem of PETSc has one set of friction coefficients."""
         raise ValueError("engine='petsc' cannot change mu: make another problem")
 
+    def rotated(self, _rotation: Floats, /) -> PetscEngine:
+        """Not available: the frames of a problem of PETSc are those of its B."""
+        raise ValueError(
+            "engine='petsc' cannot solve steps with frames of their own, which obstacles "
+            "need that turn or curve: use engine='direct' or 'iterative'"
+        )
+
+    def replacement(self) -> PetscEngine:
+        """Nothing replaces this engine."""
+        return self
+
     def path(self, at: Step | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         if at is None:
@@ -173,7 +184,9 @@ class PetscEngine:
             self, _core.ContactPath(self.variables, state), at._kept.get("u")
         )
 
-    def recovery(self, _seconds: dict[str, float], _gap: Floats) -> _Recovery:
+    def recovery(
+        self, _seconds: dict[str, float], _gap: Floats, _frame: Floats | None, /
+    ) -> _Recovery:
         """Steps of this engine have their displacements already."""
         return _Recovery()
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
+from bipot_rs.contact.frames import of_step
 from bipot_rs.plots import style
 from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
@@ -111,7 +112,8 @@ def deformed(
     image = draw(model, places, mises, ax)
     tails, longest = places[:0], 0.0
     if forces:
-        tails, longest = _forces(model, places, np.asarray(found.reaction), near, ax)
+        reaction, frame = np.asarray(found.reaction), of_step(found, model.frame)
+        tails, longest = _forces(model, places, reaction, frame, near, ax)
     bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
     _limits(model, places, tails, bands, near, ax)
     if own and model.dim == 2:
@@ -221,10 +223,15 @@ def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
 
 
 def _forces(
-    model: Assembly, places: Floats, reaction: Floats, near: float | None, ax: Any
+    model: Assembly,
+    places: Floats,
+    reaction: Floats,
+    frame: Floats,
+    near: float | None,
+    ax: Any,
 ) -> tuple[Floats, float]:
     """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
-    force = np.einsum("ck,ckd->cd", reaction, model.frame)
+    force = np.einsum("ck,ckd->cd", reaction, frame)
     size = np.linalg.norm(force, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
@@ -261,6 +268,7 @@ def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
 
     from bipot_rs.fem.contact_surface import contact_surface
 
+    model = model.in_step(found)
     normal = model.frame[:, 0]
     # The gap at this step: the obstacle may have moved.
     gap = (
