@@ -123,9 +123,7 @@ class Following:
             offsets = self._offsets
         return offsets
 
-    def advance(
-        self, load: Floats, prescribed: Floats, gap: Gap | None = None
-    ) -> Step:
+    def advance(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve one step and add it to the path; raise if that fails.
 
         ``gap`` are the gaps of the step, ``(n_c, d)`` or `MovingGaps` of one step; the
@@ -137,9 +135,7 @@ class Following:
             raise self.ended(error) from None
         return self._add(step)
 
-    def attempt(
-        self, load: Floats, prescribed: Floats, gap: Gap | None = None
-    ) -> Step:
+    def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve a trial step. It joins the path only if it is accepted.
 
         Raises

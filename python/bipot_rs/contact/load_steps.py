@@ -205,9 +205,7 @@ def _framed(framed: bool) -> None:
         )
 
 
-def _gap(
-    value: Any, contacts: int, d: int, framed: bool, what: str = "gap"
-) -> Gap:
+def _gap(value: Any, contacts: int, d: int, framed: bool, what: str = "gap") -> Gap:
     """Gaps of one step."""
     if not isinstance(value, MovingGaps):
         return gap_of_step(value, contacts, d, what)

@@ -63,7 +63,12 @@ class MovingGaps:
     ...     drag=np.zeros((2, 1, 2)),
     ... )
     >>> problem = bp.ContactProblem(
-    ...     1e6 * np.eye(2), np.eye(2), gap=[0.0], mu=0.0, frame=[np.eye(2)], gaps=moving
+    ...     1e6 * np.eye(2),
+    ...     np.eye(2),
+    ...     gap=[0.0],
+    ...     mu=0.0,
+    ...     frame=[np.eye(2)],
+    ...     gaps=moving,
     ... )
     >>> problem.solve().resultant.round(6)
     array([[1000.      ,    0.      ],
@@ -97,7 +102,9 @@ class MovingGaps:
 
     def __len__(self) -> int:
         if self.gap.ndim == 1:
-            raise TypeError("these are the moving gaps of one step, which has no length")
+            raise TypeError(
+                "these are the moving gaps of one step, which has no length"
+            )
         return len(self.gap)
 
     @overload

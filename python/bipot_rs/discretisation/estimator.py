@@ -186,14 +186,14 @@ class Estimator:
                 "the model has a plane of symmetry that is not normal to an axis: the "
                 "discretisation error does not support it, rotate the meshes"
             )
+        self.bodies = [simplices(body) for body in model.bodies]
+        self.materials = [body.isotropic for body in model.bodies]
+        self.facets = contact_facets(model, self.bodies)
         if isinstance(model.moving, MovingGaps):
             raise ValueError(
                 "an obstacle turns or curves as it moves: the discretisation error needs "
                 "contacts with the same frames in all steps"
             )
-        self.bodies = [simplices(body) for body in model.bodies]
-        self.materials = [body.isotropic for body in model.bodies]
-        self.facets = contact_facets(model, self.bodies)
         held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
         self.known = [

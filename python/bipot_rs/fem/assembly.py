@@ -25,8 +25,8 @@ from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
-    gaps_of_steps,
     frames_of_steps,
+    gaps_of_steps,
     gaps_onwards,
     meet,
     relative_displacement,

@@ -378,9 +378,9 @@ def _against_rigid(
         body.points,
         facets,
         lambda places: ask(obstacle, places).distance + smooth(places),
-        normal=lambda places: (
-            approach(obstacle, motion, places, at_nodes(places)).normal[0]
-        ),
+        normal=lambda places: approach(
+            obstacle, motion, places, at_nodes(places)
+        ).normal[0],
         axis=contact.axis,
         dofs=dofs,
         n=n,
@@ -476,7 +476,9 @@ def gaps_of_steps(
         else:
             bases = frames_of_steps(contact, own, moved.normal, turned)
         parts.append((moved.distance, bases, moved.drag))
-    return MovingGaps(*(np.concatenate(part, axis=1) for part in zip(*parts, strict=True)))
+    return MovingGaps(
+        *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    )
 
 
 def at_rest(gap: Floats, frame: Floats, steps: int) -> Approach:

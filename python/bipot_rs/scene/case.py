@@ -554,9 +554,7 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     )
 
 
-def _gaps(
-    scene: Scene, model: Assembly, t: Floats
-) -> Floats | MovingGaps | None:
+def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | MovingGaps | None:
     """Gaps at the ends of steps; None if no obstacle moves."""
     whole = model.gaps(scene.path.count())
     if whole is None:
