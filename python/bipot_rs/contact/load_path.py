@@ -104,10 +104,11 @@ class Following:
             Gaps by component of the step, if it has frames.
         """
         at, base = self._reached(), self._contacts["frame"]
+        offsets = None if gap is None else gaps_by_component(gap)
+        if base is None:
+            return offsets
         frame = gap.frame if isinstance(gap, MovingGaps) else base
         own = base if at is None or at.frame is None else at.frame
-        if frame is None or own is None:
-            return None if gap is None else gaps_by_component(gap)
         turned = not np.array_equal(frame, base)
         if turned or not np.array_equal(own, base) or self._turned is not None:
             engine, self._turned = self._engine, None
@@ -118,9 +119,6 @@ class Following:
                 at = carried(at, frame, base, self._offsets[:, 0])
             self.path = engine.path(at)
             self._last = None if at is None else at.relative_displacement
-        offsets = None if gap is None else gaps_by_component(gap)
-        if offsets is None and turned:
-            offsets = self._offsets
         return offsets
 
     def advance(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
@@ -194,7 +192,9 @@ class Following:
                     self._settings,
                     self._named,
                     self._known,
-                    None if turned is None else Turned(turned, offsets),
+                    None
+                    if turned is None or offsets is None
+                    else Turned(turned, offsets),
                 )
             ),
             _kept={} if u is None else {"u": u},

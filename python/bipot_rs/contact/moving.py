@@ -12,7 +12,7 @@ n_k · w_k by g_k + n_k · s_k, so that a step determines the whole vector w_k.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -113,8 +113,10 @@ class MovingGaps:
     def __getitem__(self, step: slice) -> MovingGaps: ...
     def __getitem__(self, step: int | slice) -> MovingGaps:
         len(self)  # raises for one step
-        # Raises `IndexError` after the last step, which ends an iteration.
         return MovingGaps(self.gap[step], self.frame[step], self.drag[step])
+
+    def __iter__(self) -> Iterator[MovingGaps]:
+        return (self[k] for k in range(len(self)))
 
     @property
     def by_component(self) -> Floats:

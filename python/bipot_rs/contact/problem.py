@@ -53,7 +53,7 @@ from bipot_rs.contact.errors import (
 from bipot_rs.contact.existence import Existence
 from bipot_rs.contact.load_path import NO_FRAME, Following, state, with_frames
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
-from bipot_rs.contact.moving import MovingGaps, carried, rotation
+from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rotation
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.sensitivity.model import PathModel
@@ -294,8 +294,9 @@ class ContactProblem:
             held=self._held,
             framed=bases is not None,
         )
-        own = self._loading.gaps
-        self._gaps_by_component = not isinstance(own, MovingGaps) and np.ndim(gaps) == 3
+        self._gaps_by_component = not (
+            gaps is None or isinstance(gaps, MovingGaps)
+        ) and (np.ndim(gaps) == 3)
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
         self._contact = contact
@@ -516,18 +517,23 @@ class ContactProblem:
         gap: ArrayLike | MovingGaps | None,
     ) -> tuple[_core.Condensed, Step | None]:
         """The condensed bodies and the state before a step, in the frames of the step."""
-        frame = base = self._contacts["frame"]
-        if gap is not None:
-            offsets = self._loading.gap(gap)
-            if isinstance(offsets, MovingGaps):
-                frame, offsets = offsets.frame, offsets.by_component
-                core = core.rotated(rotation(frame, base))
-            core = core.with_gap(offsets)
+        base = self._contacts["frame"]
         own = before is not None and before.frame is not None
-        if before is not None and (own or frame is not base):
-            if base is None:
+        placed = None if gap is None else self._loading.gap(gap)
+        if base is None:
+            if own:
                 raise ValueError(NO_FRAME)
+            # `Loading` refuses moving gaps without these frames.
+            return core if placed is None else core.with_gap(
+                gaps_by_component(placed)
+            ), before
+        frame = placed.frame if isinstance(placed, MovingGaps) else base
+        if frame is not base:
+            core = core.rotated(rotation(frame, base))
+        if before is not None and (own or frame is not base):
             before = carried(before, frame, base, self._given.gap[:, 0])
+        if placed is not None:
+            core = core.with_gap(gaps_by_component(placed))
         return core, before
 
     def existence(
@@ -948,7 +954,11 @@ class ContactProblem:
             return [
                 path.alone(asked) for path, asked in zip(paths, totals, strict=True)
             ]
-        followed = _core.follow(direct, totals, *chosen)
+        plain = [
+            [(f, u, None if g is None else gaps_by_component(g)) for f, u, g in steps]
+            for steps in totals
+        ]
+        followed = _core.follow(direct, plain, *chosen)
         parts = zip(paths, totals, followed, strict=True)
         return [path.through(asked, done) for path, asked, done in parts]
 

@@ -68,7 +68,7 @@ def tractions(
     n, d = known["x"].shape
     frames = np.array([one.get("frame", known["frame"]) for one in steps])
     seen = Contacts(
-        **(known | {"frame": frames[at]}),  # type: ignore[arg-type]
+        **(known | {"frame": frames[at]}),
         reaction=drawn["reaction"],
         status=drawn["status"].astype(np.int8),
         gap=np.zeros(n),

@@ -228,7 +228,7 @@ def test_planes_that_move_keep_the_frames_of_the_problem() -> None:
         assert np.array_equal(model.moving, gaps[1:])
 
 
-def test_automatic_steps_are_those_of_the_path_in_parts(tmp_path: Any) -> None:
+def test_automatic_steps_are_those_of_the_path_in_parts() -> None:
     """A scene: the frames of a part of a load step depend only on where it ends."""
     automatic = {"first": 0.5, "smallest": 0.1, "largest": 0.5}
     model = roller(automatic=automatic).assemble()

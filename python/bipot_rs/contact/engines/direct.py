@@ -204,14 +204,14 @@ class _Recovery:
             gap = self.gap if step.gap is None else step.gap
             slip = np.zeros_like(step.relative_displacement)
             slip[:, 1:] = step.slip
-            vectors = step.reaction, step.relative_displacement, gap, slip
+            reaction, v = step.reaction, step.relative_displacement
             if step.frame is not None and self.frame is not None:
                 # The factor belongs to B, whose rows are in the frames of the problem.
                 back = rotation(self.frame, step.frame)
-                vectors = tuple(rotated(back, x) for x in vectors)
-            reaction, *held_to = vectors
+                reaction, v = rotated(back, reaction), rotated(back, v)
+                gap, slip = rotated(back, gap), rotated(back, slip)
             states.append((step.load, step.prescribed, reaction, amounts))
-            confirmed.append(tuple(held_to))
+            confirmed.append((v, gap, slip))
         u = self.core.displacements(states, confirmed)
         self.seconds["recover"] += time.perf_counter() - began
         return u
