@@ -150,6 +150,13 @@ def joined(steps: Sequence[MovingGaps]) -> MovingGaps:
     return MovingGaps(*(np.stack([getattr(k, name) for k in steps]) for name in names))
 
 
+def gap_of(step: Step) -> Floats | MovingGaps | None:
+    """Gaps of a step as an argument, with its frames if it has frames of its own."""
+    if step.frame is None or step.drag is None or step.gap is None:
+        return step.gap
+    return MovingGaps(step.gap[:, 0], step.frame, step.drag)
+
+
 def checked(value: MovingGaps, contacts: int, d: int) -> MovingGaps:
     """Check the number of contacts and the dimension."""
     found = value.drag.shape[-2:]

@@ -120,6 +120,13 @@ class _Inquiry(StepProblem):
         )
 
 
+# Said before any work.
+NO_FRAMES = (
+    "an obstacle turns or curves as it moves, and load steps have frames of their own, which "
+    "engine='petsc' cannot solve: use engine='direct' or 'iterative'"
+)
+
+
 @dataclass(frozen=True)
 class PetscEngine:
     """Solves in the displacements with ``K`` distributed over the ranks.
@@ -166,10 +173,7 @@ class PetscEngine:
 
     def rotated(self, _rotation: Floats, /) -> PetscEngine:
         """Not available: the frames of a problem of PETSc are those of its B."""
-        raise ValueError(
-            "engine='petsc' cannot solve steps with frames of their own, which obstacles "
-            "need that turn or curve: use engine='direct' or 'iterative'"
-        )
+        raise ValueError(NO_FRAMES)
 
     def replacement(self) -> PetscEngine:
         """Nothing replaces this engine."""

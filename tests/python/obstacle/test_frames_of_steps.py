@@ -310,3 +310,28 @@ def test_planes_of_symmetry_inclined_to_the_axes() -> None:
     u = found.displacement.reshape(2, -1, 2) @ Q
     expected = plain.displacement.reshape(2, -1, 2)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * DEPTH)
+
+
+def test_engines_and_estimates_that_need_one_frame_refuse() -> None:
+    from bipot_rs.cli.distributed import Distributed
+    from bipot_rs.discretisation.estimator import Estimator
+
+    case = roller().assemble()
+    with pytest.raises(ValueError, match="which engine='petsc' cannot solve"):
+        Distributed(case, None)  # type: ignore[arg-type]
+    # A plane that turns: its frames differ between steps, but not along the surface.
+    plane = ob.Plane([0.0, 0.0], [0.0, -1.0])
+    m = bp.Model("Turning plane")
+    m.material("soft", young=1000.0, poisson=0.3)
+    side = np.linspace(0.0, 1.0, 3)
+    m.body("block", material="soft", cell="triangle", x=side, y=side - 1.0)
+    m.obstacle(
+        "floor",
+        plane={"point": plane.point, "normal": plane.normal},
+        turn={"angle": m.times(1.0, "way"), "about": [0.0, 0.0]},
+    )
+    m.support("block.bottom", x=0.0, y=0.0)
+    m.contact("block.top", against="floor", mu=0.3)
+    m.path(way=[0.5, 1.0])
+    with pytest.raises(ValueError, match="an obstacle turns or curves as it moves"):
+        Estimator(m.assemble())
