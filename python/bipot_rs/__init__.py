@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         NotDifferentiableError,
     )
     from bipot_rs.contact.existence import Existence
+    from bipot_rs.contact.moving import MovingGaps
     from bipot_rs.contact.one_call import solve
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.projection import project
@@ -69,6 +70,7 @@ __all__ = [
     "ErrorBound",
     "Existence",
     "FloatingBodyError",
+    "MovingGaps",
     "NoEquilibriumError",
     "NotConvergedError",
     "NotDifferentiableError",
@@ -108,6 +110,7 @@ __getattr__, __dir__ = lazily(
             "NotDifferentiableError",
         ),
         "bipot_rs.contact.existence": ("Existence",),
+        "bipot_rs.contact.moving": ("MovingGaps",),
         "bipot_rs.contact.one_call": ("solve",),
         "bipot_rs.contact.problem": ("ContactProblem",),
         "bipot_rs.contact.projection": ("project",),

@@ -152,6 +152,8 @@ class Condensed:
         """The same bodies and contacts with other friction coefficients."""
     def with_gap(self, gap: _Floats) -> Condensed:
         """The same bodies and contacts with other gaps ``(n_c, d)``."""
+    def rotated(self, rotation: _Floats) -> Condensed:
+        """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
 
 @final
 class Path:
@@ -197,6 +199,8 @@ class Primal:
         """Bytes of `K` in blocks, and a forecast of the bytes beside it."""
     def with_mu(self, mu: _Floats) -> Primal:
         """The same bodies and contacts with other friction coefficients."""
+    def rotated(self, rotation: _Floats) -> Primal | None:
+        """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
 
 @final
 class PrimalPath:

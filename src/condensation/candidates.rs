@@ -21,6 +21,7 @@ use crate::linalg::sparse::reach::Reach;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
+use crate::reduced::rotation::Rotation;
 
 /// With at most this many degrees of freedom in the contact set of a body, all are kept: their
 /// `W` takes a fraction of the time of the factor.
@@ -156,6 +157,19 @@ impl<const D: usize> Candidates<D> {
         Self {
             bodies: Arc::clone(&self.bodies),
             surface,
+            budget: self.budget,
+            stats: self.stats.clone(),
+            reach: self.reach.clone(),
+            seeds: self.seeds.clone(),
+            whole: Arc::default(),
+        }
+    }
+
+    /// The initial contacts are those of the frames before.
+    pub(super) fn rotated(&self, rotation: &Rotation<D>) -> Self {
+        Self {
+            bodies: Arc::clone(&self.bodies),
+            surface: self.surface.rotated(rotation),
             budget: self.budget,
             stats: self.stats.clone(),
             reach: self.reach.clone(),

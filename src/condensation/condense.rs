@@ -26,6 +26,7 @@ use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
+use crate::reduced::rotation::Rotation;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Analyses are looked up for at most this many bodies: many bodies are small, and ordering
@@ -320,6 +321,18 @@ impl<const D: usize> Condensed<D> {
         Ok(Self {
             surface: Arc::new(surface),
             compliance: Arc::new(self.compliance.scaled(elliptic)?),
+            ..self.clone()
+        })
+    }
+
+    /// The same contacts in rotated frames, on the same bodies.
+    ///
+    /// # Errors
+    /// As [`Compliance::rotated`].
+    pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Self, Error> {
+        Ok(Self {
+            surface: Arc::new(self.surface.rotated(rotation)),
+            compliance: Arc::new(self.compliance.rotated(rotation)?),
             ..self.clone()
         })
     }

@@ -11,6 +11,7 @@ use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
 use crate::reduced::elliptic_scaling::EllipticScaling;
+use crate::reduced::rotation::Rotation;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Largest difference between relative displacements from `W` and from `u`, as a share of the
@@ -167,6 +168,21 @@ impl<const D: usize> Problem<D> {
             Self::Whole(problem) => Self::Whole(problem.scaled(elliptic)?),
             Self::Growing { candidates, mu } => Self::Growing {
                 candidates: Arc::new(candidates.scaled(elliptic)),
+                mu: mu.clone(),
+            },
+        })
+    }
+
+    /// The same contacts in rotated frames, on the same bodies.
+    ///
+    /// # Errors
+    /// [`Error::Shape`]; as [`Condensed::rotated`].
+    pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Self, Error> {
+        check_length("rotation", rotation.contacts(), self.contacts())?;
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.rotated(rotation)?),
+            Self::Growing { candidates, mu } => Self::Growing {
+                candidates: Arc::new(candidates.rotated(rotation)),
                 mu: mu.clone(),
             },
         })

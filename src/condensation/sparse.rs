@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use crate::error::Error;
 use crate::linalg::compensated::Sum;
 use crate::linalg::sparse::csc::{Index, Symmetric, Symmetry, mix};
+use crate::reduced::rotation::Rotation;
 
 /// A borrowed matrix by rows; indices need not be sorted.
 #[derive(Clone, Copy, Debug)]
@@ -137,6 +138,26 @@ impl OwnedMatrix {
                 out.values.push(value);
             }
             out.pointer.push(out.index.len());
+        }
+        out
+    }
+
+    /// `Q A` of a matrix by rows, with `D` rows for each contact.
+    #[must_use]
+    pub fn rotated<const D: usize>(&self, rotation: &Rotation<D>) -> Self {
+        let mut out = Self::default();
+        for contact in 0..rotation.contacts() {
+            let of_row = |k| {
+                self.entries(D * contact + k)
+                    .map(move |(j, value)| (k, j, value))
+            };
+            for row in rotation.rows(contact, (0..D).flat_map(of_row)) {
+                for (j, value) in row {
+                    out.index.push(j);
+                    out.values.push(value);
+                }
+                out.pointer.push(out.index.len());
+            }
         }
         out
     }

@@ -8,6 +8,7 @@ use crate::linalg::compensated::Sum;
 use crate::linalg::small::dot_long;
 use crate::linalg::sparse::reach::Reach;
 use crate::reduced::elliptic_scaling::EllipticScaling;
+use crate::reduced::rotation::Rotation;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.
 #[derive(Clone, Debug)]
@@ -60,6 +61,25 @@ impl Far {
 }
 
 impl Share {
+    /// The rows of `Q B`, without half solves.
+    fn rotated<const D: usize>(&self, rotation: &Rotation<D>) -> Self {
+        let mut rows = Vec::with_capacity(self.rows.len());
+        for own in self.rows.chunk_by(|a, b| a.row / D == b.row / D) {
+            let contact = own[0].row / D;
+            let entries = own.iter().flat_map(|row| {
+                let entries = row.entries.iter();
+                entries.map(|&(i, value)| (row.row % D, i, value))
+            });
+            for (k, entries) in rotation.rows(contact, entries).into_iter().enumerate() {
+                if !entries.is_empty() {
+                    let row = D * contact + k;
+                    rows.push(ContactRow { row, entries });
+                }
+            }
+        }
+        Self { rows, far: None }
+    }
+
     /// `v += B_c u_c` of the kept unknowns of `body`.
     fn add_kept(&self, body: &Body, u: &[f64], v: &mut [f64]) {
         for (k, row) in self.rows.iter().enumerate() {
@@ -186,6 +206,24 @@ impl<const D: usize> Surface<D> {
             if let Some(far) = &mut share.far {
                 far.scale(&factors);
             }
+        }
+    }
+
+    /// The same contacts with `Q B` and `Q g`, without half solves.
+    #[must_use]
+    pub fn rotated(&self, rotation: &Rotation<D>) -> Self {
+        let shares: Vec<Share> = self.shares.iter().map(|s| s.rotated(rotation)).collect();
+        let mut moved = vec![false; self.contacts()];
+        for row in shares.iter().flat_map(|share| &share.rows) {
+            if row.row % D == 0 {
+                moved[row.row / D] = true;
+            }
+        }
+        Self {
+            shares: Arc::new(shares),
+            held: Arc::new(self.held.rotated(rotation)),
+            gap: rotation.times(&self.gap),
+            unmoved: Arc::new((0..moved.len()).filter(|&i| !moved[i]).collect()),
         }
     }
 

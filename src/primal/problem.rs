@@ -21,7 +21,8 @@ use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::supports::{self, Motions};
-use crate::reduced::elliptic_scaling::EllipticScaling;
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::rotation::Rotation;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Bodies and supports.
@@ -231,6 +232,25 @@ impl<const D: usize> Primal<D> {
         let mut moved = self.clone();
         moved.contacts = self.contacts.with_gap(gap)?;
         Ok(moved)
+    }
+
+    /// The same bodies and contacts in rotated frames. `elliptic` is the present change of
+    /// variables; `rotation` is about the variables of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Shape`]; [`Error::NotIterative`] if supports are oblique to the new frames.
+    pub fn rotated(
+        &self,
+        rotation: &Rotation<D>,
+        elliptic: Option<&EllipticScaling>,
+    ) -> Result<Self, Error> {
+        check_length("rotation", rotation.contacts(), self.contacts.count())?;
+        let contact = Arc::new(self.contact.rotated(rotation));
+        let gap = over(elliptic, &self.contacts.gap);
+        let gap = rotation.times(&gap);
+        let gap = times(elliptic, &gap).into_owned();
+        let (stiffness, mu) = (Arc::clone(&self.stiffness), self.contacts.mu.clone());
+        Self::of(stiffness, contact, elliptic, gap, mu)
     }
 
     /// `Tᵀ (f − K_fp u_p)` by places.

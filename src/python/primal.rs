@@ -19,6 +19,7 @@ use crate::python::problem::CsrArrays;
 use crate::python::solver::settings;
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
+use crate::reduced::rotation::Rotation;
 
 #[derive(Clone)]
 pub(super) enum AnyPrimal {
@@ -162,6 +163,40 @@ impl PyPrimal {
             elliptic,
             num_threads: self.num_threads,
         })
+    }
+
+    /// The same bodies and contacts with `Q B` and `Q g`; `rotation` has the rows of all `Q`.
+    /// `None` if supports are oblique to the new frames.
+    fn rotated(&self, py: Python<'_>, rotation: Matrix<'_>) -> PyResult<Option<Self>> {
+        fn of<const D: usize>(
+            inner: &Primal<D>,
+            rotation: &[[f64; D]],
+            elliptic: Option<&EllipticScaling>,
+        ) -> Result<Option<Arc<Primal<D>>>, Error> {
+            match inner.rotated(&Rotation::new(rotation, None), elliptic) {
+                Ok(made) => Ok(Some(Arc::new(made))),
+                Err(Error::NotIterative { .. }) => Ok(None),
+                Err(other) => Err(other),
+            }
+        }
+        let elliptic = self.elliptic.as_ref();
+        let kind = match &self.kind {
+            AnyPrimal::Two(inner) => {
+                let rows = arrays::rows(&rotation)?;
+                interrupt::run(py, self.num_threads, |_| of(inner, rows, elliptic))?
+                    .map(AnyPrimal::Two)
+            }
+            AnyPrimal::Three(inner) => {
+                let rows = arrays::rows(&rotation)?;
+                interrupt::run(py, self.num_threads, |_| of(inner, rows, elliptic))?
+                    .map(AnyPrimal::Three)
+            }
+        };
+        Ok(kind.map(|kind| Self {
+            kind,
+            elliptic: self.elliptic.clone(),
+            num_threads: self.num_threads,
+        }))
     }
 
     /// Counts of the problem.

@@ -19,6 +19,7 @@ use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::memory::{self, Budget};
+use crate::reduced::rotation::Rotation;
 
 /// The same arrays as results.
 pub(super) type CsrOutput<'py> = (
@@ -389,6 +390,28 @@ impl PyCondensed {
         Ok(Self {
             kind,
             elliptic: self.elliptic.clone(),
+            num_threads: self.num_threads,
+        })
+    }
+
+    /// The same bodies and contacts with `Q B` and `Q g`; `rotation` has the rows of all `Q`.
+    fn rotated(&self, py: Python<'_>, rotation: Matrix<'_>) -> PyResult<Self> {
+        let elliptic = self.elliptic.as_ref();
+        let kind = match &self.kind {
+            AnyProblem::Two(inner) => {
+                let rotation = Rotation::new(arrays::rows(&rotation)?, elliptic);
+                let made = interrupt::run(py, self.num_threads, |_| inner.rotated(&rotation))?;
+                AnyProblem::Two(Arc::new(made))
+            }
+            AnyProblem::Three(inner) => {
+                let rotation = Rotation::new(arrays::rows(&rotation)?, elliptic);
+                let made = interrupt::run(py, self.num_threads, |_| inner.rotated(&rotation))?;
+                AnyProblem::Three(Arc::new(made))
+            }
+        };
+        Ok(Self {
+            kind,
+            elliptic: elliptic.cloned(),
             num_threads: self.num_threads,
         })
     }

@@ -18,6 +18,7 @@ use crate::linalg::sparse::sparse_lu::Analysis;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
+use crate::reduced::rotation::Rotation;
 
 /// First block of each row, columns and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
@@ -90,6 +91,18 @@ impl<'a, const D: usize> Compliance<'a, D> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
             (caller.to_vec(), island.part().scaled(elliptic, caller))
+        };
+        Compliance::new(self.islands.iter().map(part).collect())
+    }
+
+    /// `Q W Qᵀ`.
+    ///
+    /// # Errors
+    /// As [`Compliance::new`].
+    pub fn rotated(&self, rotation: &Rotation<D>) -> Result<Compliance<'static, D>, Error> {
+        let part = |island: &Island<'a, D>| {
+            let caller = &self.order[island.nodes.clone()];
+            (caller.to_vec(), island.part().rotated(rotation, caller))
         };
         Compliance::new(self.islands.iter().map(part).collect())
     }

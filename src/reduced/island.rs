@@ -19,6 +19,7 @@ use crate::linalg::small::{Block, Vector, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
+use crate::reduced::rotation::Rotation;
 
 /// With fewer rows, a second thread does not make a product faster.
 pub(super) const PARALLEL_ROWS: usize = 768;
@@ -50,6 +51,32 @@ impl<const D: usize> Part<'_, D> {
                 };
                 let rows = matrix.chunks_exact(factors.len().max(1)).zip(&factors);
                 Part::Dense(Cow::Owned(rows.flat_map(row).collect()))
+            }
+        }
+    }
+
+    /// `Q W Qᵀ` for the contacts `caller`, in their order.
+    #[must_use]
+    pub fn rotated(&self, rotation: &Rotation<D>, caller: &[usize]) -> Part<'static, D> {
+        let of = |i: usize, j: usize, w: &Block<D>| rotation.block(w, caller[i], caller[j]);
+        match self {
+            Part::Sparse(blocks) => Part::Sparse(Cow::Owned(blocks.map(of))),
+            Part::Dense(matrix) => {
+                let n = D * caller.len();
+                let mut turned = vec![0.0; matrix.len()];
+                let rows = turned.par_chunks_exact_mut((D * n).max(1)).enumerate();
+                rows.for_each(|(i, rows)| {
+                    for j in 0..caller.len() {
+                        let at = |k: usize, l: usize| matrix[(D * i + k) * n + D * j + l];
+                        let block = of(i, j, &Block::from_fn(at));
+                        for (k, row) in rows.chunks_exact_mut(n).enumerate() {
+                            for (l, value) in row[D * j..D * (j + 1)].iter_mut().enumerate() {
+                                *value = block[(k, l)];
+                            }
+                        }
+                    }
+                });
+                Part::Dense(Cow::Owned(turned))
             }
         }
     }

@@ -8,4 +8,5 @@ pub mod island;
 pub mod memory;
 pub mod reduced;
 pub mod residual;
+pub mod rotation;
 pub mod validate;

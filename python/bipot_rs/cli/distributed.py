@@ -20,6 +20,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.cli.ranks import World
 from bipot_rs.contact.engines.choice import check_method
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
 from bipot_rs.fem.assembly import Assembly
@@ -141,10 +142,13 @@ class Distributed:
     """
 
     def __init__(self, case: Case, ranks: World) -> None:
+        from bipot_rs.petsc.engine import NO_FRAMES
         from bipot_rs.petsc.problem import ContactProblem
 
-        library = load()
         model = case.model
+        if isinstance(model.moving, MovingGaps):
+            raise ValueError(NO_FRAMES)
+        library = load()
         self._ranks, self._model = ranks, model
         self.numbering = numbering = share(library, ranks, model)
         self._K = K = stiffness(library, ranks, model, numbering)

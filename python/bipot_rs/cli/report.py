@@ -8,6 +8,7 @@ from typing import Any
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.plain_text import Paper, on_terminal
 from bipot_rs.cli.progress import settled
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.remarks import NEVER_CLOSED
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.tables import (
@@ -40,7 +41,8 @@ _MOST_ROWS = 60
 
 def forces(model: Any, step: Step) -> dict[str, float | None]:
     """`of_surfaces` of a model, with keys such as ``"normal_force of block.bottom"``."""
-    return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
+    frame = of_step(step, model.frame)
+    return of_surfaces(step, frame, model.mu, model.group, surface_names(model))
 
 
 def console() -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.solution import Step
 from bipot_rs.files.fields import OF_CONTACTS
 from bipot_rs.files.result_mesh import ResultMesh
@@ -37,6 +38,8 @@ def contact_fields(
         there are no components along global axes; without areas no traction and pressure.
     """
     frame, area = contacts.get("frame"), contacts.get("area")
+    if frame is not None:
+        frame = of_step(step, frame)
     found: dict[str, NDArray[Any] | None] = {
         "displacement": displacement,
         "reaction_local": step.reaction,

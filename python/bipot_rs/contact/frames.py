@@ -47,6 +47,48 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
     return frame
 
 
+# Unit normals that differ by less are equal: rounding of a rotation about the normal.
+_SAME = 4 * np.finfo(np.float64).eps
+# Normals are opposite if their sum is shorter than this: the smallest rotation is unknown.
+_OPPOSITE = 1e-6
+
+
+def turned_to(frame: Floats, normals: Floats) -> Floats:
+    """Frames ``(n_c, d, d)`` turned to other unit normals by the smallest rotations.
+
+    Tangents turn as little as the normals do, ``t' = t - (n'·t) (n + n') / (1 + n·n')``, so
+    that they do not jump between load steps. Frames whose normal stays are bitwise the same.
+    """
+    n = frame[:, 0]
+    both = n + normals
+    size = np.linalg.norm(both, axis=1)
+    turned = np.empty_like(frame)
+    turned[:, 0] = normals
+    opposite = size < _OPPOSITE
+    other = frames(normals)
+    # Of the same handedness.
+    flip = np.linalg.det(other) * np.linalg.det(frame) < 0
+    other[flip, -1] *= -1
+    # 1 + n·n' = |n + n'|² / 2.
+    half = np.where(opposite, 1.0, size**2 / 2)
+    for k in range(1, frame.shape[1]):
+        t = frame[:, k]
+        t = t - (np.sum(t * normals, axis=1) / half)[:, None] * both
+        t = t - np.sum(t * normals, axis=1, keepdims=True) * normals
+        length = np.where(opposite, 1.0, np.linalg.norm(t, axis=1))
+        turned[:, k] = t / length[:, None]
+    turned[opposite] = other[opposite]
+    same = np.abs(normals - n).max(axis=1) <= _SAME
+    turned[same] = frame[same]
+    return turned
+
+
+def of_step(step: Any, frame: Floats) -> Floats:
+    """Frames of the contacts in a step; ``frame`` are those of B."""
+    own: Floats | None = getattr(step, "frame", None)
+    return frame if own is None else own
+
+
 def operator(frame: Floats, sides: Sequence[Ints], n: int) -> Any:
     """B of (2), CSR ``(d n_c, n)``: one node minus another, in the frames of the contacts.
 

@@ -16,9 +16,10 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings, by_component
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.derivatives import PathDerivatives
-from bipot_rs.contact.engines.engine import Asked, Engine, Known, Named
+from bipot_rs.contact.engines.engine import Asked, Engine, Known, Named, Turned
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.load_steps import Held, Totals, done, reached
+from bipot_rs.contact.load_steps import Gap, Held, Totals, done, reached
+from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rotation
 from bipot_rs.contact.reduced import opening, solution_fields
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Recovery, Step
@@ -26,6 +27,12 @@ from bipot_rs.contact.status import Outcome
 
 if TYPE_CHECKING:
     from bipot_rs.contact.state import Start
+
+# A path that continues from a step with frames of its own needs those of B.
+NO_FRAME = (
+    "start has frames of its own, but the frames of B are not known: pass frame= to "
+    "ContactProblem"
+)
 
 Contacts = Mapping[str, NDArray[Any] | None]
 
@@ -70,6 +77,9 @@ class Following:
         self._remarks = remarks
         self._model = model
         self.before = state(start, *shape)
+        framed = self.before is not None and self.before.frame is not None
+        if framed and contacts["frame"] is None:
+            raise ValueError(NO_FRAME)
         self._first = done(start)
         self.steps: list[Step] = []
         self.rewind()
@@ -82,18 +92,49 @@ class Following:
 
     def rewind(self) -> None:
         """Set the core to the state after the last step."""
-        at = self.steps[-1] if self.steps else self.before
+        at = self._reached()
         self._last = None if at is None else at.relative_displacement
         if self._held is not None and at is not None and "u" in at._kept:
             at = replace(at, _kept={"u": self._held.unknowns(at._kept["u"])})
         self.path = self._engine.path(at)
+        # Whether `path` is in other frames than those of B.
+        self._turned: Floats | None = None
 
-    def advance(
-        self, load: Floats, prescribed: Floats, gap: Floats | None = None
-    ) -> Step:
+    def _reached(self) -> Step | None:
+        """The last step."""
+        return self.steps[-1] if self.steps else self.before
+
+    def _turn(self, gap: Gap | None) -> Floats | None:
+        """Set the core to the frames of a step.
+
+        Returns
+        -------
+        (n_c, d, d) or None
+            Gaps by component of the step, if it has frames.
+        """
+        at, base = self._reached(), self._contacts["frame"]
+        offsets = None if gap is None else gaps_by_component(gap)
+        if base is None:
+            return offsets
+        frame = gap.frame if isinstance(gap, MovingGaps) else base
+        own = base if at is None or at.frame is None else at.frame
+        turned = not np.array_equal(frame, base)
+        if turned or not np.array_equal(own, base) or self._turned is not None:
+            engine, self._turned = self._engine, None
+            if turned:
+                self._turned = rotation(frame, base)
+                engine = engine.rotated(self._turned)
+            if at is not None:
+                at = carried(at, frame, base, self._offsets[:, 0])
+            self.path = engine.path(at)
+            self._last = None if at is None else at.relative_displacement
+        return offsets
+
+    def advance(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve one step and add it to the path; raise if that fails.
 
-        ``gap (n_c, d)`` are the gaps of the step; the default is those of the problem.
+        ``gap`` are the gaps of the step, ``(n_c, d)`` or `MovingGaps` of one step; the
+        default is those of the problem.
         """
         try:
             step = self.attempt(load, prescribed, gap)
@@ -101,9 +142,7 @@ class Following:
             raise self.ended(error) from None
         return self._add(step)
 
-    def attempt(
-        self, load: Floats, prescribed: Floats, gap: Floats | None = None
-    ) -> Step:
+    def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve a trial step. It joins the path only if it is accepted.
 
         Raises
@@ -113,9 +152,13 @@ class Following:
         """
         began = time.perf_counter()
         try:
-            raw = self.path.step(load, prescribed, gap, self._settings)
+            offsets = self._turn(gap)
+            raw = self.path.step(load, prescribed, offsets, self._settings)
         finally:
             self._seconds["solve"] += time.perf_counter() - began
+        if self.path.engine.name != self._engine.name:
+            # The direct engine replaced the iterative one, for the rest of the path.
+            self._engine = self._engine.replacement()
         return self._made(raw, load, prescribed, gap)
 
     def _made(
@@ -123,25 +166,35 @@ class Following:
         raw: dict[str, Any],
         load: Floats,
         prescribed: Floats,
-        gap: Floats | None = None,
+        gap: Gap | None = None,
     ) -> Step:
         """Make a `Step` from the answer of the core."""
         area = self._contacts["area"]
-        engine = self.path.engine
-        engine = engine if gap is None else engine.with_gap(gap)
+        offsets = None if gap is None else gaps_by_component(gap)
+        engine, turned = self.path.engine, self._turned
+        if turned is not None:
+            # A step keeps no rotated W: it is made again for questions about the step.
+            engine = self._engine
+        elif offsets is not None:
+            engine = engine.with_gap(offsets)
+        moving = gap if isinstance(gap, MovingGaps) else None
         u, errors = raw.get("displacement"), raw.get("error_estimate")
-        recovery = engine.recovery(self._seconds, self._offsets)
+        recovery = engine.recovery(
+            self._seconds, self._offsets, self._contacts["frame"]
+        )
         if self._held is not None:
             u = None if u is None else self._held.displacement(u)
             recovery = _Whole(recovery, self._held)
         return Step(
             **solution_fields(raw),
-            _words=self._words(raw),
+            _words=self._words(raw, moving),
             slip=raw["slip"],
             **_set_fields(raw.get("working_set")),
             load=load,
             prescribed=prescribed,
-            gap=gap,
+            gap=offsets,
+            frame=None if moving is None else moving.frame,
+            drag=None if moving is None else moving.drag,
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=recovery,
             _problem=engine.inquiry(
@@ -152,6 +205,9 @@ class Following:
                     self._settings,
                     self._named,
                     self._known,
+                    None
+                    if turned is None or offsets is None
+                    else Turned(turned, offsets),
                 )
             ),
             _kept={} if u is None else {"u": u},
@@ -236,7 +292,7 @@ class Following:
             return self.result(False, str(failed))
         return self.result()
 
-    def _words(self, raw: dict[str, Any]) -> str:
+    def _words(self, raw: dict[str, Any], moving: MovingGaps | None) -> str:
         """Describe the free motion of each body."""
         amounts = raw["free_motion"]
         if not len(amounts):
@@ -259,7 +315,7 @@ class Following:
             motion.at_contacts(modes, amounts, d),
             opening(raw, self._mu),
             points=self._contacts["x"],
-            frame=self._contacts["frame"],
+            frame=self._contacts["frame"] if moving is None else moving.frame,
             bodies=meeting,
         )
 
@@ -285,6 +341,13 @@ class _Whole:
 
     def __call__(self, steps: Sequence[Step], /) -> Floats:
         return np.stack([self.held.displacement(y) for y in self.recovery(steps)])
+
+
+def with_frames(path: Following, totals: Sequence[Totals]) -> bool:
+    """Whether a step of a path, or the step before it, has frames of its own."""
+    at = path.before
+    own = at is not None and at.frame is not None
+    return own or any(isinstance(gap, MovingGaps) for _, _, gap in totals)
 
 
 def state(start: Start | None, contacts: int, d: int) -> Step | None:

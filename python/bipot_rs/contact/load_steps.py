@@ -15,6 +15,7 @@ from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs._lib.validation import loads as steps_of
+from bipot_rs.contact.moving import MovingGaps, checked
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.state import State
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Loads = tuple[Floats, Floats]
 # Total load, prescribed displacements, and gaps or None for those of the problem.
-Totals = tuple[Floats, Floats, Floats | None]
+Gap = Floats | MovingGaps
+Totals = tuple[Floats, Floats, Gap | None]
 
 
 class Held(Protocol):
@@ -63,10 +65,12 @@ class Loading:
         Number of contacts and of their components.
     loads
         ``loads`` of the problem: load and prescribed displacements of each step.
-    gaps : (steps, n_c, d) or None
+    gaps : (steps, n_c, d), MovingGaps or None
         ``gaps`` of the problem.
     held
         Nodes on inclined supports.
+    framed
+        Whether the frames of the contacts are known, which `MovingGaps` need.
     """
 
     n: int
@@ -74,8 +78,9 @@ class Loading:
     contacts: int
     d: int
     loads: list[Loads] | None = None
-    gaps: Floats | None = None
+    gaps: Gap | None = None
     held: Held | None = None
+    framed: bool = False
 
     @classmethod
     def of(
@@ -85,8 +90,9 @@ class Loading:
         contacts: int,
         d: int,
         loads: Any,
-        gaps: ArrayLike | None,
+        gaps: ArrayLike | MovingGaps | None,
         held: Held | None = None,
+        framed: bool = False,
     ) -> Loading:
         """Check the loads and gaps of a `ContactProblem`."""
         known = None
@@ -98,11 +104,13 @@ class Loading:
                     "(load, prescribed)"
                 )
             known = [_kept(held, one) for one in steps_of(*given, n, fixed)]
-        moving = None if gaps is None else gaps_of_steps(gaps, contacts, d)
+        moving = None
+        if gaps is not None:
+            moving = _gaps(gaps, contacts, d, framed)
         if known is not None and moving is not None:
             # Raises unless both have the same number of steps, or one of them has one.
             together("gaps", list(moving), "loads", known, lambda *both: both)
-        return cls(n, fixed, contacts, d, known, moving, held)
+        return cls(n, fixed, contacts, d, known, moving, held, framed)
 
     def one(self, load: ArrayLike | None, prescribed: ArrayLike | None) -> Loads:
         """Loads and prescribed displacements of one step."""
@@ -120,15 +128,15 @@ class Loading:
             )
         return _kept(self.held, steps[0])
 
-    def gap(self, value: ArrayLike) -> Floats:
-        """Gaps of one step by component, ``(n_c, d)``."""
-        return gap_of_step(value, self.contacts, self.d)
+    def gap(self, value: ArrayLike | MovingGaps) -> Gap:
+        """Gaps of one step by component, ``(n_c, d)``, or with frames."""
+        return _gap(value, self.contacts, self.d, self.framed)
 
     def totals(
         self,
         load: ArrayLike | None,
         prescribed: ArrayLike | None,
-        gap: ArrayLike | None,
+        gap: ArrayLike | MovingGaps | None,
         start: Start | None,
     ) -> list[Totals]:
         """Totals of each step: those given, else those of the problem after ``start``.
@@ -152,9 +160,9 @@ class Loading:
         forces = (
             loads if loads is not None else [_kept(self.held, one) for one in forces]
         )
-        offsets: list[Floats] | None = None
+        offsets: list[Gap] | None = None
         if gap is not None:
-            offsets = list(gaps_of_steps(gap, self.contacts, self.d))
+            offsets = list(_gaps(gap, self.contacts, self.d, self.framed))
         elif gaps is not None:
             offsets = list(gaps)
         if first:
@@ -172,7 +180,7 @@ class Loading:
         self,
         load: ArrayLike | Callable[[float], ArrayLike] | None,
         prescribed: ArrayLike | Callable[[float], ArrayLike] | None,
-        gap: Callable[[float], ArrayLike] | None,
+        gap: Callable[[float], ArrayLike | MovingGaps] | None,
         end: float,
     ) -> Callable[[float], Totals]:
         """Totals as a function of ``s``; arrays are scaled in proportion to ``s``."""
@@ -190,7 +198,7 @@ class Loading:
                 f"{counted(len(self.gaps), 'load step')}, and adaptive steps need the gap "
                 "as a function of s"
             )
-        at = _gaps_at(gap, self.contacts, self.d)
+        at = _gaps_at(gap, self.contacts, self.d, self.framed)
         return lambda s: (*_kept(self.held, (force(s), moved(s))), at(s))
 
 
@@ -201,6 +209,38 @@ def _kept(held: Held | None, loads: Loads) -> Loads:
     force, moved = loads
     held.prescribed(moved)
     return held.load(force), moved
+
+
+def _framed(framed: bool) -> None:
+    if not framed:
+        raise ValueError(
+            "gap has frames of each step, but the frames of B are not known: pass frame= to "
+            "ContactProblem"
+        )
+
+
+def _gap(value: Any, contacts: int, d: int, framed: bool, what: str = "gap") -> Gap:
+    """Gaps of one step."""
+    if not isinstance(value, MovingGaps):
+        return gap_of_step(value, contacts, d, what)
+    _framed(framed)
+    if value.gap.ndim != 1:
+        raise ValueError(
+            f"{what} has the moving gaps of {counted(len(value), 'step')}, expected those "
+            "of one, moving[k]"
+        )
+    return checked(value, contacts, d)
+
+
+def _gaps(value: Any, contacts: int, d: int, framed: bool) -> Gap:
+    """Gaps of each step."""
+    if not isinstance(value, MovingGaps):
+        return gaps_of_steps(value, contacts, d)
+    _framed(framed)
+    found = checked(value, contacts, d)
+    if found.gap.ndim == 1:
+        return MovingGaps(found.gap[None], found.frame[None], found.drag[None])
+    return found
 
 
 def check_case(k: int, case: Any) -> None:
@@ -268,14 +308,14 @@ def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> li
 
 
 def _same_path(
-    start: Start, first: int, loads: list[Loads] | None, gaps: Floats | None
+    start: Start, first: int, loads: list[Loads] | None, gaps: Gap | None
 ) -> None:
     """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
     last = reached(start)
     if not first or last is None:
         return
     behind = first - 1
-    own: dict[str, Floats | None] = {}
+    own: dict[str, Gap | None] = {}
     if loads is not None:
         own["load"], own["prescribed"] = loads[min(behind, len(loads) - 1)]
     if gaps is not None:
@@ -288,15 +328,22 @@ def _same_path(
         )
 
 
-def differing(step: Step, totals: Mapping[str, Floats | None]) -> str | None:
+def differing(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
     """Name of the first total that differs from that of a step, or None.
 
     A step that was read from a file has no loads, which then count as equal.
     """
+    named: dict[str, Floats | None] = {}
     for name, own in totals.items():
+        if isinstance(own, MovingGaps):
+            named |= {"gap": own.by_component, "frame": own.frame, "drag": own.drag}
+        else:
+            named[name] = own
+    for name, own in named.items():
         theirs = getattr(step, name)
         if theirs is None or own is None:
-            same = theirs is own or (theirs is None and name != "gap")
+            lost = name in ("load", "prescribed")
+            same = theirs is own or (theirs is None and lost)
         else:
             same = np.array_equal(theirs, own)
         if not same:
@@ -322,13 +369,13 @@ def _proportional(
 
 
 def _gaps_at(
-    gap: Callable[[float], Any] | None, contacts: int, d: int
+    gap: Callable[[float], Any] | None, contacts: int, d: int, framed: bool
 ) -> Callable[[float], Any]:
     """``gap(s)`` by component ``(n_c, d)``, checked; None for the gaps of the problem."""
     if gap is None:
         return lambda _: None
 
     def at(s: float) -> Any:
-        return gap_of_step(gap(s), contacts, d, f"gap at s = {s:.10g}")
+        return _gap(gap(s), contacts, d, framed, f"gap at s = {s:.10g}")
 
     return at

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 
@@ -39,7 +40,7 @@ class _Keywords(_OfSolve, total=False):
     loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
     memory_limit: int | None
     working_set: bool | None
-    gaps: ArrayLike | None
+    gaps: ArrayLike | MovingGaps | None
     on_forecast: Callable[[Mapping[str, Any]], object] | None
     bodies: Mapping[str, int] | None
     stiffness_rtol: float | None

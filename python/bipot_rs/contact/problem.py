@@ -50,8 +50,9 @@ from bipot_rs.contact.errors import (
     NoEquilibriumError,
     NotIterativeError,
 )
-from bipot_rs.contact.load_path import Following, state
+from bipot_rs.contact.load_path import NO_FRAME, Following, state, with_frames
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
+from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rotation
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.sensitivity.model import PathModel
@@ -153,9 +154,9 @@ class ContactProblem:
         step until no other contact penetrates. By default a working set is used if a body
         has hundreds of candidates and at least 3/4 of them are open at the start.
     gaps
-        Gaps of each load step for moving obstacles, ``(steps, n_c)`` or
-        ``(steps, n_c, d)``: the default of ``gap`` in `solve`. ``gap`` itself holds the
-        gaps at the start.
+        Gaps of each load step for moving obstacles, ``(steps, n_c)``,
+        ``(steps, n_c, d)`` or `MovingGaps`: the default of ``gap`` in `solve`. ``gap``
+        itself holds the gaps at the start.
     on_forecast
         Called after the ordering and before the factorisation, with a forecast of the
         cost: a mapping with ``bodies``, ``n_contact_dofs``, ``nnz_factor``, ``flops``,
@@ -254,7 +255,7 @@ class ContactProblem:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
-        gaps: ArrayLike | None = None,
+        gaps: ArrayLike | MovingGaps | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
         stiffness_rtol: float | None = None,
@@ -286,9 +287,18 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(
-            n, len(self._fixed), contacts, d, loads, gaps, held=self._held
+            n,
+            len(self._fixed),
+            contacts,
+            d,
+            loads,
+            gaps,
+            held=self._held,
+            framed=bases is not None,
         )
-        self._gaps_by_component = np.ndim(gaps) == 3 if gaps is not None else False
+        self._gaps_by_component = not (
+            gaps is None or isinstance(gaps, MovingGaps)
+        ) and (np.ndim(gaps) == 3)
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
         self._contact = contact
@@ -457,7 +467,7 @@ class ContactProblem:
         prescribed: ArrayLike | None = None,
         start: Start | None = None,
         *,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> ReducedProblem:
         """Reduced problem (5) of one step, from the unloaded state or from ``start``.
 
@@ -471,8 +481,8 @@ class ContactProblem:
         start
             A `Result`, one of its steps, or a `State`, whose slip history enters ``q``.
         gap
-            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``. The default is the ``gap`` of the
-            problem.
+            Gaps of the step, ``(n_c,)``, ``(n_c, d)`` or `MovingGaps` of one step. The
+            default is the ``gap`` of the problem.
 
         Raises
         ------
@@ -485,22 +495,48 @@ class ContactProblem:
         """
         _, contacts, d = self._shape
         loads, core = self._loading.one(load, prescribed), self._core
-        if gap is not None:
-            core = core.with_gap(self._loading.gap(gap))
-        q, modes, force = core.free_part(*loads)
         before = state(start, contacts, d)
+        if gap is not None or (before is not None and before.frame is not None):
+            core, before = self._placed(core, before, gap)
+        q, modes, force = core.free_part(*loads)
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
         rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
-        blocks = self._core.sparse_compliance()
+        blocks = core.sparse_compliance()
         if blocks is None:
-            return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
+            return ReducedProblem(core.compliance(), q, self._mu, rigid=rigid)
         from scipy.sparse import bsr_array
 
         first, columns, values = blocks
         entries = values.reshape(-1, d, d), columns, first
         W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
         return ReducedProblem(W, q, self._mu, rigid=rigid)
+
+    def _placed(
+        self,
+        core: _core.Condensed,
+        before: Step | None,
+        gap: ArrayLike | MovingGaps | None,
+    ) -> tuple[_core.Condensed, Step | None]:
+        """The condensed bodies and the state before a step, in the frames of the step."""
+        base = self._contacts["frame"]
+        own = before is not None and before.frame is not None
+        placed = None if gap is None else self._loading.gap(gap)
+        if base is None:
+            if own:
+                raise ValueError(NO_FRAME)
+            # `Loading` refuses moving gaps without these frames.
+            return core if placed is None else core.with_gap(
+                gaps_by_component(placed)
+            ), before
+        frame = placed.frame if isinstance(placed, MovingGaps) else base
+        if frame is not base:
+            core = core.rotated(rotation(frame, base))
+        if before is not None and (own or frame is not base):
+            before = carried(before, frame, base, self._given.gap[:, 0])
+        if placed is not None:
+            core = core.with_gap(gaps_by_component(placed))
+        return core, before
 
     def existence(
         self,
@@ -509,7 +545,7 @@ class ContactProblem:
         start: Start | None = None,
         *,
         exhaust: bool = False,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Existence:
         """Whether a solution of one step exists, as far as this can be proved.
 
@@ -576,7 +612,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
 
@@ -616,7 +652,8 @@ class ContactProblem:
             row is used in all steps. The default is the ``gaps`` of the problem, else its
             ``gap`` in all steps. A tangential gap is the tangential position of the body
             relative to its obstacle at ``u = 0``: an obstacle that moves by ``s`` along a
-            tangent has the gap ``-s``, and this motion is part of ``slip``.
+            tangent has the gap ``-s``, and this motion is part of ``slip``. If frames change
+            along the path, `MovingGaps`; each step then has the frame `Step.frame`.
 
         Raises
         ------
@@ -671,7 +708,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Wear | Start | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
 
@@ -780,7 +817,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
-        gap: Callable[[float], ArrayLike] | None = None,
+        gap: Callable[[float], ArrayLike | MovingGaps] | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, with slip history.
 
@@ -811,7 +848,8 @@ class ContactProblem:
             another kind of path, or from a `State`, it begins at ``s = 0``.
         gap
             Gaps for moving obstacles: a function of ``s`` that returns ``(n_c,)`` or
-            ``(n_c, d)``, totals as in `solve`. The default is the ``gap`` of the problem.
+            ``(n_c, d)``, or `MovingGaps` of one step, totals as in `solve`. The default is
+            the ``gap`` of the problem.
 
         Raises
         ------
@@ -920,12 +958,16 @@ class ContactProblem:
                 raise type(error)(f"case {k}: {error}") from None
         made = [path.path for path in paths]
         direct = [path.core for path in made if isinstance(path, DirectPath)]
-        if len(direct) < len(made):
-            # Each linear system uses all threads.
+        if len(direct) < len(made) or any(map(with_frames, paths, totals)):
+            # Each linear system uses all threads; frames change from step to step.
             return [
                 path.alone(asked) for path, asked in zip(paths, totals, strict=True)
             ]
-        followed = _core.follow(direct, totals, *chosen)
+        plain = [
+            [(f, u, None if g is None else gaps_by_component(g)) for f, u, g in steps]
+            for steps in totals
+        ]
+        followed = _core.follow(direct, plain, *chosen)
         parts = zip(paths, totals, followed, strict=True)
         return [path.through(asked, done) for path, asked, done in parts]
 
@@ -1195,7 +1237,7 @@ class ContactProblem:
         mu: Floats,
         chosen: Settings,
         start: Start | None,
-        gap: ArrayLike | Callable[[float], ArrayLike] | None = None,
+        gap: ArrayLike | MovingGaps | Callable[[float], Any] | None = None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
         before, known = self._remarks, self._strength
@@ -1227,12 +1269,14 @@ class ContactProblem:
         )
 
     def _by_component(
-        self, gap: ArrayLike | Callable[[float], ArrayLike] | None
+        self, gap: ArrayLike | MovingGaps | Callable[[float], Any] | None
     ) -> bool | None:
         """Whether the gaps of steps are by component; None without gaps of steps."""
         if gap is None:
             own = self._loading.gaps
             return None if own is None else self._gaps_by_component
+        if isinstance(gap, MovingGaps):
+            return False
         return callable(gap) or np.ndim(gap) == 3
 
 

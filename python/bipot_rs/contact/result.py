@@ -18,6 +18,7 @@ from bipot_rs.contact import summary
 from bipot_rs.contact.contact_fields import instants_of, path_fields
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
@@ -220,8 +221,9 @@ class Result(Presentation, Sequence[Step]):
                 "expected it from 0"
             )
         force, frame = self.reaction, self.contacts.get("frame")
-        if frame is not None:
-            force = np.einsum("sck,ckd->scd", force, frame)
+        if frame is not None and self.steps:
+            every = np.stack([of_step(step, frame) for step in self.steps])
+            force = np.einsum("sck,sckd->scd", force, every)
         # Without contacts there is one group, whose sum is zero.
         groups = range(int(number.max(initial=0)) + 1)
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
@@ -361,6 +363,12 @@ class Result(Presentation, Sequence[Step]):
             )
         if self._model is None:
             raise ValueError(LOST)
+        turned = [k for k, step in enumerate(self.steps) if step.frame is not None]
+        if turned:
+            raise ValueError(
+                f"load step {turned[0] + 1} has frames of its own, because an obstacle turns "
+                "or curves: derivatives need the same frames in all steps"
+            )
         return self._model
 
     def save(

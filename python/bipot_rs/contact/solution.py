@@ -352,6 +352,10 @@ class Step(Solution):
         try (`ContactProblem.follow`); ``None`` for other steps.
     gap
         Gaps of this step, ``(n_c, d)``, if obstacles moved; else ``None``.
+    frame, drag
+        Frames of the contacts in this step, ``(n_c, d, d)``, and displacement of the surface
+        of the obstacle under them since the start of the path, ``(n_c, d)`` in global
+        components, if frames change along the path (`MovingGaps`); else ``None``.
     working_set
         Numbers of the contacts for which ``W`` was formed, ascending; ``None`` if it was
         formed for all contacts at the start. A path that continues from this step then
@@ -371,6 +375,8 @@ class Step(Solution):
     s: float | None = None
     ahead: float | None = None
     gap: Floats | None = None
+    frame: Floats | None = None
+    drag: Floats | None = None
     working_set: Ints | None = None
     working_motion: Floats | None = None
     wear: Floats | None = None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.validation import floats, frames
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Outcome, Status
 
@@ -77,6 +78,11 @@ def step_of(
     if "gap" in record and np.shape(record["gap"]) != (contacts, d):
         found = np.shape(record["gap"])
         raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
+    if ("frame" in record) != ("drag" in record):
+        raise ValueError("frame or drag missing, expected both or none of them")
+    if "frame" in record:
+        floats("drag", record["drag"], shape=(contacts, d))
+        frames(record["frame"], contacts, d)
     if "wear" in record:
         worn = np.asarray(record["wear"])
         if worn.shape != (contacts,) or not np.isfinite(worn).all():

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.slip_check import distances, farthest
 from bipot_rs.contact.status import STATUS_NAMES
 
@@ -236,7 +237,9 @@ def of_result(result: Any) -> Summary:
     if not len(result):
         contacts, d = result._shape
         return title, [("contacts", places(contacts, d)), ("cost", times)]
-    last = result[-1]
+    last, frame = result[-1], result.contacts.get("frame")
+    if frame is not None:
+        frame = of_step(last, frame)
     worst = max(result, key=lambda step: step.residual)
     contacts, d = last.reaction.shape
     lost = sum(step.dissipation for step in result)
@@ -248,7 +251,7 @@ def of_result(result: Any) -> Summary:
         digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
     return title, [
         ("contacts", met),
-        ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
+        ("forces", f"at the end {forces(last.reaction, frame)}"),
         ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
         ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (

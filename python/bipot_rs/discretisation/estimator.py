@@ -23,6 +23,7 @@ from scipy import linalg, sparse
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
@@ -202,6 +203,11 @@ class Estimator:
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)
+        if isinstance(model.moving, MovingGaps):
+            raise ValueError(
+                "an obstacle turns or curves as it moves: the discretisation error needs "
+                "contacts with the same frames in all steps"
+            )
         held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
         self.known = [

@@ -18,12 +18,14 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
+from bipot_rs.contact.moving import MovingGaps, simplified
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
 from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
+    frames_of_steps,
     gaps_of_steps,
     gaps_onwards,
     meet,
@@ -88,7 +90,7 @@ class Assembly:
     points : (n_c, d)
         Positions of the contact nodes, on ``Contact.body`` [m].
     frame : (n_c, d, d)
-        Rows n, t1[, t2], n from the obstacle towards the body.
+        Rows n, t1[, t2] at the start, n from the obstacle towards the body.
     fixed : (m,)
         Prescribed degrees of freedom, ascending; among them the dependent ones of `ties`,
         whose displacement follows from the others.
@@ -112,8 +114,8 @@ class Assembly:
         Number of these planes.
     springs : tuple of Spring
         Elastic foundations; K contains their stiffness.
-    moving : (steps, n_c, d) or None
-        Gaps of each load step by component, if obstacles move; see `gaps`.
+    moving : (steps, n_c, d), bipot_rs.MovingGaps or None
+        Gaps of each load step, if obstacles move; see `gaps`.
     inclined : bipot_rs.fem.inclined_supports.Planes or None
         Planes of symmetry that are not normal to an axis. K, B, the loads made here and
         `problem` include them. A `ContactProblem` made directly needs
@@ -149,13 +151,14 @@ class Assembly:
     nodes: Floats = field(repr=False)
     symmetries: int = 0
     springs: tuple[Spring, ...] = ()
-    moving: Floats | None = field(default=None, repr=False)
+    moving: Floats | MovingGaps | None = field(default=None, repr=False)
     inclined: Planes | None = None
     remotes: tuple[Remote, ...] = ()
     references: tuple[Reference, ...] = ()
     ties: Ties | None = None
     images: tuple[Images, ...] = ()
     _bare: Any = field(default=None, repr=False)
+    _path: MovingGaps | None = field(default=None, repr=False)
 
     @property
     def n(self) -> int:
@@ -185,6 +188,16 @@ class Assembly:
                 "periodicity: K is not assembled in parts; solve it in one process"
             )
         return system_stiffness(self.bodies, self.springs, self.inclined, nodes)
+
+    def in_step(self, step: Any) -> Assembly:
+        """The same with frames and B of a load step, if these change along the path."""
+        if getattr(step, "frame", None) is None:
+            return self
+        turned = _in_frames(step.frame, self.frame, self.B)
+        bare = self._bare
+        if bare is not None:
+            bare = _in_frames(step.frame, self.frame, bare)
+        return replace(self, frame=step.frame, B=turned, _bare=bare)
 
     @property
     def cells(self) -> list[tuple[str, Ints]]:
@@ -366,17 +379,17 @@ class Assembly:
 
         return of_gradient(self, gradient, loads)
 
-    def gaps(self, steps: int) -> Floats | None:
+    def gaps(self, steps: int) -> Floats | MovingGaps | None:
         """Gaps of a load path, as ``gap`` of `ContactProblem.solve`.
 
         `problem` uses them without being asked.
 
         Returns
         -------
-        (steps, n_c, d) or None
+        (steps, n_c, d), bipot_rs.MovingGaps or None
             By component [m]: along the normal the distance of the moved obstacle, along
-            the tangents minus the displacement of its surface under the node. None if no
-            obstacle moves.
+            the tangents minus the displacement of its surface under the node. With frames
+            of each step if a normal changes. None if no obstacle moves.
 
         Raises
         ------
@@ -392,7 +405,7 @@ class Assembly:
 
     def gaps_between(
         self, before: int, motions: Sequence[Motion | None]
-    ) -> Floats | None:
+    ) -> Floats | MovingGaps | None:
         """Gaps after a part of a load step, in the form of `gaps`.
 
         Parameters
@@ -405,28 +418,35 @@ class Assembly:
 
         Returns
         -------
-        (n_c, d) or None
+        (n_c, d), bipot_rs.MovingGaps or None
             None if no obstacle moves. The gaps depend only on where the part ends, not on
             how the load step is divided.
         """
-        if self.moving is None:
+        found = self.placed_between(before, motions)
+        return None if found is None else simplified(found, self.frame)
+
+    def placed_between(
+        self, before: int, motions: Sequence[Motion | None]
+    ) -> MovingGaps | None:
+        """As `gaps_between`, with frames also if they are those of B."""
+        if self._path is None:
             return None
-        gaps: Floats = np.zeros_like(self.moving[0])
-        gaps[:, 0] = self.gap
+        gap, frame = self.gap, self.frame
+        drag: Floats = np.zeros_like(self.points)
         if before:
-            gaps = self.moving[before - 1].copy()
+            last = self._path[before - 1]
+            gap, frame, drag = last.gap.copy(), last.frame.copy(), last.drag.copy()
+        else:
+            gap, frame = gap.copy(), frame.copy()
         for group, motion in enumerate(motions):
             if motion is not None:
-                at = self.group == group
-                gaps[at] = gaps_onwards(
-                    self.bodies,
-                    self.contacts[group],
-                    motion,
-                    self.points[at],
-                    self.frame[at],
-                    gaps[at],
-                )
-        return gaps
+                at, contact = self.group == group, self.contacts[group]
+                met = gaps_onwards(self.bodies, contact, motion, self.points[at])
+                turned = self.inclined is not None
+                gap[at] = met.distance[0]
+                drag[at] += met.drag[0]
+                frame[at] = frames_of_steps(contact, frame[at], met.normal, turned)[0]
+        return MovingGaps(gap, frame, drag)
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a surface traction.
@@ -718,13 +738,12 @@ def without_stiffness(
     free = np.ones(n)
     free[fixed] = 0.0
     inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
-    moving = gaps_of_steps(found, dim)
     if inclined is not None:
         if dim == 3:
             # Contacts with two friction coefficients keep their tangents.
             plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[group]
             turned = inclined.tangents(frame, dofs[:, 0], plain)
-            B, moving = _in_frames(turned, frame, B, moving)
+            B = _in_frames(turned, frame, B)
             frame = turned
         bare = B
         B = inclined.relative(B)
@@ -739,6 +758,7 @@ def without_stiffness(
         B, fixed = ties.relative(B), ties.fixed
         free = np.ones(n)
         free[fixed] = 0.0
+    path = gaps_of_steps(found, contacts, frame, inclined is not None)
     left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
     whole = (
         abs(B if ties is not None or bare is None else bare)
@@ -765,7 +785,7 @@ def without_stiffness(
         group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
-        moving=moving,
+        moving=None if path is None else simplified(path, frame),
         nodes=points,
         symmetries=len(straight),
         springs=tuple(springs),
@@ -775,6 +795,7 @@ def without_stiffness(
         ties=ties,
         images=tuple(cuts),
         _bare=bare,
+        _path=path,
     )
 
 
@@ -784,23 +805,17 @@ def _with_points(points: Floats, references: Sequence[Reference]) -> Floats:
     return np.concatenate([points, *own])
 
 
-def _in_frames(
-    turned: Floats, frame: Floats, B: Any, moving: Floats | None
-) -> tuple[Any, Floats | None]:
-    """Convert B and the gaps of steps to the frames ``turned``."""
+def _in_frames(turned: Floats, frame: Floats, B: Any) -> Any:
+    """Convert B to the frames ``turned``."""
     rotation = np.einsum("cki,cli->ckl", turned, frame)
     same = (turned == frame).all(axis=(1, 2))
     if same.all():
-        return B, moving
+        return B
     rotation[same] = np.eye(turned.shape[1])
     blocks = sparse.bsr_array(
         (rotation, np.arange(len(frame)), np.arange(len(frame) + 1))
     )
-    if moving is not None:
-        moving = np.where(
-            same[:, None], moving, np.einsum("ckl,scl->sck", rotation, moving)
-        )
-    return sparse.csr_array(blocks.tocsr() @ B), moving
+    return sparse.csr_array(blocks.tocsr() @ B)
 
 
 def _inclined(

@@ -13,13 +13,14 @@ from scipy import sparse
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
-from bipot_rs.contact.frames import frames, operator
+from bipot_rs.contact.frames import frames, operator, turned_to
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.fem.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import turned_outward
 from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
-from bipot_rs.obstacle.shapes import Plane, approach, ask, onwards
+from bipot_rs.obstacle.shapes import Approach, Plane, approach, ask, onwards
 
 # Up to this number of pairs, comparing all nodes is faster than importing a tree.
 _ALL_PAIRS = 2**20
@@ -111,8 +112,8 @@ class Meeting:
         First degree of freedom of the node and of its partner, -1 without one.
     rows : sparse (d n_c, n) or None
         Rows of B, if they are not one node minus another node.
-    moved : (steps, n_c, d) or None
-        Gaps of each step by component, if the obstacle moves.
+    moved : Approach or None
+        Normals, gaps and drag of each step, if the obstacle moves.
     """
 
     points: Floats
@@ -121,7 +122,7 @@ class Meeting:
     area: Floats
     dofs: Ints
     rows: Any = None
-    moved: Floats | None = None
+    moved: Approach | None = None
 
 
 def meet(
@@ -164,20 +165,21 @@ def meet(
         between = points - bodies[o].points[theirs[match]]
         gap = np.einsum("cd,cd->c", frame[:, 0], between)
     else:
-        frame, moved = _rigid(
-            contact, rigid_obstacle(contact, body.dim), points, _normals(facets)[nodes]
-        )
-        gap = moved[0, :, 0].copy()
+        obstacle = rigid_obstacle(contact, body.dim)
+        met = _rigid(contact, obstacle, points, _normals(facets)[nodes])
+        frame, gap = frames(met.normal[0], contact.axis), met.distance[0]
+        if contact.motion is not None:
+            moved = Approach(*(field[1:] for field in met))
     clearance = _clearance(contact, points)
     if moved is not None:
-        moved[:, :, 0] += clearance
+        moved = moved._replace(distance=moved.distance + clearance)
     return Meeting(
         points=points,
         frame=frame,
         gap=gap + clearance,
         area=area,
         dofs=np.stack([offset[b] + body.dim * nodes, partner], axis=1),
-        moved=None if moved is None or contact.motion is None else moved[1:],
+        moved=moved,
     )
 
 
@@ -205,14 +207,9 @@ def _clearances(
 
 
 def gaps_onwards(
-    bodies: Sequence[Body],
-    contact: Contact,
-    motion: Motion,
-    points: Floats,
-    frame: Floats,
-    before: Floats,
-) -> Floats:
-    """Gaps by component after the second step of a motion, ``(n_c, d)`` [m].
+    bodies: Sequence[Body], contact: Contact, motion: Motion, points: Floats
+) -> Approach:
+    """Where the obstacle is after the second step of a motion, and its drag in that step.
 
     Parameters
     ----------
@@ -220,28 +217,20 @@ def gaps_onwards(
         The contact has a rigid obstacle.
     motion
         Motion of the obstacle in two steps, which replaces that of the contact.
-    points, frame
-        Positions and frames of the contact nodes.
-    before
-        Gaps after the first step, ``(n_c, d)``.
+    points
+        Positions of the contact nodes.
     """
     obstacle = rigid_obstacle(contact, points.shape[1])
+    body = bodies[body_index(bodies, contact.body)]
     if contact.pairing == "match":
-        distance, drag = onwards(obstacle, motion, points)
-        distance = distance + _clearance(contact, points)
-    else:
-        body = bodies[body_index(bodies, contact.body)]
-        smooth, nodal = _clearances(contact, body)
-
-        def at(places: Floats) -> Floats:
-            apart, carried = onwards(obstacle, motion, places)
-            return np.column_stack([apart + smooth(places), carried])
-
-        means, slave = _means(body, _facets_of(contact, body), at, 1 + points.shape[1])
-        distance, drag = means[:, 0] + slave @ nodal, means[:, 1:]
-    gaps = before - np.einsum("cij,cj->ci", frame, drag)
-    gaps[:, 0] = distance
-    return np.asarray(gaps, np.float64)
+        nodes = body.nodes(contact.surface, contact.within)
+        met = onwards(obstacle, motion, points, outward(body, contact.surface)[nodes])
+        return met._replace(distance=met.distance + _clearance(contact, points))
+    normal = onwards(obstacle, motion, points, _outwards(contact, body)(points)).normal
+    facets = _facets_of(contact, body)
+    return _mean(
+        contact, body, facets, normal, lambda at: onwards(obstacle, motion, at)
+    )
 
 
 def _check(contact: Contact, dim: int) -> None:
@@ -305,18 +294,14 @@ def _other(bodies: Sequence[Body], own: int, name: str) -> int:
 
 def _rigid(
     contact: Contact, obstacle: Obstacle, points: Floats, outwards: Floats
-) -> tuple[Floats, Floats]:
-    """Frames over a rigid obstacle, and gaps by component at the start and each step."""
+) -> Approach:
+    """A rigid obstacle at the start and after each step."""
     try:
-        met = approach(obstacle, contact.motion, points, outwards)
+        return approach(obstacle, contact.motion, points, outwards)
     except ValueError as error:
         raise ValueError(
             f"obstacle of the contact on {contact.surface!r}: {error}"
         ) from None
-    frame = frames(met.normal, contact.axis)
-    gaps = -np.einsum("cij,kcj->kci", frame, met.drag)
-    gaps[:, :, 0] = met.distance
-    return frame, gaps
 
 
 def _weighted(
@@ -392,9 +377,16 @@ def _facets_of(contact: Contact, body: Body) -> Ints:
     return facets
 
 
+def _outwards(contact: Contact, body: Body) -> Callable[[Floats], Floats]:
+    """Outward directions at nodes of a body, from their positions."""
+    out = outward(body, contact.surface)
+    known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}
+    return lambda places: np.array([known[x.tobytes()] for x in places])
+
+
 def _against_rigid(
     contact: Contact, body: Body, facets: Ints, dofs: Ints, n: int
-) -> tuple[Pairs, Floats | None]:
+) -> tuple[Pairs, Approach | None]:
     """Weighted gaps of a surface over a rigid obstacle, at the start and each step."""
     if contact.pairing != "mortar":
         raise ValueError(
@@ -403,19 +395,14 @@ def _against_rigid(
         )
     obstacle, motion = rigid_obstacle(contact, body.dim), contact.motion
     smooth, nodal = _clearances(contact, body)
-    out = outward(body, contact.surface)
-    known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}
-
-    def at_nodes(places: Floats) -> Floats:
-        return np.array([known[x.tobytes()] for x in places])
-
+    at_nodes = _outwards(contact, body)
     found = rigid_pairs(
         body.points,
         facets,
         lambda places: ask(obstacle, places).distance + smooth(places),
-        normal=lambda places: (
-            approach(obstacle, motion, places, at_nodes(places)).normal
-        ),
+        normal=lambda places: approach(
+            obstacle, motion, places, at_nodes(places)
+        ).normal[0],
         axis=contact.axis,
         dofs=dofs,
         n=n,
@@ -423,19 +410,38 @@ def _against_rigid(
     found = replace(found, gap=found.gap + found.slave @ nodal)
     if motion is None:
         return found, None
+    met = approach(obstacle, motion, found.points, at_nodes(found.points))
+    return found, _mean(
+        contact,
+        body,
+        facets,
+        met.normal[1:],
+        lambda places: Approach(
+            *(field[1:] for field in approach(obstacle, motion, places))
+        ),
+    )
+
+
+def _mean(
+    contact: Contact,
+    body: Body,
+    facets: Ints,
+    normal: Floats,
+    meet_at: Callable[[Floats], Approach],
+) -> Approach:
+    """Weighted means of distance and drag, with the normals ``(steps, n_c, d)`` of nodes."""
+    smooth, nodal = _clearances(contact, body)
 
     def at(places: Floats) -> Floats:
-        met = approach(obstacle, motion, places)
-        apart = met.distance[1:, :, None] + smooth(places)[..., None]
-        every = np.concatenate([apart, met.drag[1:]], axis=2)
+        met = meet_at(places)
+        apart = met.distance[:, :, None] + smooth(places)[..., None]
+        every = np.concatenate([apart, met.drag], axis=2)
         return np.ascontiguousarray(every.transpose(1, 0, 2)).reshape(len(places), -1)
 
-    states, d = motion.steps, body.dim
+    states, d = len(normal), body.dim
     means, slave = _means(body, facets, at, states * (1 + d))
-    means = means.reshape(-1, states, 1 + d)
-    gaps = -np.einsum("cij,ckj->kci", found.frame, means[:, :, 1:])
-    gaps[:, :, 0] = means[:, :, 0].T + slave @ nodal
-    return found, gaps
+    means = means.reshape(-1, states, 1 + d).transpose(1, 0, 2)
+    return Approach(normal, means[..., 0] + slave @ nodal, means[..., 1:])
 
 
 def _means(
@@ -461,9 +467,19 @@ def _means(
     return np.column_stack([mean.gap for mean in means]), means[0].slave
 
 
-def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
-    """Gaps of each step by component for all contacts; None if no obstacle moves."""
-    steps = sorted({len(one.moved) for one in found if one.moved is not None})
+def gaps_of_steps(
+    found: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
+) -> MovingGaps | None:
+    """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
+
+    Parameters
+    ----------
+    frame
+        Frames at the start, ``(n_c, d, d)``.
+    turned
+        Whether their tangents were turned to those of inclined supports.
+    """
+    steps = sorted({len(one.moved.drag) for one in found if one.moved is not None})
     if not steps:
         return None
     if len(steps) > 1:
@@ -471,14 +487,47 @@ def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
             f"the motions of obstacles have {' and '.join(map(str, steps))} steps: give "
             "all the same number of steps"
         )
-    parts = []
-    for one in found:
+    parts, first = [], 0
+    for one, contact in zip(found, contacts, strict=True):
+        own = frame[first : first + len(one.gap)]
+        first += len(one.gap)
         moved = one.moved
         if moved is None:
-            moved = np.zeros((steps[0], len(one.gap), dim))
-            moved[:, :, 0] = one.gap
-        parts.append(moved)
-    return np.concatenate(parts, axis=1)
+            moved = at_rest(one.gap, own, steps[0])
+            bases = np.broadcast_to(own, (steps[0], *own.shape))
+        else:
+            bases = frames_of_steps(contact, own, moved.normal, turned)
+        parts.append((moved.distance, bases, moved.drag))
+    return MovingGaps(
+        *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    )
+
+
+def at_rest(gap: Floats, frame: Floats, steps: int) -> Approach:
+    """An obstacle that stays where it is for some steps."""
+    shape = (steps, *frame[:, 0].shape)
+    return Approach(
+        np.broadcast_to(frame[:, 0], shape),
+        np.broadcast_to(gap, shape[:2]),
+        np.zeros(shape),
+    )
+
+
+def frames_of_steps(
+    contact: Contact, frame: Floats, normals: Floats, turned: bool
+) -> Floats:
+    """Frames ``(steps, n_c, d, d)`` with given normals, one after the other from ``frame``.
+
+    Tangents turn as little as normals do, unless ``axis`` determines them.
+    """
+    found = np.empty((*normals.shape[:2], *frame.shape[1:]))
+    for k, normal in enumerate(normals):
+        before = frame if k == 0 else found[k - 1]
+        found[k] = turned_to(before, normal)
+        if contact.axis is not None and (np.ndim(contact.mu) == 1 or not turned):
+            other = (found[k] != before).any(axis=(1, 2))
+            found[k, other] = frames(normal[other], contact.axis)
+    return found
 
 
 def relative_displacement(found: Sequence[Meeting], n: int) -> Any:

@@ -79,9 +79,9 @@ class Meets:
                 obstacle.closest(self.points - shift)
                 for shift in _shifts(motion, self.points.shape[1])
             ]
-            nearest = np.argmin([one.distance for one in seen], axis=0)
             shift = _shifts(motion, self.points.shape[1])
-            slope = curvature(obstacle, self.points - shift[nearest])
+            # The normals are those of the start in all steps.
+            slope = curvature(obstacle, self.points)
         except ValueError as error:
             raise ValueError(f"{what}: {error}") from None
         for k, G in enumerate(self.gap):

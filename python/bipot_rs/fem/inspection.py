@@ -16,6 +16,7 @@ from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact import rigid_motions
+from bipot_rs.contact.moving import gaps_by_component
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward
@@ -155,7 +156,7 @@ def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
     along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
     found = along.any(axis=1)
     if model.moving is not None:
-        found |= model.moving[:, :, 1:].any(axis=(0, 2))
+        found |= gaps_by_component(model.moving)[:, :, 1:].any(axis=(0, 2))
     return np.asarray(found, np.bool_)
 
 
@@ -178,7 +179,8 @@ def _far(
     for group, at in _groups(model):
         gap = model.gap[at]
         if model.moving is not None:
-            gap = np.minimum(gap, model.moving[:, at, 0].min(axis=0))
+            distance = gaps_by_component(model.moving)[:, at, 0]
+            gap = np.minimum(gap, distance.min(axis=0))
         nearest = at[np.argmin(gap)]
         if gap.min() > max(reach, _ROUNDING * size):
             yield (

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring
 from bipot_rs.fem.contact import Contact, body_index
@@ -78,6 +79,10 @@ class Assembled(Protocol):
     @property
     def dim(self) -> int:
         """2 or 3."""
+
+    @property
+    def moving(self) -> Floats | MovingGaps | None:
+        """Gaps of each step, if obstacles move."""
 
     @property
     def inclined(self) -> Any:
@@ -335,7 +340,8 @@ class ParameterGradient:
         Raises
         ------
         ValueError
-            The obstacle turns, is triangulated, or has no formula for its curvature.
+            The obstacle turns, moves such that its normals change, is triangulated, or has
+            no formula for its curvature.
         """
         return [
             None
@@ -364,6 +370,12 @@ class ParameterGradient:
     @cached_property
     def _meets(self) -> list[Meets]:
         model, d = self._model, self._model.dim
+        if isinstance(model.moving, MovingGaps):
+            raise ValueError(
+                "an obstacle turns or curves as it moves, and contacts have frames of each "
+                "step: derivatives with respect to nodes and obstacles need the same frames "
+                "in all steps"
+            )
         relative = np.zeros((2, *self._gap.shape))
         for side, sign in ((0, 1.0), (1, -1.0)):
             has = model.contact_dofs[:, side] >= 0

@@ -158,7 +158,9 @@ class BodySeries:
     ) -> None:
         """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
         model, own = self._model, self._cells
-        fields = model.fields(step.displacement, step.reaction, step.status)
+        fields = model.in_step(step).fields(
+            step.displacement, step.reaction, step.status
+        )
         rest = None if at_rest is None else at_rest[own]
         in_cells = cell_fields(model, step.displacement, rest, self._means)
         in_cells |= {name: field[own] for name, field in (more or {}).items()}

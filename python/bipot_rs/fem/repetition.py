@@ -21,6 +21,7 @@ from bipot_rs.fem.body import Body
 from bipot_rs.fem.contact import Contact, Meeting, body_index, nearest_points
 from bipot_rs.fem.ties import Relations
 from bipot_rs.obstacle.protocol import directed
+from bipot_rs.obstacle.shapes import Approach
 
 # Tolerance of coordinates from two meshers, relative to the size of the body.
 _SAME = 1e-7
@@ -247,7 +248,9 @@ def _some(one: Meeting, rest: Bools) -> Meeting:
         gap=one.gap[rest],
         area=one.area[rest],
         dofs=one.dofs[rest],
-        moved=None if one.moved is None else one.moved[:, rest],
+        moved=None
+        if one.moved is None
+        else Approach(*(values[:, rest] for values in one.moved)),
     )
 
 
@@ -263,7 +266,7 @@ def _agree(
     off = np.abs(one.gap[keep] - one.gap[drop]) / pairs.size
     off = np.maximum(off, turned / one.area[keep])
     if one.moved is not None:
-        apart = one.moved[:, keep, 0] - one.moved[:, drop, 0]
+        apart = one.moved.distance[:, keep] - one.moved.distance[:, drop]
         off = np.maximum(off, np.abs(apart).max(axis=0) / pairs.size)
     worst = int(np.argmax(off))
     if off[worst] > _AGREE:

@@ -4,11 +4,10 @@ An obstacle is any object with ``dim`` and ``closest(points)`` (`Obstacle`). The
 here have a formula; `Surface` consists of facets. The answers of classes defined
 elsewhere are checked (`ask`).
 
-Displacements are small: a contact keeps one frame for the whole path, taken where the
-obstacle comes nearest to the node. The gap of a step is the distance ``g`` between the
-moved obstacle and the undeformed node; a displacement u makes it ``g + n·u``. This
-neglects terms of order ``|u|²/R`` for an obstacle of radius R, and of order ``|u| θ`` if
-the normal turns by θ during contact.
+Displacements are small: the gap and the normal n of a load step are those of the moved
+obstacle at the undeformed node. The distance is ``g``; a displacement u makes it
+``g + n·u``. This neglects ``|u_t|²/(2R)`` of the gap and ``|u_t|/R`` of the normal for an
+obstacle of radius R. It is exact for planes, however they turn.
 """
 
 from __future__ import annotations
@@ -456,7 +455,7 @@ class Approach(NamedTuple):
     Attributes
     ----------
     normal
-        ``(n, d)``, in the state in which the obstacle is nearest to the node.
+        ``(1 + steps, n, d)``, towards the node.
     distance
         ``(1 + steps, n)`` [m], signed.
     drag
@@ -480,7 +479,7 @@ def approach(
     ``outward (n, d)`` are outward directions of the body there, of any length; with them
     a point on an edge of a `Surface` gets the normal of `Surface.facing`.
 
-    The tangential gap is ``-drag`` in the frame of the contact: a body at rest moves by
+    The tangential gap is ``-drag`` in the frame of the step: a body at rest moves by
     ``-s`` relative to an obstacle whose surface moves by ``s``. An obstacle translated by
     ``s`` is therefore equivalent, to rounding, to supports that move all bodies by ``-s``.
     """
@@ -491,32 +490,30 @@ def approach(
         )
     distance = np.empty((states, len(points)))
     drag = np.zeros((states, *points.shape))
-    normal = feet = np.empty_like(points)
+    normal = np.empty((states, *points.shape))
+    feet = np.empty_like(points)
     for k in range(states):
         before = feet
-        distance[k], towards, feet = _seen(obstacle, motion, points, k, outward)
-        if k == 0 or motion is None:
-            normal = towards
-            continue
-        drag[k] = drag[k - 1] + motion.drag(np.stack([before, feet]), k)
-        nearest = distance[k] < distance[:k].min(axis=0)
-        normal = np.where(nearest[:, None], towards, normal)
+        distance[k], normal[k], feet = _seen(obstacle, motion, points, k, outward)
+        if k > 0 and motion is not None:
+            drag[k] = drag[k - 1] + motion.drag(np.stack([before, feet]), k)
     return Approach(normal, distance, drag)
 
 
 def onwards(
-    obstacle: Obstacle, motion: Motion, points: Floats
-) -> tuple[Floats, Floats]:
-    """Distances after the second step of a motion, and the drag during that step.
+    obstacle: Obstacle,
+    motion: Motion,
+    points: Floats,
+    outward: Floats | None = None,
+) -> Approach:
+    """The second step of a motion in two steps: one state, and the drag during that step.
 
-    Returns
-    -------
-    distance, drag
-        ``(n,)`` and ``(n, d)`` [m]; `approach` adds this drag to that of the first step.
+    `approach` adds this drag to that of the first step.
     """
-    _, _, before = _seen(obstacle, motion, points, 1)
-    distance, _, feet = _seen(obstacle, motion, points, 2)
-    return distance, motion.drag(np.stack([before, feet]), 2)
+    _, _, before = _seen(obstacle, motion, points, 1, outward)
+    distance, normal, feet = _seen(obstacle, motion, points, 2, outward)
+    drag = motion.drag(np.stack([before, feet]), 2)
+    return Approach(normal[None], distance[None], drag[None])
 
 
 def _seen(

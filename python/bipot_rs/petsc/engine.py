@@ -120,6 +120,13 @@ class _Inquiry(StepProblem):
         )
 
 
+# Said before any work.
+NO_FRAMES = (
+    "an obstacle turns or curves as it moves, and load steps have frames of their own, which "
+    "engine='petsc' cannot solve: use engine='direct' or 'iterative'"
+)
+
+
 @dataclass(frozen=True)
 class PetscEngine:
     """Solves in the displacements with ``K`` distributed over the ranks.
@@ -164,6 +171,14 @@ class PetscEngine:
         """Not needed: a problem of PETSc has one set of friction coefficients."""
         raise ValueError("engine='petsc' cannot change mu: make another problem")
 
+    def rotated(self, _rotation: Floats, /) -> PetscEngine:
+        """Not available: the frames of a problem of PETSc are those of its B."""
+        raise ValueError(NO_FRAMES)
+
+    def replacement(self) -> PetscEngine:
+        """Nothing replaces this engine."""
+        return self
+
     def path(self, at: Step | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         if at is None:
@@ -173,7 +188,9 @@ class PetscEngine:
             self, _core.ContactPath(self.variables, state), at._kept.get("u")
         )
 
-    def recovery(self, _seconds: dict[str, float], _gap: Floats) -> _Recovery:
+    def recovery(
+        self, _seconds: dict[str, float], _gap: Floats, _frame: Floats | None, /
+    ) -> _Recovery:
         """Steps of this engine have their displacements already."""
         return _Recovery()
 

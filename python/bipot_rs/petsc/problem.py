@@ -35,6 +35,7 @@ from bipot_rs._lib.validation import (
 from bipot_rs.contact import remarks, summary
 from bipot_rs.contact.engines.choice import direct_bytes
 from bipot_rs.contact.load_path import state
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.problem import WITHOUT_FACTOR
 from bipot_rs.contact.result import Result as WholeResult
 from bipot_rs.contact.sensitivity.model import PathModel
@@ -43,7 +44,7 @@ from bipot_rs.contact.step_control import follow, increments
 from bipot_rs.petsc import components, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
 from bipot_rs.petsc.derivatives import Derivatives
-from bipot_rs.petsc.engine import PetscEngine
+from bipot_rs.petsc.engine import NO_FRAMES, PetscEngine
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.joined import Joined
 from bipot_rs.petsc.library import Library, load
@@ -440,7 +441,11 @@ class ContactProblem:
         def check() -> tuple[Any, Sequence[Any], Floats]:
             chosen = settings("newton", tol, max_iterations, max_seconds)
             callback("on_step", on_step)
-            state(start, contacts, d)
+            before = state(start, contacts, d)
+            turned = before is not None and before.frame is not None
+            given: object = gap
+            if isinstance(given, MovingGaps) or turned:
+                raise ValueError(NO_FRAMES)
             motions = rows_of_steps("prescribed", prescribed, len(self._fixed))
             steps = together(
                 "prescribed",

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
+from bipot_rs.contact.frames import of_step
 from bipot_rs.plots import style
 from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
@@ -135,8 +136,9 @@ def deformed(
     tails, longest = places[:0], 0.0
     if forces:
         view = _view(model, places, near, corners)
+        reaction, frame = np.asarray(found.reaction), of_step(found, model.frame)
         tails, longest = _forces(
-            model, places, np.asarray(found.reaction), view, largest_force, ax
+            model, places, reaction, frame, view, largest_force, ax
         )
     bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
     if corners is not None:
@@ -306,12 +308,13 @@ def _forces(
     model: Assembly,
     places: Floats,
     reaction: Floats,
+    frame: Floats,
     extent: float,
     longest: float | None,
     ax: Any,
 ) -> tuple[Floats, float]:
     """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
-    force = np.einsum("ck,ckd->cd", reaction, model.frame)
+    force = np.einsum("ck,ckd->cd", reaction, frame)
     size = np.linalg.norm(force, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
@@ -346,6 +349,7 @@ def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
 
     from bipot_rs.fem.contact_surface import contact_surface
 
+    model = model.in_step(found)
     normal = model.frame[:, 0]
     # The gap at this step: the obstacle may have moved.
     gap = (

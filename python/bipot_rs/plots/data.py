@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import meant, mistyped
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Solution, Step
 from bipot_rs.mortar.pairs import Pairs
@@ -237,6 +238,8 @@ def look(
         else floats(f"{name} of contacts", known[name], shape=shape, copy=False)
         for name, shape in shapes.items()
     }
+    if own["frame"] is not None:
+        own["frame"] = of_step(solution, own["frame"])
     v = solution.relative_displacement
     fields = {
         "reaction": solution.reaction,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.elliptic_friction import dissipation as by_pressure
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.resultants import held, is_curved
 from bipot_rs.contact.status import STATUS_NAMES
@@ -86,12 +87,13 @@ def draw_resultants(
     Parameters
     ----------
     reaction, frame, mu
-        ``(steps, n_c, d)``, ``(n_c, d, d)``, ``(n_c,)`` or ``(n_c, 2)``.
+        ``(steps, n_c, d)``, ``(n_c, d, d)`` or ``(steps, n_c, d, d)``, ``(n_c,)`` or
+        ``(n_c, 2)``.
     parts
         Name and contacts of each surface.
     """
     for k, (_, own) in enumerate(parts):
-        frames = None if frame is None else frame[own]
+        frames = None if frame is None else frame[..., own, :, :]
         coefficients = None if mu is None else mu[own]
         _of_surface(
             reaction[:, own],
@@ -104,7 +106,9 @@ def draw_resultants(
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
     ax.set_xlabel("load step")
     if len(parts) > 1:
-        curved = frame is not None and any(is_curved(frame[o, 0]) for _, o in parts)
+        curved = frame is not None and any(
+            is_curved(_normals(frame[..., o, :, :])) for _, o in parts
+        )
         _name_surfaces([name for name, _ in parts], ax, curved, mu is not None)
     else:
         canvas.legend_above(ax)
@@ -125,8 +129,8 @@ def _of_surface(
     style = _style(len(reaction))
     force = None
     names = ("normal", "tangential", "within ±Σ μ × normal")
-    if frame is not None and is_curved(frame[:, 0]):
-        force = np.einsum("sck,ckd->sd", reaction, frame)
+    if frame is not None and is_curved(_normals(frame)):
+        force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
         names = ("Σ normal", "Σ |tangential|", "within Σ μ × normal")
         press, least = reaction[..., 0].sum(axis=1), 0.0
         size = np.linalg.norm(reaction[..., 1:], axis=-1)
@@ -258,7 +262,8 @@ def force_displacement(
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
         if frame is not None:
-            v = np.einsum("sck,ckd->scd", v, frame[:, 1:])
+            every = _of_steps(frame, path.reaction[:, chosen])
+            v = np.einsum("sck,sckd->scd", v, every[:, :, 1:])
         delta = v.mean(axis=1) @ main
         name = name or "mean relative displacement"
     else:
@@ -327,10 +332,24 @@ def _chosen(
     chosen = selection(where, n, known)
     frame, mu = known.get("frame"), known.get("mu")
     if frame is not None:
-        frame = floats("frame of contacts", frame, shape=(n, d, d))[chosen]
+        frame = floats("frame of contacts", frame, shape=(n, d, d))
+        if any(step.frame is not None for step in path):
+            frame = np.stack([of_step(step, frame) for step in path])
+        frame = frame[..., chosen, :, :]
     if mu is not None:
         mu = np.asarray(mu)[chosen]
     return chosen, frame, mu
+
+
+def _normals(frame: Floats) -> Floats:
+    """Normals of frames ``(n_c, d, d)`` or ``(steps, n_c, d, d)``, as rows."""
+    return np.asarray(frame[..., 0, :].reshape(-1, frame.shape[-1]))
+
+
+def _of_steps(frame: Floats, reaction: Floats) -> Floats:
+    """Frames of each step, ``(steps, n_c, d, d)``."""
+    d = reaction.shape[-1]
+    return np.broadcast_to(frame, (*reaction.shape[:-1], d, d))
 
 
 def sums(
@@ -346,11 +365,12 @@ def sums(
     if frame is None:
         press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)
     else:
-        force = np.einsum("sck,ckd->sd", reaction, frame)
+        force = np.einsum("sck,sckd->sd", reaction, _of_steps(frame, reaction))
+        normals = _normals(frame)
         # Opposite normals, as of a clamp, count as parallel.
-        side = np.where(frame[:, 0] @ frame[0, 0] < 0, -1.0, 1.0)
-        parallel = not is_curved(frame[:, 0] * side[:, None])
-        normal = frame[0, 0] if parallel else frame[:, 0].mean(axis=0)
+        side = np.where(normals @ normals[0] < 0, -1.0, 1.0)
+        parallel = not is_curved(normals * side[:, None])
+        normal = normals[0] if parallel else normals.mean(axis=0)
         length = np.linalg.norm(normal)
         # Around a hole the normals cancel: the whole force is then tangential.
         normal = normal / length if length > _AROUND else np.zeros_like(normal)
@@ -363,7 +383,10 @@ def sums(
     if mu is not None and parallel:
         if mu.ndim == 2:
             # Extent of the friction ellipse along the direction of the force.
-            tangents = np.eye(2) if frame is None else frame[:, 1:]
+            # Of the last step, if frames change about one normal.
+            tangents = np.eye(2)
+            if frame is not None:
+                tangents = _of_steps(frame, reaction)[-1, :, 1:]
             mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
         limit = reaction[..., 0] @ mu
     return press, drag @ main, limit, main

@@ -67,8 +67,9 @@ def tractions(
     at = range(len(steps))[step]
     drawn = steps[at]
     n, d = known["x"].shape
+    frames = np.array([one.get("frame", known["frame"]) for one in steps])
     seen = Contacts(
-        **known,  # type: ignore[arg-type]
+        **(known | {"frame": frames[at]}),
         reaction=drawn["reaction"],
         status=drawn["status"].astype(np.int8),
         gap=np.zeros(n),
@@ -92,7 +93,7 @@ def tractions(
     if len(steps) > 1:
         left, right = parts[-1].subplots(1, 2)
         reaction = np.array([step["reaction"] for step in steps])
-        draw_resultants(reaction, seen.frame, seen.mu, seen.surfaces, names, left)
+        draw_resultants(reaction, frames, seen.mu, seen.surfaces, names, left)
         draw_shares(np.array([step["status"] for step in steps]), right)
         said = f"load step {at + 1} of {len(steps)}"
         title = f"{title}, {said}" if title else said
@@ -140,9 +141,12 @@ def _checked(
     shapes_known = {"area": (n,), "mu": coefficients, "frame": (n, d, d)}
     known = taken("contacts", contacts, shapes_known)
     shapes: dict[str, tuple[int, ...]] = {"reaction": (n, d), "status": (n,)}
-    return known | {"x": x}, [
-        taken(f"step {k}", step, shapes) for k, step in enumerate(steps)
-    ]
+    found = []
+    for k, step in enumerate(steps):
+        # A step has frames of its own if an obstacle turns or curves.
+        own = {} if step.get("frame") is None else {"frame": (n, d, d)}
+        found.append(taken(f"step {k}", step, shapes | own))
+    return known | {"x": x}, found
 
 
 def _maps(figure: Any, seen: Contacts) -> None:

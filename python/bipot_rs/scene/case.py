@@ -13,7 +13,9 @@ from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.engines.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.load_steps import Totals, differing, reached
+from bipot_rs.contact.moving import MovingGaps, joined, simplified
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
@@ -81,7 +83,7 @@ class Case:
         The loads whose nodal forces add up to `load`.
     scene : Scene or None
         The scene that this case was made from.
-    gaps : (steps, n_c, d) or None
+    gaps : (steps, n_c, d), MovingGaps or None
         If obstacles move: gaps at each load step [m], as `fem.Assembly.gaps`.
     """
 
@@ -91,7 +93,7 @@ class Case:
     parameter: Floats
     loads: tuple[Load, ...] = ()
     scene: Scene | None = None
-    gaps: Floats | None = None
+    gaps: Floats | MovingGaps | None = None
 
     def problem(
         self,
@@ -215,7 +217,7 @@ class Case:
                 known[t] = self._at(t)
             return known[t]
 
-        def gap(t: float) -> Floats:
+        def gap(t: float) -> Floats | MovingGaps:
             found = at(t)[2]
             return self.model.gap if found is None else found
 
@@ -303,7 +305,7 @@ class Case:
         """Loads and prescribed displacements of some load steps."""
         return None if self.load is None else self.load[steps], self.prescribed[steps]
 
-    def _gaps_of(self, steps: slice) -> Floats | None:
+    def _gaps_of(self, steps: slice) -> Floats | MovingGaps | None:
         return None if self.gaps is None else self.gaps[steps]
 
     def _check_start(self, start: Result | Step | None, first: int) -> None:
@@ -439,8 +441,10 @@ class Case:
         In global components.
         """
         contacts = self.contacts_of(name)
-        force = result.reaction[:, contacts]
-        found: Floats = np.einsum("sck,ckd->sd", force, self.model.frame[contacts])
+        found = np.zeros((len(result), self.model.dim))
+        for force, step in zip(found, result, strict=True):
+            frame = of_step(step, self.model.frame)[contacts]
+            force[:] = np.einsum("ck,ckd->d", step.reaction[contacts], frame)
         return found
 
     def support_force(self, result: Result, name: str) -> Floats:
@@ -472,7 +476,7 @@ class Case:
         found = np.zeros((len(result), model.dim))
         for force, step in zip(found, result, strict=True):
             out = model.K[dofs] @ step.displacement
-            out -= model.B[:, dofs].T @ step.reaction.ravel()
+            out -= model.in_step(step).B[:, dofs].T @ step.reaction.ravel()
             if step.load is not None:
                 out -= step.load[dofs]
             np.add.at(force, dofs % model.dim, out)
@@ -607,23 +611,25 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     )
 
 
-def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | None:
+def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | MovingGaps | None:
     """Gaps at the ends of steps; None if no obstacle moves."""
     whole = model.gaps(scene.path.count())
     if whole is None:
         return None
-    found = np.empty((len(t), *whole.shape[1:]))
-    for k, place in enumerate(t):
+    found = []
+    for place in t:
         before = int(place)
         if before == place and before > 0:
-            found[k] = whole[before - 1]
-            continue
-        ends = np.array([before, place], np.float64)
-        motions = [
-            motion_of(scene.obstacle[c.obstacle], scene.path, ends)
-            if c.obstacle
-            else None
-            for c in scene.contact
-        ]
-        found[k] = model.gaps_between(before, motions)
-    return found
+            ended = model.placed_between(before, [None] * len(scene.contact))
+        else:
+            ends = np.array([before, place], np.float64)
+            motions = [
+                motion_of(scene.obstacle[c.obstacle], scene.path, ends)
+                if c.obstacle
+                else None
+                for c in scene.contact
+            ]
+            ended = model.placed_between(before, motions)
+        if ended is not None:
+            found.append(ended)
+    return simplified(joined(found), model.frame)

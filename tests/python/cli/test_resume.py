@@ -14,6 +14,7 @@ from bars import bar_problem, pulled
 from bipot_rs.scene import assemble, bodies, read
 from children import bipot, bipot_with
 from comparisons import content
+from rollers import roller
 
 # Enough contacts for the inverse of W, which a path makes once.
 SCENE = ("run", "cyclic_cube", "--set", "mesh.n=6", "--set", "path.steps=9")
@@ -168,6 +169,28 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
     assert len(grown) > (steps[1].status > 0).sum() + 12
     case = m.assemble()
     assert case.problem().stats["working_set"] is not None
+
+
+@pytest.mark.parametrize("automatic", [None, {"slip": 0.01, "first": 0.5}])
+def test_a_path_with_frames_of_each_step_is_resumed_to_the_same_files(
+    automatic: Any, tmp_path: Path
+) -> None:
+    roller(automatic=automatic).to_toml(tmp_path / "roller.toml")
+    scene = ("run", "roller.toml", "--out")
+    assert bipot(*scene, "whole", cwd=tmp_path).returncode == 0
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    row = "bipot_rs.cli.report:row"
+    assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
+    assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
+    found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
+    assert found == expected
+    for step in bp.load(tmp_path / "here" / "result.h5"):
+        assert step.frame is not None
+    assert bipot("plot", "whole", cwd=tmp_path).returncode == 0
 
 
 def test_problems_of_a_resumed_path(broken: Path) -> None:

@@ -43,7 +43,8 @@ def held(
 
 def forces(model: fem.Assembly, result: bp.Result) -> np.ndarray:
     """Contact forces on the nodes in global components, ``(steps, n_c, d)``."""
-    return np.einsum("kci,cij->kcj", result.reaction, model.frame)
+    frames = [model.in_step(step).frame for step in result]
+    return np.einsum("kci,kcij->kcj", result.reaction, frames)
 
 
 def test_a_plane_by_either_name() -> None:
@@ -238,14 +239,13 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
     contact = fem.Contact("slab", "top", 0.3, obstacle=ball, motion=ob.Motion(ways))
     model, _ = held(slab(5, dim), [contact])
     gaps = model.gaps(4)
-    assert gaps is not None
+    assert isinstance(gaps, bp.MovingGaps)
     for way, gap in zip(ways, gaps, strict=True):
-        there = ob.Sphere(np.array([*top, 1.5]) + way, 1.5)
+        there = ob.Sphere(np.array([*top, 1.5]) + way, 1.5).closest(model.points)
+        np.testing.assert_allclose(gap.gap, there.distance, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(gap.frame[:, 0], there.normal, rtol=0, atol=1e-15)
         np.testing.assert_allclose(
-            gap[:, 0], there.closest(model.points).distance, rtol=0, atol=1e-15
-        )
-        np.testing.assert_allclose(
-            gap[:, 1:], -model.frame[:, 1:] @ way, rtol=0, atol=1e-16
+            gap.by_component[:, 1:], -gap.frame[:, 1:] @ way, rtol=0, atol=1e-16
         )
 
 
@@ -260,6 +260,8 @@ def test_a_roller_drags_the_sticking_nodes() -> None:
     result = problem.solve(gap=model.gaps(3), tol=TOL)
     stuck = (result.status == bp.Status.STICK).all(axis=0)
     assert 4 <= stuck.sum() < len(stuck)
+    # The roller stays where it is after the first step, and so do the frames.
+    model = model.in_step(result[0])
     u = (model.B @ result.displacement.T).T.reshape(3, -1, 2)
     # Counter-clockwise, the lowest point moves to the right; all closest points move by ω r,
     # except that they lie on the lowered circle.
@@ -267,8 +269,9 @@ def test_a_roller_drags_the_sticking_nodes() -> None:
     gone = u[1, stuck, 1] - u[0, stuck, 1]
     np.testing.assert_allclose(np.abs(gone), turned * radius, rtol=1e-3)
     assert np.array_equal(np.sign(gone), np.sign(way))
-    gaps = model.gaps(3)
-    assert gaps is not None
+    moving = model.gaps(3)
+    assert isinstance(moving, bp.MovingGaps)
+    gaps = moving.by_component
     # Sticking nodes move with the surface below them, to the accuracy of the solution.
     np.testing.assert_allclose(
         gone, -(gaps[1] - gaps[0])[stuck, 1], rtol=0, atol=1e-9 * turned * radius
@@ -538,7 +541,10 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
         "it", "top", 0.0, obstacle=punch, motion=motion, pairing=pairing
     )
     model = fem.assemble([body], [contact])
-    gap = model.gap if model.moving is None else model.moving[-1, :, 0]
+    gap, normal = model.gap, model.frame[:, 0]
+    if moving:
+        assert isinstance(model.moving, bp.MovingGaps)
+        gap, normal = model.moving.gap[-1], model.moving.frame[-1, :, 0]
     flat = model.points @ turn
     under = np.abs(flat[:, :2]).max(axis=1) <= 1 + 1e-9
     assert under.sum() == 25
@@ -546,7 +552,7 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     inner = under if pairing == "match" else np.abs(flat[:, :2]).max(axis=1) < 0.9
     np.testing.assert_allclose(gap[inner], 0, rtol=0, atol=1e-14)
     np.testing.assert_allclose(
-        model.frame[under, 0], np.tile(-turn[:, 2], (25, 1)), rtol=0, atol=1e-13
+        normal[under], np.tile(-turn[:, 2], (25, 1)), rtol=0, atol=1e-13
     )
 
 

@@ -506,7 +506,8 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
         found = result[step]
         nodes = model.contact_dofs[:, 0] // 2
         drawn = model.nodes[nodes] + scale * found.displacement.reshape(-1, 2)[nodes]
-        apart = np.einsum("cd,cd->c", model.frame[:, 0], drawn - edge(step, scale))
+        normal = model.in_step(found).frame[:, 0]
+        apart = np.einsum("cd,cd->c", normal, drawn - edge(step, scale))
         # Its distance from the body is the gap of the open contacts, up to rounding of
         # coordinates of size 4.
         np.testing.assert_allclose(

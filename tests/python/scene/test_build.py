@@ -88,6 +88,14 @@ def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
             assert by_arrays[name] == content_of, name
 
 
+def same_gaps(one: bp.MovingGaps, other: bp.MovingGaps) -> bool:
+    """Compare gaps, frames and displacements bitwise."""
+    names = ("gap", "frame", "drag")
+    return all(
+        getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names
+    )
+
+
 def test_the_obstacle_is_that_of_the_library() -> None:
     from bipot_rs import obstacle as ob
 
@@ -102,7 +110,7 @@ def test_the_obstacle_is_that_of_the_library() -> None:
     contact = fem.Contact("block", "top", 0.3, obstacle=disc, motion=motion)
     ground = fem.Support("block", "bottom", (0, 1))
     model = fem.assemble(case.model.bodies, [contact], [ground])
-    assert model.gaps(3).tobytes() == case.gaps.tobytes()
+    assert same_gaps(model.gaps(3), case.gaps)
     assert model.frame.tobytes() == case.model.frame.tobytes()
 
 
@@ -123,7 +131,7 @@ def test_automatic_steps_of_an_obstacle() -> None:
     )
     # At the ends of load steps equal to those of load steps, bit by bit.
     whole = np.isin(result.s, [1.0, 2.0, 3.0])
-    assert at.gaps[whole].tobytes() == case.gaps.tobytes()
+    assert same_gaps(at.gaps[whole], case.gaps)
     # A pure translation is linear in between, and so are the gaps of a plane.
     m = block()
     m.obstacle("flat", plane={"point": [0, 0.1], "normal": [0, -1]})

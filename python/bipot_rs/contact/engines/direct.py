@@ -17,6 +17,7 @@ from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.engines.engine import Asked
 from bipot_rs.contact.error_bound import ErrorBound, from_core, without
+from bipot_rs.contact.moving import rotated, rotation
 from bipot_rs.contact.solution import Solution, Step
 
 
@@ -44,6 +45,14 @@ class Direct:
         """The same problem with other friction coefficients."""
         return Direct(self.core.with_mu(mu))
 
+    def rotated(self, rotation: Floats) -> Direct:
+        """The same problem in other frames, Q by rows."""
+        return Direct(self.core.rotated(rotation))
+
+    def replacement(self) -> Direct:
+        """Nothing replaces this engine."""
+        return self
+
     def path(self, at: Step | None) -> DirectPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         stand = start(at, self.core.stats["rigid_motions"])
@@ -53,9 +62,11 @@ class Direct:
             self.core.make_inverse()
         return DirectPath(self, path)
 
-    def recovery(self, seconds: dict[str, float], gap: Floats) -> _Recovery:
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
+    ) -> _Recovery:
         """What computes the displacements of steps."""
-        return _Recovery(self.core, seconds, gap)
+        return _Recovery(self.core, seconds, gap, frame)
 
     def inquiry(self, asked: Asked) -> _StepProblem:
         """What answers questions about a step."""
@@ -84,8 +95,16 @@ class DirectPath:
 class _StepProblem:
     """The problem of a step, for the properties of its solution that are computed on use."""
 
-    core: _core.Condensed
+    kept: _core.Condensed
     asked: Asked
+
+    @property
+    def core(self) -> _core.Condensed:
+        """The condensed bodies with the frames and gaps of the step."""
+        turned = self.asked.turned
+        if turned is None:
+            return self.kept
+        return self.kept.rotated(turned.rotation).with_gap(turned.gap)
 
     @property
     def _loads(self) -> tuple[Floats, Floats, Floats | None]:
@@ -161,6 +180,7 @@ class _Recovery:
     core: _core.Condensed
     seconds: dict[str, float]
     gap: Floats
+    frame: Floats | None = None
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
@@ -181,11 +201,17 @@ class _Recovery:
             if step.load is None or step.prescribed is None:
                 continue
             amounts = none if step.rigid_motion is None else step.rigid_motion
-            states.append((step.load, step.prescribed, step.reaction, amounts))
             gap = self.gap if step.gap is None else step.gap
             slip = np.zeros_like(step.relative_displacement)
             slip[:, 1:] = step.slip
-            confirmed.append((step.relative_displacement, gap, slip))
+            reaction, v = step.reaction, step.relative_displacement
+            if step.frame is not None and self.frame is not None:
+                # The factor belongs to B, whose rows are in the frames of the problem.
+                back = rotation(self.frame, step.frame)
+                reaction, v = rotated(back, reaction), rotated(back, v)
+                gap, slip = rotated(back, gap), rotated(back, slip)
+            states.append((step.load, step.prescribed, reaction, amounts))
+            confirmed.append((v, gap, slip))
         u = self.core.displacements(states, confirmed)
         self.seconds["recover"] += time.perf_counter() - began
         return u

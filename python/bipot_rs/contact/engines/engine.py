@@ -32,6 +32,14 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Turned:
+    """A step in other frames than those of B: Q by rows, and gaps by component."""
+
+    rotation: Floats
+    gap: Floats
+
+
+@dataclass(frozen=True)
 class Asked:
     """One load step, for questions about its solution.
 
@@ -43,6 +51,8 @@ class Asked:
         Relative displacement after the step before; None for the unloaded bodies.
     known
         Relative error of K, if it is not rounding.
+    turned
+        Frames and gaps of the step, if these are not those of the engine.
     """
 
     load: Floats
@@ -51,6 +61,7 @@ class Asked:
     settings: Settings
     named: Named
     known: Known | None = None
+    turned: Turned | None = None
 
 
 class Path(Protocol):
@@ -91,11 +102,19 @@ class Engine(Protocol):
     def with_mu(self, mu: Floats, /) -> Engine:
         """The same problem with other friction coefficients."""
 
+    def rotated(self, rotation: Floats, /) -> Engine:
+        """The same problem in other frames: Q of each contact by rows, ``(d n_c, d)``."""
+
+    def replacement(self) -> Engine:
+        """The engine that solves what this one cannot; itself if there is none."""
+
     def path(self, at: Step | None, /) -> Path:
         """A load path that starts from a step, or from the unloaded bodies."""
 
-    def recovery(self, seconds: dict[str, float], gap: Floats, /) -> Recovery:
-        """What computes the displacements of steps."""
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None, /
+    ) -> Recovery:
+        """What computes the displacements of steps; ``frame`` is that of B."""
 
     def inquiry(self, asked: Asked, /) -> Inquiry:
         """What answers questions about the solution of a step."""

@@ -20,7 +20,7 @@ from bipot_rs.contact.engines.engine import Asked, Engine, Path
 from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.error_bound import ErrorBound, without
 from bipot_rs.contact.reduced import solution_fields
-from bipot_rs.contact.solution import Solution, Step
+from bipot_rs.contact.solution import Recovery, Solution, Step
 
 
 @dataclass
@@ -54,6 +54,7 @@ class Iterative:
     mu: Floats | None = None
     record: Record = field(default_factory=Record)
     loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
+    rotation: Floats | None = None
     name = "iterative"
 
     @property
@@ -78,6 +79,17 @@ class Iterative:
         """The same problem with other friction coefficients."""
         return replace(self, core=self.core.with_mu(mu), mu=mu)
 
+    def rotated(self, rotation: Floats) -> Engine:
+        """The same problem in other frames, Q by rows.
+
+        It is the direct engine if supports at a contact are oblique to the new frames.
+        """
+        core = self.core.rotated(rotation)
+        if core is None:
+            self.record.replaced = "a support is oblique to the frame of a contact"
+            return self.replacement().rotated(rotation)
+        return replace(self, core=core, rotation=rotation)
+
     def path(self, at: Step | None) -> IterativePath:
         """A load path that starts from a step, or from the unloaded bodies."""
         return IterativePath(self, self.from_step(at), at)
@@ -89,18 +101,21 @@ class Iterative:
         state = at.reaction, at.relative_displacement, at.status
         return _core.PrimalPath(self.core, state, at._kept.get("u"))
 
-    def recovery(self, seconds: dict[str, float], gap: Floats) -> _Recovery:
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
+    ) -> _Recovery:
         """What computes the displacements of steps."""
-        return _Recovery(self, seconds, gap)
+        return _Recovery(self, seconds, gap, frame)
 
     def inquiry(self, asked: Asked) -> StepProblem:
         """What answers questions about a step."""
         return StepProblem(asked)
 
     def replacement(self) -> Engine:
-        """The direct engine with the same friction."""
+        """The direct engine with the same friction and frames."""
         made = self.direct()
-        return made if self.mu is None else made.with_mu(self.mu)
+        made = made if self.mu is None else made.with_mu(self.mu)
+        return made if self.rotation is None else made.rotated(self.rotation)
 
 
 class IterativePath:
@@ -183,6 +198,7 @@ class _Recovery:
     engine: Iterative
     seconds: dict[str, float]
     gap: Floats
+    frame: Floats | None = None
 
     def has_factor(self) -> bool:
         """Displacements are always available."""
@@ -194,10 +210,14 @@ class _Recovery:
 
     def condensed(self) -> _core.Condensed:
         """The bodies as the direct engine condenses them, if derivatives stall."""
-        return self.engine.replacement().recovery(self.seconds, self.gap).condensed()
+        return self._direct().condensed()
 
     def __call__(self, steps: Sequence[Step]) -> Floats:
-        return self.engine.replacement().recovery(self.seconds, self.gap)(steps)
+        return self._direct()(steps)
+
+    def _direct(self) -> Recovery:
+        direct = self.engine.replacement()
+        return direct.recovery(self.seconds, self.gap, self.frame)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.load_path import Following
-from bipot_rs.contact.load_steps import Totals
+from bipot_rs.contact.load_steps import Gap, Totals
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.solution import Step
 
 
@@ -77,8 +78,7 @@ class Cycles:
         path = self.path(at)
         worn, slid = np.zeros_like(depth), np.zeros_like(depth)
         for load, prescribed, gap in self.totals:
-            opened = (self.gap if gap is None else gap).copy()
-            opened[:, 0] += depth + worn
+            opened = opened_by(depth + worn, self.gap if gap is None else gap)
             step = path.advance(load, prescribed, opened)
             press = np.maximum(step.reaction[:, 0], 0.0)
             slip = np.linalg.norm(step.slip, axis=1)
@@ -86,3 +86,12 @@ class Cycles:
             slid += np.where(press > 0, slip, 0.0)
             path.steps[-1] = replace(step, wear=depth + worn, cycle=number)
         return Cycle(path, worn, slid)
+
+
+def opened_by(depth: Floats, gap: Gap) -> Gap:
+    """Gaps of one step whose normal parts are larger by ``depth (n_c,)``."""
+    if isinstance(gap, MovingGaps):
+        return gap.opened(depth)
+    opened = gap.copy()
+    opened[:, 0] += depth
+    return opened
