@@ -129,10 +129,11 @@ def test_an_obstacle_that_nothing_holds() -> None:
         "it", "top", 0.0, obstacle=contact.obstacle, floating=contact.floating
     )
     slippery = fem.assemble(model.bodies, [bare], model.supports)
-    assert inspect(slippery) == [
+    (said,) = inspect(slippery)
+    assert said == (
         "obstacle 'punch' can move freely, and no contact holds it: prescribe its motion, "
         "or add a contact or friction that stops it"
-    ]
+    )
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -238,7 +239,12 @@ def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
         [Support("it", "top", own, at=x) for x, own in corners],
         remotes=[Remote("grip", "it", "top")],
     )
-    assert inspect(model) == []
+    (said,) = inspect(model)
+    assert said == (
+        "supports on nodes of the rigid set 'grip' determine 6 of the 6 components of its "
+        "motion: loads at its point act on these supports; exclude the nodes by within if "
+        "the set should move"
+    )
     f = model.body_force("it", [1.0, 2.0, -3.0])
     shift, turn = model.reference_motion("grip", model.problem().solve(f).displacement)
     np.testing.assert_allclose(shift, 0, atol=1e-15)
@@ -396,7 +402,7 @@ def test_mistakes_of_references() -> None:
         surface=None,
         at=[3.0, 0.0],
     )
-    refused("has no nodes within the ranges", surface=None, within={0: (0.1, 0.2)})
+    refused("has no nodes: within excludes all", surface=None, within={0: (0.1, 0.2)})
     other = Remote("a", "it", "top", components=[0], distributed=True)
     refused("only a rigid set has a prescribed motion", remotes=[other])
 
