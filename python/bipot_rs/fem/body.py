@@ -275,7 +275,9 @@ class Body:
             )
         nodes = self._within(nodes, within, whose)
         if not nodes.size:
-            raise ValueError(f"{whose} has no nodes within the ranges: widen within")
+            raise ValueError(
+                f"{whose} has no nodes: within excludes all of them, widen its ranges"
+            )
         if at is None:
             return nodes
         x = floats("at", at, shape=(self.dim,))

@@ -62,14 +62,16 @@ def inspect(
         One sentence for each warning: nodes that penetrate at the start; surfaces that
         face away from their obstacle; contacts too far away to close; contacts without
         friction because supports prescribe the tangential displacement; bodies that
-        neither supports nor contacts hold, with the free motion; a Young's modulus, size
-        or loads that seem to use different units.
+        neither supports nor contacts hold, with the free motion; rigid sets whose motion
+        supports on their nodes determine; a Young's modulus, size or loads that seem to use
+        different units.
     """
     found = [
         *_penetrating(model),
         *_facing_away(model),
         *_without_friction(model, prescribed),
         *unheld(model),
+        *_determined(model),
         *_units(model),
     ]
     if load is not None or prescribed is not None:
@@ -225,6 +227,10 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
     section of the bounding box of the body. Forces in mutual balance count too.
     """
     every = np.atleast_2d(load)
+    if model.references:
+        # What a rigid set passes on to supports of its nodes does not load the body.
+        every = every.copy()
+        every[:, model.fixed] = 0.0
     for body, first in zip(model.bodies, model.offset, strict=True):
         young = _stiffest(body.material)
         own = every[:, first : first + body.points.size]
@@ -237,6 +243,24 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
                 f"units may be mixed: the loads of body {body.name!r} over its largest "
                 f"section are {mean:.3g}, {100 * mean / young:.2g} % of its Young's modulus "
                 f"{young:g}, but the theory assumes small strains"
+            )
+
+
+def _determined(model: Assembly) -> Iterator[str]:
+    """Rigid sets with components that follow from prescribed displacements of their nodes."""
+    if model.ties is None:
+        return
+    for one in model.references:
+        dofs = np.concatenate([one.dofs, one.turns])
+        rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]]
+        held = int(
+            np.unique(rows.tocoo().row[rows.tocoo().col < model.nodes.size]).size
+        )
+        if held:
+            yield (
+                f"supports on nodes of the rigid set {one.name!r} determine {held} of the "
+                f"{len(dofs)} components of its motion: loads at its point act on these "
+                "supports; exclude the nodes by within if the set should move"
             )
 
 

@@ -142,7 +142,6 @@ def images(
         )
     dim = bodies[b].dim
     on, onto = offset[b] + dim * first, offset[o] + dim * second[match]
-    # From either side: a node of both cuts, on the axis, is its own image.
     return Images(on, onto, turn, what, size)
 
 

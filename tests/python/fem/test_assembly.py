@@ -168,9 +168,9 @@ def test_partners_are_the_same_with_and_without_a_tree(
 ) -> None:
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
-    few = contact._nearest(ours, theirs)
+    few = contact.nearest_points(ours, theirs)
     monkeypatch.setattr(contact, "_ALL_PAIRS", 0)
-    np.testing.assert_array_equal(few, contact._nearest(ours, theirs))
+    np.testing.assert_array_equal(few, contact.nearest_points(ours, theirs))
 
 
 @pytest.mark.parametrize("cell", CELLS)

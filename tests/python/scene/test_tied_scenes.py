@@ -33,7 +33,7 @@ def pad(whole: bool) -> bp.Model:
     return made
 
 
-def block(**more: Any) -> bp.Model:
+def block() -> bp.Model:
     m = bp.Model("Block", n=4)
     m.material("soft", young=1000.0, poisson=0.3)
     side = {"from": 0.0, "to": 1.0, "cells": "n"}

@@ -43,14 +43,20 @@ class Loose:
     @classmethod
     def of(cls, parts: Parts, fixed: Ints) -> Loose:
         """Those of K, given by rows."""
+        from scipy.sparse import csr_array
+
         start, _, value = parts
         n = len(start) - 1
-        rows = np.repeat(np.arange(n), np.diff(start))
-        used = np.zeros(n, np.bool_)
-        used[rows[value != 0.0]] = True
-        used[fixed] = True
-        largest = float(np.abs(value).max(initial=0.0))
-        return cls(np.flatnonzero(~used).astype(np.int64), _SPRING * largest)
+        # The largest entry of a positive semidefinite matrix is on its diagonal, and a row
+        # with a zero there is zero.
+        diagonal = csr_array(parts[::-1], shape=(n, n)).diagonal()
+        bare = diagonal == 0.0
+        bare[fixed] = False
+        dofs = [
+            i for i in np.flatnonzero(bare) if not value[start[i] : start[i + 1]].any()
+        ]
+        largest = float(diagonal.max(initial=0.0))
+        return cls(np.array(dofs, np.int64), _SPRING * largest)
 
     def stiffened(self, parts: Parts) -> Parts:
         """K with the springs."""

@@ -1,5 +1,6 @@
 """Obstacles under a force, rigid sets and forces at a distance."""
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -98,17 +99,44 @@ def test_a_free_obstacle_balances_its_contacts() -> None:
     np.testing.assert_array_equal(rest.displacement, two.displacement[1:])
 
 
-def test_units_of_an_obstacle_under_a_force() -> None:
+def test_units_of_reference_points() -> None:
     """Lengths in mm or in m, stress unchanged: displacements as lengths, forces as areas."""
     found = []
     for scale in (1.0, 1e3):
         body = block("quadrilateral", size=scale)
         model = punched(2, "match", body, floating=Floating("punch", (1,)))
         f = model.reference_force("punch", [0.0, -3.0 * scale])
-        result = model.problem().solve(f, tol=1e-13)
-        found.append((result.displacement / scale, result.reaction / scale))
+        pushed = model.problem().solve(f, tol=1e-13)
+        floor = Contact("it", "bottom", 0.3, plane=([0, 0], [0, 1]))
+        grip = Remote("grip", "it", "top", [0.3 * scale, 2.0 * scale])
+        model = fem.assemble([body], [floor], remotes=[grip])
+        f = model.reference_force("grip", [0.2 * scale, -3.0 * scale], 0.1 * scale**2)
+        turned = model.problem().solve(f, tol=1e-13)
+        assert inspect(model) == []
+        found.append(
+            [one.displacement / scale for one in (pushed, turned)]
+            + [one.reaction / scale for one in (pushed, turned)]
+        )
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
+
+
+def test_another_stiffness_and_a_pickle() -> None:
+    """Twice the stiffness halves the displacement; a pickled problem has the same bits."""
+    body = block("hexahedron", 2)
+    floor = Contact("it", "bottom", 0.3, plane=(np.zeros(3), [0, 0, 1]))
+    model = fem.assemble([body], [floor], remotes=[Remote("grip", "it", "top")])
+    f = model.reference_force("grip", [0.1, 0.0, -3.0])
+    problem = model.problem()
+    one = problem.solve(f, tol=1e-13)
+    same = pickle.loads(pickle.dumps(problem)).solve(f, tol=1e-13)
+    np.testing.assert_array_equal(same.displacement, one.displacement)
+    problem.update(2 * model.K)
+    two = problem.solve(f, tol=1e-13)
+    size = np.abs(one.displacement).max()
+    np.testing.assert_allclose(
+        2 * two.displacement, one.displacement, rtol=0, atol=SOLVED * size
+    )
 
 
 def test_gradient_by_the_force_on_an_obstacle() -> None:
@@ -129,10 +157,11 @@ def test_an_obstacle_that_nothing_holds() -> None:
         "it", "top", 0.0, obstacle=contact.obstacle, floating=contact.floating
     )
     slippery = fem.assemble(model.bodies, [bare], model.supports)
-    assert inspect(slippery) == [
+    (said,) = inspect(slippery)
+    assert said == (
         "obstacle 'punch' can move freely, and no contact holds it: prescribe its motion, "
         "or add a contact or friction that stops it"
-    ]
+    )
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -238,7 +267,12 @@ def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
         [Support("it", "top", own, at=x) for x, own in corners],
         remotes=[Remote("grip", "it", "top")],
     )
-    assert inspect(model) == []
+    (said,) = inspect(model)
+    assert said == (
+        "supports on nodes of the rigid set 'grip' determine 6 of the 6 components of its "
+        "motion: loads at its point act on these supports; exclude the nodes by within if "
+        "the set should move"
+    )
     f = model.body_force("it", [1.0, 2.0, -3.0])
     shift, turn = model.reference_motion("grip", model.problem().solve(f).displacement)
     np.testing.assert_allclose(shift, 0, atol=1e-15)
@@ -396,7 +430,7 @@ def test_mistakes_of_references() -> None:
         surface=None,
         at=[3.0, 0.0],
     )
-    refused("has no nodes within the ranges", surface=None, within={0: (0.1, 0.2)})
+    refused("has no nodes: within excludes all", surface=None, within={0: (0.1, 0.2)})
     other = Remote("a", "it", "top", components=[0], distributed=True)
     refused("only a rigid set has a prescribed motion", remotes=[other])
 
