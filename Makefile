@@ -21,6 +21,10 @@ DEMO := out/sheared_cube
 MPI_VENV := .venv-mpi
 MPI_STAMP := $(MPI_VENV)/$(notdir $(STAMP))
 HAS_PETSC := $(shell .ci/petsc find)
+# JAX and PyTorch beside the packages of .venv. On Linux pip takes PyTorch with the libraries of
+# CUDA, three gigabytes, unless PIP_INDEX_URL or PIP_FIND_LINKS names a source of CPU wheels.
+FRAMEWORKS := .venv-frameworks
+FRAMEWORKS_STAMP := $(FRAMEWORKS)/$(notdir $(STAMP))
 ifdef BIPOT_MPI_PYTHON
 MPI_READY :=
 else ifneq ($(HAS_PETSC),)
@@ -110,6 +114,21 @@ $(MPI_STAMP): $(STAMP) .ci/petsc
 verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
 	cargo clippy --release --locked --benches -- -Dwarnings
 	$(PY) -m pytest -m verify --timeout 3600
+	@$(MAKE) --no-print-directory frameworks-test
+
+.PHONY: frameworks-test
+frameworks-test: $(FRAMEWORKS_STAMP) ## install JAX and PyTorch if they can be had, and run their tests
+	$(FRAMEWORKS)/bin/python -m pytest -m "verify or not verify" tests/python/frameworks
+
+# The tests of what cannot be installed are skipped. The stamp is made when both are there.
+$(FRAMEWORKS_STAMP): $(STAMP)
+	$(PY) -m venv --clear $(FRAMEWORKS)
+	printf '%s\n' '$(CURDIR)/python' "$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
+		> $$(echo $(FRAMEWORKS)/lib/python3*/site-packages)/bipot_rs.pth
+	@all=yes; for extra in jax torch; do \
+		$(FRAMEWORKS)/bin/python -m pip install --quiet --disable-pip-version-check "bipot-rs[$$extra]" \
+		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
+	done; if [ $$all = yes ]; then touch $@; fi
 
 .PHONY: mutations
 mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour
@@ -184,7 +203,7 @@ versions: | prerequisites
 
 .PHONY: clean
 clean: ## remove what was built, installed and written here
-	rm -rf target $(VENV) $(MPI_VENV) out python/bipot_rs/_core*.so
+	rm -rf target $(VENV) $(MPI_VENV) $(FRAMEWORKS) out python/bipot_rs/_core*.so
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: prerequisites

@@ -83,6 +83,8 @@ pub struct Monitor<'p, const D: usize> {
     floor: f64,
     /// η of the last point whose fresh evaluation failed.
     refuted: f64,
+    /// The rigid motion zero, if displacements have no other size.
+    no_motion: Option<Vec<f64>>,
 }
 
 /// The results of a solve.
@@ -122,6 +124,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             last_better: 0,
             floor: 0.0,
             refuted: f64::INFINITY,
+            no_motion: has_no_displacements(problem).then(|| vec![0.0; problem.rigid.modes.len()]),
         }
     }
 
@@ -181,6 +184,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         if claims && eta <= 0.5 * self.refuted {
             let within = within_cones(self.problem, r);
             let r = within.as_deref().unwrap_or(r);
+            let a = self.no_motion.as_deref().unwrap_or(a);
             let fresh = Certificate::new(self.problem, r, a);
             self.log.work += 2.0;
             self.floor = fresh.floor;
@@ -270,6 +274,15 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.log.seconds = self.started.elapsed().as_secs_f64();
         self.log
     }
+}
+
+/// Whether only rigid motions displace the contacts: `W = 0` and `q = 0`. The law then holds
+/// without a motion for all balanced reactions in the cones, while the rounding of a motion
+/// would be as large as all displacements.
+fn has_no_displacements<const D: usize>(problem: &Reduced<D>) -> bool {
+    !problem.rigid.modes.is_empty()
+        && problem.q.as_flattened().iter().all(|&q| q == 0.0)
+        && (0..problem.contacts()).all(|i| problem.compliance.block(i).amax() == 0.0)
 }
 
 /// The projection of a candidate solution onto the cones; `None` if it lies in them. A large μ

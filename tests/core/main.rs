@@ -22,3 +22,4 @@ mod refactor;
 mod several_answers;
 mod solvers;
 mod sparse;
+mod tangents;

@@ -14,14 +14,19 @@ use bipot_rs::Error;
 use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
 use bipot_rs::condensation::sparse::Rows;
 use bipot_rs::law::cone::Status;
+use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::path::stepping::LoadPath;
 use bipot_rs::primal::certificate::{Point, contacts_alone, judge};
 use bipot_rs::primal::engine::Engine;
+use bipot_rs::primal::linearised::{Linearised, spread};
 use bipot_rs::primal::local::Local;
 use bipot_rs::primal::path::{PrimalPath, PrimalStep};
 use bipot_rs::primal::problem::Primal;
 use bipot_rs::reduced::memory::Budget;
+use bipot_rs::solver::newton::tangent_system::ClosedLaw;
 use bipot_rs::solver::{Outcome, Settings};
+
+use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use crate::common::elasticity::{Assembled, Grid};
 
@@ -398,4 +403,138 @@ fn a_contact_needs_a_node_of_its_own() {
         .arrays(|arrays| Primal::new(&arrays, None, &AtomicBool::new(false)))
         .unwrap_err();
     assert!(matches!(refused, Error::NotIterative { .. }), "{refused}");
+}
+
+fn numbers(count: usize, seed: u64) -> Vec<f64> {
+    let mut rng = StdRng::seed_from_u64(seed);
+    (0..count).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+/// Laws of contacts with these statuses, with random slips and reactions where they slide.
+fn laws_of(statuses: &[Status], compliance: f64, seed: u64) -> Vec<ClosedLaw<3>> {
+    let mut laws = Vec::new();
+    for (position, status) in statuses.iter().enumerate() {
+        let (mut by_r, mut by_v) = (Block::<3>::zeros(), Block::<3>::zeros());
+        by_v[(0, 0)] = 1.0;
+        match status {
+            Status::Open => continue,
+            Status::Stick => by_v = Block::identity(),
+            Status::Slip => {
+                let x = numbers(3, seed + position as u64);
+                let angle = 3.0 * x[0];
+                let (slip, pressed) = (compliance * (1.1 + x[1]), 1.1 + x[2]);
+                let p = [angle.cos(), angle.sin()];
+                by_r[(1, 0)] = 0.3;
+                for (k, (along, across)) in [(p[0], -p[1]), (p[1], p[0])].into_iter().enumerate() {
+                    by_r[(1, 1 + k)] = along;
+                    by_r[(2, 1 + k)] = slip * across;
+                    by_v[(2, 1 + k)] = 0.3 * pressed * across;
+                }
+            }
+        }
+        laws.push(ClosedLaw {
+            position,
+            by_r,
+            by_v,
+        });
+    }
+    laws
+}
+
+/// The equations (36) with `A` and `R` as the engine and the contacts apply them, and their
+/// transpose.
+#[test]
+fn a_linearised_step_solves_its_equations_and_their_transpose() {
+    for (blocks, seed) in [
+        (Blocks::new(4, 4, 0.3, 0.3, false), 1),
+        (Blocks::new(4, 3, 2.0, 0.3, true), 2),
+    ] {
+        let never = AtomicBool::new(false);
+        let problem = blocks
+            .arrays(|arrays| Primal::new(&arrays, None, &never))
+            .unwrap();
+        let statuses = blocks.primal().pop().unwrap().step.solution.status;
+        let mixed: Vec<Status> = statuses
+            .iter()
+            .enumerate()
+            .map(|(i, &status)| if i % 3 == 0 { Status::Slip } else { status })
+            .collect();
+        assert!(share(&mixed, Status::Slip) > 0.2 && share(&mixed, Status::Stick) > 0.2);
+        let laws = laws_of(&mixed, problem.contacts.compliance.block(0)[(0, 0)], seed);
+        let frames = &problem.contacts.frames;
+        let free: Vec<f64> = problem
+            .stiffness
+            .free
+            .iter()
+            .map(|&free| f64::from(u8::from(free)))
+            .collect();
+        let mask = |x: Vec<f64>| -> Vec<f64> { x.iter().zip(&free).map(|(x, f)| x * f).collect() };
+        let n = problem.order();
+        // In units in which A and the laws are of one size.
+        let unit = problem.contacts.compliance.block(0)[(0, 0)];
+        let s: Vec<[f64; 3]> = numbers(3 * laws.len(), seed + 3)
+            .as_chunks::<3>()
+            .0
+            .to_vec();
+        let s: Vec<[f64; 3]> = s.iter().map(|s| s.map(|s| unit * s)).collect();
+        let g = mask(numbers(n, seed + 4));
+        let (mut dr, mut dy, mut hierarchy) = (s.clone(), g.clone(), None);
+        let mut step = Linearised::new(&problem, &laws).unwrap();
+        assert!(
+            step.solve(&mut dr, &mut dy, &mut hierarchy, &never)
+                .unwrap()
+        );
+        let mut engine = Local::new(&problem, &never, None);
+        let whole = |own: &[[f64; 3]]| {
+            let mut whole = vec![[0.0; 3]; mixed.len()];
+            for (law, own) in laws.iter().zip(own) {
+                whole[law.position] = *own;
+            }
+            whole
+        };
+        let v = frames.at_contacts(&dy);
+        let left = |law: &ClosedLaw<3>, r: &[f64; 3], s: &[f64; 3]| {
+            let v = Vector::from(v[law.position]);
+            (law.by_r * Vector::from(*r) + law.by_v * v - Vector::from(*s)).amax()
+        };
+        let rows = laws.iter().zip(&dr).zip(&s);
+        let of_laws = rows
+            .map(|((law, r), s)| left(law, r, s))
+            .fold(0.0, f64::max);
+        // Relative residuals of 1e-11 are accepted, and the largest term is about one.
+        let size = |x: &[f64]| x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        assert!(
+            of_laws <= 1e-9 * unit * (1.0 + size(dr.as_flattened())),
+            "{of_laws:e}"
+        );
+        let forces = spread(frames, &whole(&dr), n);
+        let product = engine.product(&dy).unwrap();
+        let terms = forces.iter().zip(&product).zip(&g);
+        let out: Vec<f64> = terms.map(|((r, a), g)| r - a - g).collect();
+        let balance = size(&mask(out));
+        assert!(balance <= 1e-9 * size(&product), "{balance:e}");
+
+        // ⟨(ρ, e), M⁻¹ (s, g)⟩ = ⟨M⁻ᵀ (ρ, e), (s, g)⟩.
+        let rho: Vec<[f64; 3]> = numbers(3 * laws.len(), seed + 5)
+            .as_chunks::<3>()
+            .0
+            .to_vec();
+        let e = mask(numbers(n, seed + 6))
+            .iter()
+            .map(|e| e / unit)
+            .collect::<Vec<_>>();
+        let (mut w, mut b) = (rho.clone(), e.clone());
+        assert!(
+            step.solve_transposed(&mut w, &mut b, &mut hierarchy, &never)
+                .unwrap()
+        );
+        let terms = |x: &[[f64; 3]], y: &[f64], s: &[[f64; 3]], g: &[f64]| -> Vec<f64> {
+            let first = x.as_flattened().iter().zip(s.as_flattened());
+            first.chain(y.iter().zip(g)).map(|(x, y)| x * y).collect()
+        };
+        let (one, two) = (terms(&rho, &e, &dr, &dy), terms(&w, &b, &s, &g));
+        let apart = (one.iter().sum::<f64>() - two.iter().sum::<f64>()).abs();
+        let size: f64 = one.iter().chain(&two).map(|x| x.abs()).sum();
+        assert!(apart <= 1e-9 * size, "{apart:e} of {size:e}");
+    }
 }

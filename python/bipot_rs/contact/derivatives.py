@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -200,30 +200,32 @@ class ReducedGradient:
         return csr_array((values, own.indices, own.indptr), shape=own.shape)
 
 
+class DataChange(NamedTuple):
+    """The arguments of `Result.jvp`."""
+
+    load: ArrayLike | None
+    prescribed: ArrayLike | None
+    gap: ArrayLike | None
+    mu: ArrayLike | None
+    K: Any
+
+
+class Cotangents(NamedTuple):
+    """The arguments of `Result.vjp`."""
+
+    reaction: ArrayLike | None
+    displacement: ArrayLike | None
+    relative_displacement: ArrayLike | None
+    slip: ArrayLike | None
+
+
 class PathDerivatives(Protocol):
     """The problem of a load path, for the derivatives of its result."""
 
-    def jvp(
-        self,
-        result: Any,
-        load: ArrayLike | None,
-        prescribed: ArrayLike | None,
-        gap: ArrayLike | None,
-        mu: ArrayLike | None,
-        K: Any,
-        /,
-    ) -> Tangent:
+    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
 
-    def vjp(
-        self,
-        result: Any,
-        reaction: ArrayLike | None,
-        displacement: ArrayLike | None,
-        relative_displacement: ArrayLike | None,
-        slip: ArrayLike | None,
-        /,
-    ) -> Gradient:
+    def vjp(self, result: Any, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
 
 

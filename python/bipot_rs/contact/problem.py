@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
-from bipot_rs._lib.memory import available
-from bipot_rs._lib.messages import body_of, counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
     Csr,
-    Parts,
-    Settings,
     areas,
     by_component,
     callback,
     choice_of_dimension,
     contact_array,
     csr,
-    enforced,
     floats,
     frames,
     friction,
@@ -34,7 +29,6 @@ from bipot_rs._lib.validation import (
     integer,
     matrices,
     one_of,
-    one_triangle,
     places,
     settings,
     threads,
@@ -42,30 +36,22 @@ from bipot_rs._lib.validation import (
 from bipot_rs.contact import dof_order, remarks, summary
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.engines import choice
-from bipot_rs.contact.engines.direct import Direct, DirectPath
-from bipot_rs.contact.engines.engine import Engine, Known
-from bipot_rs.contact.engines.loose import Loose
-from bipot_rs.contact.errors import (
-    FloatingBodyError,
-    NoEquilibriumError,
-    NotIterativeError,
-)
+from bipot_rs.contact.engines.direct import DirectPath
+from bipot_rs.contact.engines.prepared import Given
+from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.load_path import NO_FRAME, Following, state, with_frames
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rotation
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
-from bipot_rs.contact.sensitivity.model import PathModel
-from bipot_rs.contact.sensitivity.path import Differentiable
 from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
+from bipot_rs.contact.wear.wearing import Wearing
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.engines.iterative import Iterative
     from bipot_rs.contact.existence import Existence
     from bipot_rs.contact.state import Start
     from bipot_rs.contact.stiffness_digits import Digits
-    from bipot_rs.contact.wear.record import Wear
 
 
 # Entries of `ContactProblem.stats` that only a factor has.
@@ -86,21 +72,7 @@ WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
 ) | {"rigid_motions": 0, "factor_kept": False}
 
 
-class _Given(NamedTuple):
-    """Arguments of `_core.Condensed` after the stiffness, in its order."""
-
-    contact: Parts
-    gap: Floats
-    mu: Floats
-    fixed: Ints
-    num_threads: int | None
-    coordinates: Floats | None
-    loads: Any
-    memory_limit: int | None
-    working_set: bool | None
-
-
-class ContactProblem:
+class ContactProblem(Wearing):
     """Bodies, contacts and supports, condensed onto the contact set once.
 
     The problem is ``K u = f + Bᵀ r``, ``v = B u + gap``, with the laws of Signorini and
@@ -227,16 +199,6 @@ class ContactProblem:
 
     # Inclined supports, rigid sets and cyclic symmetries, which change every load.
     _held: Held | None = None
-    # Number of load steps, where it is known before the first load path.
-    _steps: int | None = None
-    # The condensed problem, once it is made; the iterative engine, while it may be used.
-    _condensed: _core.Condensed | None = None
-    _iterative: Iterative | None = None
-    # K, until it is condensed.
-    _parts: Parts | None = None
-    # Name of the engine, and why.
-    _chosen: tuple[str, str] = ("direct", "")
-    _on_forecast: Callable[[Mapping[str, Any]], object] | None = None
 
     def __init__(
         self,
@@ -313,7 +275,7 @@ class ContactProblem:
             from bipot_rs.contact.stiffness_digits import checked
 
             self._digits = checked(stiffness_rtol, at, d, self._bodies)
-        self._given = _Given(
+        self._given = Given(
             contact.parts,
             whole,
             coefficients,
@@ -350,22 +312,6 @@ class ContactProblem:
         problem._steps = steps
         problem.__init__(K, B, **given)  # type: ignore[misc]
         return problem
-
-    def __getstate__(self) -> dict[str, Any]:
-        # The arguments, not the factor, which may be a hundred times as large:
-        # condensing again gives the same bits.
-        made = {"_condensed", "_iterative", "_parts", "_on_forecast"}
-        known = {name: value for name, value in vars(self).items() if name not in made}
-        return known | {"_stiffness": self._matrix()}
-
-    def _matrix(self) -> Parts:
-        """K, which the core has once it is condensed."""
-        return self._core.stiffness() if self._parts is None else self._parts
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        parts = state.pop("_stiffness")
-        vars(self).update(state)
-        self._prepare(parts, None)
 
     def __repr__(self) -> str:
         n, contacts, d = self._shape
@@ -693,114 +639,6 @@ class ContactProblem:
                 on_step(k, step)
         return following.result()
 
-    def wear(
-        self,
-        load: ArrayLike | None = None,
-        prescribed: ArrayLike | None = None,
-        *,
-        coefficient: ArrayLike,
-        cycles: int,
-        jump: bool = True,
-        rtol: float = 0.01,
-        method: str = "auto",
-        tol: float = 1e-10,
-        max_iterations: int | None = None,
-        max_seconds: float | None = None,
-        start: Wear | Start | None = None,
-        on_cycle: Callable[[int, Step], object] | None = None,
-        gap: ArrayLike | MovingGaps | None = None,
-    ) -> Wear:
-        """Repeat a load path, and wear the contacts by Archard's law.
-
-        After each load step the gap of each contact grows by ``k p ‖slip‖`` with the
-        pressure ``p = r_n / area``, equation (28). The slip history continues from cycle to
-        cycle. Only gaps change: nothing is factored again. ``area`` must be known.
-
-        The depth that a cycle wears off changes slowly, so that cycles may be jumped over
-        by Heun's method: see section 16 of ``docs/theory.md`` for its estimate of the error,
-        and for the bound of jumps beyond which pressures would oscillate.
-
-        Parameters
-        ----------
-        load, prescribed, gap
-            One cycle, as in `solve`.
-        coefficient
-            Wear coefficient ``k``, depth per pressure and slip [1/stress], a number or
-            ``(n_c,)``: Archard's dimensionless coefficient divided by the hardness. For two
-            worn bodies it is the sum of theirs.
-        cycles
-            Number of cycles.
-        jump
-            Whether cycles may be jumped over. Otherwise every cycle is solved.
-        rtol
-            Allowed error of the depth by jumps, relative to the largest depth.
-        method, tol, max_iterations, max_seconds
-            As in `solve`.
-        start
-            State before the first cycle: a `Result`, a step or a `State` that presses the
-            bodies, which wears nothing, or a `Wear` to continue, whose cycles and depths are
-            counted on.
-            `solve` continues from ``wear.result`` with ``gap`` plus ``wear.depth[-1]``.
-        on_cycle
-            Called as ``on_cycle(number, step)`` with the last step of each cycle that was
-            solved; ``step.wear`` is the depth.
-
-        Raises
-        ------
-        TypeError, ValueError
-            An argument is wrong, or the areas are not known; the message names it.
-        NoEquilibriumError, NotConvergedError
-            A load step of a cycle failed. ``.result`` holds the steps of this cycle before
-            it, and ``.wear`` the cycles before. If this happens in a trial, the jump is
-            rejected instead.
-
-        Examples
-        --------
-        A point on two springs is held 10 mm below a surface and pulled along it by 4 mm to
-        and fro. The pressure decays with the depth that is worn off:
-
-        >>> import numpy as np
-        >>> import bipot_rs as bp
-        >>> K, B = 1e3 * np.eye(2), np.array([[1.0, 0.0], [0.0, 1.0]])
-        >>> problem = bp.ContactProblem(K, B, gap=[-0.01], mu=0.0, area=[1e-4])
-        >>> pull = np.array([[0.0, 4.0], [0.0, -4.0]])
-        >>> wear = problem.wear(pull, coefficient=2.5e-8, cycles=400, jump=False)
-        >>> wear.pressure[[0, 199, 399], 0].round(-1)  # Pa
-        array([99900., 45030., 20220.])
-        >>> jumped = problem.wear(pull, coefficient=2.5e-8, cycles=400, rtol=1e-3)
-        >>> jumped.paths < 120, bool(abs(jumped.depth[-1] / wear.depth[-1] - 1) < 1e-3)
-        (True, True)
-        """
-        from bipot_rs.contact.wear.begin import begun, coefficients, relative
-        from bipot_rs.contact.wear.cycle import Cycles
-        from bipot_rs.contact.wear.jumps import Run
-        from bipot_rs.contact.wear.stability import Stability
-
-        chosen = settings(method, tol, max_iterations, max_seconds)
-        callback("on_cycle", on_cycle)
-        area, contacts = self._contacts["area"], self._shape[1]
-        if area is None:
-            raise ValueError(
-                "area is missing: wear needs pressures, so pass area= to ContactProblem"
-            )
-        k = coefficients(coefficient, contacts)
-        count = integer("cycles", cycles, least=1)
-        if not isinstance(jump, bool):
-            raise TypeError(f"jump is {jump!r}, expected a bool")
-        allowed = relative(rtol)
-        at = begun(start, self._shape[1:])
-        totals = self._loading.totals(load, prescribed, gap, None)
-        engine = self._engine(count * len(totals), method)
-
-        def path(at: Step | None) -> Following:
-            return self._following(engine, self._mu, chosen, at)
-
-        stability = Stability(
-            self._matrix(), self._contact, self._fixed, self._shape[2]
-        )
-        made = Cycles(path, totals, self._given.gap, k, area)
-        return Run(made, at, count, allowed, stability, jump, on_cycle).go()
-
     def follow(
         self,
         load: ArrayLike | Callable[[float], ArrayLike] | None = None,
@@ -1019,16 +857,6 @@ class ContactProblem:
         self._known = known
         self._remarks, self._strength = found
 
-    def _with_digits(self, stiffness: Csr) -> tuple[Csr, Known | None]:
-        """K with its rigid motions restored, and how far they were off."""
-        if self._digits is None:
-            return stiffness, None
-        from scipy.sparse import csr_array
-
-        parts, off = self._digits.restore(stiffness)
-        matrix = csr_array(parts[::-1], shape=stiffness.shape)
-        return Csr(matrix, stiffness.shape, parts), Known(self._digits, off)
-
     def _looked_at(
         self, stiffness: Csr, gap: Floats
     ) -> tuple[tuple[str, ...], remarks.Strength | None]:
@@ -1056,228 +884,6 @@ class ContactProblem:
             outward=outward,
         )
         return tuple(said), known
-
-    def _condense(
-        self,
-        parts: Parts,
-        before: _core.Condensed | None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
-    ) -> None:
-        started = time.perf_counter()
-        told = on_forecast
-        if on_forecast is not None:
-            name, why = self._chosen
-
-            def told(counts: Mapping[str, Any]) -> None:
-                on_forecast({**counts, "engine": name, "engine_reason": why})
-
-        try:
-            self._condensed = _core.Condensed(parts, *self._given, before, told)
-        except (FloatingBodyError, ValueError) as error:
-            dof = getattr(error, "dof", None)
-            cause = ""
-            if isinstance(error, ValueError):
-                cause = one_triangle(parts) or enforced(parts)
-            if cause:
-                raise ValueError(f"{error}{cause}") from None
-            if dof is None:
-                raise
-            said = str(error) + self._of_digits(str(error), parts, dof)
-            if self._bodies is not None:
-                said = f"{body_of(dof, self._bodies)}: {said}"
-            elif said == str(error):
-                raise
-            named = type(error)(said)
-            if isinstance(named, FloatingBodyError):
-                named.dof = dof
-            raise named from None
-        self._seconds = time.perf_counter() - started
-        self._parts = None
-
-    def _prepare(
-        self,
-        parts: Parts,
-        before: _core.Condensed | None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
-    ) -> None:
-        """Condense, or make the iterative engine and leave the choice to the load path."""
-        iterative = self._make_iterative(parts)
-        if iterative is None:
-            self._condense(parts, before, on_forecast)
-            self._iterative = None
-            return
-        self._condensed, self._iterative, self._parts = None, iterative, parts
-        self._on_forecast = on_forecast
-        if self._asked == "iterative":
-            self._chosen = "iterative", "it was asked for"
-            self._tell_iterative()
-        elif self._steps is not None:
-            self._engine(self._steps, "auto")
-
-    def _make_iterative(self, parts: Parts) -> Iterative | None:
-        """The iterative engine, if it is wanted and can solve the problem."""
-        n, contacts, d = self._shape
-        given = self._given
-        free = n - len(self._fixed)
-        if self._asked == "direct":
-            self._chosen = "direct", "it was asked for"
-            return None
-        if self._asked == "auto":
-            why = ""
-            if d == 2:
-                why = "the problem is plane"
-            elif free < choice.LEAST:
-                why = f"{free} free degrees of freedom are few"
-            elif given.loads is not None or given.working_set is not None:
-                why = "loads or working_set is given"
-            elif self._digits is not None:
-                why = "stiffness_rtol is given"
-            if why:
-                self._chosen = "direct", why
-                return None
-        started = time.perf_counter()
-        loose = Loose.of(parts, self._fixed)
-        try:
-            core = _core.Primal(loose.stiffened(parts), *given[:6])
-        except NotIterativeError as error:
-            if self._asked == "iterative":
-                raise
-            self._chosen = "direct", str(error.reason)
-            return None
-        except ValueError as error:
-            cause = one_triangle(parts) or enforced(parts)
-            raise ValueError(f"{error}{cause}") from None
-        self._seconds = time.perf_counter() - started
-        self._chosen = "auto", "the first load path decides"
-        from bipot_rs.contact.engines.iterative import Iterative
-
-        return Iterative(core, self._direct, (contacts, d), loose=loose)
-
-    def _direct(self) -> Direct:
-        """The direct engine; condenses if that was not done before."""
-        if self._condensed is None:
-            parts = self._parts
-            if parts is None:
-                raise ValueError("the stiffness of this problem is not available")
-            self._condense(parts, None, self._on_forecast)
-        if self._condensed is None:
-            raise ValueError("the stiffness of this problem is not available")
-        return Direct(self._condensed)
-
-    @property
-    def _core(self) -> _core.Condensed:
-        """The condensed problem, for what needs the compliance ``W``."""
-        if self._condensed is None and self._asked == "iterative":
-            raise ValueError(
-                "this needs the compliance W, which engine='iterative' does not form: "
-                "use engine='direct'"
-            )
-        return self._direct().core
-
-    def _engine(self, steps: int, method: str) -> Engine:
-        """The engine of a load path."""
-        iterative = self._iterative
-        if iterative is None:
-            return self._direct()
-        if method not in choice.METHODS:
-            if self._asked == "iterative":
-                choice.check_method(method, self._asked)
-            return self._direct()
-        if self._asked == "auto" and self._condensed is None:
-            limit = self._given.memory_limit
-            free = self._shape[0] - len(self._fixed)
-            self._chosen = choice.choose(
-                free,
-                self._shape[1],
-                steps,
-                available() if limit is None else limit,
-            )
-            if self._chosen[0] == "iterative":
-                self._tell_iterative()
-        if self._condensed is not None or self._chosen[0] == "direct":
-            self._iterative = None
-            self._chosen = "direct", self._chosen[1]
-            return self._direct()
-        return iterative
-
-    def _tell_iterative(self) -> None:
-        """Call ``on_forecast`` with the counts of the iterative engine, once."""
-        told, self._on_forecast = self._on_forecast, None
-        iterative = self._iterative
-        if told is None or iterative is None:
-            return
-        n, contacts, d = self._shape
-        counts = iterative.stats
-        told(
-            {
-                "engine": "iterative",
-                "engine_reason": self._chosen[1],
-                "bodies": None,
-                "n_contact_dofs": d * contacts,
-                "nnz_factor": 0,
-                "flops": choice.STEP_FLOPS * n * (self._steps or 1),
-                "bytes_factor": 0,
-                "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
-                "ordering": None,
-            }
-        )
-
-    def _of_digits(self, said: str, parts: Parts, dof: int) -> str:
-        """Text to add to an error of the core if few digits of K may be its cause."""
-        from bipot_rs.contact.stiffness_digits import OFFER, said_of_indefinite
-
-        if "K is indefinite" in said:
-            return said_of_indefinite(parts, self._fixed, dof, self._digits)
-        few = "K has too few digits" in said and self._digits is None
-        return OFFER if few else ""
-
-    def _following(
-        self,
-        engine: Engine,
-        mu: Floats,
-        chosen: Settings,
-        start: Start | None,
-        gap: ArrayLike | MovingGaps | Callable[[float], Any] | None = None,
-    ) -> Following:
-        shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
-        before, known = self._remarks, self._strength
-
-        def said(steps: Sequence[Step]) -> tuple[str, ...]:
-            return (*before, *remarks.of_path(steps, contacts, known))
-
-        return Following(
-            engine,
-            contacts,
-            mu,
-            shape,
-            chosen,
-            start,
-            condense=self._seconds,
-            bodies=self._bodies,
-            known=self._known,
-            remarks=said,
-            model=Differentiable(
-                PathModel(
-                    self._contact.matrix,
-                    self._fixed,
-                    np.shape(np.asarray(self._contacts["gap"])),
-                    self._by_component(gap),
-                    self._loading.held,
-                )
-            ),
-            held=self._held,
-        )
-
-    def _by_component(
-        self, gap: ArrayLike | MovingGaps | Callable[[float], Any] | None
-    ) -> bool | None:
-        """Whether the gaps of steps are by component; None without gaps of steps."""
-        if gap is None:
-            own = self._loading.gaps
-            return None if own is None else self._gaps_by_component
-        if isinstance(gap, MovingGaps):
-            return False
-        return callable(gap) or np.ndim(gap) == 3
 
 
 def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:

@@ -16,7 +16,14 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
 from bipot_rs.contact.contact_fields import instants_of, path_fields
-from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
+from bipot_rs.contact.derivatives import (
+    LOST,
+    Cotangents,
+    DataChange,
+    Gradient,
+    PathDerivatives,
+    Tangent,
+)
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.presentation import Presentation
@@ -311,7 +318,8 @@ class Result(Presentation, Sequence[Step]):
         >>> tangent.reaction[0, 0].round(9), tangent.slip[0, 0].round(9)
         (array([  0., -10.]), array([-0.01]))
         """
-        return self._differentiable().jvp(self, load, prescribed, gap, mu, K)
+        change = DataChange(load, prescribed, gap, mu, K)
+        return self._differentiable().jvp(self, change)
 
     def vjp(
         self,
@@ -352,9 +360,8 @@ class Result(Presentation, Sequence[Step]):
         >>> gradient.mu.round(9), gradient.load.round(9)
         (array([-10.]), array([[0.3, 0. ]]))
         """
-        return self._differentiable().vjp(
-            self, reaction, displacement, relative_displacement, slip
-        )
+        given = Cotangents(reaction, displacement, relative_displacement, slip)
+        return self._differentiable().vjp(self, given)
 
     def _differentiable(self) -> PathDerivatives:
         if not self.steps:

@@ -13,6 +13,7 @@ computed when it is first asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -97,6 +98,22 @@ class Assembled(Protocol):
         """Relations between degrees of freedom, or None."""
 
 
+@dataclass(frozen=True)
+class _Integrals:
+    """Sums over the steps within the cells of a body.
+
+    Attributes
+    ----------
+    moments
+        ``Σ_k ∫ ∂_b λ_a ε_cd``, ``(3, 3, 3, 3)``, of each material.
+    motion : (3, 3, cells, points)
+        What `stress_of_motion` gives for ``λᵀ (K u - f)``.
+    """
+
+    moments: list[Floats]
+    motion: Floats
+
+
 class ParameterGradient:
     """Derivatives of one number with respect to the parameters of a model.
 
@@ -149,26 +166,31 @@ class ParameterGradient:
         self._owners = [body_index(model.bodies, load.body) for load in loads]
 
     @cached_property
-    def _moments(self) -> list[list[Floats]]:
-        """``Σ_k ∫ ∂_b λ_a ε_cd``, ``(3, 3, 3, 3)``, of each material of each body."""
-        found = []
-        for b, body in enumerate(self._model.bodies):
-            weights = body.depth * body.volume().weights
-            which = body.material_of_cells
-            own = [np.zeros((3, 3, 3, 3)) for _ in body.materials]
-            for adjoint, gradient, initial in self._gradients(b):
-                strain = gradient - initial
-                for m in range(len(own)):
-                    here = which == m
-                    own[m] += np.einsum(
-                        "abpq,cdpq,pq->abcd",
-                        adjoint[:, :, here],
-                        strain[:, :, here],
-                        weights[here],
-                        optimize=True,
-                    )
-            found.append(own)
-        return found
+    def _integrals(self) -> list[_Integrals]:
+        """Sums over the steps within the cells of each body, in one pass."""
+        return [self._integrated(b) for b in range(len(self._model.bodies))]
+
+    def _integrated(self, b: int) -> _Integrals:
+        body, d = self._model.bodies[b], self._model.dim
+        weights = body.depth * body.volume().weights
+        which = [body.material_of_cells == m for m in range(len(body.materials))]
+        laws = [elasticity(one, d) for one in body.materials]
+        moments = [np.zeros((3, 3, 3, 3)) for _ in body.materials]
+        motion = np.zeros((3, 3, *weights.shape))
+        for adjoint, gradient, initial in self._gradients(b):
+            strain = gradient - initial
+            stress, other = np.empty_like(gradient), np.empty_like(adjoint)
+            for here, law, moment in zip(which, laws, moments, strict=True):
+                pushed, moved = adjoint[:, :, here], strain[:, :, here]
+                moment += np.einsum(
+                    "abpq,cdpq,pq->abcd", pushed, moved, weights[here], optimize=True
+                )
+                for made, given in ((stress, moved), (other, pushed)):
+                    made[:, :, here] = np.einsum("abcd,cdpq->abpq", law, given)
+            motion[:d, :d] += stress_of_motion(
+                adjoint[:d, :d], gradient[:d, :d], stress[:d, :d], other[:d, :d]
+            )
+        return _Integrals(moments, motion)
 
     def _gradients(self, b: int) -> Iterator[tuple[Floats, Floats, Floats]]:
         """``∇λ``, ``∇u`` and ``ε0`` of each step, ``(3, 3, cells, points)``."""
@@ -223,10 +245,12 @@ class ParameterGradient:
             body.name: -np.array(
                 [
                     np.sum(moment * law(material, body.dim))
-                    for material, moment in zip(body.materials, own, strict=True)
+                    for material, moment in zip(
+                        body.materials, own.moments, strict=True
+                    )
                 ]
             )
-            for body, own in zip(self._model.bodies, self._moments, strict=True)
+            for body, own in zip(self._model.bodies, self._integrals, strict=True)
         }
 
     @cached_property
@@ -243,7 +267,8 @@ class ParameterGradient:
         found = {}
         for b, body in enumerate(self._model.bodies):
             own = 0.0
-            for material, moment in zip(body.materials, self._moments[b], strict=True):
+            moments = self._integrals[b].moments
+            for material, moment in zip(body.materials, moments, strict=True):
                 # Initial strains are within the moment.
                 own -= float(np.sum(moment * elasticity(material, 2)))
             for value, (load, _, owner) in zip(
@@ -428,20 +453,7 @@ class ParameterGradient:
     def _cells(self, b: int) -> Floats:
         """Derivative of ``λᵀ (K u - f)``, as far as it is over cells, ``(nodes, d)``."""
         body, d = self._model.bodies[b], self._model.dim
-        which = body.material_of_cells
-        laws = [elasticity(one, d) for one in body.materials]
-        total = np.zeros((3, 3, *body.volume().weights.shape))
-        for adjoint, gradient, initial in self._gradients(b):
-            stress, other = np.empty_like(gradient), np.empty_like(adjoint)
-            for m, law in enumerate(laws):
-                here = which == m
-                for made, given in ((stress, gradient - initial), (other, adjoint)):
-                    made[:, :, here] = np.einsum(
-                        "abcd,cdpq->abpq", law, given[:, :, here]
-                    )
-            total[:d, :d] += stress_of_motion(
-                adjoint[:d, :d], gradient[:d, :d], stress[:d, :d], other[:d, :d]
-            )
+        total = self._integrals[b].motion.copy()
         phi = body.volume().phi
         for load, factors, owner in self._loads_of():
             if owner == b and load.force is not None:

@@ -23,6 +23,10 @@ from bipot_rs.contact.result import Result
 ARGUMENTS = ("load", "prescribed", "gap", "mu")
 # Results that are kept: those of one path and of some that are solved in turn with it.
 _KEPT = 16
+# Said of a derivative of a derivative.
+TWICE = (
+    "second derivatives of a contact solution are not available: differentiate it once"
+)
 
 
 class Solved(NamedTuple):

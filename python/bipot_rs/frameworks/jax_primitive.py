@@ -15,7 +15,7 @@ import numpy as np
 
 from bipot_rs._lib.optional import missing
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.frameworks.host import ARGUMENTS, Host, Solved
+from bipot_rs.frameworks.host import ARGUMENTS, TWICE, Host, Solved
 
 try:
     import jax
@@ -105,10 +105,7 @@ def _jvp(
 ) -> Any:
     count = len(host.shapes)
     if any(type(t) is not ad.Zero for t in tangents[:count]):
-        raise ValueError(
-            "second derivatives of a contact solution are not available: "
-            "differentiate it once"
-        )
+        raise ValueError(TWICE)
     options = {"host": host, "batch": batch, "transposed": transposed}
     along = [ad.instantiate_zeros(t) for t in tangents[count:]]
     return (

@@ -1,6 +1,6 @@
 """Contact problems as differentiable functions of PyTorch, from the extra ``[torch]``.
 
-Reverse and forward mode work; second derivatives are refused.
+Reverse and forward mode work, also by `torch.func`; second derivatives are refused.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ def solve(
     mu: Any = None,
 ) -> Solved:
     """Solve a load path; the result is differentiable in all arguments but ``problem``.
+
+    Under `torch.vmap` the paths are solved together by `ContactProblem.solve_many`.
 
     Parameters
     ----------

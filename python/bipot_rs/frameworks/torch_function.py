@@ -1,4 +1,4 @@
-"""Contact problems in PyTorch: differentiable in reverse and in forward mode."""
+"""Contact problems in PyTorch: both modes of differentiation, also in `torch.func`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from bipot_rs._lib.optional import missing
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.frameworks.host import ARGUMENTS, Host, Solved
+from bipot_rs.frameworks.host import ARGUMENTS, TWICE, Host, Solved
 
 try:
     import torch
@@ -34,21 +34,32 @@ def _arrays(tensors: Any) -> list[Any]:
     return [one.detach().cpu().numpy() for one in tensors]
 
 
+def _batched(info: Any, dims: Sequence[Any], tensors: Sequence[Any]) -> list[Any]:
+    """The tensors of a `torch.vmap`, each with its dimension first."""
+    return [
+        one.expand(info.batch_size, *one.shape)
+        if dim is None
+        else one.movedim(dim, 0).contiguous()
+        for one, dim in zip(tensors, dims, strict=True)
+    ]
+
+
 class _Solution(torch.autograd.Function):  # type: ignore[misc]
-    """The solution, and the products with its derivative."""
+    """The solution; `_Product` is the product with its derivative."""
 
     @staticmethod
-    def forward(ctx: Any, host: Host, *given: Any) -> Any:
-        ctx.host = host
-        ctx.save_for_backward(*given)
-        ctx.save_for_forward(*given)
+    def forward(host: Host, *given: Any) -> Any:
         return tuple(map(torch.from_numpy, host.solve(_arrays(given))))
 
     @staticmethod
-    @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
+    def setup_context(ctx: Any, inputs: Any, _: Any) -> None:
+        ctx.host, *given = inputs
+        ctx.save_for_backward(*given)
+        ctx.save_for_forward(*given)
+
+    @staticmethod
     def backward(ctx: Any, *cotangents: Any) -> Any:
-        found = ctx.host.vjp(_arrays(ctx.saved_tensors), _arrays(cotangents))
-        return (None, *map(torch.from_numpy, found))
+        return None, *_Product.apply(ctx.host, True, *ctx.saved_tensors, *cotangents)
 
     @staticmethod
     def jvp(ctx: Any, _: Any, *tangents: Any) -> Any:
@@ -57,5 +68,37 @@ class _Solution(torch.autograd.Function):  # type: ignore[misc]
             torch.zeros_like(one) if tangent is None else tangent
             for one, tangent in zip(given, tangents, strict=True)
         ]
-        found = ctx.host.jvp(_arrays(given), _arrays(along))
+        return _Product.apply(ctx.host, False, *given, *along)
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, host: Host, *given: Any) -> Any:
+        found = _Solution.apply(host, *_batched(info, dims[1:], given))
+        return found, (0,) * len(found)
+
+
+class _Product(torch.autograd.Function):  # type: ignore[misc]
+    """The product with the derivative of a solution, or with its transpose."""
+
+    @staticmethod
+    def forward(host: Host, transposed: bool, *tensors: Any) -> Any:
+        arrays, count = _arrays(tensors), len(host.shapes)
+        product = host.vjp if transposed else host.jvp
+        found = product(arrays[:count], arrays[count:])
         return tuple(map(torch.from_numpy, found))
+
+    @staticmethod
+    def setup_context(*_: Any) -> None:
+        """Nothing is kept: there are no second derivatives."""
+
+    @staticmethod
+    def backward(*_: Any) -> Any:
+        raise ValueError(TWICE)
+
+    @staticmethod
+    def jvp(*_: Any) -> Any:
+        raise ValueError(TWICE)
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, host: Host, transposed: bool, *tensors: Any) -> Any:
+        found = _Product.apply(host, transposed, *_batched(info, dims[2:], tensors))
+        return found, (0,) * len(found)

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.derivatives import Gradient, Tangent
+from bipot_rs.contact.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.gradient import Backward
@@ -207,16 +206,7 @@ class Derivatives:
     def _comm(self) -> Any:
         return self.engine.operator.K.comm.tompi4py()
 
-    def jvp(
-        self,
-        result: Any,
-        load: Any,
-        prescribed: ArrayLike | None,
-        gap: ArrayLike | None,
-        mu: ArrayLike | None,
-        K: Any,
-        /,
-    ) -> Tangent:
+    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
         """`Result.jvp`; ``load`` is a Vec or a list of them, ``K`` a Mat."""
 
         def derive(path: LinearPath) -> Tangent:
@@ -224,16 +214,16 @@ class Derivatives:
             shape = path.shape[0], path.shape[1]
 
             def check() -> Any:
+                load = change.load
                 own = None if load is None else self._rows("load", load, steps)
-                return directions(
-                    self.model, steps, mu_now, shape, own, prescribed, gap, mu, None
-                )
+                data = change._replace(load=own, K=None)
+                return directions(self.model, steps, mu_now, shape, data)
 
             given = agreed(self._comm, check)
             same(self._comm, prescribed=given.prescribed, gap=given.gap)
-            if K is not None:
+            if change.K is not None:
                 pulled = np.stack(
-                    [-self._product(K, u).array_r for u in result.displacement]
+                    [-self._product(change.K, u).array_r for u in result.displacement]
                 )
                 whole = pulled if given.load is None else given.load + pulled
                 given = replace(given, load=whole)
@@ -248,15 +238,7 @@ class Derivatives:
 
         return self._derived(result, derive)
 
-    def vjp(
-        self,
-        result: Any,
-        reaction: ArrayLike | None,
-        displacement: Any,
-        relative_displacement: ArrayLike | None,
-        slip: ArrayLike | None,
-        /,
-    ) -> Gradient:
+    def vjp(self, result: Any, given: Cotangents, /) -> Gradient:
         """`Result.vjp`; ``displacement`` is a list of Vecs."""
 
         def derive(path: LinearPath) -> Gradient:
@@ -264,13 +246,12 @@ class Derivatives:
             stacked = steps, contacts, d
 
             def check() -> Any:
+                u, v = given.displacement, given.relative_displacement
                 return (
-                    cotangents("reaction", reaction, stacked),
-                    None
-                    if displacement is None
-                    else self._rows("displacement", displacement, steps),
-                    cotangents("relative_displacement", relative_displacement, stacked),
-                    cotangents("slip", slip, (steps, contacts, d - 1)),
+                    cotangents("reaction", given.reaction, stacked),
+                    None if u is None else self._rows("displacement", u, steps),
+                    cotangents("relative_displacement", v, stacked),
+                    cotangents("slip", given.slip, (steps, contacts, d - 1)),
                 )
 
             r, u, v, moved = agreed(self._comm, check)

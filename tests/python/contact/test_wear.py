@@ -17,47 +17,11 @@ from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.reading import assemble, read
-from bodies import block
 from two_blocks import arrays
+from worn import COEFFICIENT, PULL, TOL, pad, spring, worn_pad
 
-# Reactions solved to η = 1e-13, and sums of some hundred of them.
-TOL, SAME = 1e-13, 1e-11
-# Of `pad`: wear evens out pressures of neighbours in about 100 cycles.
-COEFFICIENT = 1e-3
-
-
-def spring(**changed: Any) -> bp.ContactProblem:
-    """A point on two springs, which presses on a wall by 10 N."""
-    given = {"gap": [-0.01], "mu": 0.0, "area": [1e-4]} | changed
-    return bp.ContactProblem(1e3 * np.eye(2), np.eye(2), **given)
-
-
-# Forces that move the point by 4 mm to and fro: 8 mm of slip a load step.
-PULL = np.array([[0.0, 4.0], [0.0, -4.0]])
-
-
-@cache
-def pad(d: int = 2, n: int = 8) -> tuple[Any, bp.ContactProblem, np.ndarray]:
-    """A block held at its top on a curved plane, its problem, and a cycle in partial slip."""
-    body = block(
-        [2.0, 1.0] if d == 2 else [1.0] * 3, [2 * n, n][:d] + [n] * (d - 2), 1e3, 0.3
-    )
-    fixed = np.concatenate([body.dofs(d - 1, 1.0, k) for k in range(d)])
-    gap = 0.01 * (body.points[:, 0] - np.ptp(body.points[:, 0]) / 2) ** 2
-    problem = bp.ContactProblem(
-        body.K, body.B, gap=gap, mu=0.3, fixed=fixed, area=body.area
-    )
-    ways = np.zeros((4, d))
-    ways[:, -1] = -0.01
-    ways[:, 0] = 7.5e-3 * np.array([1.0, 0.0, -1.0, 0.0])
-    cycle = np.repeat(ways.T, len(fixed) // d, axis=0).reshape(len(fixed), 4).T
-    return body, problem, np.ascontiguousarray(cycle)
-
-
-def worn_pad(**more: Any) -> Any:
-    _, problem, cycle = pad()
-    given = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
-    return problem.wear(prescribed=cycle, **given)
+# Sums of some hundred reactions that are solved to η = 1e-13.
+SAME = 1e-11
 
 
 @cache

@@ -474,3 +474,20 @@ def test_reactions_of_a_pressed_block_that_sticks() -> None:
     assert found.young["one"][0] == pytest.approx(wanted, rel=1e-6)
     wanted = slope(lambda h: value(made(0.0, move=h)), 1e-3)
     assert found.obstacles[0][1] == pytest.approx(wanted, rel=1e-7)
+
+
+def test_cells_are_passed_over_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Moduli, thickness and nodes share one pass over the steps of each body."""
+    passes = []
+    gradients = fem.ParameterGradient._gradients
+
+    def counted(self: Any, b: int) -> Any:
+        passes.append(b)
+        return gradients(self, b)
+
+    monkeypatch.setattr(fem.ParameterGradient, "_gradients", counted)
+    model = model_of(bent("triangle", 1))
+    found = Product(model).gradient(model)
+    asked = found.young, found.poisson, found.thickness, found.nodes
+    assert all(one is not None for one in asked)
+    assert passes == [0]

@@ -6,10 +6,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.derivatives import Gradient
+from bipot_rs.contact.derivatives import Cotangents, Gradient
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
 from bipot_rs.contact.solution import BLOCK
@@ -136,18 +135,11 @@ class Backward:
         return self._path.response.stiffness()
 
 
-def vjp(
-    path: LinearPath,
-    result: Any,
-    reaction: ArrayLike | None,
-    displacement: ArrayLike | None,
-    relative_displacement: ArrayLike | None,
-    slip: ArrayLike | None,
-) -> Gradient:
+def vjp(path: LinearPath, result: Any, given: Cotangents) -> Gradient:
     """`Result.vjp`."""
     steps, (contacts, d) = len(path.steps), path.shape
     stacked = steps, contacts, d
-    u = cotangents("displacement", displacement, (steps, path.model.n))
+    u = cotangents("displacement", given.displacement, (steps, path.model.n))
     if u is not None and not path.has_factor:
         raise ValueError(
             "displacement has a cotangent, but the problem was made with loads= and has no "
@@ -156,10 +148,10 @@ def vjp(
     found = Backward(
         result,
         path,
-        cotangents("reaction", reaction, stacked),
+        cotangents("reaction", given.reaction, stacked),
         None if u is None else path.model.forces(u),
-        cotangents("relative_displacement", relative_displacement, stacked),
-        cotangents("slip", slip, (steps, contacts, d - 1)),
+        cotangents("relative_displacement", given.relative_displacement, stacked),
+        cotangents("slip", given.slip, (steps, contacts, d - 1)),
     )
     return Gradient(
         result,

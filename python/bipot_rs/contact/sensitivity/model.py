@@ -13,6 +13,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, loads
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
+from bipot_rs.contact.derivatives import DataChange
 
 
 class Inclined(Protocol):
@@ -88,13 +89,10 @@ def directions(
     steps: int,
     mu: Floats,
     shape: tuple[int, int],
-    load: ArrayLike | None,
-    prescribed: ArrayLike | None,
-    gap: ArrayLike | None,
-    change: ArrayLike | None,
-    stiffness: Any,
+    change: DataChange,
 ) -> Directions:
-    """Check the arguments of `Result.jvp`; ``change`` is that of ``mu``."""
+    """Check the arguments of `Result.jvp`."""
+    load, prescribed, gap = change.load, change.prescribed, change.gap
     forces = motions = None
     fixed = len(model.fixed)
     if load is not None:
@@ -110,8 +108,8 @@ def directions(
         forces,
         motions,
         None if gap is None else _gaps(model, gap, steps, shape),
-        by_tangent("mu", change, mu, shape[1]),
-        _matrix(stiffness, model.n),
+        by_tangent("mu", change.mu, mu, shape[1]),
+        _matrix(change.K, model.n),
     )
 
 

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from numpy.typing import ArrayLike
-
-from bipot_rs.contact.derivatives import Gradient, Tangent
+from bipot_rs.contact.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.sensitivity.model import PathModel
 
 # Each load path has a `Differentiable`, but few are differentiated: the methods import the
@@ -25,38 +23,19 @@ class Differentiable:
 
     model: PathModel
 
-    def jvp(
-        self,
-        result: Any,
-        load: ArrayLike | None,
-        prescribed: ArrayLike | None,
-        gap: ArrayLike | None,
-        mu: ArrayLike | None,
-        K: Any,
-        /,
-    ) -> Tangent:
+    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
         from bipot_rs.contact.sensitivity import tangent
 
-        return self._derived(
-            result,
-            lambda path: tangent.jvp(path, result, load, prescribed, gap, mu, K),
-        )
+        return self._derived(result, lambda path: tangent.jvp(path, result, change))
 
-    def vjp(
-        self,
-        result: Any,
-        reaction: ArrayLike | None,
-        displacement: ArrayLike | None,
-        relative_displacement: ArrayLike | None,
-        slip: ArrayLike | None,
-        /,
-    ) -> Gradient:
+    def vjp(self, result: Any, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
         from bipot_rs.contact.sensitivity import gradient
 
-        given = reaction, displacement, relative_displacement, slip
-        return self._derived(result, lambda path: gradient.vjp(path, result, *given))
+        return self._derived(
+            result, lambda path: gradient.vjp(path, result, cotangents)
+        )
 
     def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
         """What ``derive`` makes of the linearised steps, which the result keeps.

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.derivatives import Tangent
+from bipot_rs.contact.derivatives import DataChange, Tangent
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.linear import Change
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
@@ -86,21 +85,11 @@ class Forward:
         return np.concatenate(blocks)
 
 
-def jvp(
-    path: LinearPath,
-    result: Any,
-    load: ArrayLike | None,
-    prescribed: ArrayLike | None,
-    gap: ArrayLike | None,
-    mu: ArrayLike | None,
-    K: Any,
-) -> Tangent:
+def jvp(path: LinearPath, result: Any, change: DataChange) -> Tangent:
     """`Result.jvp`."""
     shape = path.shape[0], path.shape[1]
-    given = directions(
-        path.model, len(path.steps), path.mu, shape, load, prescribed, gap, mu, K
-    )
-    found = Forward(path, given, None if K is None else result.displacement)
+    given = directions(path.model, len(path.steps), path.mu, shape, change)
+    found = Forward(path, given, None if change.K is None else result.displacement)
     return Tangent(
         found.reaction,
         found.relative_displacement,
