@@ -15,7 +15,8 @@ from bipot_rs.contact.status import Outcome, Status
 if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
 
-    Start: TypeAlias = "Result | Step | State"
+# What a load path may start from.
+Start: TypeAlias = "Result | Step | State"
 
 # Tension of this part of the largest reaction is taken for a wrong sign. Reactions of other
 # programs may have less by their tolerance.

@@ -222,3 +222,30 @@ def test_a_state_does_not_number_the_steps_of_a_problem() -> None:
     problem = point(2, loads=[[-1.0, 0.0], [-2.0, 0.0]])
     with pytest.raises(TypeError, match="start is a State, expected a Result"):
         problem.solve(start=state([0.0]))
+
+
+def test_derivatives_from_a_state_are_those_of_differences() -> None:
+    """A sliding point, which a change of the load moves by change / STIFFNESS."""
+    result = point(2).solve([-PRESSURE, 6.0], start=state([1e-3]), tol=1e-14)
+    assert result.status[0, 0] == bp.Status.SLIP
+    tangent = result.jvp(load=np.array([0.0, 1.0]))
+    assert tangent.displacement[0] == pytest.approx([0.0, 1 / STIFFNESS], abs=1e-15)
+    # Friction is at its limit, MU times the pressure.
+    pressed = result.jvp(load=np.array([-1.0, 0.0]))
+    assert pressed.reaction[0, 0] == pytest.approx([1.0, -MU], abs=1e-14)
+
+
+def test_wear_from_a_state_is_that_from_its_step() -> None:
+    problem = point(2, area=[1.0])
+    first = problem.solve([-PRESSURE, 6.0], tol=1e-14)
+    given = bp.State(
+        reaction=first.reaction[0], relative_displacement=first.relative_displacement[0]
+    )
+    there_and_back = np.array([[-PRESSURE, -6.0], [-PRESSURE, 6.0]])
+    worn = [
+        problem.wear(there_and_back, coefficient=1e-6, cycles=3, jump=False, start=at)
+        for at in (first, given)
+    ]
+    assert worn[0].depth[-1, 0] > 0
+    # Equal loads and η of 1e-10.
+    assert worn[1].depth == pytest.approx(worn[0].depth, rel=1e-9)
