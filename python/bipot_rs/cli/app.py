@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli.commands.run import ENOUGH, PETSC, Job, Request
+from bipot_rs.cli.commands.names import ENOUGH, PETSC
 from bipot_rs.cli.exit_codes import BAD_INPUT, INTERRUPTED, NO_ANSWER, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
@@ -49,6 +49,8 @@ class _App(typer.Typer):
                         # command itself also goes to standard error.
                         complain(message)
                     return status
+                from bipot_rs.cli.commands.run import Job, Request
+
                 job = Job(Request(), as_json="--json" in arguments)
                 return job.end(status, message)
 
@@ -84,7 +86,7 @@ class _App(typer.Typer):
             return status
 
     def _with_one(self, arguments: list[str]) -> _App:
-        """This app with the command that is called alone, if its name comes first.
+        """Copy of this app with the command alone whose name comes first, if one does.
 
         Typer evaluates the annotations of all commands, in a tenth of the time of a small
         run.
@@ -251,6 +253,8 @@ def run(
 
     Ctrl-C stops it; the load steps solved so far are written.
     """
+    from bipot_rs.cli.commands.run import Job, Request
+
     request = Request(
         scene=scene,
         settings=settings or [],
