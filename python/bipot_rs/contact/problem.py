@@ -32,6 +32,7 @@ from bipot_rs._lib.validation import (
     friction,
     indices,
     integer,
+    iteration_limit,
     matrices,
     one_of,
     one_triangle,
@@ -572,6 +573,7 @@ class ContactProblem:
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
 
@@ -596,6 +598,8 @@ class ContactProblem:
             Residual η to reach. `Solution.tolerance` is larger if rounding needs that.
         max_iterations, max_seconds
             Limits of one step.
+        maxiter
+            Another name of ``max_iterations``, that of SciPy.
         start
             A `Result` or one of its steps to continue from; the results have the same bits
             as those of one uninterrupted path. ``load``, ``prescribed`` and ``gap`` are the
@@ -639,7 +643,8 @@ class ContactProblem:
         >>> np.array_equal(rest.slip, whole.slip[1:])
         True
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
         steps = self._loading.totals(load, prescribed, gap, start)
         engine = self._engine(len(steps), method)
@@ -666,6 +671,7 @@ class ContactProblem:
         start: Wear | Result | Step | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
+        maxiter: int | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
 
@@ -732,7 +738,8 @@ class ContactProblem:
         from bipot_rs.contact.wear.jumps import Run
         from bipot_rs.contact.wear.stability import Stability
 
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         callback("on_cycle", on_cycle)
         area, contacts = self._contacts["area"], self._shape[1]
         if area is None:
@@ -774,6 +781,7 @@ class ContactProblem:
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, with slip history.
 
@@ -828,7 +836,8 @@ class ContactProblem:
         >>> result.slip[:, 0, 0].round(9)  # of each step
         array([0.001, 0.001])
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
         callback("gap", gap)
         plan = increments(stops, first, largest, smallest, slip)
@@ -845,6 +854,7 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
+        maxiter: int | None = None,
     ) -> list[Result]:
         """Solve several load paths in parallel with one factorisation.
 
@@ -883,7 +893,8 @@ class ContactProblem:
         [10. -1.]
         [10. -5.]
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         paths: list[Following] = []
         totals: list[list[Totals]] = []
         if not isinstance(cases, Iterable):

@@ -15,6 +15,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
+from bipot_rs.contact.contact_data import ContactData
 from bipot_rs.contact.derivatives import LOST, Gradient, PathDerivatives, Tangent
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.solution import Step, recover
@@ -33,7 +34,7 @@ class Result(Sequence[Step]):
     steps
         The converged steps.
     contacts
-        Data of the contacts: ``x``, ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
+        Data of the contacts: ``x`` (also by the name ``points``), ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
         ``None`` if not known.
     start
         The step that the path started from, ``None`` for the unloaded bodies.
@@ -67,7 +68,7 @@ class Result(Sequence[Step]):
         remarks: Sequence[str] = (),
     ) -> None:
         self.steps = tuple(steps)
-        self.contacts = dict(contacts)
+        self.contacts = ContactData(contacts)
         self._shape = shape
         self.start = start
         self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
