@@ -120,6 +120,15 @@ def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
     return found
 
 
+def test_the_extra_all_has_every_library_that_pip_can_install(repository: Path) -> None:
+    """A new extra belongs to it, or to those that depend on the machine."""
+    extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
+    extras = extras["project"]["optional-dependencies"]
+    others = {"all", "dev", "docs", "petsc", "jax", "torch"}
+    rest = [brought(extra, extras) for extra in extras if extra not in others]
+    assert brought("all", extras) == set().union(*rest)
+
+
 def test_named_extras_install_the_missing_library(repository: Path) -> None:
     extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
     extras = extras["project"]["optional-dependencies"]
