@@ -74,7 +74,7 @@ def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
         ("h5py", "import bipot_rs; bipot_rs.fclib.read('x')", "files need h5py"),
         (
             "skfem",
-            "import bipot_rs; bipot_rs.fem.box",
+            "import bipot_rs; bipot_rs.fem.box([[0, 1]] * 2, 'triangle')",
             "finite elements need scikit-fem",
         ),
         (

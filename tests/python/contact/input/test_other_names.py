@@ -55,14 +55,14 @@ def test_maxiter_is_max_iterations(name: str) -> None:
     solve = solves()[name]
     with pytest.raises(ValueError, match="max_iterations is 0, expected"):
         solve(maxiter=0)
-    with pytest.raises(TypeError, match="max_iterations is 3 and maxiter is 4: they are"):
+    with pytest.raises(
+        TypeError, match="max_iterations is 3 and maxiter is 4: they are"
+    ):
         solve(max_iterations=3, maxiter=4)
 
 
 def test_maxiter_limits_the_iterations() -> None:
-    reduced = bp.ReducedProblem(
-        np.array([[2.0, 1.0], [1.0, 2.0]]), [[-1.0, 0.5]], 0.3
-    )
+    reduced = bp.ReducedProblem(np.array([[2.0, 1.0], [1.0, 2.0]]), [[-1.0, 0.5]], 0.3)
     one = reduced.solve("uzawa", maxiter=1)
     assert (one.iterations, one.outcome) == (1, bp.Outcome.ITERATION_LIMIT)
 
