@@ -67,10 +67,21 @@ def keys(scene: str | None, incomplete: str) -> list[str]:
         names = list(dict.fromkeys([*here, *names]))
     found = []
     for name in names:
-        # A table, or a table by name or number: of both, "0" is a possible entry.
-        more = any(known(Scene, [*above, name, *end]) for end in ((), ("0",)))
+        inner = here.get(name) if isinstance(here, dict) else None
+        # A table, or tables by name or number, of which "0" may be one. A plain value in
+        # place of a table has no keys.
+        more = not _is_plain(inner) and any(
+            known(Scene, [*above, name, *end]) for end in ((), ("0",))
+        )
         found.append(".".join([*above, name]) + ("." if more else "="))
     return _beginning(incomplete, found)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value of the scene has no keys: a number, a text, or a list of these."""
+    if isinstance(value, list):
+        return not any(isinstance(one, dict) for one in value)
+    return value is not None and not isinstance(value, dict)
 
 
 def _table(scene: str | None) -> Any:

@@ -34,8 +34,8 @@ class Result(Sequence[Step]):
     steps
         The converged steps.
     contacts
-        Data of the contacts: ``x`` (also by the name ``points``), ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
-        ``None`` if not known.
+        Data of the contacts: ``x`` (also found as ``points``), ``normal``, ``frame``,
+        ``area``, ``gap``, ``mu``; ``None`` if not known.
     start
         The step that the path started from, ``None`` for the unloaded bodies.
     seconds
