@@ -512,6 +512,18 @@ def settings(
     return Settings(method, number("tol", tol), limit, seconds)
 
 
+def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | None:
+    """The limit, which callers may also give by the name that it has in SciPy."""
+    if maxiter is None:
+        return max_iterations
+    if max_iterations is not None:
+        raise TypeError(
+            f"max_iterations is {shown(max_iterations)} and maxiter is {shown(maxiter)}: "
+            "they are two names of one limit, give one of them"
+        )
+    return maxiter
+
+
 def callback(what: str, value: Any) -> None:
     """Refuse a callback that is neither callable nor None."""
     if value is not None and not callable(value):

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli.commands.run import ENOUGH, PETSC, Job, Request
+from bipot_rs.cli import completion
+from bipot_rs.cli.commands.names import ENOUGH, PETSC
 from bipot_rs.cli.exit_codes import BAD_INPUT, INTERRUPTED, NO_ANSWER, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
@@ -49,6 +50,8 @@ class _App(typer.Typer):
                         # command itself also goes to standard error.
                         complain(message)
                     return status
+                from bipot_rs.cli.commands.run import Job, Request
+
                 job = Job(Request(), as_json="--json" in arguments)
                 return job.end(status, message)
 
@@ -84,7 +87,7 @@ class _App(typer.Typer):
             return status
 
     def _with_one(self, arguments: list[str]) -> _App:
-        """The app with only the command that is called, if its name comes first.
+        """Copy of this app with the command alone whose name comes first, if one does.
 
         Typer evaluates the annotations of all commands, in a tenth of the time of a small
         run.
@@ -98,11 +101,13 @@ class _App(typer.Typer):
         return only if only.registered_commands else self
 
 
-def _scenes_like(incomplete: str) -> list[str]:
-    """Names of shipped scenes for shell completion; the shell completes files itself."""
-    from bipot_rs.scene.library import shipped
-
-    return [name for name in shipped() if name.startswith(incomplete)]
+def _keys_like(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Keys of ``--set`` for shell completion, of the scene that is named before it."""
+    given = ctx.params.get("scene") or ctx.params.get("names")
+    # While the value of the last option is missing, the words before it are not sorted.
+    named = [given] if isinstance(given, str) else [*(given or ()), *ctx.args]
+    scene = next((word for word in named if not word.startswith("-")), None)
+    return completion.keys(scene, incomplete)
 
 
 def _helpful(message: str, arguments: list[str]) -> str:
@@ -143,17 +148,22 @@ _Scene = Annotated[
     typer.Argument(
         metavar="SCENE",
         help="Name of a shipped scene, or a TOML file.",
-        autocompletion=_scenes_like,
+        autocompletion=completion.scenes,
     ),
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object per line.")]
 _Settings = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key, as in --set mesh.n=24."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key, as in --set mesh.n=24.",
+        autocompletion=_keys_like,
     ),
 ]
-_Method = Annotated[str, typer.Option(help="Contact solver.")]
+_Method = Annotated[
+    str, typer.Option(help="Contact solver.", autocompletion=completion.methods)
+]
 
 
 class Engine(StrEnum):
@@ -174,7 +184,11 @@ class SceneEngine(StrEnum):
 
 
 _OtherMethod = Annotated[
-    str | None, typer.Option(help="Contact solver, instead of the scene's.")
+    str | None,
+    typer.Option(
+        help="Contact solver, instead of the scene's.",
+        autocompletion=completion.methods,
+    ),
 ]
 _Tol = Annotated[float, typer.Option(help="Residual to reach.")]
 
@@ -253,6 +267,8 @@ def run(
 
     Ctrl-C stops it; the load steps solved so far are written.
     """
+    from bipot_rs.cli.commands.run import Job, Request
+
     request = Request(
         scene=scene,
         settings=settings or [],
@@ -412,7 +428,7 @@ def scenes(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Print the TOML of this scene.", autocompletion=_scenes_like
+            help="Print the TOML of this scene.", autocompletion=completion.scenes
         ),
     ] = None,
 ) -> None:
@@ -434,7 +450,8 @@ def new(
     template: Annotated[
         str,
         typer.Option(
-            help="Kind of scene: block, mesh, mortar, obstacle or two_bodies."
+            help="Kind of scene: block, mesh, mortar, obstacle or two_bodies.",
+            autocompletion=completion.templates,
         ),
     ] = "block",
 ) -> None:
@@ -501,7 +518,8 @@ def plot(
             "status_shares, force_displacement, dissipation, deformed; with [wear] in the "
             "scene wear. In three dimensions "
             "also pressure_3d, shear_3d, gap_3d, slip_3d, status_3d; for plane surfaces "
-            "pressure_map, shear_map, gap_map."
+            "pressure_map, shear_map, gap_map.",
+            autocompletion=completion.kinds,
         ),
     ] = "tractions",
     out: Annotated[
@@ -554,7 +572,10 @@ def plot(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Keys that were set for the run."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Keys that were set for the run.",
+            autocompletion=_keys_like,
         ),
     ] = None,
     x: Annotated[
@@ -630,7 +651,7 @@ def sweep(
             metavar="SCENE",
             help="Name of a shipped scene, or a TOML file. With --join: folders of parts, "
             "or folders that hold them.",
-            autocompletion=_scenes_like,
+            autocompletion=completion.scenes,
         ),
     ],
     settings: Annotated[
@@ -639,6 +660,7 @@ def sweep(
             "--set",
             metavar="KEY=V1,V2,…",
             help="Values of a key: contact.0.mu=0.1,0.3.",
+            autocompletion=_keys_like,
         ),
     ] = None,
     ranges: Annotated[
@@ -647,6 +669,7 @@ def sweep(
             "--range",
             metavar="KEY=FROM:TO:COUNT",
             help="COUNT equally spaced values: 0.1:0.5:3 is 0.1, 0.3, 0.5.",
+            autocompletion=_keys_like,
         ),
     ] = None,
     out: Annotated[

@@ -23,6 +23,7 @@ class _OfSolve(TypedDict, total=False):
     tol: float
     max_iterations: int | None
     max_seconds: float | None
+    maxiter: int | None
     start: Start | None
     on_step: Callable[[int, Step], object] | None
 
@@ -89,7 +90,8 @@ def solve(
     **keywords
         All other keywords of `ContactProblem`, such as ``fixed`` (the prescribed degrees
         of freedom) and ``area`` (the tributary areas, for tractions), and ``method``,
-        ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
+        ``tol``, ``max_iterations`` (or ``maxiter``), ``max_seconds``, ``start`` and
+        ``on_step`` of
         `ContactProblem.solve`.
 
     Returns

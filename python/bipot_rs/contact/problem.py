@@ -27,6 +27,7 @@ from bipot_rs._lib.validation import (
     friction,
     indices,
     integer,
+    iteration_limit,
     matrices,
     one_of,
     places,
@@ -559,6 +560,7 @@ class ContactProblem(Wearing):
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | MovingGaps | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history.
 
@@ -583,6 +585,8 @@ class ContactProblem(Wearing):
             Residual η to reach. `Solution.tolerance` is larger if rounding needs that.
         max_iterations, max_seconds
             Limits of one step.
+        maxiter
+            Another name of ``max_iterations``, that of SciPy.
         start
             A `Result` or one of its steps to continue from; the results have the same bits
             as those of one uninterrupted path. ``load``, ``prescribed`` and ``gap`` are the
@@ -628,7 +632,8 @@ class ContactProblem(Wearing):
         >>> np.array_equal(rest.slip, whole.slip[1:])
         True
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
         steps = self._loading.totals(load, prescribed, gap, start)
         engine = self._engine(len(steps), method)
@@ -656,6 +661,7 @@ class ContactProblem(Wearing):
         start: Start | None = None,
         on_step: Callable[[int, Step], object] | None = None,
         gap: Callable[[float], ArrayLike | MovingGaps] | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, with slip history.
 
@@ -711,7 +717,8 @@ class ContactProblem(Wearing):
         >>> result.slip[:, 0, 0].round(9)  # of each step
         array([0.001, 0.001])
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
         callback("gap", gap)
         plan = increments(stops, first, largest, smallest, slip)
@@ -728,6 +735,7 @@ class ContactProblem(Wearing):
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
+        maxiter: int | None = None,
     ) -> list[Result]:
         """Solve several load paths in parallel with one factorisation.
 
@@ -766,7 +774,8 @@ class ContactProblem(Wearing):
         [10. -1.]
         [10. -5.]
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         paths: list[Following] = []
         totals: list[list[Totals]] = []
         if not isinstance(cases, Iterable):

@@ -21,6 +21,7 @@ from bipot_rs._lib.validation import (
     floats,
     friction,
     integer,
+    iteration_limit,
     positive,
     settings,
     threads,
@@ -215,12 +216,13 @@ class ReducedProblem:
         *,
         num_threads: int | None = None,
         callback: Callable[[int, float, float], object] | None = None,
+        maxiter: int | None = None,
     ) -> Solution:
         """Solve, and return how the solve ended in `Solution.outcome`.
 
         Parameters
         ----------
-        method, tol, max_iterations, max_seconds
+        method, tol, max_iterations, max_seconds, maxiter
             As in `ContactProblem.solve`.
         start
             A `Solution`, or reactions ``(n_c, d)``, to start from.
@@ -236,7 +238,8 @@ class ReducedProblem:
         TypeError, ValueError
             An argument is wrong; the message names it.
         """
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = settings(method, tol, limit, max_seconds)
         validation.callback("callback", callback)
         reaction, rigid = None, None
         if isinstance(start, Solution):

@@ -15,6 +15,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
 from bipot_rs.contact import summary
+from bipot_rs.contact.contact_data import ContactData
 from bipot_rs.contact.contact_fields import instants_of, path_fields
 from bipot_rs.contact.derivatives import (
     LOST,
@@ -44,10 +45,11 @@ class Result(Presentation, Sequence[Step]):
     steps
         The converged steps.
     contacts
-        Data of the contacts: ``x``, ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
-        ``None`` if not known. Of a model also ``surface``, ``surface_names`` and in 3D
-        ``facets``, for pictures: numbers of contacts ``(m, k)``, corners first, -1 after
-        the last node. May be set, as ``result.contacts["facets"] = pairs.facets``.
+        Data of the contacts: ``x`` (also found as ``points``), ``normal``, ``frame``,
+        ``area``, ``gap``, ``mu``; ``None`` if not known. Of a model also ``surface``,
+        ``surface_names`` and in 3D ``facets``, for pictures: numbers of contacts
+        ``(m, k)``, corners first, -1 after the last node. May be set, as
+        ``result.contacts["facets"] = pairs.facets``.
     start
         The step that the path started from, ``None`` for the unloaded bodies.
     seconds
@@ -83,7 +85,7 @@ class Result(Presentation, Sequence[Step]):
         remarks: Sequence[str] = (),
     ) -> None:
         self.steps = tuple(steps)
-        self.contacts = dict(contacts)
+        self.contacts = ContactData(contacts)
         self._shape = shape
         self.start = start
         self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(

@@ -216,9 +216,10 @@ def find(wanted: Floats, among: Floats) -> Ints:
 @cache
 def mesh_class(name: str) -> Any:
     """A mesh class of scikit-fem, or of `serendipity`, by its name."""
+    known = library()
     from bipot_rs.mesh import serendipity
 
-    return getattr(serendipity, name, None) or getattr(library(), name)
+    return getattr(serendipity, name, None) or getattr(known, name)
 
 
 @cache

@@ -390,6 +390,7 @@ class Model:
         max_iterations: int | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        maxiter: int | None = None,
     ) -> ModelResult:
         """Solve the whole path; bitwise the same result as `bipot run`.
 
@@ -397,6 +398,8 @@ class Model:
         ----------
         method, tol, max_iterations
             Replace the settings of `solver`.
+        maxiter
+            Another name of ``max_iterations``, that of SciPy.
         start
             Result of an interrupted run of this path, also one read from a file. The path
             continues from it, bitwise as if it had not been interrupted. With automatic
@@ -433,6 +436,7 @@ class Model:
                 method=method,
                 tol=tol,
                 max_iterations=max_iterations,
+                maxiter=maxiter,
                 start=start,
                 first=first,
                 on_step=on_step,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact.engines.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.frames import of_step
@@ -169,6 +170,7 @@ class Case:
         start: Result | Step | None = None,
         first: int = 0,
         on_step: Callable[[int, Step], object] | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve the path with the settings of the scene, by given or automatic steps.
 
@@ -178,6 +180,8 @@ class Case:
             `problem` of this case, if it was made before.
         method, tol, max_iterations
             Replace the settings of the scene.
+        maxiter
+            Another name of ``max_iterations``, that of SciPy.
         start
             State that an earlier run reached after `first` steps.
         first
@@ -199,7 +203,8 @@ class Case:
                 "the scene has [wear], which `bipot run` and Case.wear solve, as in "
                 "model.assemble().wear(); remove it to solve the load path once"
             )
-        chosen = self._settings(method, tol, max_iterations)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = self._settings(method, tol, limit)
         chosen |= {"start": start, "on_step": on_step}
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
@@ -241,12 +246,13 @@ class Case:
         tol: float | None = None,
         max_iterations: int | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
+        maxiter: int | None = None,
     ) -> Wear:
         """Solve the load steps before the cycle, then the cycles of the table ``[wear]``.
 
         Parameters
         ----------
-        problem, method, tol, max_iterations
+        problem, method, tol, max_iterations, maxiter
             As in `solve`.
         on_cycle
             As in `ContactProblem.wear`.
@@ -261,7 +267,8 @@ class Case:
         table = None if self.scene is None else self.scene.wear
         if table is None:
             raise ValueError("the scene has no [wear], expected coefficient and cycles")
-        chosen = self._settings(method, tol, max_iterations)
+        limit = iteration_limit(max_iterations, maxiter)
+        chosen = self._settings(method, tol, limit)
         asked = self.problem() if problem is None else problem
         count = len(self.parameter)
         once = slice(0, count - (table.steps or count))

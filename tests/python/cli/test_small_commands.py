@@ -15,14 +15,14 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fclib
-from bipot_rs.cli import cost_forecast
+from bipot_rs.cli import completion, cost_forecast
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.commands.new import templates
 from bipot_rs.cli.commands.plot import kinds
 from bipot_rs.cli.commands.schema import schema
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.scene.library import shipped, text
+from bipot_rs.scene.library import SceneError, shipped, text
 
 SMALL = ("--set", "mesh.n=4")
 
@@ -548,6 +548,23 @@ def test_schema_refuses_what_bipot_refuses(change: Callable[[Any], Any]) -> None
         ("bipot run sh", 2, ["sheared_cube"]),
         ("bipot check c", 2, ["cattaneo_mindlin", "cyclic_cube"]),
         ("bipot run --pl", 2, ["--plot"]),
+        ("bipot new --template mo", 3, ["mortar"]),
+        ("bipot run two_blocks --engine i", 4, ["iterative"]),
+        ("bipot run two_blocks --engine p", 4, ["petsc"]),
+        ("bipot solve --engine p", 3, []),
+        ("bipot solve --engine d", 3, ["direct"]),
+        ("bipot run --method uz", 3, ["uzawa", "uzawa_two_projection"]),
+        ("bipot fclib --method nest", 3, ["nesterov"]),
+        ("bipot plot out/a --kind st", 4, ["status_map", "status_shares", "status_3d"]),
+        ("bipot run two_blocks --set m", 4, ["mesh.", "material."]),
+        ("bipot run --set m", 3, ["mesh.", "material."]),
+        ("bipot run two_blocks --set body.", 4, ["body.upper.", "body.lower."]),
+        ("bipot check two_blocks --set contact.", 4, ["contact.0."]),
+        ("bipot run two_blocks --set contact.0.m", 4, ["contact.0.mu="]),
+        ("bipot sweep two_blocks --set mesh.n", 4, ["mesh.n="]),
+        ("bipot sweep two_blocks --range contact.0.mu", 4, ["contact.0.mu="]),
+        ("bipot run no_such.toml --set wear.r", 4, ["wear.rtol="]),
+        ("bipot run two_blocks --set mesh.n=1", 4, []),
     ],
 )
 def test_shells_complete(
@@ -562,6 +579,26 @@ def test_shells_complete(
     monkeypatch.setenv("COMP_CWORD", str(place))
     status, out, _ = bipot()
     assert (status, out.split()) == (0, found)
+
+
+def test_completed_keys_are_keys_of_the_scene() -> None:
+    """Each key that is offered for a scene can be set in it: no message calls it unknown."""
+    open_ends, leaves = [""], []
+    while open_ends:
+        for key in completion.keys("sheared_cube", open_ends.pop()):
+            (open_ends if key.endswith(".") else leaves).append(key)
+    assert len(leaves) > 30
+    for key in leaves:
+        found = str(_error_of(key))
+        assert "unknown key" not in found, key
+        assert "--set" not in found, key
+
+
+def _error_of(key: str) -> object:
+    try:
+        return read("sheared_cube", [f"{key}1"])
+    except SceneError as error:
+        return error
 
 
 def test_every_command_has_help(bipot: Any) -> None:

@@ -74,7 +74,7 @@ def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
         ("h5py", "import bipot_rs; bipot_rs.fclib.read('x')", "files need h5py"),
         (
             "skfem",
-            "import bipot_rs; bipot_rs.fem.box",
+            "import bipot_rs; bipot_rs.fem.box([[0, 1]] * 2, 'triangle')",
             "finite elements need scikit-fem",
         ),
         (
@@ -118,6 +118,15 @@ def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
         else:
             found.add(re.split(r"[<>=~! ]", line)[0])
     return found
+
+
+def test_the_extra_all_has_every_library_that_pip_can_install(repository: Path) -> None:
+    """A new extra belongs to it, or to those that depend on the machine."""
+    extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
+    extras = extras["project"]["optional-dependencies"]
+    others = {"all", "dev", "docs", "petsc", "jax", "torch"}
+    rest = [brought(extra, extras) for extra in extras if extra not in others]
+    assert brought("all", extras) == set().union(*rest)
 
 
 def test_named_extras_install_the_missing_library(repository: Path) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted, later
+from bipot_rs.cli.commands.names import ENOUGH, PETSC
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_files import Output, origin
@@ -38,13 +39,9 @@ if TYPE_CHECKING:
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
-# A tolerance that depends on the mesh.
-ENOUGH = "discretisation"
 # Every run needs these. They are imported while signals wait, and before the clocks of
 # the phases start.
 _NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report", "bipot_rs.files.csv_tables")
-# The engine that runs on several processes.
-PETSC = "petsc"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import callback, integer, settings
+from bipot_rs._lib.validation import callback, integer, iteration_limit, settings
 from bipot_rs.contact.load_path import Following
 from bipot_rs.contact.load_paths import LoadPaths
 from bipot_rs.contact.solution import Step
@@ -37,6 +37,7 @@ class Wearing(LoadPaths):
         start: Wear | Start | None = None,
         on_cycle: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | MovingGaps | None = None,
+        maxiter: int | None = None,
     ) -> Wear:
         """Repeat a load path, and wear the contacts by Archard's law.
 
@@ -104,7 +105,9 @@ class Wearing(LoadPaths):
         from bipot_rs.contact.wear.jumps import Run
         from bipot_rs.contact.wear.stability import Stability
 
-        chosen = settings(method, tol, max_iterations, max_seconds)
+        chosen = settings(
+            method, tol, iteration_limit(max_iterations, maxiter), max_seconds
+        )
         callback("on_cycle", on_cycle)
         area, contacts = self._contacts["area"], self._shape[1]
         if area is None:

@@ -1,0 +1,31 @@
+"""The data of the contacts of a result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+# Names of arguments, and those of the data that they become.
+_ARGUMENTS = {"points": "x"}
+
+
+class ContactData(dict[str, NDArray[Any] | None]):
+    """Arrays by name, with the names of the arguments that they came from.
+
+    ``data["points"]`` is ``data["x"]``. The mapping itself has each array once.
+
+    >>> data = ContactData(x=None, mu=None)
+    >>> list(data), data["points"] is data["x"]
+    (['x', 'mu'], True)
+    """
+
+    def __missing__(self, name: str) -> NDArray[Any] | None:
+        if name in _ARGUMENTS and _ARGUMENTS[name] in self:
+            return self[_ARGUMENTS[name]]
+        known = ", ".join(self)
+        raise KeyError(f"{name!r}: the contacts have {known}")
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """As of any dictionary."""
+        return super().get(name, super().get(_ARGUMENTS.get(name, name), default))
