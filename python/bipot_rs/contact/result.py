@@ -433,11 +433,11 @@ class Result(Sequence[Step]):
             )
         names = ("reaction", "traction", "relative_displacement", "slip", "status")
         series = [{name: getattr(step, name) for name in names} for step in self.steps]
-        frame = self.contacts.get("frame")
-        if frame is not None:
+        base = self.contacts.get("frame")
+        if base is not None:
             for fields_of, step in zip(series, self.steps, strict=True):
-                own = of_step(step, frame)
-                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, own)
+                frame = of_step(step, base)
+                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
         export.write_series(
             index,
             x,

@@ -71,7 +71,7 @@ RUST_SIBLINGS = {
         "face frozen",
     ),
     "reduced": (
-        "elliptic_scaling memory validate",
+        "elliptic_scaling memory rotation validate",
         "island",
         "compliance",
         "reduced",
