@@ -25,8 +25,6 @@ from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
-    frames_of_steps,
-    gaps_of_steps,
     gaps_onwards,
     meet,
     relative_displacement,
@@ -34,6 +32,7 @@ from bipot_rs.fem.contact import (
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.loads import Load
+from bipot_rs.fem.obstacle_path import frames_of_steps, gaps_of_steps
 from bipot_rs.fem.parameter_gradient import ParameterGradient, of_gradient
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
