@@ -71,7 +71,8 @@ RUST_SIBLINGS = {
         "face frozen",
     ),
     "reduced": (
-        "elliptic_scaling memory rotation validate",
+        "elliptic_scaling memory validate",
+        "rotation",
         "island",
         "compliance",
         "reduced",
