@@ -2,7 +2,7 @@
 
 In step k a contact has the frame Q_k, the normal gap g_k of the undeformed node, and the
 displacement s_k of the surface of the obstacle under it since the start of the path. With
-w = u - s, the displacement of the node relative to that surface, its law (35) is about
+w = u - s, the displacement of the node relative to that surface, its law (39) is about
 
     v_n = g_k + n_k · u_k,    slip_k = T_k (w_k - w_{k-1})
 

@@ -37,17 +37,30 @@ def distances(points: Floats) -> Floats:
     return np.where(nearest > 0, nearest, np.inf)
 
 
+def displaced(step: Any, at: Any) -> Floats:
+    """How far contacts are from where their geometry was taken, ``(m, d - 1)``.
+
+    The geometry of a step with frames of its own is that of the moved obstacle: its motion
+    does not count.
+    """
+    moved: Floats = step.relative_displacement[at, 1:]
+    if getattr(step, "frame", None) is None:
+        return moved
+    carried = np.einsum("...kd,...d->...k", step.frame[at, 1:], step.drag[at])
+    return np.asarray(moved + carried, np.float64)
+
+
 def farthest(
     steps: Sequence[Any], apart: Floats, at: NDArray[np.integer[Any]]
 ) -> tuple[int, int, float]:
-    """Largest sliding distance of a closed contact, relative to ``apart (m,)``.
+    """Largest `displaced` distance of a closed contact, relative to ``apart (m,)``.
 
     ``steps`` are the steps of a `Result`, and ``at (m,)`` are the contacts to check.
     Returns the number of the step, the index into ``at``, and the ratio.
     """
     found = 0, 0, 0.0
     for k, step in enumerate(steps):
-        along = np.linalg.norm(step.relative_displacement[at, 1:], axis=1)
+        along = np.linalg.norm(displaced(step, at), axis=1)
         ratio = np.where(step.reaction[at, 0] > 0, along / apart, 0.0)
         node = int(np.argmax(ratio))
         if ratio[node] > found[2]:

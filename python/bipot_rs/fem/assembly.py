@@ -25,8 +25,6 @@ from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
     Contact,
     body_index,
-    frames_of_steps,
-    gaps_of_steps,
     gaps_onwards,
     meet,
     relative_displacement,
@@ -35,6 +33,7 @@ from bipot_rs.fem.distributed_force import distributed_force
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.loads import Load
+from bipot_rs.fem.obstacle_path import frames_of_steps, gaps_of_steps
 from bipot_rs.fem.references import (
     Reference,
     Remote,

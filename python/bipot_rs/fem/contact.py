@@ -13,8 +13,7 @@ from scipy import sparse
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
-from bipot_rs.contact.frames import frames, operator, turned_to
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.frames import frames, operator
 from bipot_rs.fem.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import turned_outward
 from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
@@ -465,69 +464,6 @@ def _means(
 
     means = [rigid_pairs(body.points, facets, one(k)) for k in range(count)]
     return np.column_stack([mean.gap for mean in means]), means[0].slave
-
-
-def gaps_of_steps(
-    found: Sequence[Meeting], contacts: Sequence[Contact], frame: Floats, turned: bool
-) -> MovingGaps | None:
-    """Gaps, frames and drag of each step for all contacts; None if no obstacle moves.
-
-    Parameters
-    ----------
-    frame
-        Frames at the start, ``(n_c, d, d)``.
-    turned
-        Whether their tangents were turned to those of inclined supports.
-    """
-    steps = sorted({len(one.moved.drag) for one in found if one.moved is not None})
-    if not steps:
-        return None
-    if len(steps) > 1:
-        raise ValueError(
-            f"the motions of obstacles have {' and '.join(map(str, steps))} steps: give "
-            "all the same number of steps"
-        )
-    parts, first = [], 0
-    for one, contact in zip(found, contacts, strict=True):
-        own = frame[first : first + len(one.gap)]
-        first += len(one.gap)
-        moved = one.moved
-        if moved is None:
-            moved = at_rest(one.gap, own, steps[0])
-            bases = np.broadcast_to(own, (steps[0], *own.shape))
-        else:
-            bases = frames_of_steps(contact, own, moved.normal, turned)
-        parts.append((moved.distance, bases, moved.drag))
-    return MovingGaps(
-        *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    )
-
-
-def at_rest(gap: Floats, frame: Floats, steps: int) -> Approach:
-    """An obstacle that stays where it is for some steps."""
-    shape = (steps, *frame[:, 0].shape)
-    return Approach(
-        np.broadcast_to(frame[:, 0], shape),
-        np.broadcast_to(gap, shape[:2]),
-        np.zeros(shape),
-    )
-
-
-def frames_of_steps(
-    contact: Contact, frame: Floats, normals: Floats, turned: bool
-) -> Floats:
-    """Frames ``(steps, n_c, d, d)`` with given normals, one after the other from ``frame``.
-
-    Tangents turn as little as normals do, unless ``axis`` determines them.
-    """
-    found = np.empty((*normals.shape[:2], *frame.shape[1:]))
-    for k, normal in enumerate(normals):
-        before = frame if k == 0 else found[k - 1]
-        found[k] = turned_to(before, normal)
-        if contact.axis is not None and (np.ndim(contact.mu) == 1 or not turned):
-            other = (found[k] != before).any(axis=(1, 2))
-            found[k, other] = frames(normal[other], contact.axis)
-    return found
 
 
 def relative_displacement(found: Sequence[Meeting], n: int) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.slip_check import distances, farthest
+from bipot_rs.contact.slip_check import displaced, distances, farthest
 from bipot_rs.contact.solution import Step
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unsupported
@@ -112,10 +112,10 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
         k, node, ratio = farthest(steps, distances(model.points[at]), at)
         if ratio <= 1:
             continue
-        moved = steps[k].relative_displacement[at[node], 1:]
+        moved = displaced(steps[k], at[node])
         kept = "each contact keeps the point opposite to it at the start"
         if contact.against is None:
-            kept = "each contact keeps the normal of the nearest approach"
+            kept = "each contact keeps the normal at the undeformed node"
         yield (
             f"contacts of {_named(model, group)} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "

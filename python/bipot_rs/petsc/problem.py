@@ -401,7 +401,7 @@ class ContactProblem:
         tol: float = 1e-10,
         start: WholeResult | WholeStep | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        gap: ArrayLike | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
     ) -> Result:
@@ -413,7 +413,8 @@ class ContactProblem:
             A Vec with the layout of the rows of ``K``, or a list of them: totals at the end
             of each step; the default is zero.
         prescribed, gap
-            As in `bipot_rs.ContactProblem.solve`, the same on every rank.
+            As in `bipot_rs.ContactProblem.solve`, the same on every rank; `MovingGaps` are
+            refused.
         tol, max_iterations, max_seconds
             As in `bipot_rs.ContactProblem.solve`. The clock of the first rank counts.
         start
@@ -443,8 +444,7 @@ class ContactProblem:
             callback("on_step", on_step)
             before = state(start, contacts, d)
             turned = before is not None and before.frame is not None
-            given: object = gap
-            if isinstance(given, MovingGaps) or turned:
+            if isinstance(gap, MovingGaps) or turned:
                 raise ValueError(NO_FRAMES)
             motions = rows_of_steps("prescribed", prescribed, len(self._fixed))
             steps = together(

@@ -170,7 +170,8 @@ class Functionals:
         Raises
         ------
         ValueError
-            ``k`` is out of range, or the result was read from a file.
+            ``k`` is out of range, the result was read from a file, or frames change along
+            the path.
         """
         count = len(result)
         if count == 0:
@@ -181,6 +182,11 @@ class Functionals:
             raise ValueError(
                 f"step {at} of result, or the step before it, has no loads: give the result of "
                 "problem.solve, not one from a file or the first step from a bp.State"
+            )
+        if step.frame is not None or (before is not None and before.frame is not None):
+            raise ValueError(
+                f"step {at} of result, or the step before it, has frames of its own: the "
+                "functionals need those of B"
             )
         start = None
         if before is not None:

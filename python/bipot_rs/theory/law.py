@@ -387,6 +387,11 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
     height = gaps if gaps.ndim == 1 else gaps[:, 0]
     now = result[k]
     before = result[k - 1] if k else result.start
+    if now.frame is not None or (before is not None and before.frame is not None):
+        raise ValueError(
+            f"step {k} of result, or the step before it, has frames of its own: increments of "
+            "its vectors need the same frames"
+        )
     if before is None:
         start = Start.unloaded(height, now.reaction.shape[1])
     else:

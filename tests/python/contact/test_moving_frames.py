@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs.contact.frames import frames, turned_to
+from bipot_rs.contact.slip_check import displaced
+from bipot_rs.theory import functionals, law
 from bodies import Body, block
 
 TOL = 1e-13
@@ -290,6 +292,25 @@ def test_wear_opens_the_gap_along_the_normal_of_the_step() -> None:
     expected = k * (result.reaction[:, :, 0] / setup(3)[0].area * slip).sum(axis=0)
     # The wear of earlier steps changes later ones by about its share of the approach.
     np.testing.assert_allclose(worn.depth[-1], expected, atol=1e-6 * expected.max())
+
+
+def test_the_motion_of_the_obstacle_is_no_distance_from_the_geometry() -> None:
+    moving = path(3)
+    result = make(3, gaps=moving, engine="direct").solve(tol=TOL)
+    B, d = setup(3)[0].B, 3
+    for step in result:
+        u = np.einsum("cdk,cd->ck", setup(3)[2], (B @ step.displacement).reshape(-1, d))
+        expected = np.einsum("ckd,cd->ck", step.frame[:, 1:], u)
+        close(displaced(step, np.arange(len(u))), expected, 1e-12)
+
+
+def test_theory_refuses_increments_between_frames() -> None:
+    problem = make(3, gaps=path(3), engine="direct")
+    result = problem.solve()
+    with pytest.raises(ValueError, match="the step before it, has frames of its own"):
+        functionals.Functionals.of_step(problem, setup(3)[0].K, result)
+    with pytest.raises(ValueError, match="the step before it, has frames of its own"):
+        law.step_of(result, 1)
 
 
 def test_derivatives_of_such_paths_are_refused() -> None:

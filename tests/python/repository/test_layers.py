@@ -72,6 +72,7 @@ RUST_SIBLINGS = {
     ),
     "reduced": (
         "elliptic_scaling memory validate",
+        "rotation",
         "island",
         "compliance",
         "reduced",

@@ -116,18 +116,17 @@ class _StepProblem:
 
     def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
         """Relative forward errors, by one more Newton correction."""
-        if not self.core.stats["factor_kept"]:
+        core = self.core
+        if not core.stats["factor_kept"]:
             return None  # the estimate needs the factor of K
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        found = _core.forward_errors_of_step(
-            self.core, *self._loads, step.reaction, motion
-        )
+        found = _core.forward_errors_of_step(core, *self._loads, step.reaction, motion)
         if found is None or self.asked.known is None:
             return found
         # Add the effect of the error of K.
         known = self.asked.known
         digits = known.digits
-        factor = digits.amplification(self.core.stiffness(), step.displacement)
+        factor = digits.amplification(core.stiffness(), step.displacement)
         unknown = max(digits.rtol, known.off) * factor
         return found[0] + unknown, found[1] + unknown
 

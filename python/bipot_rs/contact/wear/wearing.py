@@ -52,7 +52,8 @@ class Wearing(LoadPaths):
         Parameters
         ----------
         load, prescribed, gap
-            One cycle, as in `solve`.
+            One cycle, as in `solve`. With `MovingGaps` each step wears along its own normal;
+            the bound of jumps uses the frames of B.
         coefficient
             Wear coefficient ``k``, depth per pressure and slip [1/stress], a number or
             ``(n_c,)``: Archard's dimensionless coefficient divided by the hardness. For two
