@@ -106,6 +106,12 @@ STEPS = {
     "displacement": Quantity("displacement by degrees of freedom", "length"),
     "gap": Quantity("gaps of this step, if obstacles move", "length", LOCAL),
     "wear": OF_CONTACTS["wear_depth"],
+    "frame": CONTACTS["frame"],
+    "drag": Quantity(
+        "displacement of the obstacle under the contact since the start",
+        "length",
+        GLOBAL,
+    ),
     "bipotential_gap": Quantity("error of the contact law as energy", "energy"),
     "error_cells": OF_CELLS["error"],
     "error_contacts": Quantity("energy of the error of the contact law", "energy"),

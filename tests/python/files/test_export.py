@@ -53,6 +53,35 @@ def test_layout_of_the_file(tmp_path: Path) -> None:
         assert file["contacts/x"].shape == (3, 2)
 
 
+def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
+    """Also where a step has axes of its own; names that no table lists have no labels."""
+    frame = np.tile(np.eye(2), (3, 1, 1))
+    step = STEP | {"frame": frame, "drag": np.ones((3, 2)), "mine": np.ones(3)}
+    units = {"length": "mm", "force": "N", "stress": ""}
+    export.write_result(
+        tmp_path / "a.h5",
+        CONTACTS,
+        [step, step],
+        complete=True,
+        fields=lambda k: {"pressure": np.full(3, float(k)), "time": k + 1.0},
+        units=units,
+    )
+    with h5py.File(tmp_path / "a.h5") as file:
+        about = {name: dict(data.attrs) for name, data in file["steps/0001"].items()}
+        assert about["frame"] == {"frame": "global"}
+        assert about["drag"] == {
+            "frame": "global",
+            "dimension": "length",
+            "units": "mm",
+        }
+        assert about["reaction"]["frame"] == "local"
+        assert about["mine"] == about["status"] == {}
+        pressure = file["fields/pressure"]
+        assert (pressure.shape, pressure.attrs["units"]) == ((2, 3), "N/mm²")
+        np.testing.assert_array_equal(pressure[1], [1.0, 1.0, 1.0])
+        np.testing.assert_array_equal(file["fields/time"][()], [1.0, 2.0])
+
+
 @pytest.mark.verify
 def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     steps = [{"load": float(k)} for k in range(10_001)]

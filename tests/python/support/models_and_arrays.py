@@ -29,6 +29,15 @@ def of_arrays(model: fem.Assembly) -> bp.ContactProblem:
     )
 
 
+def of_models(name: str) -> bool:
+    """Whether a dataset of a result differs, or is missing, in that of arrays alone.
+
+    Arrays have no path parameter, no names of surfaces and no nodes.
+    """
+    only = ("contacts/surface", "mesh/", "fields/displacement")
+    return name.endswith("/load") or name.startswith(only)
+
+
 def datasets(path: Path) -> dict[str, Any]:
     found = {}
 

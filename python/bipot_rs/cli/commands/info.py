@@ -54,10 +54,10 @@ def info(name: str) -> dict[str, Any]:
     if path.suffix not in (".h5", ".hdf5", ".hdf"):
         if path.is_file() and path.suffix not in ("", ".toml"):
             raise ValueError(
-                f"{name} is a file {path.suffix}, expected a result (.h5), a series for "
-                f"ParaView ({', '.join(info_fields.SUFFIXES)}), a sweep "
-                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a matrix (.mtx), a problem "
-                "(.hdf5) or a scene (.toml)"
+                f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
+                f"({SWEEP}), a series for ParaView ({', '.join(info_fields.SUFFIXES)}), a "
+                f"mesh ({', '.join(SUFFIXES)}), a matrix (.mtx), a problem (.hdf5) or a "
+                "scene (.toml)"
             )
         return _scene(name)
     if not path.exists():
