@@ -154,7 +154,8 @@ def for_pages(folder: Path) -> list[Path]:
     written = draw(folder, SITE, dpi=120)
     for path in written:
         with Image.open(path) as read:
-            read.convert("RGB").quantize(128).save(path, optimize=True)
+            few = read.convert("RGB").quantize(256, kmeans=3)
+            few.save(path, optimize=True)
     return written
 
 

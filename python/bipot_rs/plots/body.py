@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 # Largest drawn displacement and longest arrow, relative to the size of the bodies.
 _DEFORMED, _ARROW = 0.05, 0.12
-# More arrows than this would overlap.
-_ARROWS = 25
+# Most arrows, and their distance relative to the size of what is drawn.
+_ARROWS, _APART = 25, 0.025
 # Thickness of a rigid obstacle, and the margin that it may add to the picture, relative to
 # the size of the bodies. Enlarged gaps can be larger than the bodies.
 _THICK, _AROUND = 0.025, 0.15
@@ -319,10 +319,15 @@ def _forces(
     largest = float(size.max(initial=0.0))
     if largest == 0:
         return places[:0], 0.0
+    node = places[model.contact_dofs[:, 0] // model.dim]
     loaded = np.flatnonzero(size > 1e-6 * largest)
+    # The largest force of each square: closer arrows would cover each other.
+    loaded = loaded[np.argsort(-size[loaded], kind="stable")]
+    squares = np.floor(node[loaded] / (_APART * extent)).astype(np.int64)
+    loaded = np.sort(loaded[np.unique(squares, axis=0, return_index=True)[1]])
     # The largest force is always drawn.
     chosen = np.union1d(loaded[:: -(-len(loaded) // _ARROWS)], np.argmax(size))
-    at = places[model.contact_dofs[chosen, 0] // model.dim]
+    at = node[chosen]
     # Tips at the nodes: a pressing force comes from outside.
     arrows = force[chosen] * (_ARROW * extent / (longest or largest))
     if model.dim == 2:

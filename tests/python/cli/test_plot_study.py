@@ -56,9 +56,13 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return found
 
 
-def points(ax: Any, marker: str) -> list[list[tuple[float, float]]]:
-    """Points of each series that have the marker."""
-    lines = [line for line in ax.get_lines() if line.get_marker() == marker]
+# Marks of solved rows, a mark for each series.
+SOLVED = "os^DvP"
+
+
+def points(ax: Any, markers: str) -> list[list[tuple[float, float]]]:
+    """Points of each series that have one of the markers."""
+    lines = [line for line in ax.get_lines() if line.get_marker() in markers]
     return [list(zip(*line.get_data(), strict=True)) for line in lines]
 
 
@@ -70,11 +74,13 @@ def test_a_series_for_each_value_of_another_key(bipot: Bipot, drawn: list[Any]) 
     (ax,) = drawn
     # Solved rows are sorted by x and connected; the row that ended early is a cross.
     expected = [[(0.2, 0.2 * n), (0.3, 0.3 * n)] for n in (4, 8)]
-    assert np.array(points(ax, "o")) == pytest.approx(np.array(expected))
+    assert np.array(points(ax, SOLVED)) == pytest.approx(np.array(expected))
     assert np.array(points(ax, "x")) == pytest.approx(
         np.array([[(0.1, 0.1 * n)] for n in (4, 8)])
     )
     legend = ax.get_legend()
+    # In grey the colours of series are alike.
+    assert [line.get_marker() for line in legend.get_lines()] == ["o", "s", "x"]
     assert legend.get_title().get_text() == "mesh.n"
     assert [text.get_text() for text in legend.get_texts()] == [
         *("4", "8"),
@@ -94,7 +100,7 @@ def test_many_values_have_a_colour_bar(bipot: Bipot, drawn: list[Any]) -> None:
     )
     assert Path("it.pdf").exists()
     (ax,) = drawn
-    assert len(points(ax, "o")) == 8
+    assert len(points(ax, SOLVED)) == 8
     (bar,) = ax.child_axes
     assert bar.get_ylabel() == "mesh.n"
     assert bar.get_ylim() == (2, 9)
@@ -118,7 +124,7 @@ def test_figures_over_figures_are_not_connected(bipot: Bipot, drawn: list[Any]) 
     assert bipot("plot", "here", "--x", "max_pressure", "--y", "seconds")[0] == 0
     (ax,) = drawn
     # The key with the most values does not divide the rows.
-    assert [len(one) for one in points(ax, "o")] == [2, 2]
+    assert [len(one) for one in points(ax, SOLVED)] == [2, 2]
     assert {line.get_linestyle() for line in ax.get_lines()} == {"None"}
     assert ax.get_ylabel() == "time [s]"
 

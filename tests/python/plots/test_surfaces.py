@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import bipot_rs as bp
 import places
@@ -365,6 +366,38 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     assert "give it with --scene" in err
     moved = ("--scene", "moved.toml", *setting)
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
+
+
+def test_the_command_draws_the_contact_zone_and_animations(bipot: Any) -> None:
+    clamp().to_toml("clamp.toml")
+    assert bipot("run", "clamp.toml", "--json")[0] == 0
+    body = ("--kind", "deformed")
+    drawn = set()
+    for more in ((), ("--near", "0.1"), ("--scale", "7")):
+        assert bipot("plot", "out/clamp", *body, *more, "--out", "a.png")[0] == 0
+        drawn.add(Path("a.png").read_bytes())
+    assert len(drawn) == 3
+    for more in (body, ("--kind", "slip", "--contact", "pad.top")):
+        status, out, err = bipot("plot", "out/clamp", *more, "--out", "a.gif")
+        assert (status, out, err) == (0, "a.gif\n", "")
+        drawn.add(Path("a.gif").read_bytes())
+        with Image.open("a.gif") as read:
+            assert read.n_frames == 3
+    assert len(drawn) == 5
+    for more, said in (
+        (("--kind", "slip", "--near", "1"), "--near cannot be used with --kind slip"),
+        ((*body, "--near", "0"), "--near is 0.0, expected a positive number"),
+        ((*body, "--scale", "-1"), "--scale is -1.0, expected a positive number"),
+        (("--step", "1", "--out", "b.gif"), "--step cannot be used with a GIF"),
+        (
+            ("--kind", "resultants", "--out", "b.gif"),
+            "--kind is 'resultants', a picture of all load steps, expected one of",
+        ),
+    ):
+        status, out, err = bipot("plot", "out/clamp", *more)
+        assert (status, out) == (2, "")
+        assert said in " ".join(err.split())
+    assert not Path("b.gif").exists()
 
 
 def test_result_of_arrays_has_no_names(bipot: Any) -> None:
