@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_type_hints
 
 from bipot_rs.files.export import aside
 
@@ -33,8 +33,6 @@ class Row(NamedTuple):
         Numbers of contacts in the first answer.
     margin
         Distance of the first answer from a change of status, `Reference`.
-    correction
-        Last correction of the references in twice the precision, relative.
     """
 
     file: str
@@ -51,7 +49,6 @@ class Row(NamedTuple):
     slip: int
     stick: int
     margin: float
-    correction: float
 
 
 def write(folder: Path, rows: Sequence[Row]) -> None:
@@ -94,23 +91,7 @@ def read(folder: Path) -> list[Row]:
 def _row(path: Path, cells: list[str]) -> Row:
     if len(cells) != len(Row._fields):
         raise ValueError(f"{path}: {len(cells)} cells, expected {len(Row._fields)}")
-    kinds = (
-        str,
-        str,
-        str,
-        int,
-        str,
-        int,
-        int,
-        int,
-        str,
-        str,
-        int,
-        int,
-        int,
-        float,
-        float,
-    )
+    kinds = get_type_hints(Row).values()
     try:
         return Row(*(kind(cell) for kind, cell in zip(kinds, cells, strict=True)))
     except ValueError as error:

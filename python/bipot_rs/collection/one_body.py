@@ -61,7 +61,7 @@ def block_2d_33_release() -> LoadPath:
 
 
 def block_2d_129_strong() -> LoadPath:
-    """μ = 1 and ν = 0.49: sticks and opens."""
+    """Strong friction, μ = 1, and ν = 0.49."""
     model = on_floor(square(128), 1.0, poisson=0.49)
     return moved(model, press_and_shear(2, 0.02, 0.03, 2))
 

@@ -250,7 +250,7 @@ def _rounded(
 ) -> Reference:
     shape = (-1, p.d)
     length = p.length(point[0][0], point[1][0], u[0])
-    r, v = point[0][0].reshape(shape).copy(), u[0].reshape(shape).copy()
+    r, v = _floats(point[0][0]).reshape(shape), _floats(u[0]).reshape(shape)
     opened, sticks = status == Status.OPEN, status == Status.STICK
     # A redundant contact may touch without a force, to the last of twice the digits.
     r[opened | (r[:, 0] <= 0)], v[sticks] = 0.0, 0.0
@@ -266,4 +266,18 @@ def _rounded(
         np.linalg.norm(v[slips, 1:], axis=1) / length,
     )
     margin = max(min(float(x.min(initial=1.0)) for x in distances), 0.0)
-    return Reference(v, r, point[1][0], status, correction, margin)
+    return Reference(v, r, _floats(point[1][0]), status, correction, margin)
+
+
+def _floats(a: Floats) -> Floats:
+    """Numbers as multiples of 2⁻⁷⁵ of the largest.
+
+    What symmetry makes nearly zero would otherwise show the order of sums in the factors,
+    which depends on the number of threads.
+    """
+    unit = np.ldexp(1.0, int(np.frexp(_largest(a))[1]) - 75)
+    rounded = np.round(a / unit) * unit
+    # Larger numbers are multiples already. Adding zero leaves no -0.
+    return np.asarray(
+        np.where(np.abs(a) < unit * 2.0**53, rounded, a) + 0.0, np.float64
+    )

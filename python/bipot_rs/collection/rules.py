@@ -19,7 +19,7 @@ complete problem. Components are normal first.
   contact alone holds; without such bodies there is no `V`. `R` is zero.
 - Global form, where a dense `W` would be too large: `M v = H r + f`, `u = Hᵀ v + w`.
 - `/solution` is the answer from which the path goes on. `u` and `r` are exact zeros where the
-  law says so; all other numbers are the floats next to the answer.
+  law says so; other numbers are exact but for one rounding, to float64 and to 2⁻⁷⁵ of the largest.
 - `/guesses` are the other known answers, if `answers` in `MANIFEST.csv` is larger than 1. Where
   `complete` is `yes`, all combinations of statuses were tried: there are no others.
 - Without an answer (`answers` is 0) there is no `/solution`, and the one guess is a proof. Either

@@ -104,7 +104,6 @@ def _row(name: str, number: int, entry: Entry, path: LoadPath, step: Step) -> Ro
         slip=int(statuses[Status.SLIP]),
         stick=int(statuses[Status.STICK]),
         margin=first.margin if first else 1.0,
-        correction=max((a.correction for a in step.answers), default=0.0),
     )
 
 
@@ -115,8 +114,7 @@ def _write(target: Path, row: Row, entry: Entry, step: Step) -> None:
     info = {
         "title": f"{row.path}, step {row.step + 1}",
         "description": entry.about + " " + rules.contents(row),
-        "math_info": f"reference in twice the precision: last correction "
-        f"{row.correction:.1e}, distance from a change of status {row.margin:.1e}",
+        "math_info": f"distance from a change of status {row.margin:.1e}",
     }
     write_file(target, step.problem, answer, guesses=guesses, info=info)
 

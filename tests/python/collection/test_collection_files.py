@@ -21,7 +21,8 @@ from places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
 NAMES = ["block_2d_3", "block_3d_4_turning", "several_2d_3", "none_2d_6_clamped"]
-NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding"]
+# The last has entries that are zero by symmetry: their digits would show the order of sums.
+NAMES += ["floating_3d_16_cyclic", "none_2d_13_sliding", "pair_3d_49_mortar"]
 
 
 @pytest.fixture(scope="module")
@@ -226,7 +227,7 @@ def test_the_manifest_is_checked(written: Path, tmp_path: Path) -> None:
     text = (written / "MANIFEST.csv").read_text(encoding="utf-8")
     for wrong, said in (
         (text.replace("file,path", "file,way"), "has the columns"),
-        (text.replace(",local,", ","), "14 cells, expected 15"),
+        (text.replace(",local,", ","), "13 cells, expected 14"),
         (text.replace(",local,2,3,", ",local,2,three,"), "invalid literal"),
     ):
         (tmp_path / "MANIFEST.csv").write_text(wrong, encoding="utf-8")
