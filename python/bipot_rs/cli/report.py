@@ -91,6 +91,21 @@ def of_surfaces(
     return found
 
 
+def by_surface(
+    forces: Mapping[str, float | None],
+) -> dict[str, dict[str, float | None]]:
+    """`forces` by the names of the surfaces.
+
+    >>> by_surface({"normal_force of block.bottom": 2.0})
+    {'block.bottom': {'normal_force': 2.0}}
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for key, value in forces.items():
+        name, _, surface = key.partition(" of ")
+        found.setdefault(surface, {})[name] = value
+    return found
+
+
 def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
     known = rows[0] if rows else ("load",)
