@@ -45,6 +45,21 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
     return of_surfaces(step, frame, model.mu, model.group, surface_names(model))
 
 
+def by_surface(
+    forces: Mapping[str, float | None],
+) -> dict[str, dict[str, float | None]]:
+    """`forces` by the names of the surfaces.
+
+    >>> by_surface({"normal_force of block.bottom": 2.0})
+    {'block.bottom': {'normal_force': 2.0}}
+    """
+    found: dict[str, dict[str, float | None]] = {}
+    for key, value in forces.items():
+        name, _, surface = key.partition(" of ")
+        found.setdefault(surface, {})[name] = value
+    return found
+
+
 def console() -> Any:
     """A rich console as wide as the terminal, or `Paper` for a file."""
     if not on_terminal():

@@ -108,6 +108,10 @@ class Runner(ABC):
         """Keys of the last line of --json."""
         return {"success": code == SOLVED, "message": message}
 
+    def step_line(self, row: dict[str, Any], step: Step) -> dict[str, Any]:  # noqa: ARG002
+        """Keys of the line of a load step of --json."""
+        return row
+
     def run(self) -> int:
         """Work, report, and return the exit status."""
         try:
@@ -169,7 +173,7 @@ class Runner(ABC):
         """Keep and report a solved load step; a signal that was lost raises here."""
         self.reached.append((row, step))
         if self.as_json:
-            line(**row)
+            line(**self.step_line(row, step))
         self.progress.step(row)
         self.interrupts.check()
 

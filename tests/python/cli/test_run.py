@@ -1,5 +1,6 @@
 """`bipot run` in a subprocess: output, files and exit status."""
 
+import csv
 import json
 import re
 import signal
@@ -57,8 +58,15 @@ def test_json_lines(tmp_path: Path) -> None:
     assert [step["load"] for step in steps] == [0.0, 1.0]
     assert steps[0].keys() == {
         *("step", "load", "open", "slip", "stick"),
-        *("residual", "iterations", "seconds"),
+        *("residual", "iterations", "seconds", "forces"),
     }
+    # The same numbers as in the table of the run.
+    with (tmp_path / "out/sheared_cube/steps.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for step, row in zip(steps, rows, strict=True):
+        assert list(step["forces"]) == ["cube.bottom"]
+        for name, force in step["forces"]["cube.bottom"].items():
+            assert force == float(row[f"{name} of cube.bottom"])
     assert all(s["open"] + s["slip"] + s["stick"] == 16 for s in steps)
     # The tolerance of the shipped scenes.
     assert all(0 < s["residual"] <= 1e-12 for s in steps)

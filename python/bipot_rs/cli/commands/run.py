@@ -403,6 +403,14 @@ class Job(SharedRunner):
             "error_kind": None if found is None else found.kind,
         }
 
+    def step_line(self, row: dict[str, Any], step: Step) -> dict[str, Any]:
+        """As of any command, with the forces of each contact surface."""
+        from bipot_rs.cli.report import by_surface, forces
+
+        if self.case is None:
+            return row
+        return row | {"forces": by_surface(forces(self.case.model, step))}
+
     def failed(self, error: BipotError) -> tuple[int, str]:
         """As of any command, with the load step counted from the start of the path."""
         code, message = super().failed(error)
