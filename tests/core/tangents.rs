@@ -133,10 +133,11 @@ fn solves<const D: usize>(
     let other = random(n, seed + 1);
     let mut y = other.clone();
     system.solve_transposed(&mut y);
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let (one, two) = (dot(&other, &x), dot(&y, &right));
-    let size = largest(&x).max(largest(&y)) * n as f64;
-    assert!((one - two).abs() <= ROUNDING * size, "{one} {two}");
+    let terms = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).collect::<Vec<_>>();
+    let (one, two) = (terms(&other, &x), terms(&y, &right));
+    let size: f64 = one.iter().chain(&two).map(|x| x.abs()).sum();
+    let apart = one.iter().sum::<f64>() - two.iter().sum::<f64>();
+    assert!(apart.abs() <= ROUNDING * size, "{apart:e} of {size:e}");
 }
 
 fn held_and_floating<const D: usize>(seed: u64) {
