@@ -4,6 +4,8 @@
 //! `r' = Q r`, the problem `v = W r + R a + q`, `Rᵀ r + e = 0` keeps its form with `Q W Qᵀ`, `Q R`
 //! and `Q q`. Nothing is condensed again.
 
+use std::cmp::Ordering;
+
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 
@@ -37,13 +39,13 @@ impl<const D: usize> Rotation<D> {
     #[must_use]
     pub fn block(&self, w: &Block<D>, moved: usize, pushed: usize) -> Block<D> {
         let (left, right) = (&self.blocks[moved], &self.blocks[pushed]);
-        if moved < pushed {
-            left * w * right.transpose()
-        } else if moved > pushed {
-            (right * w.transpose() * left.transpose()).transpose()
-        } else {
-            let whole = left * w * right.transpose();
-            (whole + whole.transpose()) * 0.5
+        match moved.cmp(&pushed) {
+            Ordering::Less => left * w * right.transpose(),
+            Ordering::Greater => (right * w.transpose() * left.transpose()).transpose(),
+            Ordering::Equal => {
+                let whole = left * w * right.transpose();
+                (whole + whole.transpose()) * 0.5
+            }
         }
     }
 
