@@ -123,7 +123,7 @@ def _faults_of_answer(
     r, u, y = (_long(x) for x in (answer.r, answer.u, y))
     v, force, terms, sums = _equations(p, r, y)
     faults = []
-    if (np.abs(v - u.ravel()) > _ROUNDING * terms).any():
+    if (np.abs(v - u.ravel()) > _ROUNDING * (terms + _sizes(u.ravel()))).any():
         faults.append("u is not W r + V l + q, or not Hᵀ v + w")
     if (np.abs(force) > _ROUNDING * sums).any():
         faults.append("the forces do not balance")
@@ -148,9 +148,15 @@ def _equations(p: System, r: Long, y: Long) -> tuple[Long, Long, Long, Long]:
     W, E, M = (matrix.astype(np.longdouble) for matrix in (p.W, p.E, p.M))
     flat = r.ravel()
     v, force = W @ flat + E @ y + p.q, E.T @ flat + p.s - M @ y
-    terms = abs(W) @ abs(flat) + abs(E) @ abs(y) + abs(p.q)
-    sums = abs(E).T @ abs(flat) + abs(p.s) + abs(M) @ abs(y)
+    large_r, large_y = _sizes(flat), _sizes(y)
+    terms = abs(W) @ large_r + abs(E) @ large_y + abs(p.q)
+    sums = abs(E).T @ large_r + abs(p.s) + abs(M) @ large_y
     return v, force, terms, sums
+
+
+def _sizes(a: Long) -> Long:
+    """Absolute values, with room for the grid of stored numbers, 2⁻⁷⁵ of the largest."""
+    return np.asarray(abs(a) + 2.0**-22 * abs(a).max(initial=0))
 
 
 def _length(a: Long) -> Long:
