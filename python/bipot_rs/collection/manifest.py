@@ -80,7 +80,7 @@ def read(folder: Path) -> list[Row]:
             f"{path} is not a file: write the collection with "
             f"`python -m bipot_rs.collection {folder}`"
         )
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         table = csv.reader(file)
         head = tuple(next(table, ()))
         if head != Row._fields:

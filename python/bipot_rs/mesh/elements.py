@@ -7,7 +7,6 @@ element, and the mapping is isoparametric.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ import numpy as np
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh.box_mesh import BoxMesh
-from bipot_rs.mesh.first_order_cells import Reference
 from bipot_rs.mesh.kinds import OF_VTK, Kind, by_class, find
 
 
@@ -159,32 +157,6 @@ def first_order(mesh: Any) -> Any:
     corners = mesh.p[:, : int(mesh.t.max()) + 1]
     made: Any = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
     return made
-
-
-@cache
-def reference(element: type, order: int) -> Reference:
-    """Shape functions of scikit-fem on the reference cell, at Gauss points.
-
-    `Kind.reference` and `Facet.reference` have those of a kind of cells.
-
-    Returns
-    -------
-    phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``; read-only, since they
-        are cached.
-    """
-    from skfem.quadrature import get_quadrature
-
-    own: Any = element()
-    points, weights = get_quadrature(own.refdom, order)
-    both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
-    # Constant functions come without a column for each point.
-    phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
-    slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
-    found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
-    for array in found:
-        array.flags.writeable = False
-    return found
 
 
 def jacobian(nodes: Floats, slopes: Floats) -> Floats:

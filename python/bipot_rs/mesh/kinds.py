@@ -223,12 +223,36 @@ def mesh_class(name: str) -> Any:
 
 
 @cache
+def reference(element: type, order: int) -> Reference:
+    """Shape functions of scikit-fem on the reference cell, at Gauss points.
+
+    `Kind.reference` and `Facet.reference` have those of a kind of cells.
+
+    Returns
+    -------
+    phi, slopes, weights
+        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``; read-only, since they
+        are cached.
+    """
+    from skfem.quadrature import get_quadrature
+
+    own: Any = element()
+    points, weights = get_quadrature(own.refdom, order)
+    both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
+    # Constant functions come without a column for each point.
+    phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
+    slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
+    found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
+    for array in found:
+        array.flags.writeable = False
+    return found
+
+
+@cache
 def reference_of(shape: str, element: str, order: int) -> Reference:
     """Shape functions of an element at the points of a rule: `Kind.reference`."""
     if element == first_order_cells.ELEMENT[shape]:
         return first_order_cells.reference(shape, order)
-    from bipot_rs.mesh.elements import reference
-
     return reference(getattr(library(), element), order)
 
 

@@ -525,8 +525,14 @@ class Case:
         carried = np.ones(len(dofs))
         if model.ties is not None:
             carried[np.isin(dofs, model.ties.dependent)] = 0.0
-        K, B = model.K[dofs], model.B[:, dofs].T
-        force = np.stack([K @ s.displacement - B @ s.reaction.ravel() for s in result])
+        K = model.K[dofs]
+        force = np.stack(
+            [
+                K @ step.displacement
+                - model.in_step(step).B[:, dofs].T @ step.reaction.ravel()
+                for step in result
+            ]
+        )
         force *= carried
         d = model.dim
         return force[:, :d], force[:, d:] * (one.arm or 1.0)

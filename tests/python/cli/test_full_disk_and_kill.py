@@ -56,7 +56,7 @@ def files(cwd: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in here.iterdir() if path.is_file()}
 
 
-@pytest.mark.parametrize("size", [1000, 4096, 30_000])
+@pytest.mark.parametrize("size", [2000, 4096, 30_000])
 def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None:
     assert len(earlier["result.h5"]) > 30_000
     run = bipot_with(

@@ -91,20 +91,25 @@ on = "block.bottom"
 plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }
 mu = 0.3
 """
-SPHERE = """
-[obstacle.ball]
-sphere = { centre = [2.0, 1.5, -5000.0], radius = 5000.0 }
+MOVING = """
+[obstacle.table]
+plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }
 move = { x = { value = 0.004, amplitude = "shear" } }
 [[contact]]
 on = "block.bottom"
-against = "ball"
+against = "table"
 mu = 0.3
 """
+# The normals of its contacts follow it.
+ROLLING = MOVING.replace(
+    "plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0] }",
+    "sphere = { centre = [2.0, 1.5, -5000.0], radius = 5000.0 }",
+)
 SCENES = {
     "block": BOX.format(cell="hexahedron", order=1) + SHEARED + ON_A_PLANE,
     "tetrahedra": BOX.format(cell="tetrahedron", order=1) + SHEARED + ON_A_PLANE,
     "order 2": BOX.format(cell="hexahedron", order=2) + SHEARED + ON_A_PLANE,
-    "moving obstacle": BOX.format(cell="hexahedron", order=1) + SHEARED + SPHERE,
+    "moving obstacle": BOX.format(cell="hexahedron", order=1) + SHEARED + MOVING,
     "springs and loads": BOX.format(cell="hexahedron", order=1)
     + SHEARED.replace("y = 0.0\nz = -0.001\n", "")
     + ON_A_PLANE
@@ -359,8 +364,14 @@ def test_a_body_that_nothing_holds(tmp_path: Path) -> None:
     soon(done, 1, "body 'other' can move freely")
 
 
+def test_frames_of_steps_are_refused(tmp_path: Path) -> None:
+    text = BOX.format(cell="hexahedron", order=1) + SHEARED + ROLLING
+    done = bipot(2, "run", scene(tmp_path, text), *PETSC, cwd=tmp_path)
+    soon(done, 2, "an obstacle turns or curves", "use engine='direct' or 'iterative'")
+
+
 MESH = """
-import pathlib, bipot_rs.scene.build as it
+import pathlib, bipot_rs.mesh.readers as it
 read = it.read_mesh
 def other(path, *rest):
     return read("absent.msh", *rest)
@@ -390,9 +401,9 @@ def test_a_rank_with_another_file(tmp_path: Path) -> None:
 FULL = """
 import resource, bipot_rs.fem.paraview as it
 add = it.BodySeries.add
-def full(*given):
+def full(*given, **named):
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
-    return add(*given)
+    return add(*given, **named)
 it.BodySeries.add = full
 """
 

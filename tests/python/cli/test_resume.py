@@ -59,7 +59,7 @@ def test_from_python_through_a_file(
         assert same(solve(k, steps, bp.load(tmp_path / "part.h5")), whole[k:])
         assert same(solve(k, steps, part), whole[k:])
     with pytest.raises(
-        TypeError, match="start is a tuple, expected a Result or one of"
+        TypeError, match="start is a tuple, expected a Result, one of its"
     ):
         case.solve(start=whole[:1], first=1)
 
@@ -104,7 +104,7 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
             raise KeyboardInterrupt
 
     return bipot_with(
-        fault, "bipot_rs.cli.report:row", *SCENE, "--out", "here", *more, cwd=cwd
+        fault, "bipot_rs.contact.tables:row", *SCENE, "--out", "here", *more, cwd=cwd
     )
 
 
@@ -157,7 +157,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
         if step == 2:
             raise KeyboardInterrupt
 
-    row = "bipot_rs.cli.report:row"
+    row = "bipot_rs.contact.tables:row"
     assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
     assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
     found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
@@ -183,7 +183,7 @@ def test_a_path_with_frames_of_each_step_is_resumed_to_the_same_files(
         if step == 2:
             raise KeyboardInterrupt
 
-    row = "bipot_rs.cli.report:row"
+    row = "bipot_rs.contact.tables:row"
     assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
     assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
     found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))

@@ -16,7 +16,7 @@ from skfem.models.elasticity import linear_elasticity
 
 from bipot_rs import fem
 from bipot_rs.fem.materials import Elastic
-from bipot_rs.mesh import elements
+from bipot_rs.mesh import elements, kinds
 
 KINDS = {kind.vtk: kind for kind in elements.KINDS.values()}
 STEEL = fem.Material(2.0, 0.3)
@@ -69,7 +69,7 @@ def scikit_fem(mesh: Any, material: Elastic) -> sparse.csr_array:
 def in_long_numbers(body: fem.Body) -> Any:
     """``∫ ε(φ_i):C:ε(φ_j)`` in extended precision, dense, from differences of positions."""
     d, long = body.dim, np.longdouble
-    _, slopes, weights = elements.reference(body.kind.scalar, body.kind.order)
+    _, slopes, weights = kinds.reference(body.kind.scalar, body.kind.order)
     x = body.points[body.cells].astype(long)
     jacobian = np.einsum("qbi,cia->cqba", slopes.astype(long), x - x[:, :1])
     rows = [jacobian[..., b, :] for b in range(d)]
@@ -188,7 +188,7 @@ def test_the_first_folded_cell_is_named(flat: bool) -> None:
         p[:, nodes[-1]] = 2 * p[:, nodes[0]] - p[:, nodes[-1]]
     body = fem.Body("cube", type(mesh)(p, mesh.t), STEEL)
     x = body.points[body.cells]
-    _, slopes, _ = elements.reference(body.kind.scalar, body.kind.order)
+    _, slopes, _ = kinds.reference(body.kind.scalar, body.kind.order)
     with np.errstate(divide="ignore", invalid="ignore"):
         _, determinant = elements.inverse(elements.jacobian(x, slopes))
     folded = (determinant.min(axis=0) * determinant.max(axis=0)) <= 0

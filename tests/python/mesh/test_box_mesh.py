@@ -8,7 +8,7 @@ import pytest
 import skfem
 
 from bipot_rs import fem
-from bipot_rs.mesh import elements
+from bipot_rs.mesh import elements, kinds
 from bipot_rs.mesh.box_mesh import BoxMesh, Topology
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.kinds import OF_VTK
@@ -59,7 +59,7 @@ def test_topology_of_cells_in_any_order(cell: str) -> None:
 def test_reference_tables_are_those_of_scikit_fem(vtk: str) -> None:
     kind = OF_VTK[vtk]
     for own, element in ((kind, kind.scalar), (kind.facet, kind.facet.element)):
-        wanted = elements.reference(element, own.order)
+        wanted = kinds.reference(element, own.order)
         for found, table in zip(own.reference, wanted, strict=True):
             assert found.shape == table.shape
             assert not found.flags.writeable

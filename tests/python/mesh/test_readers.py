@@ -12,7 +12,7 @@ import places
 from bipot_rs import fem
 from bipot_rs.fem.elasticity import vtk_cells
 from bipot_rs.files.vtu import Grid
-from bipot_rs.mesh import elements, serendipity
+from bipot_rs.mesh import elements, kinds, serendipity
 
 DATA = places.DATA / "meshes"
 # The element of each file, for a box 2 x 1 (x 1) in two volumes.
@@ -85,7 +85,7 @@ def test_second_order_nodes_have_the_right_positions(name: str) -> None:
         np.testing.assert_allclose(mesh.p, straight.p, atol=1e-14)
     # The mapping of each cell is then linear.
     body = fem.Body("it", mesh, STEEL)
-    _, slopes, _ = elements.reference(kind.scalar, kind.order)
+    _, slopes, _ = kinds.reference(kind.scalar, kind.order)
     jacobian = elements.jacobian(body.points[body.cells], slopes)
     np.testing.assert_allclose(jacobian - jacobian[:1], 0.0, atol=1e-13)
 

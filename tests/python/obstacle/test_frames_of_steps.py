@@ -265,7 +265,7 @@ def test_forces_of_supports_and_contacts_balance_in_each_step() -> None:
 
     for step, force in zip(result, pushed, strict=True):
         fields = contact_fields(case.model, step)
-        np.testing.assert_allclose(fields["reaction"].sum(axis=0), force, atol=1e-9)
+        np.testing.assert_allclose(fields["force"].sum(axis=0), force, atol=1e-9)
         assert np.array_equal(fields["normal"], step.frame[:, 0])
         nodal = case.model.in_step(step).fields(
             step.displacement, step.reaction, step.status

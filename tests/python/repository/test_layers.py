@@ -161,7 +161,7 @@ RUST_NAMES = {
 # A library, and the only modules that may name it.
 PYTHON_NAMES = {
     "meshio": ("mesh.readers",),
-    "skfem": ("mesh.elements",),
+    "skfem": ("mesh.kinds", "mesh.serendipity"),
     "h5py": ("files.export", "fclib"),
     "pandas": ("contact.tables",),
     "petsc4py": ("petsc.library",),

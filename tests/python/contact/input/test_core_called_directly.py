@@ -156,6 +156,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     interface = [EYE, GAP, MU, free, 0, blocks, body, np.ones(1, np.int64)]
     variables = _core.ContactVariables(*interface)
     tangent = seen_tangent(variables)
+    laws = _core.LinearisedLaws.of(variables, CLOSED, STICKS, ROWS)
+    assert laws is not None
     # One square, its slopes at the centre.
     square = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
     cell = np.arange(4).reshape(4, 1)
@@ -229,6 +231,32 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "ContactTangent, add_laws": (tangent.add_laws, [np.zeros(4), np.zeros(4)]),
         "ContactTangent, right_side": (tangent.right_side, [np.zeros(4), np.zeros(4)]),
+        "ContactTangent, transposed": (
+            lambda z, out: (tangent.pull(z), tangent.add_transposed(z, out)),
+            [np.zeros(4), np.zeros(4)],
+        ),
+        "ContactVariables, values": (
+            lambda y, v, fixed: (
+                variables.moved(y),
+                variables.work(v),
+                variables.offsets(fixed),
+            ),
+            [np.zeros(4), GAP, NONE],
+        ),
+        "LinearisedLaws": (
+            lambda *laws: _core.LinearisedLaws.of(variables, *laws),
+            [CLOSED, STICKS, ROWS],
+        ),
+        "LinearisedLaws, aim": (laws.aim, [GAP, np.zeros(4)]),
+        "LinearisedLaws, reactions": (
+            laws.reactions,
+            [GAP, np.zeros(4), np.zeros(4), np.zeros(4)],
+        ),
+        "LinearisedLaws, pulled": (laws.pulled, [GAP, np.zeros(4)]),
+        "LinearisedLaws, multipliers": (
+            laws.multipliers,
+            [GAP, np.zeros(4), np.zeros(4), np.zeros(4)],
+        ),
         "ContactPath": (
             lambda start: _core.ContactPath(variables, start),
             [None],
