@@ -143,7 +143,7 @@ def test_while_the_package_loads(module: str, tmp_path: Path) -> None:
         [],
         [False],
     )
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.rglob("*.h5")] == []
 
 
 @pytest.mark.parametrize(
