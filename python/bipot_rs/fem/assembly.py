@@ -16,6 +16,7 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.problem import ContactProblem
@@ -123,6 +124,8 @@ class Assembly:
     moving: Floats | None = field(default=None, repr=False)
     inclined: Planes | None = None
     _bare: Any = field(default=None, repr=False)
+
+    __repr__ = short_repr
 
     @property
     def n(self) -> int:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag
 
+from bipot_rs._lib.messages import counted
 from bipot_rs.scene.schema.contact import Rigid, Touch
 from bipot_rs.scene.schema.load import (
     BodyForce,
@@ -96,6 +97,15 @@ class Scene(Table):
 
     # Relative names of files refer to this folder.
     _folder: Path = PrivateAttr(default_factory=Path)
+
+    def __repr__(self) -> str:
+        bodies, contacts = len(self.body), len(self.contact)
+        return (
+            f"Scene({self.title!r}: {counted(bodies, 'body')}, "
+            f"{counted(contacts, 'contact')})"
+        )
+
+    __str__ = __repr__
 
     def beside(self, folder: Path) -> Scene:
         """Set the folder that names of files refer to, and return the scene."""
