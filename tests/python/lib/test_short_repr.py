@@ -14,13 +14,12 @@ def shown() -> list[object]:
     body = case.model.bodies[0]
     assert len(case.model.gap) == 81
     assert pressed.loads
-    found = [
+    return [
         *(model, model.scene, case, case.model, body, body.mesh, body.material),
         *(body.surface("bottom"), body.volume(), pressed.loads[0], pressed),
         *(problem, problem.reduced(None, case.prescribed[0]), result, result[0]),
         *(result[0].error, case.model.contacts[0], case.model.supports[0]),
     ]
-    return found
 
 
 def test_within_twenty_lines() -> None:
