@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from time import monotonic
 from typing import Any, TextIO
 
 
@@ -30,6 +31,21 @@ def tell(text: str, stream: TextIO) -> None:
     stream.flush()
 
 
+def expected(taken: float, forecast: float) -> str:
+    """Share and remaining time of a phase with a forecast, both in seconds.
+
+    The forecast has one digit at most, and so has what is said here.
+
+    >>> expected(10.0, 40.0), expected(39.5, 40.0), expected(41.0, 40.0)
+    ('25 %, about 30 s left', '99 %, less than 1 s left', 'longer than expected')
+    """
+    from bipot_rs.cli.cost_forecast import duration
+
+    if taken >= forecast:
+        return "longer than expected"
+    return f"{100 * taken / forecast:.0f} %, {duration(forecast - taken)} left"
+
+
 class Progress:
     """Bars of phases and load steps on a terminal, lines elsewhere; on standard error.
 
@@ -48,6 +64,8 @@ class Progress:
     ) -> None:
         self.phases, self.steps, self.noun = phases, steps, noun
         self.bar: Any = None
+        # The time forecast for the current phase, and when it was given.
+        self.forecast_from: tuple[float, float] | None = None
         # The largest load so far.
         self.largest = 0.0
         # The last cycle of wear so far.
@@ -60,6 +78,7 @@ class Progress:
             from rich.progress import (
                 BarColumn,
                 MofNCompleteColumn,
+                ProgressColumn,
                 SpinnerColumn,
                 Task,
                 TextColumn,
@@ -75,6 +94,12 @@ class Progress:
                 def render(self, task: Task) -> Text:
                     return super().render(task) if task.id else Text("")
 
+            class Said(ProgressColumn):
+                """Text of a bar; of a phase with a forecast its share and what is left."""
+
+                def render(column, task: Task) -> Text:
+                    return Text(str(task.fields["text"] or self._expected(task.id)))
+
             self.bar = Bar(
                 SpinnerColumn(),
                 TextColumn("{task.description:<10}"),
@@ -82,7 +107,7 @@ class Progress:
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
                 Remaining(),
-                TextColumn("{task.fields[text]}"),
+                Said(),
                 # rich handles NO_COLOR and TERM=dumb.
                 console=Console(stderr=True, highlight=False),
                 transient=True,
@@ -101,15 +126,23 @@ class Progress:
         """Show the phase that begins."""
         if self.bar is not None and self.bar.tasks[0].description != name:
             before = self.bar.tasks[0].description
+            self.forecast_from = None
             self.bar.update(0, description=name, advance=1 if before else 0, text="")
             if name == "solve":
                 # The clock of the steps starts with this phase.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
 
-    def forecast(self, time: str) -> None:
-        """Show the expected time of the current phase next to its bar."""
-        if self.bar is not None:
-            self.bar.update(0, text=f"expected: {time}")
+    def forecast(self, seconds: float) -> None:
+        """Show how much of the current phase is done, by a forecast of its time [s]."""
+        # Less would flicker.
+        if seconds >= 1:
+            self.forecast_from = seconds, monotonic()
+
+    def _expected(self, task: int) -> str:
+        if task or self.forecast_from is None:
+            return ""
+        seconds, since = self.forecast_from
+        return expected(monotonic() - since, seconds)
 
     def skip(self, steps: int) -> None:
         """Count load steps that an earlier run has solved."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 
 _REASONS = {
@@ -103,6 +104,8 @@ class ErrorBound:
     traction: Floats | None = None
     contraction: float | None = None
     energy_by_gap: float | None = None
+
+    __repr__ = short_repr
 
 
 def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:

@@ -16,6 +16,7 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.moving import MovingGaps, simplified
@@ -158,6 +159,8 @@ class Assembly:
     images: tuple[Images, ...] = ()
     _bare: Any = field(default=None, repr=False)
     _path: MovingGaps | None = field(default=None, repr=False)
+
+    __repr__ = short_repr
 
     @property
     def n(self) -> int:

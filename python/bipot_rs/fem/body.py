@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead, place
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.materials import Elastic, Material
@@ -57,6 +58,8 @@ class Quadrature:
     weights: Floats
     normals: Floats | None
     nodes: int
+
+    __repr__ = short_repr
 
     def moment(self, density: Floats) -> Floats:
         """∫ φ_i density, ``(nodes,)``, with a density ``(parts, q)`` at the points."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
+from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact.engines.choice import ADAPTIVE_STEPS
@@ -65,6 +66,8 @@ class Load:
     number: Varying | Pressure | None = None
     strain: Initial | None = None
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class Case:
@@ -95,6 +98,8 @@ class Case:
     loads: tuple[Load, ...] = ()
     scene: Scene | None = None
     gaps: Floats | MovingGaps | None = None
+
+    __repr__ = short_repr
 
     def problem(
         self,

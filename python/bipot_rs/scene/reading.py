@@ -33,7 +33,8 @@ from bipot_rs.scene.build import (
     symmetries,
 )
 from bipot_rs.scene.case import Case, Load, along
-from bipot_rs.scene.library import SceneError, folder_of, text
+from bipot_rs.scene.library import SceneError, folder_of, shipped, text
+from bipot_rs.scene.mistakes import said, with_places
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.table import KIND
@@ -56,11 +57,19 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     Raises
     ------
     SceneError
-        All mistakes found, each with its key path.
+        All mistakes found, each with its key path, and of a file with line and column.
     """
-    table = parsed(name, text(name))
+    source = text(name)
+    table = parsed(name, source)
     problems = [p for p in (_override(table, item) for item in settings) if p]
-    return checked(name, table, problems, folder_of(name))
+    try:
+        return checked(name, table, problems, folder_of(name))
+    except SceneError as error:
+        if name in shipped():
+            # There is no file to mend.
+            raise
+        found = with_places(error.problems, source, settings)
+        raise SceneError(name, found) from None
 
 
 def parsed(name: str, source: str) -> dict[str, Any]:
@@ -229,15 +238,11 @@ def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
     """Message for one error of pydantic; ``known`` as `standing` returns it."""
     parts = [str(part) for part in error["loc"]]
     path = ".".join(_place(error["loc"], table))
-    kind, message = error["type"], error["msg"]
+    kind, message = error["type"], said(error)
     if kind == "extra_forbidden":
-        return f"{path}: unknown key{suggestion(Scene, parts, known)}"
+        return f"{path}: {message}{suggestion(Scene, parts, known)}"
     if kind == "missing":
-        return f"{path}: is missing"
-    if kind in ("model_type", "dict_type", "model_attributes_type"):
-        message = "should be a table"
-    for prefix in ("Value error, ", "Input ", "List "):
-        message = message.removeprefix(prefix)
+        return f"{path}: {message}"
     given = error.get("input")
     if kind in ("float_type", "int_type") and isinstance(given, str):
         with suppress(ValueError):

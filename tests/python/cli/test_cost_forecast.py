@@ -189,18 +189,20 @@ class Terminal(io.StringIO):
 def test_a_terminal_shows_that_a_long_phase_is_running(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its name, its clock and the expected time are drawn again without a new step."""
-    screen = Terminal()
+    """Its name, its clock, its share and the rest are drawn again without a new step."""
+    screen, clock = Terminal(), [100.0]
+    monkeypatch.setattr(telling, "monotonic", lambda: clock[0])
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     with telling.Progress(6, 2, quiet=False) as progress:
         progress.phase("condense")
-        progress.forecast(cost_forecast.duration(40.0))
+        progress.forecast(40.0)
+        clock[0] += 10.0
         progress.bar.refresh()
         began = screen.getvalue()
         assert "condense" in began
-        assert "expected: about 40 s" in began
+        assert "25 %, about 30 s left" in began
         # The clock without a remaining time: the phases differ too much.
         assert len(re.findall(r"-:--|\d:\d\d:\d\d", began.splitlines()[-1])) == 1
         # Ten times a second, while the core works without holding the interpreter.
@@ -208,6 +210,12 @@ def test_a_terminal_shows_that_a_long_phase_is_running(
         while screen.getvalue() == began and time.monotonic() < limit:
             time.sleep(0.05)
         assert screen.getvalue() != began
+        clock[0] += 30.0
+        limit = time.monotonic() + 10
+        while "longer than" not in screen.getvalue() and time.monotonic() < limit:
+            time.sleep(0.05)
+        # A forecast that was too short is not a share of 100 %.
+        assert "longer than expected" in screen.getvalue()
         progress.phase("solve")
         progress.bar.refresh()
         assert "expected" not in screen.getvalue().rpartition("solve")[2]

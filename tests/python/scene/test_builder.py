@@ -2,6 +2,7 @@
 
 import doctest
 import pickle
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -282,6 +283,13 @@ def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
         scene.read("pressed_block", [f"title={half}"])
 
 
+def without_places(problems: list[str]) -> list[str]:
+    """Messages about a file without the line and the column, which a model does not have."""
+    found = [re.subn(r" \(at line \d+, column \d+\)$", "", one) for one in problems]
+    assert all(count == 1 for _, count in found)
+    return [one for one, _ in found]
+
+
 def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
     m = blocks()
     m.material("wood", young=-1.0, poisson=0.7)
@@ -293,7 +301,7 @@ def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
         m.solve()
     with pytest.raises(ValueError) as of_file:
         scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.problems == of_file.value.problems
+    assert of_model.value.problems == without_places(of_file.value.problems)
     assert any(p.startswith("support.2.w: unknown") for p in of_model.value.problems)
     # Mistakes that involve several tables give the same messages.
     m = blocks()
@@ -304,7 +312,7 @@ def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
         m.assemble()
     with pytest.raises(ValueError) as of_file:
         scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.problems == of_file.value.problems
+    assert of_model.value.problems == without_places(of_file.value.problems)
     assert len(of_model.value.problems) == 6
 
 

@@ -374,7 +374,7 @@ class Job(SharedRunner):
         remarks = cost_forecast.remarked(self.case.remarks())
         self.progress.block("\n".join([*title, *known, *cost, *remarks]))
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-        self.progress.forecast(cost_forecast.duration(seconds))
+        self.progress.forecast(seconds)
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""

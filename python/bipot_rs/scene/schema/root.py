@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr
+from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag
 
+from bipot_rs._lib.messages import counted
 from bipot_rs.scene.schema.contact import Rigid, Touch
 from bipot_rs.scene.schema.load import (
     BodyForce,
@@ -21,7 +22,7 @@ from bipot_rs.scene.schema.load import (
 from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import Block, Mesh
 from bipot_rs.scene.schema.path import LoadPath
-from bipot_rs.scene.schema.table import AXES, Table, Varying
+from bipot_rs.scene.schema.table import AXES, KIND, Table, Varying
 from bipot_rs.scene.schema.tie import Cyclic, Periodic, Remote
 from bipot_rs.scene.schema.wear import Wear
 
@@ -43,6 +44,21 @@ class Units(Table):
     stress: str = ""
 
 
+def _of_mesh(value: str) -> str:
+    if value != "discretisation":
+        raise ValueError("should be a number, or 'discretisation'")
+    return value
+
+
+_Tolerance = Annotated[
+    Annotated[float, Field(gt=0), Tag(f"{KIND}number")]
+    | Annotated[
+        Literal["discretisation"], BeforeValidator(_of_mesh), Tag(f"{KIND}word")
+    ],
+    Discriminator(lambda v: KIND + ("word" if isinstance(v, str) else "number")),
+]
+
+
 class Solver(Table):
     """Settings of the contact solver; the command line overrides them.
 
@@ -55,7 +71,7 @@ class Solver(Table):
 
     method: str = "auto"
     engine: Literal["auto", "direct", "iterative", "petsc"] = "auto"
-    tol: Annotated[float, Field(gt=0)] | Literal["discretisation"] = 1e-12
+    tol: _Tolerance = 1e-12
     max_iterations: Annotated[int, Field(gt=0)] | None = None
 
 
@@ -85,6 +101,15 @@ class Scene(Table):
 
     # Relative names of files refer to this folder.
     _folder: Path = PrivateAttr(default_factory=Path)
+
+    def __repr__(self) -> str:
+        bodies, contacts = len(self.body), len(self.contact)
+        return (
+            f"Scene({self.title!r}: {counted(bodies, 'body')}, "
+            f"{counted(contacts, 'contact')})"
+        )
+
+    __str__ = __repr__
 
     def beside(self, folder: Path) -> Scene:
         """Set the folder that names of files refer to, and return the scene."""

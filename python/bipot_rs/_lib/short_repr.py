@@ -1,0 +1,54 @@
+"""A repr that gives the shapes of arrays, so that an object with many fits a screen."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+# Arrays up to this size are shown with their numbers.
+_FEW = 6
+# Longest line, and longest text of one value.
+_LINE, _WIDE = 88, 78
+
+
+def short_repr(self: Any) -> str:
+    """``__repr__`` of a dataclass, in lines of at most 88 characters.
+
+    >>> import dataclasses
+    >>> @dataclasses.dataclass
+    ... class Found:
+    ...     x: object
+    ...     gap: object
+    ...     __repr__ = short_repr
+    >>> Found(np.zeros((40, 3)), np.zeros(2))
+    Found(x=array (40, 3), gap=array([0., 0.]))
+    """
+    lines = [f"{type(self).__name__}("]
+    shown = [one.name for one in fields(self) if one.repr]
+    for k, name in enumerate(shown):
+        end = ")" if k == len(shown) - 1 else ", "
+        item = f"{name}={_short(getattr(self, name))}{end}"
+        if len(lines[-1]) + len(item.rstrip()) > _LINE and lines[-1].strip():
+            lines.append("  ")
+        lines[-1] += item
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.size > _FEW:
+        return f"array {value.shape}"
+    if hasattr(value, "nnz"):
+        return f"sparse {value.shape}, {value.nnz} entries"
+    if isinstance(value, tuple | list) and value:
+        inner = ", ".join(_short(one) for one in value)
+        text = f"({inner})" if isinstance(value, tuple) else f"[{inner}]"
+        kind = type(value[0]).__name__
+        return text if _fits(text) else f"{len(value)} × {kind}"
+    text = repr(value)
+    return text if _fits(text) else f"{type(value).__name__}(…)"
+
+
+def _fits(text: str) -> bool:
+    return len(text) <= _WIDE and "\n" not in text

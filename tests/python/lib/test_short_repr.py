@@ -1,0 +1,52 @@
+"""An object with many arrays is shown on a screen: not their numbers, but their shapes."""
+
+import numpy as np
+
+import bipot_rs as bp
+
+
+def shown() -> list[object]:
+    """Objects of a model with many contacts."""
+    model = bp.Model.from_toml("two_blocks").with_(**{"mesh.n": 8})
+    case, pressed = model.assemble(), bp.Model.from_toml("pressed_block").assemble()
+    problem = case.problem()
+    result = model.solve()
+    body = case.model.bodies[0]
+    assert len(case.model.gap) == 81
+    assert pressed.loads
+    return [
+        *(model, model.scene, case, case.model, body, body.mesh, body.material),
+        *(body.surface("bottom"), body.volume(), pressed.loads[0], pressed),
+        *(problem, problem.reduced(None, case.prescribed[0]), result, result[0]),
+        *(result[0].error, case.model.contacts[0], case.model.supports[0]),
+    ]
+
+
+def test_within_twenty_lines() -> None:
+    for one in shown():
+        for text in (repr(one), str(one)):
+            lines = text.splitlines()
+            assert len(lines) <= 20
+            # No numbers of a long array: they fill lines even when NumPy cuts them short.
+            assert "..." not in text
+            assert "array([[" not in text
+        if "\n" in repr(one):
+            assert max(map(len, repr(one).splitlines())) <= 88
+
+
+def test_shapes_and_counts() -> None:
+    case = bp.Model.from_toml("two_blocks").with_(**{"mesh.n": 8}).assemble()
+    text = repr(case.model)
+    entries = case.model.K.nnz
+    for part in (
+        "gap=array (81,)",
+        "frame=array (81, 3, 3)",
+        f"K=sparse (2430, 2430), {entries} entries",
+        "dim=3",
+        "offset=(0, 1215)",
+    ):
+        assert part in text
+    assert repr(case).startswith("Case(model=Assembly(…), ")
+    # A short array is given with its numbers.
+    np.testing.assert_array_equal(case.parameter, [0, 1])
+    assert "parameter=array([0., 1.])" in repr(case)

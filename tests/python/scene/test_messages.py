@@ -1,0 +1,256 @@
+"""Messages about the tables of a scene are our own, and say where the key stands."""
+
+import copy
+import datetime
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs.scene.library import shipped, text
+from bipot_rs.scene.mistakes import SAID
+from bipot_rs.scene.schema.root import Scene
+
+# A scene with every kind of table; the shipped scenes have the rest.
+WHOLE = """
+title = "it"
+[mesh]
+n = 2
+element = "Q1"
+[material.soft]
+young = [1.0, 1.0, 1.0]
+poisson = [0.1, 0.1, 0.1]
+shear = [1.0, 1.0, 1.0]
+axes = [[1.0, 0.0], [0.0, 1.0]]
+[body.a]
+material = { part = "soft" }
+mesh = { file = "a.msh", group = ["part"], order = 1 }
+surface.side = { within = { x = [0.0, 1.0] }, normal = [1.0, 0.0], angle = 3.0 }
+[body.b]
+material = "soft"
+cell = "quadrilateral"
+x = { from = 0.0, to = 1.0, cell = "1/n", uniform = [0.0, 0.5], growth = [[1, 1.2]] }
+y = [0.0, 1.0]
+[obstacle.disc]
+sphere = { centre = [0.0, 0.0], radius = 1.0 }
+inside = true
+move = { x = { value = 1.0, amplitude = "press" } }
+turn = { angle = 3.0, about = [0.0, 0.0] }
+[obstacle.ring]
+torus = { centre = [0, 0, 0], axis = [0, 0, 1], major_radius = 2, minor_radius = 1 }
+[[symmetry]]
+on = "b.left"
+[[spring]]
+on = "b.top"
+stiffness = [1.0, 2.0]
+[[strain]]
+on = "a"
+tensor = [[1.0, 0.0], [0.0, 1.0]]
+[[contact]]
+on = "b.bottom"
+against = "disc"
+mu = [0.1, 0.2]
+pairing = "mortar"
+clearance = { height = 0.0, radius = 1.0, centre = [0.0, 0.0] }
+[path]
+steps = 2
+automatic = { first = 0.5, slip = 1.0 }
+amplitude.press = [0.5, 1.0]
+amplitude.turn = { wave = "sine", period = 3.0 }
+[wear]
+coefficient = 1.0
+cycles = 3
+[solver]
+method = "auto"
+engine = "auto"
+tol = 1e-9
+max_iterations = 3
+"""
+WRONG: list[Any] = [
+    *(True, -1, 0, 3, 10**12, 2.5, -2.5, 500.0, float("nan"), float("inf")),
+    *("", "x", "n/2", [], [1], [1, 2, 3, 4, 5], ["x"], [[]], [[1.0, "x"]], [{}]),
+    *({}, {"x": 1}, {"value": "x"}, datetime.date(2026, 1, 1)),
+]
+# Error types that each kind of schema of pydantic can give.
+TYPES = {
+    "bool": {"bool_type"},
+    "dict": {"dict_type"},
+    "float": {"float_type", "finite_number"},
+    "int": {"int_type", "int_from_float"},
+    "list": {"list_type"},
+    "literal": {"literal_error"},
+    "model": {"model_type", "model_attributes_type"},
+    "model-fields": {"extra_forbidden", "missing"},
+    "str": {"string_type"},
+    "function-before": {"value_error"},
+}
+LIMITS = {
+    "gt": "greater_than",
+    "ge": "greater_than_equal",
+    "lt": "less_than",
+    "le": "less_than_equal",
+    "min_length": "too_short",
+    "max_length": "too_long",
+}
+# These have no error of their own.
+PLAIN = {
+    *("default", "definitions", "definition-ref", "model-field", "nullable"),
+    *("tagged-union", "no-info"),
+}
+
+
+def tables() -> dict[str, dict[str, Any]]:
+    found = {name: tomllib.loads(text(name)) for name in shipped()}
+    return found | {"whole": tomllib.loads(WHOLE)}
+
+
+def changed(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The table with each of its values replaced by each wrong one, and with a key more."""
+
+    def places(at: Any) -> Iterator[tuple[Any, Any]]:
+        for key in list(at) if isinstance(at, dict) else range(len(at)):
+            yield at, key
+            if isinstance(at[key], dict | list):
+                yield from places(at[key])
+
+    whole = copy.deepcopy(table)
+    for at, key in places(whole):
+        before = at[key]
+        for value in WRONG:
+            at[key] = copy.deepcopy(value)
+            yield whole
+        at[key] = before
+        if isinstance(before, dict):
+            before["no_such_key"] = 1
+            yield whole
+            del before["no_such_key"]
+
+
+def messages(table: dict[str, Any]) -> list[str]:
+    try:
+        scene.checked("it", table)
+    except scene.SceneError as error:
+        return error.problems
+    return []
+
+
+@pytest.mark.parametrize("name", ["whole", "pressed_block", "two_blocks"])
+def test_no_message_is_one_of_pydantic(name: str) -> None:
+    kinds = set()
+    for table in changed(tables()[name]):
+        try:
+            Scene.model_validate(table)
+        except ValidationError as error:
+            raw = error.errors()
+        else:
+            continue
+        kinds |= {one["type"] for one in raw}
+        told = " ".join(messages(table))
+        for one in raw:
+            assert one["type"] in SAID
+            if one["type"] != "value_error":
+                assert one["msg"] not in told
+        for word in ("Input", "validation", "items", "dictionary", "instance", "tag"):
+            assert word not in told
+    if name == "whole":
+        # All kinds appear but those that strict tables cannot raise.
+        assert set(SAID) - kinds <= {"int_from_float", "model_attributes_type"}
+
+
+def schemas(node: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(node, dict):
+        if isinstance(node.get("type"), str):
+            yield node
+        for value in node.values():
+            yield from schemas(value)
+    elif isinstance(node, list | tuple):
+        for value in node:
+            yield from schemas(value)
+
+
+def test_every_error_that_the_schema_can_raise_has_a_message() -> None:
+    """A new kind of table or limit needs a message, or stands in `PLAIN`."""
+    scene.read("pressed_block")  # pydantic builds the schema at the first use
+    for node in schemas(Scene.__pydantic_core_schema__):
+        if node["type"] in PLAIN:
+            continue
+        assert node["type"] in TYPES, node["type"]
+        assert set(SAID) >= TYPES[node["type"]]
+        for limit, kind in LIMITS.items():
+            assert limit not in node or kind in SAID
+
+
+FILE = """# A block
+[mesh]
+n = 2
+
+[material.steel]
+young = 210e3
+poissn = 0.3
+
+[body.block]
+material = "steel"
+cell = "quadrilateral"
+x = { from = 0.0, to = 1.0, cells = "n" }
+y = { from = 0.0, to = 1.0, cells = 0 }
+
+[[contact]]
+on = "block.bottom"
+plane = { point = [0.0], normal = [0.0, 1.0] }
+mu = 0.3
+[[contact]]
+on = "block.top"
+against = "nothing"
+mu = -1
+"""
+
+
+def test_line_and_column_of_each_mistake(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(FILE)
+    with pytest.raises(scene.SceneError) as raised:
+        scene.read(str(tmp_path / "mine.toml"), ["contact.0.mu=-2"])
+    assert raised.value.problems == [
+        # A key that is missing has the place of its table.
+        "material.steel.poisson: is missing (at line 5, column 11)",
+        (
+            "material.steel.poissn: unknown key, did you mean material.steel.poisson? "
+            "(at line 7, column 1)"
+        ),
+        # This value is not the one in the file.
+        "contact.0.mu: should be greater than or equal to 0, got -2",
+        (
+            "contact.0.plane.point: should have at least 2 entries, has 1 "
+            "(at line 17, column 11)"
+        ),
+        (
+            "contact.1.mu: should be greater than or equal to 0, got -1 "
+            "(at line 22, column 1)"
+        ),
+    ]
+
+
+def test_place_of_a_contradiction_between_tables(tmp_path: Path) -> None:
+    text = FILE.replace("poissn", "poisson").replace("[0.0]", "[0.0, 0.0]")
+    (tmp_path / "mine.toml").write_text(text.replace("mu = -1", "mu = 1"))
+    with pytest.raises(scene.SceneError) as raised:
+        scene.read(str(tmp_path / "mine.toml"))
+    problems = raised.value.problems
+    assert len(problems) == 2
+    assert problems[0].startswith("body.block.y: cells = 0 ")
+    assert problems[0].endswith("(at line 13, column 1)")
+    assert problems[1].startswith("contact.1.against: there is no obstacle 'nothing'")
+    assert problems[1].endswith("(at line 21, column 1)")
+
+
+def test_a_model_and_a_shipped_scene_have_no_places() -> None:
+    with pytest.raises(scene.SceneError) as raised:
+        scene.read("pressed_block", ["contact.0.mu=-2", "mesh.n=0"])
+    assert "line" not in str(raised.value)
+    with pytest.raises(scene.SceneError) as raised:
+        bp.Model("it").scene  # noqa: B018
+    assert "line" not in str(raised.value)
