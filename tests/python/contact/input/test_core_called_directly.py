@@ -247,15 +247,15 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             lambda *laws: _core.LinearisedLaws.of(variables, *laws),
             [CLOSED, STICKS, ROWS],
         ),
-        "LinearisedLaws, aim": (laws.aim, [GAP, np.zeros(4)]),
+        "LinearisedLaws, aim": (laws.aim, [GAP[:1], np.zeros(4)]),
         "LinearisedLaws, reactions": (
             laws.reactions,
-            [GAP, np.zeros(4), np.zeros(4), np.zeros(4)],
+            [GAP[:1], np.zeros(4), np.zeros(4), np.zeros(4)],
         ),
-        "LinearisedLaws, pulled": (laws.pulled, [GAP, np.zeros(4)]),
+        "LinearisedLaws, pulled": (laws.pulled, [GAP[:1], np.zeros(4)]),
         "LinearisedLaws, multipliers": (
             laws.multipliers,
-            [GAP, np.zeros(4), np.zeros(4), np.zeros(4)],
+            [GAP[:1], np.zeros(4), np.zeros(4), np.zeros(4)],
         ),
         "ContactPath": (
             lambda start: _core.ContactPath(variables, start),
