@@ -7,6 +7,7 @@ here as they are: they only add such vectors and hand them over.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -57,12 +58,6 @@ class Response:
         self.motions = engine.operator.K.getLocalSize()[0]
         self.diagonal = engine.variables.diagonal
 
-    def vector(self, own: Floats) -> Any:
-        """A Vec with these values in the own rows."""
-        made = self.engine.operator.zeros()
-        made.array[:] = own
-        return made
-
     def stiffness(self) -> Any:
         """K."""
         return self.engine.operator.K
@@ -72,13 +67,27 @@ class Response:
         return self.diagonal > 0
 
     def factored(self, laws: Laws) -> _Iterated:
-        """The system (33) of these laws."""
-        return _Iterated(self, laws)
+        """The system (33) of these laws.
+
+        Raises
+        ------
+        Stalled
+            One of them determines nothing.
+        """
+        d = laws.by_r.shape[1]
+        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
+        variables = self.engine.variables
+        core = _core.LinearisedLaws.of(variables, laws.contacts, by_r, by_v)
+        if core is None:
+            raise Stalled
+        return _Iterated(self.engine, core, (len(laws.contacts), d))
 
     def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
         interface = self.engine.operator.interface
-        return self.engine.variables.moved(interface.gather(self.vector(rigid)))
+        return self.engine.variables.moved(
+            interface.gather(self.engine.operator.vector(rigid))
+        )
 
     def work(self, v: Floats) -> Floats:
         """``Rᵀ v`` of relative displacements, the own rows."""
@@ -89,7 +98,7 @@ class Response:
 
     def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
         """``B_f u_f (n_c, d)`` of prescribed displacements, and forces on the own unknowns."""
-        force = self.engine.force(self.vector(load), prescribed)
+        force = self.engine.force(self.engine.operator.vector(load), prescribed)
         return self.engine.variables.offsets(prescribed), np.array(force.array_r)
 
     def displacements(
@@ -97,7 +106,7 @@ class Response:
     ) -> Floats:
         """``u`` of unknowns and prescribed displacements, the own rows."""
         own = [
-            self.engine.displacement(self.vector(y), moved).array_r
+            self.engine.displacement(self.engine.operator.vector(y), moved).array_r
             for _, moved, _, y in states
         ]
         return np.stack(own)
@@ -107,8 +116,10 @@ class Response:
 class _Iterated:
     """A system (33) whose right sides take a Krylov solve each."""
 
-    response: Response
-    laws: Laws
+    engine: PetscEngine
+    core: _core.LinearisedLaws
+    # Number of laws, and of components of each.
+    shape: tuple[int, int]
     # Not known; the solver does not converge where it is small.
     reciprocal_condition: float = 1.0
 
@@ -120,64 +131,52 @@ class _Iterated:
         """The same with the transposed matrix."""
         return np.stack([self._transposed(row) for row in right])
 
-    def _parts(self, right: Floats) -> tuple[_core.LinearisedLaws, Floats, Any]:
-        """The laws, their right sides, and those of the rows."""
-        laws, d = self.laws, self.laws.by_r.shape[1]
-        m = len(laws.contacts)
-        by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        variables = self.response.engine.variables
-        core = _core.LinearisedLaws.of(variables, laws.contacts, by_r, by_v)
-        if core is None:
-            raise Stalled
-        own = np.ascontiguousarray(right[: m * d].reshape(m, d))
-        return core, own, self.response.vector(right[m * d :])
+    def _parts(self, right: Floats) -> tuple[Floats, Any]:
+        """Right sides of the laws, and those of the rows."""
+        laws = math.prod(self.shape)
+        own = np.ascontiguousarray(right[:laws].reshape(self.shape))
+        return own, self.engine.operator.vector(right[laws:])
 
     def _forward(self, right: Floats) -> Floats:
-        core, s, g = self._parts(right)
-        operator = self.response.engine.operator
+        s, g = self._parts(right)
+        core, operator = self.core, self.engine.operator
         at_places = operator.interface.gather(g)
         tangent, s = core.aim(s, at_places)
-        dy = self._solved(core, tangent, operator.right_side(tangent, g))
+        dy = self._solved(tangent, operator.right_side(tangent, g))
         operator.add_known(tangent, dy)
         moved = operator.interface.gather(operator.product(dy))
         dr = core.reactions(s, at_places, operator.interface.gather(dy), moved)
         return np.concatenate([dr.ravel(), dy.array_r])
 
     def _transposed(self, right: Floats) -> Floats:
-        core, rho, e = self._parts(right)
-        operator = self.response.engine.operator
-        interface = operator.interface
+        rho, e = self._parts(right)
+        core, operator = self.core, self.engine.operator
+        interface, tangent = operator.interface, core.tangent
         places = interface.gather(e)
         pulled = core.pulled(rho, places)
         interface.write(places, e)
         b = operator.zeros()
         interface.write(pulled, b)
         e.axpy(1.0, operator.product(b))
-        tangent = core.tangent
-        cleared = e.copy()
-        held = interface.gather(e)
-        tangent.clear(held)
-        interface.write(held, cleared)
-        z = self._solved(core, tangent, cleared, transposed=True)
+        places = interface.gather(e)
+        cleared, left = e.copy(), places.copy()
+        tangent.clear(left)
+        interface.write(left, cleared)
+        z = self._solved(tangent, cleared, transposed=True)
         u, at = z.copy(), interface.gather(z)
         turned = at.copy()
         tangent.pull(turned)
         interface.write(turned, u)
         moved = interface.gather(operator.product(u))
-        w = core.multipliers(rho, interface.gather(e), at, moved)
+        w = core.multipliers(rho, places, at, moved)
         b.axpy(-1.0, u)
         return np.concatenate([w.ravel(), b.array_r])
 
     def _solved(
-        self,
-        core: _core.LinearisedLaws,
-        tangent: _core.ContactTangent,
-        right: Any,
-        *,
-        transposed: bool = False,
+        self, tangent: _core.ContactTangent, right: Any, *, transposed: bool = False
     ) -> Any:
-        solver = self.response.engine.solver
-        if not solver.prepare(tangent, core.statuses):
+        solver = self.engine.solver
+        if not solver.prepare(tangent, self.core.statuses):
             raise Stalled
         x, _, _ = solver.solve(right, _WANTED, transposed=transposed)
         # The residual of the iteration may be smaller than the true one.
@@ -298,8 +297,7 @@ class Derivatives:
         return made
 
     def _vectors(self, rows: Floats) -> list[Any]:
-        response = Response(self.engine)
-        return [response.vector(own) for own in rows]
+        return [self.engine.operator.vector(own) for own in rows]
 
 
 @dataclass(frozen=True)

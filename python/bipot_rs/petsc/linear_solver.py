@@ -67,10 +67,7 @@ class LinearSolver:
     def mult(self, _mat: Any, x: Any, y: Any) -> None:
         """``y = J x``, or ``Jᵀ x``; PETSc calls it."""
         assert self._tangent is not None  # noqa: S101 - set by `prepare`
-        if self._transposed:
-            self._operator.masked_transposed(self._tangent, x, y)
-        else:
-            self._operator.masked(self._tangent, x, y)
+        self._operator.masked(self._tangent, x, y, transposed=self._transposed)
 
     def begin(self) -> None:
         """Forget what was learned in the load step before."""

@@ -52,6 +52,12 @@ class Operator:
         made.set(0.0)
         return made
 
+    def vector(self, own: Floats) -> Any:
+        """A Vec with these values in the own rows."""
+        made = self.zeros()
+        made.array[:] = own
+        return made
+
     def displacements(self, y: Any) -> Any:
         """``u = T y``, with zeros at prescribed degrees of freedom."""
         u = y.copy()
@@ -90,16 +96,21 @@ class Operator:
         x: Any,
         y: Any,
         springs: Springs | None = None,
+        *,
+        transposed: bool = False,
     ) -> None:
         """``y = J x`` without the rows and columns that `tangent` holds.
 
-        With ``springs`` the product is that of the symmetric part of ``J``.
+        With ``springs`` the product is that of the symmetric part of ``J``; ``transposed``,
+        that of ``Jᵀ``.
         """
         x.copy(self._u)
         self._u.array[self.fixed] = 0.0
         given = self.interface.gather(x)
         tangent.clear(given)
         moved = given.copy()
+        if transposed:
+            tangent.pull(moved)
         self.variables.to_displacements(moved)
         self.interface.write(moved, self._u)
         self.K.mult(self._u, y)
@@ -107,29 +118,12 @@ class Operator:
         y.array[self.fixed] = 0.0
         found = self.interface.gather(y)
         self.variables.forces_to_local(found)
-        if springs is None:
-            tangent.add_laws(given, found)
-        else:
+        if springs is not None:
             springs.add(given, found)
-        tangent.clear(found)
-        self.interface.write(found, y)
-
-    def masked_transposed(self, tangent: _core.ContactTangent, x: Any, y: Any) -> None:
-        """``y = Jᵀ x`` without the rows and columns that `tangent` holds."""
-        x.copy(self._u)
-        self._u.array[self.fixed] = 0.0
-        given = self.interface.gather(x)
-        tangent.clear(given)
-        pulled = given.copy()
-        tangent.pull(pulled)
-        self.variables.to_displacements(pulled)
-        self.interface.write(pulled, self._u)
-        self.K.mult(self._u, y)
-        self.products += 1
-        y.array[self.fixed] = 0.0
-        found = self.interface.gather(y)
-        self.variables.forces_to_local(found)
-        tangent.add_transposed(given, found)
+        elif transposed:
+            tangent.add_transposed(given, found)
+        else:
+            tangent.add_laws(given, found)
         tangent.clear(found)
         self.interface.write(found, y)
 
