@@ -16,14 +16,12 @@ import numpy as np
 from bipot_rs._lib.optional import missing
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import first_order_cells
-from bipot_rs.mesh.first_order_cells import Reference
+from bipot_rs.mesh.first_order_cells import CORNERS, Reference
 
-_RING = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
-_CORNERS: dict[str, list[tuple[float, ...]]] = {
-    "triangle": [(0, 0), (1, 0), (0, 1)],
-    "quadrilateral": [*_RING],
-    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
-    "hexahedron": [(x, y, z) for z in (0.0, 1.0) for x, y in _RING],
+# Corners in the order of VTK, which is that of scikit-fem but for hexahedra.
+_CORNERS: dict[str, list[tuple[int, ...]]] = {
+    **CORNERS,
+    "hexahedron": [(x, y, z) for z in (0, 1) for x, y in CORNERS["quadrilateral"]],
 }
 # Edges in the order of their midpoints in VTK.
 _EDGES = {
@@ -103,7 +101,7 @@ class Facet:
     @property
     def corners(self) -> int:
         """Number of corners."""
-        return len(first_order_cells.CORNERS[self.shape])
+        return len(CORNERS[self.shape])
 
     @property
     def reference(self) -> Reference:
@@ -173,7 +171,7 @@ class Kind:
     def nodes(self) -> Floats:
         """Positions of the nodes of the reference cell in the order of the element."""
         if self.degree == 1:
-            return np.array(first_order_cells.CORNERS[self.shape], dtype=np.float64)
+            return np.array(CORNERS[self.shape], dtype=np.float64)
         return np.asarray(self.scalar().doflocs, dtype=np.float64)
 
     @property
