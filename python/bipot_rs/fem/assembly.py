@@ -30,7 +30,6 @@ from bipot_rs.fem.contact import (
     meet,
     relative_displacement,
 )
-from bipot_rs.fem.distributed_force import distributed_force
 from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.loads import Load
@@ -43,7 +42,6 @@ from bipot_rs.fem.references import (
     reference_named,
     references,
 )
-from bipot_rs.fem.repetition import Images, Repetition, images, merged
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
 from bipot_rs.fem.ties import Ties, tied
@@ -51,6 +49,7 @@ from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
     from bipot_rs.fem.parameter_gradient import ParameterGradient
+    from bipot_rs.fem.repetition import Images, Repetition
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
 # prescribed, relative to the row: rounding of the normal.
@@ -529,6 +528,8 @@ class Assembly:
         """
         for remote in self.remotes:
             if remote.name == name and remote.distributed:
+                from bipot_rs.fem.distributed_force import distributed_force
+
                 index = body_index(self.bodies, remote.body)
                 own = distributed_force(self.bodies[index], remote, force, moment)
                 return self._at(index, own)
@@ -718,9 +719,13 @@ def without_stiffness(
 
     found = [meet(bodies, offset, n, contact) for contact in contacts]
     points = np.concatenate([body.points for body in bodies])
-    cuts = [images(bodies, offset, one) for one in repetitions]
-    for one in cuts:
-        found = merged(found, contacts, one, points)
+    cuts: list[Images] = []
+    if repetitions:
+        from bipot_rs.fem.repetition import images, merged
+
+        cuts = [images(bodies, offset, one) for one in repetitions]
+        for one in cuts:
+            found = merged(found, contacts, one, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
     relations += [one.relations() for one in cuts]
 

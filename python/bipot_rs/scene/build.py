@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
 from bipot_rs.fem.contact import Contact, Floating
 from bipot_rs.fem.references import Remote
-from bipot_rs.fem.repetition import Cyclic, Periodic, Repetition
 from bipot_rs.fem.stress_recovery import Initial, thermal
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.elements import first_order, kind_of, second_order
@@ -25,6 +24,9 @@ from bipot_rs.scene.schema.contact import Rigid
 from bipot_rs.scene.schema.load import InitialStrain
 from bipot_rs.scene.schema.mesh import Block
 from bipot_rs.scene.schema.root import Scene
+
+if TYPE_CHECKING:
+    from bipot_rs.fem.repetition import Repetition
 
 
 def bodies(scene: Scene) -> list[Body]:
@@ -221,6 +223,10 @@ def remotes(scene: Scene) -> list[Remote]:
 
 def repetitions(scene: Scene) -> list[Repetition]:
     """Make the cyclic symmetries and the periodicities."""
+    if not (scene.cyclic or scene.periodic):
+        return []
+    from bipot_rs.fem.repetition import Cyclic, Periodic
+
     return [
         *(
             Cyclic(split(c.on), split(c.onto), c.sectors, c.about, c.axis)

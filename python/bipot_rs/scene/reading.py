@@ -34,7 +34,6 @@ from bipot_rs.scene.build import (
 )
 from bipot_rs.scene.case import Case, Load, along
 from bipot_rs.scene.library import SceneError, folder_of, shipped, text
-from bipot_rs.scene.mistakes import said, with_places
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.table import KIND
@@ -68,6 +67,8 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
         if name in shipped():
             # There is no file to mend.
             raise
+        from bipot_rs.scene.mistakes import with_places
+
         found = with_places(error.problems, source, settings)
         raise SceneError(name, found) from None
 
@@ -238,6 +239,8 @@ def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
     """Message for one error of pydantic; ``known`` as `standing` returns it."""
     parts = [str(part) for part in error["loc"]]
     path = ".".join(_place(error["loc"], table))
+    from bipot_rs.scene.mistakes import said
+
     kind, message = error["type"], said(error)
     if kind == "extra_forbidden":
         return f"{path}: {message}{suggestion(Scene, parts, known)}"

@@ -14,7 +14,6 @@ from bipot_rs._lib.validation import Csr, Parts, enforced, one_triangle
 from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct
 from bipot_rs.contact.engines.engine import Engine, Known
-from bipot_rs.contact.engines.loose import Loose
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 
 if TYPE_CHECKING:
@@ -168,6 +167,9 @@ class Prepared:
             if why:
                 self._chosen = "direct", why
                 return None
+        from bipot_rs.contact.engines.iterative import Iterative
+        from bipot_rs.contact.engines.loose import Loose
+
         started = time.perf_counter()
         loose = Loose.of(parts, self._fixed)
         try:
@@ -182,8 +184,6 @@ class Prepared:
             raise ValueError(f"{error}{cause}") from None
         self._seconds = time.perf_counter() - started
         self._chosen = "auto", "the first load path decides"
-        from bipot_rs.contact.engines.iterative import Iterative
-
         return Iterative(core, self._direct, (contacts, d), loose=loose)
 
     def _direct(self) -> Direct:
