@@ -129,6 +129,16 @@ pub(super) fn square(
     Ok(PyArray2::from_owned_array(py, array))
 }
 
+/// Values of contacts, `d` columns.
+pub(super) fn of_contacts(
+    py: Python<'_>,
+    flat: Vec<f64>,
+    d: usize,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let rows = flat.len() / d;
+    square(py, flat, rows, d)
+}
+
 /// Indices, 64 bits wide.
 pub(super) fn from_indices(
     py: Python<'_>,

@@ -12,13 +12,12 @@ use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
-use crate::primal::linearised::spread;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
 use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
+use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
 use crate::python::problem::CsrArrays;
-use crate::python::tangent::{factors, over};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::validate::{check_finite, check_friction};
 
@@ -141,41 +140,24 @@ macro_rules! of_any {
     };
 }
 
-/// Estimate of the diagonal of `W`; zero at components without an unknown.
-pub(super) fn diagonal<const D: usize>(contacts: &Contacts<D>) -> Vec<f64> {
-    let mut found = Vec::with_capacity(D * contacts.count());
-    for (i, frame) in contacts.frames.list.iter().enumerate() {
-        let own = contacts.compliance.block(i).diagonal();
-        found.extend((0..D).map(|k| if frame.free[k] { own[k] } else { 0.0 }));
-    }
-    found
-}
-
 impl PyContactVariables {
     /// `T` of all contacts, component by component: `r = T r̃`, `v = T⁻¹ ṽ`.
     fn factors(&self) -> Vec<f64> {
-        fn all<const D: usize>(contacts: usize, elliptic: Option<&EllipticScaling>) -> Vec<f64> {
-            factors::<D>(&(0..contacts).collect::<Vec<_>>(), elliptic)
-        }
         let elliptic = self.elliptic.as_ref();
-        match &self.kind {
-            AnyInterface::Two(inner) => all::<2>(inner.contacts.count(), elliptic),
-            AnyInterface::Three(inner) => all::<3>(inner.contacts.count(), elliptic),
-        }
+        of_any!(&self.kind, inner => all_factors(&inner.contacts, elliptic))
     }
 
-    /// Values of all contacts, `(n_c, d)`, from those in the variables of the problem.
+    /// Values of all contacts, `(n_c, d)`.
     fn of_contacts<'py>(
         &self,
         py: Python<'py>,
-        scaled: &[f64],
+        values: Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let contacts = of_any!(&self.kind, inner => inner.contacts.count());
         let d = match &self.kind {
             AnyInterface::Two(_) => 2,
             AnyInterface::Three(_) => 3,
         };
-        arrays::square(py, over(scaled, &self.factors()), contacts, d)
+        arrays::of_contacts(py, values, d)
     }
 
     /// Changes values by places with the frames.
@@ -323,8 +305,8 @@ impl PyContactVariables {
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let own = of_any!(&self.kind, inner => diagonal(&inner.contacts));
-        self.of_contacts(py, &over(&own, &self.factors()))
+        let own = of_any!(&self.kind, inner => diagonal(&inner.contacts, &self.factors()));
+        self.of_contacts(py, own)
     }
 
     /// Relative displacements `B_f u_f` of prescribed ones, `(n_c, d)`.
@@ -333,37 +315,27 @@ impl PyContactVariables {
         py: Python<'py>,
         prescribed: Vector<'py>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        fn of<const D: usize>(contacts: &Contacts<D>, prescribed: &[f64]) -> Vec<f64> {
-            let none = vec![[0.0; D]; contacts.count()];
-            contacts.frames.offsets(&none, prescribed).concat()
-        }
         let prescribed = prescribed.as_slice()?;
         arrays::length("prescribed", prescribed.len(), self.fixed)?;
-        let v = of_any!(&self.kind, inner => of(&inner.contacts, prescribed));
-        self.of_contacts(py, &v)
+        let v = of_any!(&self.kind, inner => {
+            offsets(&inner.contacts, &self.factors(), prescribed)
+        });
+        self.of_contacts(py, v)
     }
 
     /// Relative displacements `R y` of values by places, `(n_c, d)`.
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.places())?;
-        let v = of_any!(&self.kind, inner => inner.contacts.frames.at_contacts(y).concat());
-        self.of_contacts(py, &v)
+        let v = of_any!(&self.kind, inner => moved(&inner.contacts, &self.factors(), y));
+        self.of_contacts(py, v)
     }
 
     /// `Rᵀ v` by places, of relative displacements `(n_c, d)`.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        fn of<const D: usize>(
-            inner: &Interface<D>,
-            factors: &[f64],
-            v: &Matrix<'_>,
-        ) -> PyResult<Vec<f64>> {
-            let given = arrays::rows_of::<D>("v", v, inner.contacts.count())?;
-            let own = over(given.as_flattened(), factors);
-            let frames = &inner.contacts.frames;
-            Ok(spread(frames, own.as_chunks::<D>().0, inner.free.len()))
-        }
-        let y = of_any!(&self.kind, inner => of(inner, &self.factors(), &v)?);
+        let y = of_any!(&self.kind, inner => {
+            work(&inner.contacts, &self.factors(), &v, inner.free.len())?
+        });
         Ok(arrays::from_vec(py, y))
     }
 

@@ -145,7 +145,10 @@ impl PyLinearisedLaws {
     ) -> PyResult<Aimed<'py>> {
         let mut s = self.values("s", &s)?;
         self.laws.aim(&mut s, self.at_places("g", &g)?);
-        Ok((self.laws.tangent(), self.square(py, s)?))
+        Ok((
+            self.laws.tangent(),
+            arrays::of_contacts(py, s, self.laws.dimension())?,
+        ))
     }
 
     /// `dr` of the laws, from their multiplied right sides, `g`, `dy` and `A dy`.
@@ -163,7 +166,7 @@ impl PyLinearisedLaws {
         let g = self.at_places("g", &g)?;
         self.laws.reactions(&mut s, g, (dy, moved));
         self.scale(&mut s);
-        self.square(py, s)
+        arrays::of_contacts(py, s, self.laws.dimension())
     }
 
     /// `b` of the places in the transposed system with right sides `rho` of the laws and `e` of
@@ -196,7 +199,7 @@ impl PyLinearisedLaws {
         let (e, z) = (self.at_places("e", &e)?, self.at_places("z", &z)?);
         let mut moved = self.at_places("moved", &moved)?.to_vec();
         self.laws.multipliers(&mut rho, e, z, &mut moved);
-        self.square(py, rho)
+        arrays::of_contacts(py, rho, self.laws.dimension())
     }
 }
 
@@ -217,15 +220,5 @@ impl PyLinearisedLaws {
         for (value, t) in values.iter_mut().zip(&self.factors) {
             *value *= t;
         }
-    }
-
-    fn square<'py>(
-        &self,
-        py: Python<'py>,
-        values: Vec<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let d = self.laws.dimension();
-        let rows = values.len() / d;
-        arrays::square(py, values, rows, d)
     }
 }

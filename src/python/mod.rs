@@ -9,6 +9,7 @@ mod arrays;
 mod assembly;
 mod bound;
 mod contact_path;
+mod contact_values;
 mod contact_variables;
 mod enumeration;
 mod errors;

@@ -6,16 +6,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::error::Error;
 use crate::linalg::amg::following::Following;
-use crate::primal::linearised::{Linearised, spread};
+use crate::primal::linearised::Linearised;
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
-use crate::python::contact_variables::diagonal;
+use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
 use crate::python::interrupt;
 use crate::python::primal::{AnyPrimal, PyPrimal};
 use crate::python::problem::CsrOutput;
-use crate::python::tangent::{Free, factors, laws, over};
+use crate::python::tangent::{Free, laws};
 
 /// Calls one generic expression for both dimensions.
 macro_rules! either {
@@ -44,11 +43,8 @@ type Given<'a, 'py> = (&'a [usize], &'a Matrix<'py>, &'a Matrix<'py>, &'a [f64])
 impl PyPrimalTangent {
     #[new]
     fn new(problem: PyPrimal) -> Self {
-        fn all<const D: usize>(inner: &Primal<D>, problem: &PyPrimal) -> Vec<f64> {
-            let contacts: Vec<usize> = (0..inner.contacts.count()).collect();
-            factors::<D>(&contacts, problem.elliptic.as_ref())
-        }
-        let factors = either!(&problem.kind, inner => all(inner, &problem));
+        let elliptic = problem.elliptic.as_ref();
+        let factors = either!(&problem.kind, inner => all_factors(&inner.contacts, elliptic));
         Self {
             problem,
             factors,
@@ -59,9 +55,10 @@ impl PyPrimalTangent {
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let own = either!(&self.problem.kind, inner => diagonal(&inner.contacts));
-        // W = T⁻¹ W̃ T⁻¹.
-        self.square(py, over(&over(&own, &self.factors), &self.factors))
+        let own = either!(&self.problem.kind, inner => {
+            diagonal(&inner.contacts, &self.factors)
+        });
+        self.square(py, own)
     }
 
     /// Number of unknowns.
@@ -87,19 +84,12 @@ impl PyPrimalTangent {
         load: Vector<'py>,
         prescribed: Vector<'py>,
     ) -> PyResult<Free<'py>> {
-        fn of<const D: usize>(
-            problem: &Primal<D>,
-            load: &[f64],
-            prescribed: &[f64],
-        ) -> Result<(Vec<f64>, Vec<f64>), Error> {
-            let force = problem.force(load, prescribed)?;
-            let none = vec![[0.0; D]; problem.contacts.count()];
-            let q = problem.contacts.frames.offsets(&none, prescribed);
-            Ok((q.as_flattened().to_vec(), force))
-        }
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let (q, e) = either!(&self.problem.kind, inner => of(inner, load, prescribed)?);
-        let q = self.square(py, over(&q, &self.factors))?;
+        let (q, e) = either!(&self.problem.kind, inner => {
+            let e = inner.force(load, prescribed)?;
+            (offsets(&inner.contacts, &self.factors, prescribed), e)
+        });
+        let q = self.square(py, q)?;
         Ok((q, arrays::from_vec(py, e)))
     }
 
@@ -107,25 +97,15 @@ impl PyPrimalTangent {
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.order())?;
-        let v = either!(&self.problem.kind, inner => {
-            inner.contacts.frames.at_contacts(y).as_flattened().to_vec()
-        });
-        self.square(py, over(&v, &self.factors))
+        let v = either!(&self.problem.kind, inner => moved(&inner.contacts, &self.factors, y));
+        self.square(py, v)
     }
 
     /// `Rᵀ v` of relative displacements.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        fn of<const D: usize>(
-            problem: &Primal<D>,
-            factors: &[f64],
-            v: &Matrix<'_>,
-        ) -> PyResult<Vec<f64>> {
-            let given = arrays::rows_of::<D>("v", v, problem.contacts.count())?;
-            let own = over(given.as_flattened(), factors);
-            let frames = &problem.contacts.frames;
-            Ok(spread(frames, own.as_chunks::<D>().0, problem.order()))
-        }
-        let y = either!(&self.problem.kind, inner => of(inner, &self.factors, &v)?);
+        let y = either!(&self.problem.kind, inner => {
+            work(&inner.contacts, &self.factors, &v, inner.order())?
+        });
         Ok(arrays::from_vec(py, y))
     }
 
@@ -169,8 +149,7 @@ impl PyPrimalTangent {
         values: Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let d = either!(&self.problem.kind, inner => dimension(inner));
-        let rows = values.len() / d;
-        arrays::square(py, values, rows, d)
+        arrays::of_contacts(py, values, d)
     }
 
     fn solved<const D: usize>(

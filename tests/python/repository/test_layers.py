@@ -138,6 +138,7 @@ RUST_SIBLINGS = {
         "assembly solver",
         "problem",
         "enumeration load_path tangent",
+        "contact_values",
         "contact_variables",
         "bound contact_path estimate linearised_laws primal",
         "primal_tangent",
