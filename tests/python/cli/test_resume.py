@@ -130,6 +130,22 @@ def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
     assert columns(broken) == columns(whole)
 
 
+def resumed_to_the_same_files(scene: str, cwd: Path) -> None:
+    """A run into ``here`` that ends in its third step, and goes on, beside ``whole``."""
+    run = "run", scene, "--out"
+    assert bipot(*run, "whole", cwd=cwd).returncode == 0
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    row = "bipot_rs.contact.tables:row"
+    assert bipot_with(fault, row, *run, "here", cwd=cwd).returncode == 130
+    assert bipot(*run, "here", "--resume", cwd=cwd).returncode == 0
+    found, expected = (content(cwd / at / "result.h5") for at in ("here", "whole"))
+    assert found == expected
+
+
 def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) -> None:
     """The working set is stored: contacts that have opened again are still in it."""
     m = bp.Model("A block pressed onto a ball")
@@ -150,18 +166,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
     m.contact("block.bottom", against="ball", mu=0.3)
     m.path(way=[0.0, 0.4, 0.8, 1.0])
     m.to_toml(tmp_path / "ball.toml")
-    scene = ("run", "ball.toml", "--out")
-    assert bipot(*scene, "whole", cwd=tmp_path).returncode == 0
-
-    def fault(step: int, *_: object) -> None:
-        if step == 2:
-            raise KeyboardInterrupt
-
-    row = "bipot_rs.contact.tables:row"
-    assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
-    assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
-    found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
-    assert found == expected
+    resumed_to_the_same_files("ball.toml", tmp_path)
     steps = bp.load(tmp_path / "whole" / "result.h5").steps
     grown = steps[1].working_set
     assert grown is not None
@@ -176,18 +181,7 @@ def test_a_path_with_frames_of_each_step_is_resumed_to_the_same_files(
     automatic: Any, tmp_path: Path
 ) -> None:
     roller(automatic=automatic).to_toml(tmp_path / "roller.toml")
-    scene = ("run", "roller.toml", "--out")
-    assert bipot(*scene, "whole", cwd=tmp_path).returncode == 0
-
-    def fault(step: int, *_: object) -> None:
-        if step == 2:
-            raise KeyboardInterrupt
-
-    row = "bipot_rs.contact.tables:row"
-    assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
-    assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
-    found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
-    assert found == expected
+    resumed_to_the_same_files("roller.toml", tmp_path)
     for step in bp.load(tmp_path / "here" / "result.h5"):
         assert step.frame is not None
     assert bipot("plot", "whole", cwd=tmp_path).returncode == 0
