@@ -31,6 +31,7 @@ from bipot_rs.contact import rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.minimising_sequence import from_raw
 from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
 
@@ -594,6 +595,9 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
         "stats": {"bytes_beside_W": raw["bytes_beside"]}
         | {name: raw[name] for name in ("newton", "krylov") if name in raw},
         "free_motion": free if len(free) else None,
+        "minimising_sequence": from_raw(
+            raw.get("minimising_sequence"), raw["reaction"].shape
+        ),
         "_statuses_tried": raw["statuses_tried"],
     }
 
