@@ -22,7 +22,9 @@ class MinimisingSequence:
 
     ``σ_0`` is the start value, ``u_i`` minimises ``B(·, σ_i)`` (33), and ``σ_(i+1)`` minimises
     ``B(u_i, ·)`` (31). So ``B`` does not increase, (32) and (34). It falls to zero at a
-    solution, or to a positive limit without one.
+    solution, or to a positive limit without one. Each minimum is computed to a hundredth of
+    η times the error of the fields before, so that ``B``, of second order in the error, is
+    right to its order. By as much ``r_i`` may lie outside its cone, and ``v_i`` may penetrate.
 
     Attributes
     ----------
@@ -44,7 +46,10 @@ class MinimisingSequence:
     >>> import bipot_rs as bp
     >>> problem = bp.ReducedProblem([[1.0, 0.4], [0.4, 1.0]], [[-1.0, 0.9]], 0.3)
     >>> sequence = problem.solve("minimising_sequence").minimising_sequence
-    >>> sequence.bifunctional[:3].round(6), len(sequence)
+    >>> [float(f"{b:.3g}") for b in sequence.bifunctional[:4]]
+    [0.5, 0.0445, 0.00396, 0.000352]
+    >>> len(sequence.reaction), len(sequence)
+    (10, 9)
     """
 
     bifunctional: Floats
