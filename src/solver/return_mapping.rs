@@ -2,7 +2,7 @@
 //! returns to the half-line of the normal law, then to the disc of the friction law,
 //!
 //! ```text
-//! τ = c − ε v,    r_n = max(τ_n, 0),    r_t = proj(τ_t, ‖·‖ ≤ μ r_n).               (20e)
+//! τ = c − ε v,    r_n = max(τ_n, 0),    r_t = min(1, μ r_n/‖τ_t‖) τ_t                 (20e)
 //! ```
 //!
 //! The reaction is a function of the displacement, whose derivative is the consistent tangent of

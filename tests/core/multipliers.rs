@@ -63,9 +63,10 @@ fn returned<const D: usize>(tau: &[f64; D], mu: f64) -> [f64; D] {
     let mut r = *tau;
     r[0] = tau[0].max(0.0);
     let length = tau[1..].iter().map(|c| c * c).sum::<f64>().sqrt();
-    if length > mu * r[0] {
+    let limit = mu * r[0];
+    if length > limit {
         for c in &mut r[1..] {
-            *c *= mu * r[0] / length;
+            *c *= limit / length;
         }
     }
     r

@@ -69,12 +69,8 @@ class MinimisingSequence:
         return f"{type(self).__name__}({lengths})"
 
 
-def from_raw(
-    raw: Mapping[str, Any] | None, shape: tuple[int, ...]
-) -> MinimisingSequence | None:
+def from_raw(raw: Mapping[str, Any], shape: tuple[int, ...]) -> MinimisingSequence:
     """The sequence of contacts of a shape ``(n_c, d)`` from what the core returns."""
-    if raw is None:
-        return None
     fields = ("reaction", "balanced_reaction", "relative_displacement")
     each = {name: raw[name].reshape(len(raw[name]), *shape) for name in fields}
     return MinimisingSequence(bifunctional=raw["bifunctional"], **each)

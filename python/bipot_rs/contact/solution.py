@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,10 @@ from bipot_rs.contact.derivatives import (
     SolutionDerivatives,
 )
 from bipot_rs.contact.error_bound import ErrorBound
-from bipot_rs.contact.minimising_sequence import MinimisingSequence
 from bipot_rs.contact.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.minimising_sequence import MinimisingSequence
 
 # Displacements are computed in blocks: more right sides gain nothing in a pass over the
 # factor.

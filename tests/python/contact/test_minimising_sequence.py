@@ -161,7 +161,9 @@ def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> No
     for v, tau in zip(
         found.relative_displacement, found.balanced_reaction, strict=True
     ):
-        np.testing.assert_allclose(v.ravel(), W @ tau.ravel() + problem.q[0], rtol=1e-12)
+        np.testing.assert_allclose(
+            v.ravel(), W @ tau.ravel() + problem.q[0], rtol=1e-12
+        )
     ellipse = np.hypot(found.reaction[:, 0, 1] / 0.6, found.reaction[:, 0, 2] / 0.3)
     # A step is solved to a hundredth of the error of the fields, which falls to 1e-12.
     assert (ellipse <= found.reaction[:, 0, 0] * 1.01).all()
