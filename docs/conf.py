@@ -77,6 +77,7 @@ _alone = (
     "verification",
     "stability",
     "benchmarks",
+    "comparison",
     "compatibility",
     "building",
     "changelog",
