@@ -47,7 +47,7 @@ def line(what, program, ratios):
 
 
 def whole_jobs():
-    """From the mesh to the written result, with a traction error of at most 1e-8."""
+    """Ratios from the mesh to the written result; tractions are right to 1e-8."""
     rows = [
         row
         for row in tables.read_rows(tables.RESULTS / whole_job.SHEET)
@@ -69,22 +69,21 @@ def whole_jobs():
     for what, chosen in plane.items():
         for name in PEERS:
             # The median of the rounds, not a ratio of two minima.
-            yield line(
-                what, name, [float(r["ratio"]) for r in others[name] if chosen(r)]
-            )
+            ratios = [float(r["ratio"]) for r in others[name] if chosen(r)]
+            yield what, name, ratios
     for name in PEERS:
         later = [float(r["later_ratio"]) for r in others[name] if r["later_ratio"]]
-        yield line("a load step after the first", name, later)
+        yield "a load step after the first", name, later
     for what, key in (
         ("whole process, with start and imports", "process"),
         ("peak memory", "peak_mb"),
     ):
         for name in PEERS:
-            yield line(what, name, compared(key, name))
+            yield what, name, compared(key, name)
 
 
 def files_of_fclib():
-    """Files that both programs solve to the residual ``ETA``, by their size."""
+    """Ratios of files that both programs solve to the residual ``ETA``, by their size."""
     solved = {}
     for row in tables.read_rows(tables.RESULTS / "fclib.csv"):
         if row["target"] == ETA and row["solved"] == "True":
@@ -101,11 +100,11 @@ def files_of_fclib():
                 and ("auto", file) in solved
                 and least <= int(row["contacts"]) <= most
             ]
-            yield line(what, name, ratios)
+            yield what, name, ratios
 
 
 def petsc():
-    """The same matrices with PETSc; rounds of one size are one case, their median."""
+    """Ratios of PETSc on the same matrices; the median of the rounds of each size."""
     rounds = {}
     for row in tables.read_rows(tables.RESULTS / "beside_petsc.csv"):
         case = rounds.setdefault((row["problem"], row["cells"]), {})
@@ -119,12 +118,13 @@ def petsc():
             for (kind, _), case in rounds.items()
             if kind == problem
         ]
-        yield line(what, "PETSc", ratios)
+        yield what, "PETSc", ratios
 
 
 def table():
-    """Markdown table of all ratios."""
-    return tables.table(HEAD, [*whole_jobs(), *files_of_fclib(), *petsc()])
+    """Markdown table of all ratios; without the programs that were not run."""
+    found = (*whole_jobs(), *files_of_fclib(), *petsc())
+    return tables.table(HEAD, [line(*one) for one in found if one[-1]])
 
 
 if __name__ == "__main__":
