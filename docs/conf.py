@@ -78,6 +78,8 @@ _alone = (
     "stability",
     "benchmarks",
     "comparison",
+    "collection",
+    "architecture",
     "compatibility",
     "building",
     "changelog",
