@@ -12,6 +12,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 import pressed_ring
+import ring_large
 from bipot_rs import analytic, fem, scene
 from bodies import block, uniform_shear
 from cases_plane import SIZES, line
@@ -26,7 +27,8 @@ DATA = REFERENCE
 PLATE = "SSNV128 of code_aster"
 NAFEMS = "NAFEMS, Konter 2006"
 PAD = "SSNV503 of code_aster"
-RING = "SSNP501, SSNP502 of code_aster"
+RING = "SSNP501 of code_aster"
+LARGE = "independent program, large displacements"
 SERIES = "Michell's series"
 BAR = "bar on a frictional foundation"
 
@@ -254,10 +256,10 @@ def p5() -> list[Row]:
 
 # Layers of cells of the ring; 40 cells around a quarter for 6 layers, as in SSNP501.
 LAYERS = (12, 24, 48)
-# Force on half the ring, and the tolerances of code_aster for its first two levels. The
-# numbers are read from a curve. The later levels need large displacements.
-RING_FORCE = np.array([8.008331125, 16.0166625])
-RING_WITHIN = {0.0: (0.1, 0.05), 0.4: (0.11, 0.07)}
+# Of the test file of SSNP501: u_x of the side [cm] in its second and fourth quarter, and the
+# sum of forces on the outer circle [N/cm], which includes the node of the cut.
+RING_SIDE = [0.73382600713111, 1.2855270869707]
+RING_SUM = [8.78259567222, 16.8013028173, 24.4956524317, 32.8559610285]
 
 
 @cache
@@ -266,18 +268,17 @@ def ring(layers: int, mu: float) -> pressed_ring.Pressed:
 
 
 def p6() -> list[Row]:
-    """Elastic ring between rigid plates, Saleeb, Chen and Chang; N and cm."""
-    rows = [
-        near(f"force for {u:.5f} cm, μ = {mu} [N/cm]", RING, want, got, within)
-        for mu, limits in RING_WITHIN.items()
-        for u, want, got, within in zip(
-            pressed_ring.LEVELS,
-            RING_FORCE,
-            ring(LAYERS[-1], mu).reaction[:, :, 0].sum(axis=1),
-            limits,
-            strict=False,
-        )
-    ]
+    """Elastic ring between rigid plates, Saleeb, Chen and Chang; N and cm.
+
+    The first two rows test the independent program for large displacements, the others
+    compare this one with it.
+    """
+    large = ring_large.pressed(6, 40)
+    # Levels so small that only the squares of displacements differ.
+    small = np.array([0.01, 0.02])
+    linear = pressed_ring.pressed(6, 40, 0.0, small).reaction[:, :, 0].sum(axis=1)
+    exactly = np.array([one.force for one in ring_large.pressed(6, 40, small)])
+    differences = linear / exactly - 1
     coarse, middle, fine = (ring(n, 0.4) for n in LAYERS)
     forces = [one.reaction[:2, :, 0].sum(axis=1) for one in (middle, fine)]
     series = [pressed_ring.side_by_series(fine.angle, r) for r in fine.reaction]
@@ -289,10 +290,31 @@ def p6() -> list[Row]:
     ]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     return [
-        *rows,
+        near(
+            "u_x of the side, large displacements [cm]",
+            RING,
+            RING_SIDE,
+            [one.side for one in large[1::2]],
+            1e-9,
+        ),
+        near(
+            "forces on the outer circle, large displacements [N/cm]",
+            RING,
+            RING_SUM,
+            [one.outside for one in large],
+            1e-9,
+        ),
+        near("force for 0.01 cm [N/cm]", LARGE, exactly[0], linear[0], 3e-3),
+        near(
+            "order of this difference in the approach",
+            LARGE,
+            1.0,
+            np.log2(differences[1] / differences[0]),
+            0.02,
+        ),
         # Second order; the end of the contact moves by parts of a cell.
         near(
-            "the same, μ = 0.4 [N/cm]",
+            "force, μ = 0.4, 48 layers [N/cm]",
             "extrapolated from 24 and 48 layers",
             forces[1] + (forces[1] - forces[0]) / 3,
             forces[1],
