@@ -233,7 +233,9 @@ in five steps.
   the results of this program are the limit of that program for a small approach of the plates.
   *Michell's series* is the exact deformation of the linear ring under the computed reactions.
 - P7 has no published number: the sheet is compared with statics and with a bar.
-  [Published problems](published.md) shows P1, P6 and P7, and what is not published.
+- *SSNP156 of code_aster*: NAFEMS contact benchmark 4, whose results are published as curves. The
+  numbers are those that code_aster computes on its mesh (model B).
+  [Published problems](published.md) shows P1, P6, P7 and P8, and what is not published.
 - *independent program*: finite elements that share no code with this package, with bilinear
   cells and full integration. Its numbers, and the problems of Siconos, are in
   [data_reference](../tests/python/data_reference/README.md).
