@@ -292,6 +292,7 @@ def p6() -> list[Row]:
     ]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     return [
+        # code_aster prints eleven digits or more.
         exact(
             "u_x of the side, large displacements [cm]",
             RING,
@@ -306,6 +307,7 @@ def p6() -> list[Row]:
             [one.outside for one in large],
             1e-9,
         ),
+        # Their difference is that of the theories, 0.25 %.
         near("force for 0.01 cm [N/cm]", LARGE, exactly[0], linear[0], 3e-3),
         near(
             "order of this difference in the approach",
@@ -442,7 +444,7 @@ def p8() -> list[Row]:
     """Pin that pulls a lug, NAFEMS contact benchmark 4; N and mm."""
     coarse, fine = loaded(4, 0.1), loaded(8, 0.1)
     return [
-        # Displacements of the source are large: 0.7 % of the length.
+        # The source has large displacements; here they are 0.7 % of the end of the lug.
         near("u_x of the hole in front [mm]", PIN, 0.736165779271, fine.front, 5e-3),
         # The source extrapolates stresses from its cells.
         near(
