@@ -121,6 +121,10 @@ def images(
     b, o = body_index(bodies, own), body_index(bodies, other)
     first, second = bodies[b].nodes(here), bodies[o].nodes(there)
     what = f"{own}.{here} and {other}.{there}"
+    if isinstance(repetition, Periodic) and repetition.on == repetition.onto:
+        raise ValueError(
+            f"surfaces {what} of a periodicity are the same: name its two cuts"
+        )
     if len(first) != len(second):
         raise ValueError(
             f"surfaces {what} repeat each other, but have {len(first)} and {len(second)} "
@@ -231,17 +235,17 @@ def _merged(
 ) -> Meeting:
     at = {dof: i for i, dof in enumerate(one.dofs[:, 0].tolist())}
     partner = one.dofs[:, 1].tolist()
-    joined = [
-        (at[dof], at[image])
-        for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True)
-        if dof != image
-        and dof in at
-        and image in at
-        and (partner[at[dof]], partner[at[image]]) in alike
-    ]
+    joined: dict[int, int] = {}
+    for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True):
+        if dof == image or dof not in at or image not in at:
+            continue
+        first, second = at[dof], at[image]
+        # Half a turn maps a single surface to itself, and each pair of nodes twice.
+        if second not in joined and (partner[first], partner[second]) in alike:
+            joined[first] = second
     if not joined:
         return one
-    keep, drop = np.array(joined).T
+    keep, drop = np.array(list(joined.items())).T
     area, gap, frame = one.area.copy(), one.gap.copy(), one.frame.copy()
     own, theirs = area[keep, None], area[drop, None]
     normal = own * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn

@@ -223,6 +223,30 @@ def test_period_in_two_directions() -> None:
     np.testing.assert_allclose(u, wanted, rtol=0, atol=SOLVED * 0.01)
 
 
+def test_half_a_turn_about_an_axis_in_the_surface_of_the_cut() -> None:
+    """The cut is one surface, mapped to itself: half of a pad, and the whole pad."""
+    side, height = np.linspace(-1, 1, 7), np.linspace(0, 0.5, 3)
+    floor = [Contact("pad", "bottom", 0.3, plane=([0, 0, 0], [0, 0, 1]))]
+
+    def solved(y: Floats, *cuts: Any) -> tuple[fem.Assembly, Any]:
+        body = Body("pad", fem.box([side, y, height], "hexahedron"), SOFT)
+        model = fem.assemble([body], floor, repetitions=cuts)
+        f = model.pressure("pad", "top", 10.0)
+        f = f + model.traction("pad", "right", [0.0, 2.5, 0.0])
+        f = f + model.traction("pad", "left", [0.0, -2.5, 0.0])
+        return model, model.problem().solve(f, tol=1e-13)
+
+    cut = Cyclic(("pad", "front"), ("pad", "front"), 2, axis=[0, 0, 1])
+    one, part = solved(np.linspace(0, 1, 4), cut)
+    assert one.area.sum() == pytest.approx(2.0, rel=1e-14)
+    whole, full = solved(side)
+    assert len(np.unique(full.status)) > 1
+    compared(one, part, whole, full)
+    on = ("pad", "left")
+    with pytest.raises(ValueError, match="are the same: name its two cuts"):
+        fem.assemble(one.bodies, floor, repetitions=[Periodic(on, on)])
+
+
 def test_a_period_on_a_body_that_does_not_repeat() -> None:
     """The nodes at both ends of the other body keep their contacts: none penetrates."""
     upper = fem.box([np.linspace(0, 1, 5), np.linspace(0, 1, 5)], "quadrilateral")
