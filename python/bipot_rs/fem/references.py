@@ -332,6 +332,10 @@ def _check(remote: Remote, dim: int) -> None:
         ("components", remote.components, range(dim)),
         ("rotations", remote.rotations, axes),
     ):
+        if not isinstance(given, Sequence):
+            raise TypeError(
+                f"{name} {what} is {given!r}, expected a list of some of {list(known)}"
+            )
         own = list(given)
         if not set(own) <= set(known) or len(set(own)) < len(own):
             raise ValueError(

@@ -433,6 +433,17 @@ def test_mistakes_of_references() -> None:
     refused("has no nodes: within excludes all", surface=None, within={0: (0.1, 0.2)})
     other = Remote("a", "it", "top", components=[0], distributed=True)
     refused("only a rigid set has a prescribed motion", remotes=[other])
+    body = block("triangle")
+    wrong: Any
+    for wrong, message in (
+        ([(0.0, 0.5)], r"within of surface 'top' .* is \[\(0.0, 0.5\)\], expected ranges"),
+        ({0: 0.5}, r"within of surface 'top' .* has shape \(\), expected \(2,\)"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
+            body.members("top", wrong)
+    wrong = 0
+    with pytest.raises(TypeError, match="components of the remote 'a' is 0, expected a"):
+        fem.assemble([body], [], remotes=[Remote("a", "it", components=wrong)])
 
 
 def test_what_models_with_references_cannot_do() -> None:
