@@ -121,6 +121,42 @@ def test_units_of_reference_points() -> None:
         np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_obstacles_under_a_force_in_other_units_of_stress(engine: str) -> None:
+    """Steel in Pa or in MPa: an obstacle has no stiffness from which a scale could follow."""
+
+    def solved(stress: float) -> bp.Result:
+        mesh = fem.box([np.linspace(0, 1, 7)] * 2, "quadrilateral")
+        body = Body("it", mesh, fem.Material(1000.0 * stress, 0.3))
+        wheel = Sphere([0.4, 3.0], 2.0)
+        contact = Contact(
+            "it", "top", 0.3, obstacle=wheel, floating=Floating("wheel", (0, 1))
+        )
+        model = fem.assemble([body], [contact], [Support("it", "bottom", (0, 1))])
+        loads = [
+            model.reference_force("wheel", stress * np.array(force))
+            for force in ([0.0, -20.0], [2.0, -20.0], [-3.0, -15.0])
+        ]
+        return model.problem(engine=engine).solve(loads, tol=1e-12)
+
+    plain = solved(1.0)
+    assert {0, 1, 2} <= set(plain.status.ravel().tolist())
+    for stress in (2.0**40, 2.0**-40):
+        other = solved(stress)
+        np.testing.assert_array_equal(other.displacement, plain.displacement)
+        np.testing.assert_array_equal(other.reaction / stress, plain.reaction)
+        np.testing.assert_array_equal(other.iterations, plain.iterations)
+    for stress in (1e9, 1e12, 1e-9):
+        other = solved(stress)
+        for found, wanted in (
+            (other.displacement, plain.displacement),
+            (other.reaction / stress, plain.reaction),
+        ):
+            np.testing.assert_allclose(
+                found, wanted, rtol=0, atol=10 * SOLVED * np.abs(wanted).max()
+            )
+
+
 def test_another_stiffness_and_a_pickle() -> None:
     """Twice the stiffness halves the displacement; a pickled problem has the same bits."""
     body = block("hexahedron", 2)
