@@ -97,6 +97,7 @@ def result_mesh(model: Assembly) -> ResultMesh:
     ]
     return ResultMesh(
         model.nodes,
+        # Those of obstacles that move under a force follow, and belong to no node.
         np.arange(model.nodes.size).reshape(-1, d),
         cells,
         model.contact_dofs[:, 0] // d,

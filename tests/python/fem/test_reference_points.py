@@ -411,7 +411,7 @@ def test_a_distant_point_keeps_digits_or_is_refused(d: int) -> None:
         np.testing.assert_allclose(
             found, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max()
         )
-    with pytest.raises(ValueError, match="which extend over .*; choose a point near"):
+    with pytest.raises(ValueError, match=r"which extend over .*; choose a point near"):
         solved(1e5, force, moment(1e5))
     # Translation alone, and rotation alone about a distant point, are well determined.
     wanted = solved(0.0, force, rotations=turning)
