@@ -367,9 +367,10 @@ def _obstacle_point(
 
 def _refuse_far(remote: Remote, extent: float, reach: float) -> None:
     """Refuse a distant point if the set may both translate and turn."""
+    if remote.point is None or not reach > _FAR * extent > 0:
+        return
     d = np.size(remote.point)
-    held = len(remote.components) == d or len(remote.rotations) == (3 if d == 3 else 1)
-    if remote.point is None or held or not reach > _FAR * extent > 0:
+    if len(remote.components) == d or len(remote.rotations) == (3 if d == 3 else 1):
         return
     raise ValueError(
         f"point of the remote {remote.name!r} is {reach:g} from its nodes, which extend over "
