@@ -13,97 +13,21 @@ in the weak sense, tested with the shape functions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, TypeAlias
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from bipot_rs._lib.messages import mistyped
-from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats, indices, integer, loads, number, one_of
+from bipot_rs._lib.validation import floats, integer, loads, number, one_of
 from bipot_rs.fem.body import Body, Field
-from bipot_rs.fem.materials import Material
-from bipot_rs.fem.stress_recovery import slopes_at_points
-from bipot_rs.theory.elastoplastic import ElastoplasticStep, Response
+from bipot_rs.theory.body_assembly import BodyAssembly
+from bipot_rs.theory.body_step import BodyState, BodyStep, StepSolver, law_of
 from bipot_rs.theory.limit_load import LimitLoadError, StepNotConvergedError, mechanism
 from bipot_rs.theory.soils import DruckerPrager, mandel
 
 METHODS = ("newton", "displacements")
-# Halvings of a Newton step: a shorter one only adds rounding.
-_HALVINGS = 30
-_NEWTON = 60
-# A pass of the displacement method is solved this much more exactly than the step.
-_INNER = 0.01
-# Share of the elastic stiffness in Newton's matrix, which is singular where all points
-# around a node yield at the apex. It changes Newton's rate of convergence by as much.
-_SHARE = 1e-9
-
-Law: TypeAlias = Callable[[Floats], Response]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BodyState:
-    """State between two steps.
-
-    Attributes
-    ----------
-    displacement
-        ``(n,)`` [m].
-    stress, plastic_strain
-        At the quadrature points, ``(cells, points, 6)``, components as in `soils.mandel`;
-        stresses [Pa], tension positive, and totals of the plastic strain.
-    """
-
-    displacement: Floats
-    stress: Floats
-    plastic_strain: Floats
-
-    __repr__ = short_repr
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BodyStep(BodyState):
-    """A solved step.
-
-    Attributes
-    ----------
-    load
-        Total loads ``(n,)`` [N].
-    reaction
-        Forces of the supports, ``(len(fixed),)`` [N].
-    work
-        Elastic energy of the stresses and plastic dissipation of the step,
-        ``∫ ½ σ:D⁻¹σ + b(p, σ) dΩ`` [J]: the size that gap and imbalance are relative to.
-    gap
-        ``∫ [β - σ:ε] dΩ`` relative to ``work``: the part of B that measures the material
-        law. The stresses satisfy the criterion, so that it is finite.
-    imbalance
-        ``√(½ r·K⁻¹r / work)``, ``r`` the forces that the stresses leave unbalanced, K the
-        elastic stiffness.
-    converged
-        Whether gap and imbalance are at most the tolerance.
-    iterations
-        Newton iterations of all passes.
-    history
-        Gap and imbalance after each pass, ``(passes, 2)``; ``"newton"`` has one pass.
-    """
-
-    load: Floats
-    reaction: Floats
-    work: float
-    gap: float
-    imbalance: float
-    converged: bool
-    iterations: int
-    history: Floats
-
-    __repr__ = short_repr
 
 
 class ImplicitBody:
@@ -134,25 +58,13 @@ class ImplicitBody:
     """
 
     def __init__(self, body: Body, soil: DruckerPrager, fixed: ArrayLike) -> None:
-        if not isinstance(body, Body):
-            raise mistyped("body", body, "a bipot_rs.fem.Body")
         if not isinstance(soil, DruckerPrager):
             raise mistyped("soil", soil, "a DruckerPrager")
+        self._assembly = BodyAssembly(body, fixed)
         self.body, self.soil = body, soil
-        moduli = _moduli(body)
-        self.weights = body.depth * body.volume().weights
-        self.shape = self.weights.shape
-        n = body.points.size
-        self.fixed = indices("fixed", fixed, n)
-        _check_supports(body, self.fixed)
-        self._free = np.setdiff1d(np.arange(n), self.fixed)
-        self._strain = _strain_matrix(body)
-        points = self.weights.size
-        self._bulk, self._shear = np.repeat(moduli, self.shape[1], axis=1)
-        law = self._law(self.at_rest())
-        elastic = law.elastic(np.broadcast_to(np.eye(6)[:, None], (6, points, 6)))
-        self._elastic = self._stiffness(elastic.swapaxes(0, 1))
-        self._factor = splu(self._elastic[self._free][:, self._free].tocsc())
+        self.fixed = self._assembly.fixed
+        self.shape = self._assembly.shape
+        self.weights = self._assembly.weights.reshape(self.shape)
 
     def at_rest(self, stress: Field | None = None) -> BodyState:
         """State without displacement, with an initial stress.
@@ -194,12 +106,12 @@ class ImplicitBody:
         """Strain at the quadrature points, ``(cells, points, 6)``."""
         n = self.body.points.size
         u = floats("displacement", displacement, shape=(n,))
-        return self._strains(u).reshape(*self.shape, 6)
+        return self._assembly.strains(u).reshape(*self.shape, 6)
 
     def internal_forces(self, stress: ArrayLike) -> Floats:
         """Nodal forces ``∫ σ:ε(φ_i) dΩ`` that balance a stress field, ``(n,)`` [N]."""
         given = floats("stress", stress, shape=(*self.shape, 6))
-        return self._forces(given.reshape(-1, 6))
+        return self._assembly.forces(given.reshape(-1, 6))
 
     def solve(
         self,
@@ -250,7 +162,7 @@ class ImplicitBody:
         state = self.at_rest() if start is None else self._checked(start)
         found: list[BodyStep] = []
         for force, moved in loads(load, prescribed, n, len(self.fixed)):
-            step = _Step(self, state, force, moved, tol)
+            step = StepSolver(self._assembly, self.soil, state, force, moved, tol)
             state = step.solve(passes if method == "displacements" else 0)
             if not state.converged:
                 self._refuse(tuple(found), state)
@@ -266,18 +178,39 @@ class ImplicitBody:
         if the stress of ``end`` balances the load.
         """
         force = floats("load", load, shape=(self.body.points.size,))
-        law = self._law(start)
+        body = self._assembly
+        law = law_of(body, self.soil, start)
         du = end.displacement - start.displacement
         p = (end.plastic_strain - start.plastic_strain).reshape(-1, 6)
         stress = end.stress.reshape(-1, 6)
-        energy = law.energy(self._strains(du) - p) + law.split_bipotential(p, stress)
-        supports = (self._forces(stress) - force)[self.fixed]
-        total = self.weights.ravel() @ energy - force @ du
+        energy = law.energy(body.strains(du) - p) + law.split_bipotential(p, stress)
+        supports = (body.forces(stress) - force)[self.fixed]
+        total = body.weights @ energy - force @ du
         return float(total - supports @ du[self.fixed])
+
+    def mechanism(self, load: ArrayLike) -> Floats | None:
+        """Displacement that proves that no stress in the criterion balances the load.
+
+        See `limit_load.mechanism`.
+
+        Parameters
+        ----------
+        load
+            ``(n,)`` [N].
+
+        Returns
+        -------
+        mechanism
+            ``(n,)``, scaled so that its largest component is 1. None if none was found:
+            the load can be carried, or is within 1e-6 of the limit, or the mesh is too
+            large for the search.
+        """
+        force = floats("load", load, shape=(self.body.points.size,))
+        return mechanism(self._assembly, self.soil, force)
 
     def _refuse(self, found: tuple[BodyStep, ...], step: BodyStep) -> None:
         """Raise the error of a step that did not converge."""
-        flow = mechanism(self, step.load)
+        flow = self.mechanism(step.load)
         which = f"step {len(found)}"
         if flow is not None:
             raise LimitLoadError(
@@ -318,204 +251,3 @@ class ImplicitBody:
                 f"by {over:g}: start from an admissible stress"
             )
         return BodyState(displacement=u, stress=stress, plastic_strain=plastic)
-
-    def _law(self, start: BodyState) -> ElastoplasticStep:
-        stress = np.reshape(start.stress, (-1, 6))
-        return ElastoplasticStep(self.soil, self._bulk, self._shear, stress)
-
-    def _strains(self, u: Floats) -> Floats:
-        return np.asarray((self._strain @ u).reshape(-1, 6))
-
-    def _forces(self, stress: Floats) -> Floats:
-        weighted = self.weights.reshape(-1, 1) * stress
-        return np.asarray(self._strain.T @ weighted.ravel())
-
-    def _stiffness(self, tangent: Floats) -> Any:
-        """``∫ ε(φ_i):C:ε(φ_j) dΩ``, CSR."""
-        points = len(tangent)
-        blocks = self.weights.reshape(-1, 1, 1) * tangent
-        law = sparse.bsr_array(
-            (blocks, np.arange(points), np.arange(points + 1)),
-            shape=(6 * points, 6 * points),
-        )
-        return (self._strain.T @ (law.tocsr() @ self._strain)).tocsr()
-
-
-class _Step:
-    """One step of an `ImplicitBody`."""
-
-    def __init__(
-        self,
-        owner: ImplicitBody,
-        start: BodyState,
-        load: Floats,
-        prescribed: Floats,
-        tol: float,
-    ) -> None:
-        self.owner, self.start, self.load, self.tol = owner, start, load, tol
-        self.law = owner._law(start)
-        self.moved = prescribed - start.displacement[owner.fixed]
-        self.iterations = 0
-
-    def solve(self, passes: int) -> BodyStep:
-        """Iterate at most so many passes of (37), (38); Newton's method for none."""
-        du = self._predictor()
-        response = self.law.response
-        if not passes:
-            du, end, _ = self._newton(response, du, self.tol)
-            return self._step(du, end, [])
-        stress = response(self.owner._strains(du)).stress
-        history: list[tuple[float, float]] = []
-        while True:
-            limit = self.law.limit(stress)
-            frozen = partial(self.law.frozen, limit=limit)
-            du, end, balanced = self._newton(frozen, du, _INNER * self.tol)
-            stress = end.stress
-            step = self._step(du, end, history)
-            history.append((step.gap, step.imbalance))
-            # A pass without equilibrium has no minimum: its load is above the limit load
-            # of the frozen limits.
-            if step.converged or not balanced or len(history) == passes:
-                return step
-
-    def _predictor(self) -> Floats:
-        """Elastic increment: the stresses of most points do not reach the criterion."""
-        owner = self.owner
-        du = np.zeros(len(self.load))
-        du[owner.fixed] = self.moved
-        rest = self.load - owner._forces(self.law.start) - owner._elastic @ du
-        du[owner._free] = owner._factor.solve(rest[owner._free])
-        return du
-
-    def _newton(
-        self, law: Law, du: Floats, tol: float
-    ) -> tuple[Floats, Response, bool]:
-        """Balance the load with the stresses of ``law``, and tell whether this was reached.
-
-        The unbalanced forces are measured by ``r·K⁻¹r``, which decreases along a Newton
-        step: a measure of single forces would depend on the numbering and the mesh.
-        """
-        owner = self.owner
-        free = owner._free
-        end = law(owner._strains(du))
-        rest, size = self._unbalanced(end.stress)
-        for _ in range(_NEWTON):
-            if np.sqrt(0.5 * size) <= tol * np.sqrt(self._work(end)):
-                return du, end, True
-            matrix = owner._stiffness(end.tangent) + _SHARE * owner._elastic
-            move = np.zeros_like(du)
-            try:
-                move[free] = splu(matrix[free][:, free].tocsc()).solve(rest)
-            except RuntimeError:  # singular to rounding: a mechanism
-                break
-            share = 1.0
-            for _ in range(_HALVINGS):
-                new = law(owner._strains(du + share * move))
-                new_rest, new_size = self._unbalanced(new.stress)
-                if new_size <= (1 - 1e-4 * share) * size:
-                    break
-                share /= 2
-            else:
-                break
-            du, end, rest, size = du + share * move, new, new_rest, new_size
-            self.iterations += 1
-        return du, end, False
-
-    def _unbalanced(self, stress: Floats) -> tuple[Floats, float]:
-        """Forces at free degrees of freedom, and ``r·K⁻¹r`` [J]."""
-        rest = (self.load - self.owner._forces(stress))[self.owner._free]
-        return rest, float(rest @ self.owner._factor.solve(rest))
-
-    def _work(self, end: Response) -> float:
-        elastic = 0.5 * np.sum(end.stress * self.law.compliance(end.stress), axis=1)
-        # Dissipation σ·p, which for `frozen` is that of its own potential.
-        spent = np.abs(np.sum(end.stress * end.plastic, axis=1))
-        return float(self.owner.weights.ravel() @ (elastic + spent))
-
-    def _step(
-        self, du: Floats, end: Response, history: list[tuple[float, float]]
-    ) -> BodyStep:
-        """Judge an iterate, with its stress brought into the criterion."""
-        owner, start = self.owner, self.start
-        weights = owner.weights.ravel()
-        stress = owner.soil.prox_at(end.stress, np.zeros_like(end.stress), 1.0)
-        work = self._work(Response(stress, end.plastic, end.tangent))
-        gap = self.law.gap(owner._strains(du), end.plastic, stress)
-        _, size = self._unbalanced(stress)
-        # Without any stress and flow, both are zero.
-        scale = work if work > 0 else 1.0
-        relative = max(float(weights @ gap), 0.0) / scale
-        imbalance = float(np.sqrt(max(0.5 * size, 0.0) / scale))
-        points = (*owner.shape, 6)
-        return BodyStep(
-            displacement=start.displacement + du,
-            stress=stress.reshape(points),
-            plastic_strain=start.plastic_strain + end.plastic.reshape(points),
-            load=self.load,
-            reaction=(owner._forces(stress) - self.load)[owner.fixed],
-            work=work,
-            gap=relative,
-            imbalance=imbalance,
-            converged=relative <= self.tol and imbalance <= self.tol,
-            iterations=self.iterations,
-            history=np.array([*history, (relative, imbalance)]),
-        )
-
-
-def _moduli(body: Body) -> Floats:
-    """Bulk and shear modulus of each cell, ``(2, cells)``."""
-    pairs = []
-    for material in body.materials:
-        if not isinstance(material, Material):
-            raise ValueError(
-                f"body {body.name!r} has an orthotropic material, expected isotropic ones"
-            )
-        if body.dim == 2 and material.plane_stress:
-            raise ValueError(
-                f"body {body.name!r} is in plane stress, expected plane strain or 3D"
-            )
-        lame_lambda, lame_mu = material.lame(3)
-        pairs.append((lame_lambda + 2 * lame_mu / 3, lame_mu))
-    return np.array(pairs)[body.material_of_cells].T
-
-
-def _strain_matrix(body: Body) -> Any:
-    """Strains at the quadrature points of the displacements of nodes, CSR ``(6 m, n)``."""
-    d, slopes = body.dim, slopes_at_points(body)
-    q, corners, _, cells = slopes.shape
-    # Gradient ∂_a u_k of unit displacements: (cells, q, corner, component, a, k).
-    gradient = np.zeros((cells, q, corners, d, 3, 3))
-    for k in range(d):
-        gradient[:, :, :, k, :d, k] = slopes.transpose(3, 0, 1, 2)
-    strain = mandel(0.5 * (gradient + gradient.swapaxes(-1, -2)))
-    dofs = d * body.cells[:, None, :, None] + np.arange(d)
-    columns = np.broadcast_to(dofs[..., None], strain.shape)
-    rows = 6 * np.arange(cells * q).reshape(cells, q, 1, 1, 1) + np.arange(6)
-    made = sparse.coo_array(
-        (
-            strain.ravel(),
-            (np.broadcast_to(rows, strain.shape).ravel(), columns.ravel()),
-        ),
-        shape=(6 * cells * q, body.points.size),
-    ).tocsr()
-    made.eliminate_zeros()
-    return made
-
-
-def _check_supports(body: Body, fixed: Any) -> None:
-    """Refuse supports that leave a rigid motion free."""
-    d = body.dim
-    x = body.points - body.points.mean(axis=0)
-    x /= np.abs(x).max()
-    motions = [np.tile(axis, (len(x), 1)) for axis in np.eye(d)]
-    for i in range(d):
-        for j in range(i):
-            turn = np.zeros_like(x)
-            turn[:, i], turn[:, j] = x[:, j], -x[:, i]
-            motions.append(turn)
-    held = np.stack([m.ravel()[fixed] for m in motions], axis=1)
-    if np.linalg.matrix_rank(held, tol=1e-9) < len(motions):
-        raise ValueError(
-            f"fixed leaves a rigid motion of body {body.name!r} free: fix more degrees of "
-            "freedom"
-        )

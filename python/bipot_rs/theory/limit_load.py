@@ -13,18 +13,16 @@ limit is that of associated flow, and an upper bound of all others (Radenkovic).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
 from bipot_rs.contact.cone_programme import Programme
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
-
-if TYPE_CHECKING:
-    from bipot_rs.theory.implicit_body import BodyStep, ImplicitBody
+from bipot_rs.theory.body_assembly import BodyAssembly
+from bipot_rs.theory.body_step import BodyStep
+from bipot_rs.theory.soils import DruckerPrager
 
 # The search for a mechanism factors a dense matrix some thirty times; with more
 # operations each time it is left out.
@@ -80,13 +78,15 @@ class StepNotConvergedError(_PathError, NotConvergedError):
         self._known = message, steps, last
 
 
-def mechanism(structure: ImplicitBody, load: ArrayLike) -> Floats | None:
+def mechanism(
+    assembly: BodyAssembly, soil: DruckerPrager, load: Floats
+) -> Floats | None:
     """Displacement that proves that no admissible stress balances the load.
 
     Parameters
     ----------
-    structure
-        The body.
+    assembly, soil
+        The body, and its criterion.
     load
         ``(n,)`` [N].
 
@@ -94,47 +94,40 @@ def mechanism(structure: ImplicitBody, load: ArrayLike) -> Floats | None:
     -------
     mechanism
         ``(n,)``, zero at the supports, with ``d_v >= α ‖d_e‖`` at the quadrature points
-        and ``f·d > ∫ a d_v dΩ``, scaled so that its largest component is 1. None if no such
-        displacement was found: the load can be carried, or is within 1e-6 of the limit, or
-        the mesh is too large for the search.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument.
+        and ``f·d > ∫ a d_v dΩ``, to rounding; scaled so that its largest component is 1.
+        None if no such displacement was found: the load can be carried, or is within 1e-6
+        of the limit, or the mesh is too large for the search.
     """
-    n = structure.body.points.size
-    force = floats("load", load, shape=(n,))
-    free = np.setdiff1d(np.arange(n), structure.fixed)
-    rows = structure.weights.size * (5 if structure.body.dim == 2 else 7)
-    if not free.size or not force[free].any() or rows * free.size**2 > _OPERATIONS:
+    force = load[assembly.free]
+    components = 5 if assembly.body.dim == 2 else 7
+    operations = len(assembly.weights) * components * len(force) ** 2
+    if not force.any() or operations > _OPERATIONS:
         return None
-    cones = _cones(structure)[..., free]
-    # Volume integral of the divergence: the first component of the cones.
-    volume = structure.weights.ravel() @ cones[:, 0]
-    cost = structure.soil.apex * volume - force[free]
+    cones = _cones(assembly, soil)
+    dilation = assembly.weights @ cones[:, 0]
+    cost = soil.apex * dilation - force
+    # Columns and cost of unit length: the result does not depend on units.
     size = np.linalg.norm(cones, axis=(0, 1))
     scaled = cost / size
     found = Programme(cones / size, np.zeros(cones.shape[:2])).minimise(
         scaled / np.linalg.norm(scaled)
     )
+    if found.bounded:
+        return None
     d = found.y / size
-    largest = np.abs(d).max()
-    won = float(force[free] @ d)
-    if found.bounded or not largest > 0:
+    won = float(force @ d)
+    if not won - soil.apex * float(dilation @ d) > _SURE * abs(won):
         return None
-    if not won - structure.soil.apex * float(volume @ d) > _SURE * abs(won):
-        return None
-    whole = np.zeros(n)
-    whole[free] = d / largest
+    whole = np.zeros(len(load))
+    whole[assembly.free] = d / np.abs(d).max()
     return whole
 
 
-def _cones(structure: ImplicitBody) -> Floats:
-    """``(d_v, α d_e)`` of unit displacements: ``(points, 1 + components, n)``."""
-    strain = structure._strain.toarray().reshape(structure.weights.size, 6, -1)
+def _cones(assembly: BodyAssembly, soil: DruckerPrager) -> Floats:
+    """``(d_v, α d_e)`` of unit displacements: ``(m, 1 + components, free)``."""
+    strain = assembly.unit_strains()
     volume = strain[:, :3].sum(axis=1)
     strain[:, :3] -= volume[:, None] / 3
-    if structure.body.dim == 2:
+    if assembly.body.dim == 2:
         strain = strain[:, [0, 1, 2, 5]]
-    return np.concatenate([volume[:, None], structure.soil.friction * strain], axis=1)
+    return np.concatenate([volume[:, None], soil.friction * strain], axis=1)
