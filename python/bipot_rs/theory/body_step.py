@@ -21,6 +21,8 @@ _HALVINGS = 30
 _NEWTON = 60
 # A pass of the displacement method is solved this much more exactly than the step.
 _INNER = 0.01
+# Rounds of passes after which Newton's method is tried again, and their length.
+_ROUNDS, _PASSES = 4, 8
 # Share of the elastic stiffness in Newton's matrix, which is singular where all points
 # around a node yield at the apex. It changes Newton's rate of convergence by as much.
 _SHARE = 1e-9
@@ -127,25 +129,46 @@ class StepSolver:
         self.moved = prescribed - start.displacement[assembly.fixed]
         self.iterations = 0
 
-    def solve(self, passes: int) -> BodyStep:
-        """Iterate at most so many passes of (37), (38); Newton's method for none."""
+    def newton(self) -> BodyStep:
+        """Newton's method; where it stalls, some passes of `displacements` lead on."""
+        du, end, balanced = self._newton(self.law.response, self._predictor(), self.tol)
+        for _ in range(_ROUNDS):
+            if balanced:
+                break
+            du, _, held = self._passes(du, end.stress, _PASSES, [])
+            if not held:
+                break
+            du, end, balanced = self._newton(self.law.response, du, self.tol)
+        return self._step(du, end, [])
+
+    def displacements(self, passes: int) -> BodyStep:
+        """At most so many passes of (37), (38)."""
         du = self._predictor()
-        if not passes:
-            du, end, _ = self._newton(self.law.response, du, self.tol)
-            return self._step(du, end, [])
         stress = self.law.response(self.assembly.strains(du)).stress
         history: list[tuple[float, float]] = []
+        du, end, _ = self._passes(du, stress, passes, history)
+        return self._step(du, end, history[:-1])
+
+    def _passes(
+        self,
+        du: Floats,
+        stress: Floats,
+        passes: int,
+        history: list[tuple[float, float]],
+    ) -> tuple[Floats, Response, bool]:
+        """Passes of (37), (38) with their gaps and imbalances; whether all were balanced.
+
+        A pass without equilibrium has no minimum: its load is above the limit load of the
+        frozen limits. It is the last.
+        """
         while True:
-            limit = self.law.limit(stress)
-            frozen = partial(self.law.frozen, limit=limit)
+            frozen = partial(self.law.frozen, limit=self.law.limit(stress))
             du, end, balanced = self._newton(frozen, du, _INNER * self.tol)
             stress = end.stress
-            step = self._step(du, end, history)
+            step = self._step(du, end, [])
             history.append((step.gap, step.imbalance))
-            # A pass without equilibrium has no minimum: its load is above the limit load
-            # of the frozen limits.
             if step.converged or not balanced or len(history) == passes:
-                return step
+                return du, end, balanced
 
     def _predictor(self) -> Floats:
         """Elastic increment: the stresses of most points do not reach the criterion."""

@@ -190,17 +190,23 @@ class ElastoplasticStep:
         trial = self.start + self.elastic(strain)
         mean = trial @ _UNIT / 3
         s = trial - mean[..., None] * _UNIT
+        # The trace that rounding left is large for a small deviator.
+        s = s - (s @ _UNIT / 3)[..., None] * _UNIT
         size, n = length(s), direction(s)
         over = size - limit - slope * (soil.apex - mean)
         hardness = 2 * G + slope * soil.dilatancy * K
         flow = np.maximum(over, 0.0) / hardness
         cap = mean - K * soil.dilatancy * flow > soil.apex
         cone = (over > 0) & ~cap
-        # On the cap both parts of the flow follow from what the stress loses.
-        volume = np.where(cap, (mean - soil.apex) / K, soil.dilatancy * flow)
+        # On the cap both parts of the flow follow from what the stress loses. There the
+        # dilatancy is at least β, which rounding must not violate.
         shear = np.where(cap, np.maximum(size - limit, 0.0) / (2 * G), flow)
-        kept = np.where(cap, np.minimum(size, limit), size - 2 * G * flow)
+        least = soil.dilatancy * shear
+        volume = np.where(cap, np.maximum((mean - soil.apex) / K, least), least)
         level = np.where(cap, soil.apex, mean - K * volume)
+        # Not from the flow: near the apex the rounding of the trial stress would be large.
+        bound = limit + slope * (soil.apex - level)
+        kept = np.where(cap | cone, np.minimum(size, bound), size)
         stress = np.where(
             (cap | cone)[..., None],
             level[..., None] * _UNIT + kept[..., None] * n,

@@ -163,7 +163,8 @@ class ImplicitBody:
         found: list[BodyStep] = []
         for force, moved in loads(load, prescribed, n, len(self.fixed)):
             step = StepSolver(self._assembly, self.soil, state, force, moved, tol)
-            state = step.solve(passes if method == "displacements" else 0)
+            newton = method == "newton"
+            state = step.newton() if newton else step.displacements(passes)
             if not state.converged:
                 self._refuse(tuple(found), state)
             found.append(state)
