@@ -11,16 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from bipot_rs._lib.messages import mistyped
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.messages import mistyped, place
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import indices
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.elasticity import stiffness
 from bipot_rs.fem.materials import Material
 from bipot_rs.fem.stress_recovery import slopes_at_points
 from bipot_rs.theory.soils import mandel
+
+# Supports stop a motion of order one if it moves them by more: no rounding, no mechanism.
+_HELD = 1e-9
 
 
 class BodyAssembly:
@@ -138,19 +142,34 @@ def _strain_matrix(body: Body) -> Any:
 
 
 def _check_supports(body: Body, fixed: Ints) -> None:
-    """Refuse supports that leave a rigid motion free."""
-    d = body.dim
-    x = body.points - body.points.mean(axis=0)
+    """Refuse supports that leave a rigid motion of the body, or of a part of it, free."""
+    cells, nodes = body.cells, len(body.points)
+    ends = np.repeat(cells[:, :1], cells.shape[1], axis=1)
+    shape = (nodes, nodes)
+    links = sparse.coo_array(
+        (np.ones(cells.size), (ends.ravel(), cells.ravel())), shape
+    )
+    parts, part_of = connected_components(links, directed=False)
+    for part in range(parts):
+        motions = _rigid_motions(body.points, part_of == part)
+        held = motions.reshape(len(motions), -1)[:, fixed]
+        if np.linalg.matrix_rank(held, tol=_HELD) < len(motions):
+            where = place(body.points[part_of == part].mean(axis=0))
+            raise ValueError(
+                f"fixed leaves a rigid motion of body {body.name!r} free, of the part "
+                f"with its centre at {where}: fix more of its degrees of freedom"
+            )
+
+
+def _rigid_motions(points: Floats, inside: Bools) -> Floats:
+    """Rigid motions of some nodes, zero at others, of order one: ``(motions, nodes, d)``."""
+    d = points.shape[1]
+    x = np.where(inside[:, None], points - points[inside].mean(axis=0), 0.0)
     x /= np.abs(x).max()
-    motions = [np.tile(axis, (len(x), 1)) for axis in np.eye(d)]
+    motions = [np.outer(inside, axis) for axis in np.eye(d)]
     for i in range(d):
         for j in range(i):
             turn = np.zeros_like(x)
             turn[:, i], turn[:, j] = x[:, j], -x[:, i]
             motions.append(turn)
-    held = np.stack([m.ravel()[fixed] for m in motions], axis=1)
-    if np.linalg.matrix_rank(held, tol=1e-9) < len(motions):
-        raise ValueError(
-            f"fixed leaves a rigid motion of body {body.name!r} free: fix more degrees of "
-            "freedom"
-        )
+    return np.stack(motions)

@@ -19,7 +19,8 @@ from bipot_rs.theory.soils import DruckerPrager
 # Halvings of a Newton step: a shorter one only adds rounding.
 _HALVINGS = 30
 _NEWTON = 60
-# A pass of the displacement method is solved this much more exactly than the step.
+# Tolerance of equilibrium in a pass, relative to that of the step: what remains must come
+# from the frozen limits.
 _INNER = 0.01
 # Rounds of passes after which Newton's method is tried again, and their length.
 _ROUNDS, _PASSES = 4, 8
@@ -74,7 +75,7 @@ class BodyStep(BodyState):
     iterations
         Newton iterations of all passes.
     history
-        Gap and imbalance after each pass, ``(passes, 2)``; ``"newton"`` has one pass.
+        Gap and imbalance after each pass, ``(passes, 2)``; one row for ``"newton"``.
     """
 
     load: Floats

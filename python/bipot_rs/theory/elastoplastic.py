@@ -169,7 +169,7 @@ class ElastoplasticStep:
         return np.asarray(excess * depth)
 
     def response(self, strain: Floats) -> Response:
-        """Stress and flow of the law, ``σ ∈ ∂_ε β(ε, σ)``, (22)."""
+        """Stress and flow of the law, ``σ ∈ ∂_ε β(ε, σ)``, (22), at strains ``(..., 6)``."""
         return self._returned(strain, self.soil.friction, np.zeros(self.bulk.shape))
 
     def frozen(self, strain: Floats, limit: Floats) -> Response:
@@ -177,6 +177,13 @@ class ElastoplasticStep:
 
         In β the stress ``σ'`` is present through ``c = limit(σ')`` only: the potential is
         that of associated flow with the criterion ``‖s‖ <= c + β (a - σ_m)``, ``σ_m <= a``.
+
+        Parameters
+        ----------
+        strain
+            ``(..., 6)``.
+        limit
+            c, not negative, ``(...)`` [Pa].
         """
         return self._returned(strain, self.soil.dilatancy, limit)
 

@@ -315,6 +315,40 @@ def test_initial_stress_in_equilibrium_moves_nothing() -> None:
     assert np.abs(other.displacement).max() > 1e-3
 
 
+def test_volumes_with_their_own_moduli() -> None:
+    """Two layers in a smooth box settle by the sum of what each settles."""
+    mesh = box([np.linspace(0, 1, 3), np.linspace(0, 1, 5)], "quadrilateral")
+    low = np.flatnonzero(mesh.p[1, mesh.t].mean(axis=0) < 0.5)
+    high = np.setdiff1d(np.arange(mesh.t.shape[1]), low)
+    layers = mesh.with_subdomains({"low": low, "high": high})
+    soft, stiff = (
+        fem.Material(E, NU, thickness=2.0),
+        fem.Material(3 * E, NU, thickness=2.0),
+    )
+    body = fem.Body("layers", layers, {"low": soft, "high": stiff})
+    fixed = np.union1d(normal_supports(body), 2 * body.nodes("right"))
+    structure = ImplicitBody(body, SOIL, fixed)
+    load = nodal_forces(body, body.surface("top"), [0.0, -0.5])
+    # Confined compression at ν = 0.3 stays elastic at this α.
+    (step,) = structure.solve(load, tol=TOL)
+    confined = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))
+    settled = 0.5 * (0.5 / confined + 0.5 / (3 * confined))
+    assert step.displacement.min() == pytest.approx(-settled, rel=1e-12)
+    # The base carries the load on the thickness 2.
+    base = (fixed % 2 == 1) & (body.points[fixed // 2, 1] < 1e-9)
+    assert step.reaction[base].sum() == pytest.approx(0.5 * 2.0, rel=1e-12)
+
+
+def test_all_degrees_of_freedom_prescribed() -> None:
+    body = body_of(mesh_of("triangle"))
+    fixed = np.arange(body.points.size)
+    moved = (0.05 * body.points[:, ::-1]).ravel()
+    (step,) = ImplicitBody(body, SOIL, fixed).solve(None, moved)
+    assert step.imbalance == 0.0
+    assert step.converged
+    assert np.abs(step.plastic_strain).max() > 0.01
+
+
 def test_a_step_that_does_not_converge_keeps_the_steps_before() -> None:
     structure, steps = pressed(method="newton")
     last = steps[-1].displacement[structure.fixed]
@@ -342,6 +376,13 @@ def test_wrong_arguments_are_named() -> None:
         ImplicitBody(1, SOIL, fixed)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="fixed leaves a rigid motion of body 'soil'"):
         ImplicitBody(body, SOIL, fixed[fixed % 2 == 0])
+    two, _ = make_mesh(
+        "quad",
+        np.concatenate([body.mesh.p.T, np.add(body.mesh.p.T, [2.0, 0.0])]),
+        np.concatenate([body.mesh.t.T, body.mesh.t.T + body.mesh.p.shape[1]]),
+    )
+    with pytest.raises(ValueError, match=r"the part with its centre at \(2\.5"):
+        ImplicitBody(body_of(two), SOIL, fixed)
     flat = fem.Body("sheet", body.mesh, fem.Material(E, NU, plane_stress=True))
     with pytest.raises(ValueError, match="body 'sheet' is in plane stress"):
         ImplicitBody(flat, SOIL, fixed)
