@@ -39,7 +39,7 @@ def drawn(soil: DruckerPrager) -> tuple[ElastoplasticStep, Array]:
 def textbook(
     soil: DruckerPrager, K: float, G: float, start: Array, strain: Array
 ) -> Array:
-    """Return mapping in ``p`` and ``√J₂``: de Souza Neto, Perić, Owen, 2008, box 8.9.
+    """Return mapping in ``p`` and ``√J₂``: de Souza Neto, Perić, Owen, 2008, chapter 8.
 
     ``Φ = √J₂ + η p - ξ c``, flow ``s/(2 √J₂) + η̄ I/3``.
     """

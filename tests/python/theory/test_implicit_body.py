@@ -234,6 +234,46 @@ def test_bifunctional_is_zero_at_the_solution_and_measures_errors() -> None:
     assert structure.bifunctional(start, outside, load) == math.inf
 
 
+def test_certificate_by_its_definition() -> None:
+    """Gap, imbalance and work of an iterate that is no solution, from tensors."""
+    structure, steps = pressed()
+    moved = steps[-1].displacement[structure.fixed]
+    with pytest.raises(StepNotConvergedError) as caught:
+        structure.solve(None, moved, method="displacements", max_iterations=2)
+    step, unit = caught.value.last, np.eye(3)
+    stress, p = tensor(step.stress), tensor(step.plastic_strain)
+    strain = tensor(structure.strain(step.displacement))
+
+    def parts(x: Array) -> tuple[Array, Array]:
+        trace = np.trace(x, axis1=-2, axis2=-1)
+        return trace, x - trace[..., None, None] / 3 * unit
+
+    (sigma, s), (volume, e) = parts(stress), parts(p)
+    mean, shear = sigma / 3, np.linalg.norm(e, axis=(-2, -1))
+    # d = ε - p - D⁻¹ σ; its energy is ½ K d_v² + G |d_e|².
+    elastic = mean[..., None, None] / (3 * BULK) * unit + s / (2 * SHEAR)
+    d_v, d_e = parts(strain - p - elastic)
+    depth = SOIL.apex - mean
+    dilates = depth * (volume - SOIL.dilatancy * shear)
+    slides = SOIL.friction * depth * shear - np.sum(s * e, axis=(-2, -1))
+    density = 0.5 * BULK * d_v**2 + SHEAR * np.sum(d_e**2, axis=(-2, -1))
+    gap = np.sum(structure.weights * (density + dilates + slides))
+    stored = 0.5 * np.sum(stress * elastic, axis=(-2, -1))
+    spent = np.abs(np.sum(stress * p, axis=(-2, -1)))
+    work = np.sum(structure.weights * (stored + spent))
+    assert step.work == pytest.approx(work, rel=1e-12)
+    assert step.gap == pytest.approx(gap / work, rel=1e-10)
+    assert step.gap > 1e-6
+    free = np.setdiff1d(np.arange(structure.body.points.size), structure.fixed)
+    rest = -structure.internal_forces(step.stress)[free]
+    K = stiffness(structure.body).toarray()[np.ix_(free, free)]
+    energy = 0.5 * rest @ np.linalg.solve(K, rest)
+    assert step.imbalance == pytest.approx(math.sqrt(energy / work), rel=1e-10)
+    assert step.imbalance > 1e-6
+    # The solution of Newton's method has neither.
+    assert max(steps[-1].gap, steps[-1].imbalance) < 1e-10
+
+
 def test_bifunctional_refuses_associated_flow() -> None:
     """Of the solution with associated flow, B is what this flow dilates too much."""
     associated, steps = pressed(DruckerPrager(0.5, 0.5, 1.0))
