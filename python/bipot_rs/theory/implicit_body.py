@@ -177,13 +177,21 @@ class ImplicitBody:
         is an upper bound and the same at solutions. The value is infinite if ``end``
         violates the criterion or the plastic strain dilates too little. It is not negative
         if the stress of ``end`` balances the load.
+
+        Parameters
+        ----------
+        start, end
+            States at the start and at the end of a step; that at the end may be any.
+        load
+            Total loads at the end, ``(n,)`` [N].
         """
         force = floats("load", load, shape=(self.body.points.size,))
+        before, after = self._checked(start), self._shaped("end", end)
         body = self._assembly
-        law = law_of(body, self.soil, start)
-        du = end.displacement - start.displacement
-        p = (end.plastic_strain - start.plastic_strain).reshape(-1, 6)
-        stress = end.stress.reshape(-1, 6)
+        law = law_of(body, self.soil, before)
+        du = after.displacement - before.displacement
+        p = (after.plastic_strain - before.plastic_strain).reshape(-1, 6)
+        stress = after.stress.reshape(-1, 6)
         energy = law.energy(body.strains(du) - p) + law.split_bipotential(p, stress)
         supports = (body.forces(stress) - force)[self.fixed]
         total = body.weights @ energy - force @ du
@@ -230,25 +238,31 @@ class ImplicitBody:
             step,
         )
 
-    def _checked(self, state: BodyState) -> BodyState:
-        """Refuse a state of another shape, or with a stress outside the criterion."""
+    def _shaped(self, what: str, state: BodyState) -> BodyState:
+        """Refuse a state of another shape."""
         if not isinstance(state, BodyState):
-            raise mistyped("start", state, "a BodyState")
-        points = (*self.shape, 6)
-        u = floats("displacement of start", state.displacement)
-        stress = floats("stress of start", state.stress, shape=points)
-        plastic = floats("plastic_strain of start", state.plastic_strain, shape=points)
-        if u.shape != (self.body.points.size,):
-            raise ValueError(
-                f"displacement of start has shape {u.shape}, expected "
-                f"({self.body.points.size},)"
-            )
-        outside = np.isinf(self.soil.bipotential(np.zeros(points), stress))
+            raise mistyped(what, state, "a BodyState")
+        points, n = (*self.shape, 6), self.body.points.size
+        return BodyState(
+            displacement=floats(
+                f"displacement of {what}", state.displacement, shape=(n,)
+            ),
+            stress=floats(f"stress of {what}", state.stress, shape=points),
+            plastic_strain=floats(
+                f"plastic_strain of {what}", state.plastic_strain, shape=points
+            ),
+        )
+
+    def _checked(self, state: BodyState) -> BodyState:
+        """Refuse a start of another shape, or with a stress outside the criterion."""
+        start = self._shaped("start", state)
+        none = np.zeros_like(start.stress)
+        outside = np.isinf(self.soil.bipotential(none, start.stress))
         if outside.any():
             cell, point = np.argwhere(outside)[0]
-            over = self.soil.criterion(stress)[cell, point]
+            over = self.soil.criterion(start.stress)[cell, point]
             raise ValueError(
                 f"stress of start violates the criterion at point {point} of cell {cell} "
                 f"by {over:g}: start from an admissible stress"
             )
-        return BodyState(displacement=u, stress=stress, plastic_strain=plastic)
+        return start

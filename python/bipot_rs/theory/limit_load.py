@@ -26,7 +26,7 @@ from bipot_rs.theory.soils import DruckerPrager
 
 # The search for a mechanism factors a dense matrix some thirty times; with more
 # operations each time it is left out.
-_OPERATIONS = 2e10
+_OPERATIONS = 5e9
 # Part of the work by which a mechanism must be unbalanced: it is known to this accuracy.
 _SURE = 1e-6
 
