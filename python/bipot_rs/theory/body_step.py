@@ -136,10 +136,10 @@ class StepSolver:
         for _ in range(_ROUNDS):
             if balanced:
                 break
-            du, _, held = self._passes(du, end.stress, _PASSES, [])
+            nearer, _, held = self._passes(du, end.stress, _PASSES, [])
             if not held:
                 break
-            du, end, balanced = self._newton(self.law.response, du, self.tol)
+            du, end, balanced = self._newton(self.law.response, nearer, self.tol)
         return self._step(du, end, [])
 
     def displacements(self, passes: int) -> BodyStep:

@@ -108,6 +108,8 @@ def test_between_the_limits_nothing_is_proved() -> None:
     assert len(error.steps) == 2
     copy = pickle.loads(pickle.dumps(error))
     assert copy.last.imbalance == error.last.imbalance > 1e-6
+    # The last iterate obeys the law: only equilibrium is missing.
+    assert error.last.gap < 1e-12
     # Associated flow carries this load.
     associated, load = block(ALPHA)
     assert associated.solve(factors * load)[-1].converged
