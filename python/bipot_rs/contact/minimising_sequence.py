@@ -20,17 +20,19 @@ class MinimisingSequence:
 
         B(u_i, σ_j) = ½ (τ_i - r_j)ᵀ W (τ_i - r_j) + Σ (r_j·v_i + mu r_jn |v_it|)  >= 0.
 
-    ``σ_0`` is the start value, ``u_i`` minimises ``B(·, σ_i)`` (33), and ``σ_(i+1)`` minimises
-    ``B(u_i, ·)`` (31). So ``B`` does not increase, (32) and (34). It falls to zero at a
-    solution, or to a positive limit without one. Each minimum is computed to a hundredth of
-    η times the error of the fields before, so that ``B``, of second order in the error, is
-    right to its order. By as much ``r_i`` may lie outside its cone, and ``v_i`` may penetrate.
+    With two coefficients ``|D v_it|`` replaces ``mu |v_it|``, (10e). ``σ_0`` is the start
+    value, ``u_i`` minimises ``B(·, σ_i)`` [dSF91, 33], and ``σ_(i+1)`` minimises ``B(u_i, ·)``
+    [dSF91, 31]. So ``B`` does not increase [dSF91, 32, 34]. It falls to zero at a solution,
+    or to a positive limit without one. Each minimum is computed to a hundredth of η times
+    the error of the fields before, because ``B`` is of second order in the error. ``r_i`` may
+    lie outside its cone by as much, and ``v_i`` may penetrate by as much.
 
     Attributes
     ----------
     bifunctional
         ``B(u_0, σ_0), B(u_0, σ_1), B(u_1, σ_1), ...`` in units of work: ``B(u_i, σ_i)`` has
-        the index ``2 i``, and ``B(u_i, σ_(i+1))`` the index ``2 i + 1``.
+        the index ``2 i``, and ``B(u_i, σ_(i+1))`` the index ``2 i + 1``. Empty if the start
+        value is the solution.
     reaction
         ``r_i``, ``(m, n_c, d)``.
     balanced_reaction

@@ -9,7 +9,7 @@
 //!
 //! The minimum of `B` over displacements has Tresca's reactions τ with limits fixed at `μ r_n`.
 //! The minimum over reactions is that of the stress principle with slip fixed at `v_t(τ)`.
-//! Alternately, as (31) and (33), they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
+//! Alternately they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
 //! minimum for the other and neither is a solution.
 
 use crate::error::Error;

@@ -34,7 +34,7 @@ def test_one_sliding_contact_follows_its_closed_form() -> None:
     for i in range(len(found)):
         r = p * ray
         np.testing.assert_allclose(found.reaction[i, 0], r, rtol=1e-12)
-        # (33): v_n = 0 with the friction mu p.
+        # [dSF91, 33]: v_n = 0 with the friction mu p.
         tau = np.array([(c * mu * p - q[0]) / a, -mu * p])
         v = W @ tau + q
         assert v[1] > 0
@@ -44,7 +44,7 @@ def test_one_sliding_contact_follows_its_closed_form() -> None:
             found.relative_displacement[i, 0], v, rtol=1e-12, atol=1e-14
         )
         values = [(p, found.bifunctional[2 * i])]
-        # (31): the minimum over the ray of ½ r·W r + (q + mu |v_t| n)·r.
+        # [dSF91, 31]: the minimum over the ray of ½ r·W r + (q + mu |v_t| n)·r.
         p = -(q[0] + mu * v[1] - mu * q[1]) / (ray @ W @ ray)
         if 2 * i + 1 < len(found.bifunctional):
             values.append((p, found.bifunctional[2 * i + 1]))
@@ -98,7 +98,7 @@ def test_b_is_the_papers_functional_of_the_fields(k: int) -> None:
             if i + j >= len(found.bifunctional):
                 continue
             r = found.reaction[j]
-            # (25) with contact: B = Φ(u) + Π(σ) + Σ b, and the sum without cancellation.
+            # [dSF91, 25] with contact: B = Φ(u) + Π(σ) + Σ b, and the sum without cancellation.
             whole = f.potential(u[i]) + f.complementary(r)
             whole += f.bipotential(u[i], r).sum()
             # Φ and Π are of size one, and cancel.
