@@ -69,8 +69,8 @@ pub fn run<const D: usize>(
         }
         let better = next.merit(problem) < before;
         if !better && penalty <= LEAST {
-            let from = (point.r.clone(), point.rigid.as_slice());
-            let burst = uzawa::burst(problem, &[], from.0, from.1, monitor, steps)?;
+            let r = point.r.clone();
+            let burst = uzawa::burst(problem, &[], r, &point.rigid, monitor, steps)?;
             steps *= 2;
             monitor.count(1.0);
             return Ok(match burst {

@@ -165,6 +165,13 @@ def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> No
             v.ravel(), W @ tau.ravel() + problem.q[0], rtol=1e-12
         )
     ellipse = np.hypot(found.reaction[:, 0, 1] / 0.6, found.reaction[:, 0, 2] / 0.3)
+    for i in range(len(found)):
+        r, v = found.reaction[i, 0], found.relative_displacement[i, 0]
+        lack = found.balanced_reaction[i, 0] - r
+        expected = 0.5 * lack @ W @ lack + r @ v
+        expected += r[0] * np.hypot(0.6 * v[1], 0.3 * v[2])
+        # A difference of products of size one.
+        assert found.bifunctional[2 * i] == pytest.approx(expected, rel=1e-9, abs=1e-14)
     # A step is solved to a hundredth of the error of the fields, which falls to 1e-12.
     assert (ellipse <= found.reaction[:, 0, 0] * 1.01).all()
     assert ellipse[-1] == pytest.approx(found.reaction[-1, 0, 0], rel=1e-9)
