@@ -296,6 +296,26 @@ def test_a_rigid_body_has_no_stiffness(cell: str, stress: float) -> None:
         assert np.abs(v[result.reaction[k, :, 0] > 0]).max() < SOLVED * size
 
 
+@pytest.mark.parametrize("soft", [1e-3, 1e-8, 1e-14])
+def test_a_rigid_body_on_soft_springs(soft: float) -> None:
+    """Its own stiffness leaves no rounding that springs would have to exceed."""
+    body = block("hexahedron")
+    stiffness = 1000.0 * soft
+    above = Contact("it", "top", 0.3, plane=([0, 0, 9.0], [0, 0, -1.0]))
+    model = fem.assemble(
+        [body],
+        [above],
+        springs=[fem.Spring("it", "bottom", stiffness)],
+        remotes=[Remote("grip", "it", point=[0.5, 0.5, 0.0])],
+    )
+    f = model.reference_force("grip", stiffness * np.array([0.5, 0.0, -1.0]))
+    result = model.problem().solve(f, tol=1e-13)
+    motion, turn = model.reference_motion("grip", result.displacement[0])
+    # A force through the centre of a unit area of springs: rounding of their sums.
+    np.testing.assert_allclose(motion, [0.5, 0.0, -1.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(turn, 0, atol=1e-12)
+
+
 def test_numbering_of_a_rigid_set() -> None:
     """Renumbered nodes of the mesh, the same displacements."""
     found = []
