@@ -76,9 +76,9 @@ class Workers:
                 connection = self._idle(busy)
                 busy[connection] = left.pop()
                 connection.send(arguments[busy[connection]])
-            for ready in wait(list(busy)):
-                if not isinstance(ready, Connection):
-                    continue
+            answered = wait(list(busy))
+            # On Windows a connection of `Pipe` is of another class than `Connection`.
+            for ready in [connection for connection in busy if connection in answered]:
                 number = busy.pop(ready)
                 try:
                     yield number, ready.recv()
