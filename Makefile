@@ -193,6 +193,25 @@ $(SPHINX): pyproject.toml $(STAMP)
 	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
 	@touch $@
 
+.PHONY: wheel
+wheel: | prerequisites ## a wheel for any Linux from 2012 and any Python from 3.11 on, in out/wheels
+	$(PYTHON) .ci/release.py build
+
+.PHONY: release-check
+release-check: wheel ## the wheel with NumPy and SciPy alone, lowest and newest: the quick tests
+	$(PYTHON) .ci/release.py check
+
+# Both linters come as wheels. Without a token zizmor asks no server.
+LINT := out/release/lint
+.PHONY: lint-workflows
+lint-workflows: $(LINT)/bin/zizmor ## the workflows of .github: their schema, and known weaknesses
+	$(LINT)/bin/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(LINT)/bin/zizmor --offline --pedantic .github/workflows
+
+$(LINT)/bin/zizmor: | prerequisites
+	$(PYTHON) -m venv --clear $(LINT)
+	$(LINT)/bin/python -m pip install --quiet --disable-pip-version-check 'zizmor>=1.32' 'check-jsonschema>=0.39'
+
 .PHONY: picture
 picture: $(STAMP) ## the picture of the README
 	$(PY) examples/readme_picture.py

@@ -79,6 +79,7 @@ _alone = (
     "benchmarks",
     "compatibility",
     "building",
+    "releasing",
     "changelog",
 )
 html_sidebars: dict[str, list[str]] = {page: [] for page in _alone}
