@@ -120,13 +120,15 @@ verify: $(STAMP) ## larger random classes and slow tests: before a change of num
 frameworks-test: $(FRAMEWORKS_STAMP) ## install JAX and PyTorch if they can be had, and run their tests
 	$(FRAMEWORKS)/bin/python -m pytest -m "verify or not verify" tests/python/frameworks
 
-# The tests of what cannot be installed are skipped. The stamp is made when both are there.
+# The tests of what cannot be installed are skipped. The stamp is made when both are there:
+# for an extra that it does not know, pip only prints a warning.
 $(FRAMEWORKS_STAMP): $(STAMP)
 	$(PY) -m venv --clear $(FRAMEWORKS)
 	printf '%s\n' '$(CURDIR)/python' "$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
 		> $$(echo $(FRAMEWORKS)/lib/python3*/site-packages)/bipot_rs.pth
 	@all=yes; for extra in jax torch; do \
 		$(FRAMEWORKS)/bin/python -m pip install --quiet --disable-pip-version-check "bipot-rs[$$extra]" \
+			&& $(FRAMEWORKS)/bin/python -c "import $$extra" \
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
 

@@ -60,17 +60,20 @@ def build() -> None:
     for old in WHEELS.glob("*.whl"):
         old.unlink()
     flags = ("--zig", "--compatibility", POLICY) if linux else ()
-    # An empty variable also overrides flags in the configuration of cargo.
-    tools = {"RUSTFLAGS": "", "PYO3_PYTHON": str(python)}
-    # maturin finds Zig as a module of the Python that is first in PATH.
-    tools["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
+    os.environ.update(
+        # An empty variable also overrides flags in the configuration of cargo.
+        RUSTFLAGS="",
+        PYO3_PYTHON=str(python),
+        # maturin finds Zig as a module of the Python that is first in PATH.
+        PATH=f"{python.parent}{os.pathsep}{os.environ['PATH']}",
+    )
     command = ("-m", "maturin", "build", "--release", "--locked", *flags)
-    _run(python, *command, "--out", WHEELS, **tools)
+    _run(python, *command, "--out", WHEELS)
     wheel = _wheel()
     if linux:
         told = _run(python, "-m", "auditwheel", "show", wheel, printed=False)
         sys.stdout.write(told)
-        if TAG not in re.sub(r"(?s).*constrains the platform tag to", "", told):
+        if not re.search(rf'platform tag:\s*"{TAG}_\w+"', told):
             sys.exit(f"{wheel.name}: the audit does not give the tag {TAG}, see above")
     say(f"the wheel:            {wheel}")
 
@@ -205,14 +208,12 @@ def _python(python: Path) -> str:
     return _run(python, "-c", code, printed=False).strip()
 
 
-def _run(
-    python: Path, *arguments: str | Path, printed: bool = True, **more: str
-) -> str:
+def _run(python: Path, *arguments: str | Path, printed: bool = True) -> str:
     """Run Python; its output is printed or returned."""
     done = subprocess.run(
         [python, *arguments],
         cwd=ROOT,
-        env=_environment(**more),
+        env=_environment(),
         stdout=None if printed else subprocess.PIPE,
         text=True,
         check=False,

@@ -122,18 +122,18 @@ def _locked(draft: Path) -> Iterator[bool]:
         # A folder has no lock there: drafts of killed runs stay, because one that is in use
         # looks the same.
         yield False
-        return
-    handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
-    try:
+    else:
+        handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            # Another process holds it, or the file system has no locks.
-            yield False
-        else:
-            yield True
-    finally:
-        os.close(handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                # Another process holds it, or the file system has no locks.
+                yield False
+            else:
+                yield True
+        finally:
+            os.close(handle)
 
 
 def _clear(folder: Path) -> None:

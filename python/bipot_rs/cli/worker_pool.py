@@ -54,7 +54,7 @@ class Workers:
         self.work, self.count = work, max(count, 1)
         # A fork would copy locks of threads that do not exist in the child.
         self.context = multiprocessing.get_context("spawn")
-        self.processes: dict[Connection, Any] = {}
+        self.processes: dict[Any, Any] = {}
 
     def __enter__(self) -> Workers:
         return self
@@ -70,7 +70,7 @@ class Workers:
     def map(self, arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """Yield the index and the answer of each argument, in the order of the answers."""
         left = list(range(len(arguments)))[::-1]
-        busy: dict[Connection, int] = {}
+        busy: dict[Any, int] = {}
         while left or busy:
             while left and len(busy) < self.count:
                 connection = self._idle(busy)
@@ -88,7 +88,7 @@ class Workers:
                     ready.close()
                     yield number, _death(process.exitcode)
 
-    def _idle(self, busy: dict[Connection, int]) -> Connection:
+    def _idle(self, busy: dict[Any, int]) -> Any:
         for connection in self.processes:
             if connection not in busy:
                 return connection

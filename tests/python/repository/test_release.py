@@ -13,7 +13,12 @@ import pytest
 import release
 from places import ROOT, TESTS
 
-QUICK = (TESTS / "quick_tests.txt").read_text(encoding="utf-8").splitlines()
+# Arguments of pytest: files, and what is left out of them.
+LISTED = (TESTS / "quick_tests.txt").read_text(encoding="utf-8").splitlines()
+QUICK = [line for line in LISTED if not line.startswith("--")]
+LEFT_OUT = [
+    line.removeprefix("--deselect=") for line in LISTED if line.startswith("--")
+]
 # What the check of a release installs, by the names of imports.
 INSTALLED = {"bipot_rs", "hypothesis", "numpy", "pytest", "scipy"}
 
@@ -125,8 +130,12 @@ def test_unknown_arguments_print_the_usage() -> None:
 
 
 def test_quick_tests_exist_and_are_sorted() -> None:
-    assert sorted(set(QUICK)) == QUICK
+    assert sorted(set(LISTED)) == LISTED
     assert [name for name in QUICK if not (ROOT / name).is_file()] == []
+    for left in LEFT_OUT:
+        file, _, test = left.partition("::")
+        assert file in QUICK
+        assert f"\ndef {test}(" in (ROOT / file).read_text(encoding="utf-8")
 
 
 def imported(path: Path) -> set[str]:
