@@ -179,7 +179,7 @@ def _made(name: str) -> Path:
     """A new virtual environment; its interpreter."""
     folder = PLACES / name
     shutil.rmtree(folder, ignore_errors=True)
-    venv.create(folder, with_pip=True)
+    venv.create(folder, with_pip=True, symlinks=os.name != "nt")
     return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 

@@ -1,6 +1,7 @@
 """A release: one version everywhere, and the program that builds and tests its wheel."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -89,8 +90,9 @@ def answer(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_flags_of_this_machine_stay_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A core for one processor ends with an illegal instruction on an older one."""
-    for name in ("CFLAGS", "CARGO_ENCODED_RUSTFLAGS", "PYTHONPATH"):
+    for name in ("CFLAGS", "CARGO_ENCODED_RUSTFLAGS", "PYTHONPATH", "PYO3_PYTHON"):
         monkeypatch.setenv(name, "anything")
+    monkeypatch.setenv("PATH", os.environ["PATH"])
     seen: list[dict[str, str]] = []
 
     def run(command: Any, **keywords: Any) -> subprocess.CompletedProcess[str]:
