@@ -94,14 +94,21 @@ def test_resumed_and_automatic_paths(name: str, engine: str, tmp_path: Path) -> 
         assert automatic.s[-1] == 4
 
 
-def test_run_writes_the_files_of_the_model(tmp_path: Path) -> None:
-    m = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4})
-    m.to_toml(tmp_path / "pad.toml")
-    assert bp.Model.from_toml(tmp_path / "pad.toml") == m
-    run = bipot("run", "pad.toml", "--out", "one", cwd=tmp_path)
+@pytest.mark.parametrize(("name", "n"), [("twisted_pad", 4), ("pushed_punch", 20)])
+def test_run_writes_the_files_of_the_model(name: str, n: int, tmp_path: Path) -> None:
+    m = bp.Model.from_toml(name).with_(**{"mesh.n": n})
+    m.to_toml(tmp_path / "mine.toml")
+    assert bp.Model.from_toml(tmp_path / "mine.toml") == m
+    run = bipot("run", "mine.toml", "--out", "one", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    result = bp.load(tmp_path / "one" / "result.h5")
-    assert bits(result, m.solve())
+    result, solved = bp.load(tmp_path / "one" / "result.h5"), m.solve()
+    assert bits(result, solved)
+    # Degrees of freedom of an obstacle follow those of the nodes, and are none of theirs.
+    assert result.mesh is not None
+    moved = result.mesh.of_nodes(result.displacement[-1])
+    np.testing.assert_array_equal(
+        moved.ravel(), solved.displacement[-1][: result.mesh.nodes.size]
+    )
 
 
 def test_remote_force_motion_and_distribution() -> None:

@@ -171,7 +171,7 @@ class Prepared:
         from bipot_rs.contact.engines.loose import Loose
 
         started = time.perf_counter()
-        loose = Loose.of(parts, self._fixed)
+        loose = Loose.of(parts, self._fixed, given.num_threads)
         try:
             core = _core.Primal(loose.stiffened(parts), *given[:6])
         except NotIterativeError as error:
