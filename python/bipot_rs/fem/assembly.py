@@ -167,6 +167,21 @@ class Assembly:
         references = sum(one.nodes for one in self.references)
         return int(self.nodes.size) + self.dim * references
 
+    def stiffness(self) -> Any:
+        """K, assembled once more, with the same bits."""
+        if self.ties is None:
+            return system_stiffness(self.bodies, self.springs, self.inclined)
+        return self.ties.stiffness(system_stiffness(self.bodies, self.springs, None))
+
+    def released(self, problem: ContactProblem) -> Assembly:
+        """The same without K, which ``problem``, made from it, may not need any more.
+
+        The iterative engine has a copy of its own. If it stalls, the direct engine has K
+        assembled once more.
+        """
+        bare = replace(self, K=None)
+        return bare if problem._release(bare.stiffness) else self
+
     def stiffness_rows(self, nodes: Ints) -> Any:
         """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
 
@@ -644,8 +659,8 @@ def assemble(
     repetitions
         Cuts of cyclic symmetries and periodicities.
 
-    A contact node whose tangential displacement is prescribed, on both sides of
-    a pair, gets ``mu = 0``: friction has no effect there.
+    A contact node whose tangential displacement is prescribed in every load step, on
+    both sides of a pair, gets ``mu = 0``: friction has no effect there.
 
     Raises
     ------
@@ -662,11 +677,7 @@ def assemble(
         remotes=remotes,
         repetitions=repetitions,
     )
-    if found.ties is None:
-        K = system_stiffness(found.bodies, found.springs, found.inclined)
-        return replace(found, K=K)
-    K = system_stiffness(found.bodies, found.springs, None)
-    return replace(found, K=found.ties.stiffness(K))
+    return replace(found, K=found.stiffness())
 
 
 def without_stiffness(
@@ -725,7 +736,7 @@ def without_stiffness(
 
         cuts = [images(bodies, offset, one) for one in repetitions]
         for one in cuts:
-            found = merged(found, contacts, one, points)
+            found = merged(found, contacts, one, cuts, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
     relations += [one.relations() for one in cuts]
 
@@ -766,14 +777,8 @@ def without_stiffness(
         free = np.ones(n)
         free[fixed] = 0.0
     path = gaps_of_steps(found, contacts, frame, inclined is not None)
-    left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
-    whole = (
-        abs(B if ties is not None or bare is None else bare)
-        .sum(axis=1)
-        .reshape(-1, dim)[:, 1:]
-    )
-    # A node that can slip only by the rounding of its normal cannot slip.
-    mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
+    whole = B if ties is not None or bare is None else bare
+    mu[_without_slip(B, whole, free, frame, path)] = 0.0
 
     return Assembly(
         bodies=tuple(bodies),
@@ -804,6 +809,38 @@ def without_stiffness(
         _bare=bare,
         _path=path,
     )
+
+
+def _without_slip(
+    B: Any, whole: Any, free: Floats, frame: Floats, path: MovingGaps | None
+) -> Ints:
+    """Contacts that cannot slip in any load step.
+
+    The tangents of an obstacle that turns or curves change: a node that cannot slip at the
+    start may slip in a later step.
+
+    Parameters
+    ----------
+    B, whole
+        B in ``frame``, and the same without planes of symmetry.
+    free : (n,)
+        1 at free degrees of freedom, 0 at prescribed ones.
+    """
+    count, d = frame.shape[:2]
+    found, known = np.arange(count), None
+    for basis in [frame] if path is None else [frame, *path.frame]:
+        own = basis[found]
+        if known is not None and np.array_equal(own, known):
+            continue
+        rows = (d * found[:, None] + np.arange(d)).ravel()
+        left, most = (
+            (abs(_in_frames(own, frame[found], part[rows])) @ weights).reshape(-1, d)
+            for part, weights in ((B, free), (whole, np.ones(len(free))))
+        )
+        # A node that can slip only by the rounding of its normal cannot slip.
+        held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
+        found, known = found[held], own[held]
+    return found
 
 
 def _with_points(points: Floats, references: Sequence[Reference]) -> Floats:
