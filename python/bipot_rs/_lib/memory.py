@@ -9,9 +9,10 @@ from pathlib import Path
 
 def installed() -> int | None:
     """Memory of this machine in bytes; None if unknown (Windows)."""
-    if sys.platform == "win32":
-        return None
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    size: int | None = None
+    if sys.platform != "win32":
+        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return size
 
 
 def available() -> int | None:
