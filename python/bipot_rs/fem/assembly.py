@@ -41,6 +41,7 @@ from bipot_rs.fem.references import (
     prescribed_values,
     reference_named,
     references,
+    rigid_bodies,
 )
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
@@ -171,7 +172,9 @@ class Assembly:
         """K, assembled once more, with the same bits."""
         if self.ties is None:
             return system_stiffness(self.bodies, self.springs, self.inclined)
-        return self.ties.stiffness(system_stiffness(self.bodies, self.springs, None))
+        rigid = rigid_bodies(self.bodies, self.remotes)
+        K = system_stiffness(self.bodies, self.springs, None, rigid=rigid)
+        return self.ties.stiffness(K)
 
     def released(self, problem: ContactProblem) -> Assembly:
         """The same without K, which ``problem``, made from it, may not need any more.
@@ -732,12 +735,14 @@ def without_stiffness(
     points = np.concatenate([body.points for body in bodies])
     cuts: list[Images] = []
     if repetitions:
-        from bipot_rs.fem.repetition import images, merged
+        from bipot_rs.fem.repetition import images, merged, refuse_floating
 
         cuts = [images(bodies, offset, one) for one in repetitions]
         for one in cuts:
             found = merged(found, contacts, one, cuts, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
+    for one in cuts:
+        refuse_floating(contacts, one)
     relations += [one.relations() for one in cuts]
 
     def stacked(name: str, *shape: int) -> Floats:
