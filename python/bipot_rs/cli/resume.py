@@ -69,7 +69,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")
-    _, _, attributes = export.read_result(path)
+    attributes = export.read_attributes(path)
     for name, words in _STAMPS.items():
         if attributes.get(name) != expected[name]:
             why = words.format(found=attributes.get(name), expected=expected[name])
@@ -88,6 +88,8 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
 def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
     """A remark if ``path`` holds an unfinished result of this run; else an empty text."""
     try:
+        if not path.exists() or export.read_attributes(path).get("complete"):
+            return ""
         found = earlier(path, expected, count)
     except (OSError, ValueError):
         return ""
