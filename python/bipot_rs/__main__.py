@@ -17,12 +17,15 @@ def main() -> int:
         signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
     # Imports make some hundred thousand objects, which all stay. To look for garbage among
     # them every 700 objects takes a twentieth of the start.
-    gc.set_threshold(50_000)
+    gc.set_threshold(200_000)
     # pydantic would read the metadata of all installed packages to find its plugins.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from bipot_rs.cli.app import app
 
-    return int(app() or 0)
+    status = int(app() or 0)
+    # The end of the process frees all memory: no search for garbage before it.
+    gc.freeze()
+    return status
 
 
 if __name__ == "__main__":
