@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
     RATIO,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose

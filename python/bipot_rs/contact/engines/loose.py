@@ -10,11 +10,11 @@ stiffness s of the bodies under the obstacle.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Parts
 
