@@ -115,8 +115,10 @@ def checked(
 
 def _settings(table: dict[str, Any]) -> Iterator[str]:
     """Messages about solver settings that the solver would refuse."""
+    if "solver" not in table:
+        return
     try:
-        solver = Solver.model_validate(table.get("solver", {}))
+        solver = Solver.model_validate(table["solver"])
     except ValidationError:
         return
     plain = Solver()
