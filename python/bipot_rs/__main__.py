@@ -20,9 +20,9 @@ def main() -> int:
     gc.set_threshold(200_000)
     # pydantic would read the metadata of all installed packages to find its plugins.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    from bipot_rs.cli.app import app
+    from bipot_rs.cli.entry import call
 
-    status = int(app() or 0)
+    status = call(sys.argv[1:], last=True)
     # The end of the process frees all memory: no search for garbage before it.
     gc.freeze()
     return status
