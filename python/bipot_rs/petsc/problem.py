@@ -28,6 +28,7 @@ from bipot_rs._lib.validation import (
     friction,
     gaps,
     indices,
+    iteration_limit,
     rows_of_steps,
     settings,
     together,
@@ -404,6 +405,7 @@ class ContactProblem:
         gap: ArrayLike | MovingGaps | None = None,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history. All ranks call it.
 
@@ -415,7 +417,7 @@ class ContactProblem:
         prescribed, gap
             As in `bipot_rs.ContactProblem.solve`, the same on every rank; `MovingGaps` are
             refused.
-        tol, max_iterations, max_seconds
+        tol, max_iterations, max_seconds, maxiter
             As in `bipot_rs.ContactProblem.solve`. The clock of the first rank counts.
         start
             A `Result` or one of its steps to continue from. A step from a file has no
@@ -440,7 +442,8 @@ class ContactProblem:
         contacts, d = self._shape[1:]
 
         def check() -> tuple[Any, Sequence[Any], Floats]:
-            chosen = settings("newton", tol, max_iterations, max_seconds)
+            limit = iteration_limit(max_iterations, maxiter)
+            chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
             before = state(start, contacts, d)
             turned = before is not None and before.frame is not None
@@ -491,6 +494,7 @@ class ContactProblem:
         start: Any = None,
         on_step: Callable[[int, Any], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, as `bipot_rs.ContactProblem.follow`.
 
@@ -501,13 +505,14 @@ class ContactProblem:
             ``(n_c, d)``. All ranks call them alike.
         stops, first, largest, smallest, slip, start, on_step
             As in `bipot_rs.ContactProblem.follow`.
-        tol, max_iterations, max_seconds
+        tol, max_iterations, max_seconds, maxiter
             As in `solve`.
         """
         contacts, d = self._shape[1:]
 
         def check() -> tuple[Any, Any]:
-            chosen = settings("newton", tol, max_iterations, max_seconds)
+            limit = iteration_limit(max_iterations, maxiter)
+            chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
             callback("gap", gap)
             state(start, contacts, d)
