@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs.contact import result
 from bipot_rs.contact.result import Result
+from bipot_rs.contact.saved_result import load_result
 from bipot_rs.files import export
 from bipot_rs.scene.schema.root import Scene
 
@@ -76,7 +76,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
             if name not in attributes:
                 why = "it does not name its scene and settings"
             raise ValueError(f"cannot resume {path}: {why}")
-    found = result.load(path)
+    found = load_result(path)
     if count is not None and len(found) > count:
         raise ValueError(
             f"cannot resume {path}: it has {counted(len(found), 'load step')}, the path "
