@@ -177,6 +177,7 @@ bench-full: $(STAMP)
 	$(PY) benches/solvers_and_peers.py
 	$(PY) benches/stability.py
 	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))
+	$(PY) benches/ratios.py
 
 .PHONY: verification
 verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours

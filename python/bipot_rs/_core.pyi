@@ -28,6 +28,7 @@ __all__ = [
     "assess_step",
     "bodies",
     "build_profile",
+    "diagonal",
     "error_bound_of_step",
     "error_bounds",
     "follow",
@@ -571,6 +572,9 @@ def bodies(
     body the work of shears, the least and the greatest coordinates, and the number of
     degrees of freedom, of all and of those without a support.
     """
+
+def diagonal(stiffness: _Csr, num_threads: int | None = None) -> _Floats:
+    """The diagonal of `K`, whose columns ascend in each row."""
 
 def keep_heap() -> None:
     """Keeps memory that is freed: for a process that is all ours."""

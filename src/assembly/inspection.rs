@@ -5,6 +5,8 @@
 //! are of differences of coordinates, `Σ_j K_ij (x_j − x_i)`, which cannot cancel where rows add
 //! up to zero.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::linalg::sparse::csc::narrow;
@@ -26,6 +28,34 @@ pub struct Rows<'a, I> {
     pub values: &'a [f64],
     /// Whether the degrees of freedom are numbered node by node, else component by component.
     pub by_node: bool,
+}
+
+/// The diagonal of K, zero where it has no entry. Columns of a row ascend.
+///
+/// # Panics
+/// If the row pointers are not those of the values.
+#[must_use]
+pub fn diagonal<I>(k: &Rows<'_, I>) -> Vec<f64>
+where
+    I: Copy + Sync,
+    usize: TryFrom<I>,
+{
+    let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
+    (0..k.pointer.len().saturating_sub(1))
+        .into_par_iter()
+        .with_min_len(ROWS)
+        .map(|i| {
+            let row = at(k.pointer[i])..at(k.pointer[i + 1]);
+            let columns = &k.index[row.clone()];
+            let place = columns.partition_point(|&j| at(j) < i);
+            let found = columns.get(place).is_some_and(|&j| at(j) == i);
+            if found {
+                k.values[row.start + place]
+            } else {
+                0.0
+            }
+        })
+        .collect()
 }
 
 /// The bodies of K: nodes that its entries couple.
@@ -86,18 +116,28 @@ where
             rows.collect()
         })
         .collect();
-    let mut sets = Union::new(count);
-    for i in 0..n {
-        let own = split(i).0;
-        let mut last = own;
-        for (j, &value) in entries(i) {
-            let node = split(j).0;
-            if node != last && node > own && value != 0.0 {
-                sets.join(own, node);
-                last = node;
+    // Each set is led by its smallest member: the parts may be joined in any order.
+    let joined = |rows: Range<usize>| {
+        let mut sets = Union::new(count);
+        for i in rows {
+            let own = split(i).0;
+            let mut last = own;
+            for (j, &value) in entries(i) {
+                let node = split(j).0;
+                if node != last && node > own && value != 0.0 {
+                    sets.join(own, node);
+                    last = node;
+                }
             }
         }
-    }
+        sets
+    };
+    let parts = rayon::current_num_threads();
+    let mut sets = (0..parts)
+        .into_par_iter()
+        .map(|part| joined(n * part / parts..n * (part + 1) / parts))
+        .reduce_with(Union::with)
+        .unwrap_or_default();
     let mut number = vec![u32::MAX; count];
     let mut found = Bodies::default();
     for node in 0..count {

@@ -70,7 +70,10 @@ pub struct AnalysedBody {
 impl AnalysedBody {
     /// Orders and counts. It uses the analysis of the same body with other values, or else the
     /// analysis `known` of its pattern. `kept` are local numbers; `places` are the positions of
-    /// the degrees of freedom in space, if known.
+    /// the degrees of freedom in space, if known. `of_others` is the largest stiffness of all
+    /// bodies: the unit of a body without any, such as a rigid obstacle under a force. A unit
+    /// of 1 N/m would make its α so small, in a system of units with large stiffnesses, that W
+    /// loses the digits of the bodies in contact with it.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -79,10 +82,11 @@ impl AnalysedBody {
         mut stiffness: OwnedMatrix,
         kept: Vec<usize>,
         places: Option<Vec<[f64; 3]>>,
-        before: Option<&Body>,
-        known: Option<Arc<Symbolic>>,
+        (before, known): (Option<&Body>, Option<Arc<Symbolic>>),
+        of_others: f64,
     ) -> Result<Self, Error> {
-        let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
+        let own = largest(&stiffness);
+        let stiffest = if own > 0.0 { own } else { of_others };
         let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
         for value in &mut stiffness.values {
             *value *= unit;
@@ -657,6 +661,12 @@ fn undo(body: Body) -> AnalysedBody {
         ordered: body.ordered,
         again: false,
     }
+}
+
+/// The largest entry of a matrix by absolute value.
+#[must_use]
+pub fn largest(matrix: &OwnedMatrix) -> f64 {
+    matrix.values.iter().fold(0.0, |most, a| a.abs().max(most))
 }
 
 fn analyse(

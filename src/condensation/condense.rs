@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::analysed::AnalysedBody;
+use crate::condensation::analysed::{AnalysedBody, largest};
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::condensation::forecast::Notice;
@@ -168,6 +168,10 @@ pub fn analyse(
         None => vec![None; parts.len()],
     };
     let few = pattern_cache::limit()? > 0 && parts.len() <= FEW;
+    let stiffest = parts
+        .iter()
+        .map(|(_, part)| largest(part))
+        .fold(0.0, f64::max);
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {
@@ -186,7 +190,7 @@ pub fn analyse(
         .zip(known)
         .enumerate()
         .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            let made = AnalysedBody::new(dofs, stiffness, kept, places, old(b), known)?;
+            let made = AnalysedBody::new(dofs, stiffness, kept, places, (old(b), known), stiffest)?;
             Ok(made.with_geometry(geometry.clone()))
         })
         .collect();

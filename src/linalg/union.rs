@@ -2,7 +2,7 @@
 
 /// Sets that only grow; the smallest member leads each, so that the result does not depend on
 /// the order of joins.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Union {
     parent: Vec<usize>,
 }
@@ -23,6 +23,15 @@ impl Union {
             i = self.parent[i];
         }
         i
+    }
+
+    /// Joins what either of two families of the same size joins.
+    #[must_use]
+    pub fn with(mut self, other: Self) -> Self {
+        for (i, j) in other.parent.into_iter().enumerate() {
+            self.join(i, j);
+        }
+        self
     }
 
     /// Joins the sets of `i` and `j`.

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use rayon::prelude::*;
 
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
@@ -226,11 +227,7 @@ fn bodies_in<'py, const D: usize>(
             let k = rows(pointer.as_slice()?, index.as_slice()?, values, by_node);
             interrupt::run(py, num_threads, |_| looked_at(&k, places))?
         }
-        _ => {
-            return Err(PyValueError::new_err(
-                "pointers and indices of K have different types",
-            ));
-        }
+        _ => return Err(different_types()),
     };
     Ok((
         arrays::from_vec(py, found.outward),
@@ -257,6 +254,42 @@ const fn rows<'a, I>(
     }
 }
 
+/// The diagonal of K.
+#[pyfunction]
+#[pyo3(signature = (stiffness, num_threads=None))]
+pub(super) fn diagonal<'py>(
+    py: Python<'py>,
+    stiffness: GivenCsr<'py>,
+    num_threads: Option<usize>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (pointer, index, values) = &stiffness;
+    let values = values.as_slice()?;
+    let found = match (pointer, index) {
+        (Indices::Narrow(pointer), Indices::Narrow(index)) => {
+            let k = rows(pointer.as_slice()?, index.as_slice()?, values, true);
+            interrupt::run(py, num_threads, |_| diagonal_of(&k))?
+        }
+        (Indices::Wide(pointer), Indices::Wide(index)) => {
+            let k = rows(pointer.as_slice()?, index.as_slice()?, values, true);
+            interrupt::run(py, num_threads, |_| diagonal_of(&k))?
+        }
+        _ => return Err(different_types()),
+    };
+    Ok(arrays::from_vec(py, found))
+}
+
+fn diagonal_of<I: Copy + Sync>(k: &Rows<'_, I>) -> Result<Vec<f64>, Error>
+where
+    usize: TryFrom<I>,
+{
+    checked(k, k.pointer.len().saturating_sub(1))?;
+    Ok(inspection::diagonal(k))
+}
+
+fn different_types() -> PyErr {
+    PyValueError::new_err("pointers and indices of K have different types")
+}
+
 /// The bodies of K, after its rows have been checked.
 fn looked_at<I: Copy + Sync, const D: usize>(
     k: &Rows<'_, I>,
@@ -266,8 +299,17 @@ where
     usize: TryFrom<I>,
 {
     let n = places.len();
-    let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
     arrays::length("coordinates", n, n / D * D)?;
+    checked(k, n)?;
+    Ok(inspection::bodies(*k, places))
+}
+
+/// Checks that the arrays are those of a square matrix of `n` rows.
+fn checked<I: Copy + Sync>(k: &Rows<'_, I>, n: usize) -> Result<(), Error>
+where
+    usize: TryFrom<I>,
+{
+    let at = |i: I| usize::try_from(i).unwrap_or(usize::MAX);
     arrays::length("row pointers of K", k.pointer.len(), n + 1)?;
     arrays::length("values of K", k.values.len(), k.index.len())?;
     let rise = k.pointer.windows(2).all(|pair| at(pair[0]) <= at(pair[1]));
@@ -275,8 +317,8 @@ where
         .pointer
         .last()
         .is_some_and(|&last| at(last) == k.index.len());
-    if rise && last && k.index.iter().all(|&j| at(j) < n) {
-        Ok(inspection::bodies(*k, places))
+    if rise && last && k.index.par_iter().all(|&j| at(j) < n) {
+        Ok(())
     } else {
         Err(Error::SparseStructure { what: "K", row: 0 })
     }

@@ -29,7 +29,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::assembly::{bodies, stiffness, sum_of_cells};
+    use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
     use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]

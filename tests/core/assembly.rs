@@ -346,3 +346,74 @@ fn k_shows_bodies_their_surfaces_and_their_moduli() {
         "{work}"
     );
 }
+
+/// Chains of springs whose nodes are numbered at random, so that tasks share every chain: any
+/// number of threads finds the same bodies, numbered by their first nodes.
+#[test]
+fn any_number_of_threads_finds_the_same_bodies() {
+    let (chains, length) = (7, 3000);
+    let nodes = chains * length;
+    let mut random = StdRng::seed_from_u64(8);
+    let mut number: Vec<usize> = (0..nodes).collect();
+    for i in (1..nodes).rev() {
+        number.swap(i, random.random_range(0..=i));
+    }
+    let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); 2 * nodes];
+    let mut chain = vec![0; nodes];
+    for k in 0..nodes {
+        chain[number[k]] = k / length;
+        let neighbours = [k.checked_sub(1), Some(k + 1)];
+        for other in neighbours.into_iter().flatten() {
+            if other < nodes && other / length == k / length {
+                for a in 0..2 {
+                    rows[2 * number[k] + a].push((2 * number[other] + a, -1.0));
+                    rows[2 * number[k] + a].push((2 * number[k] + a, 1.0));
+                }
+            }
+        }
+    }
+    let (mut pointer, mut index, mut values) = (vec![0], Vec::new(), Vec::new());
+    let mut stiffness = Vec::new();
+    for (i, row) in rows.iter_mut().enumerate() {
+        row.sort_unstable_by_key(|&(j, _)| j);
+        row.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            kept.1 += if same { next.1 } else { 0.0 };
+            same
+        });
+        index.extend(row.iter().map(|&(j, _)| j as i64));
+        values.extend(row.iter().map(|&(_, value)| value));
+        stiffness.extend(
+            row.iter()
+                .filter(|&&(j, _)| j == i)
+                .map(|&(_, value)| value),
+        );
+        pointer.push(index.len() as i64);
+    }
+    let k = Rows {
+        pointer: &pointer[..],
+        index: &index,
+        values: &values,
+        by_node: true,
+    };
+    let places = vec![[0.0; 2]; 2 * nodes];
+    let mut first = vec![usize::MAX; chains];
+    let mut count = 0;
+    let expected: Vec<i64> = (0..2 * nodes)
+        .map(|dof| {
+            let place = &mut first[chain[dof / 2]];
+            if *place == usize::MAX {
+                *place = count;
+                count += 1;
+            }
+            *place as i64
+        })
+        .collect();
+    for workers in [1, 2, 5] {
+        let pool = threads::pool(workers).unwrap();
+        let (found, diagonal) =
+            pool.install(|| (inspection::bodies(k, &places), inspection::diagonal(&k)));
+        assert_eq!(found.body, expected);
+        assert_eq!(diagonal, stiffness);
+    }
+}

@@ -59,9 +59,9 @@ def _pointers(what: str, pointer: Any, indices: int, entries: int, major: int) -
 
 
 def _within(what: str, indices: Any, limit: int) -> None:
-    outside = (indices < 0) | (indices >= limit)
-    if outside.any():
-        at = int(np.argmax(outside))
+    # Least and greatest take no memory, where a comparison takes a byte for each entry.
+    if len(indices) and (indices.min() < 0 or indices.max() >= limit):
+        at = int(np.argmax((indices < 0) | (indices >= limit)))
         raise ValueError(
             f"{what} has an entry at index {indices[at]}, expected 0 to {limit - 1}: a "
             "broken sparse matrix"

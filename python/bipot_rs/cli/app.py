@@ -458,8 +458,8 @@ def plot(
         str,
         typer.Option(
             help="Picture to draw: tractions, slip, status_map, resultants, "
-            "status_shares, force_displacement, dissipation, deformed; with [wear] in the "
-            "scene wear. In three dimensions "
+            "status_shares, force_displacement, dissipation, deformed; of a run with wear "
+            "also wear. In three dimensions "
             "also pressure_3d, shear_3d, gap_3d, slip_3d, status_3d; for plane surfaces "
             "pressure_map, shear_map, gap_map.",
             autocompletion=completion.kinds,

@@ -34,6 +34,9 @@ from bipot_rs.scene.case import Case
 # Parts of a graph may differ in size by this fraction; bisection is exact.
 _UNEQUAL = 0.1
 
+# Unknowns up to which a factor on the first rank replaces multigrid.
+_SMALL = 1000
+
 
 @dataclass(frozen=True)
 class Numbering:
@@ -166,6 +169,7 @@ class Distributed:
                 area=model.area,
                 points=model.points,
                 frame=model.frame,
+                gather=_SMALL,
             )
         except (FloatingBodyError, NotIterativeError) as error:
             # Meshes and supports are the same on all ranks, and so is what they say.

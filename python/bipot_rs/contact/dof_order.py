@@ -206,7 +206,8 @@ def _of_unit_size(places: Floats, known: Bools) -> Floats:
     """Coordinates shifted to their centre and scaled to an extent of 1."""
     if not known.any():
         return places
-    low, high = places[known].min(axis=0), places[known].max(axis=0)
+    there = places if known.all() else places[known]
+    low, high = there.min(axis=0), there.max(axis=0)
     side = float((high - low).max(initial=0.0))
     return np.asarray((places - (low + high) / 2) / (side or 1.0), np.float64)
 

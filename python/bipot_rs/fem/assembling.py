@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.moving import simplified
+from bipot_rs.contact.moving import MovingGaps, simplified
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.contact import (
@@ -25,7 +25,6 @@ from bipot_rs.fem.references import (
     obstacle_columns,
     references,
 )
-from bipot_rs.fem.system_stiffness import system_stiffness
 from bipot_rs.fem.ties import tied
 
 if TYPE_CHECKING:
@@ -66,8 +65,8 @@ def assemble(
     repetitions
         Cuts of cyclic symmetries and periodicities.
 
-    A contact node whose tangential displacement is prescribed, on both sides of
-    a pair, gets ``mu = 0``: friction has no effect there.
+    A contact node whose tangential displacement is prescribed in every load step, on
+    both sides of a pair, gets ``mu = 0``: friction has no effect there.
 
     Raises
     ------
@@ -84,11 +83,7 @@ def assemble(
         remotes=remotes,
         repetitions=repetitions,
     )
-    if found.ties is None:
-        K = system_stiffness(found.bodies, found.springs, found.inclined)
-        return replace(found, K=K)
-    K = system_stiffness(found.bodies, found.springs, None)
-    return replace(found, K=found.ties.stiffness(K))
+    return replace(found, K=found.stiffness())
 
 
 def without_stiffness(
@@ -147,7 +142,7 @@ def without_stiffness(
 
         cuts = [images(bodies, offset, one) for one in repetitions]
         for one in cuts:
-            found = merged(found, contacts, one, points)
+            found = merged(found, contacts, one, cuts, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
     relations += [one.relations() for one in cuts]
 
@@ -188,14 +183,8 @@ def without_stiffness(
         free = np.ones(n)
         free[fixed] = 0.0
     path = gaps_of_steps(found, contacts, frame, inclined is not None)
-    left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
-    whole = (
-        abs(B if ties is not None or bare is None else bare)
-        .sum(axis=1)
-        .reshape(-1, dim)[:, 1:]
-    )
-    # A node that can slip only by the rounding of its normal cannot slip.
-    mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
+    whole = B if ties is not None or bare is None else bare
+    mu[_without_slip(B, whole, free, frame, path)] = 0.0
 
     return Assembly(
         bodies=tuple(bodies),
@@ -226,6 +215,38 @@ def without_stiffness(
         _bare=bare,
         _path=path,
     )
+
+
+def _without_slip(
+    B: Any, whole: Any, free: Floats, frame: Floats, path: MovingGaps | None
+) -> Ints:
+    """Contacts that cannot slip in any load step.
+
+    The tangents of an obstacle that turns or curves change: a node that cannot slip at the
+    start may slip in a later step.
+
+    Parameters
+    ----------
+    B, whole
+        B in ``frame``, and the same without planes of symmetry.
+    free : (n,)
+        1 at free degrees of freedom, 0 at prescribed ones.
+    """
+    count, d = frame.shape[:2]
+    found, known = np.arange(count), None
+    for basis in [frame] if path is None else [frame, *path.frame]:
+        own = basis[found]
+        if known is not None and np.array_equal(own, known):
+            continue
+        rows = (d * found[:, None] + np.arange(d)).ravel()
+        left, most = (
+            (abs(in_frames(own, frame[found], part[rows])) @ weights).reshape(-1, d)
+            for part, weights in ((B, free), (whole, np.ones(len(free))))
+        )
+        # A node that can slip only by the rounding of its normal cannot slip.
+        held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
+        found, known = found[held], own[held]
+    return found
 
 
 def _inclined(

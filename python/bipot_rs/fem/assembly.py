@@ -160,6 +160,21 @@ class Assembly:
         references = sum(one.nodes for one in self.references)
         return int(self.nodes.size) + self.dim * references
 
+    def stiffness(self) -> Any:
+        """K, assembled once more, with the same bits."""
+        if self.ties is None:
+            return system_stiffness(self.bodies, self.springs, self.inclined)
+        return self.ties.stiffness(system_stiffness(self.bodies, self.springs, None))
+
+    def released(self, problem: ContactProblem) -> Assembly:
+        """The same without K, which ``problem``, made from it, may not need any more.
+
+        The iterative engine has a copy of its own. If it stalls, the direct engine has K
+        assembled once more.
+        """
+        bare = replace(self, K=None)
+        return bare if problem._release(bare.stiffness) else self
+
     def stiffness_rows(self, nodes: Ints) -> Any:
         """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
 

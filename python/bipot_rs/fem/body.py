@@ -15,7 +15,7 @@ from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats
+from bipot_rs._lib.validation import floats, shown
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
     cell_nodes,
@@ -296,12 +296,18 @@ class Body:
         return nodes[np.flatnonzero(apart <= apart.min() + slack)[:1]]
 
     def _within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
-        for axis, (low, high) in (within or {}).items():
+        if within is not None and not isinstance(within, Mapping):
+            raise TypeError(
+                f"within of {whose} is {shown(within)}, expected ranges by axis, as in "
+                "{0: (0.0, 1.0)}"
+            )
+        for axis, ends in (within or {}).items():
             if axis not in range(self.dim):
                 raise ValueError(
                     f"within of {whose} has axis {axis}, expected one of "
                     f"{list(range(self.dim))}"
                 )
+            low, high = floats(f"within of {whose}", ends, shape=(2,), finite=False)
             x = self.mesh.p[axis, nodes]
             # Nodes on the bound belong, whatever the rounding.
             slack = 1e-9 * np.ptp(self.mesh.p[axis])

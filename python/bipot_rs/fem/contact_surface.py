@@ -97,7 +97,8 @@ def result_mesh(model: Assembly) -> ResultMesh:
     ]
     return ResultMesh(
         model.nodes,
-        np.arange(model.n).reshape(-1, d),
+        # Those of obstacles that move under a force follow, and belong to no node.
+        np.arange(model.nodes.size).reshape(-1, d),
         cells,
         model.contact_dofs[:, 0] // d,
         [Cells(kind, corners) for kind, corners in contact_surface(model)],

@@ -31,6 +31,9 @@ from bipot_rs.fem.ties import Relations
 # Directions in which the nodes of a set differ by less than this, relative to their
 # largest distance from the point, give no moment arm.
 _FLAT = 1e-6
+# Where a set turns freely about a point at D times its extent, translation and rotation of
+# the point cancel: the stiffness loses D², and at this ratio displacements keep 8 digits.
+_FAR = 1e4
 
 
 @dataclass(frozen=True)
@@ -333,6 +336,10 @@ def _check(remote: Remote, dim: int) -> None:
         ("components", remote.components, range(dim)),
         ("rotations", remote.rotations, axes),
     ):
+        if not isinstance(given, Sequence):
+            raise TypeError(
+                f"{name} {what} is {given!r}, expected a list of some of {list(known)}"
+            )
         own = list(given)
         if not set(own) <= set(known) or len(set(own)) < len(own):
             raise ValueError(
@@ -359,6 +366,20 @@ def _obstacle_point(
     return np.zeros(dim)
 
 
+def _refuse_far(remote: Remote, extent: float, reach: float) -> None:
+    """Refuse a distant point if the set may both translate and turn."""
+    if remote.point is None or not reach > _FAR * extent > 0:
+        return
+    d = np.size(remote.point)
+    if len(remote.components) == d or len(remote.rotations) == (3 if d == 3 else 1):
+        return
+    raise ValueError(
+        f"point of the remote {remote.name!r} is {reach:g} from its nodes, which extend over "
+        f"{extent:g}: displacements would lose their digits; choose a point near the nodes, "
+        "and add the moment of the force about it"
+    )
+
+
 def _rigid(
     bodies: Sequence[Body], offset: Sequence[int], remote: Remote, first: int
 ) -> tuple[Reference, list[Relations]]:
@@ -368,6 +389,7 @@ def _rigid(
     nodes, point = set_of(body, remote)
     arms = body.points[nodes] - point
     reach = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
+    _refuse_far(remote, float(np.linalg.norm(np.ptp(arms, axis=0))), reach)
     reach = reach or float(np.ptp(body.points, axis=0).max())
     fields = rotations(arms / reach)
     turning = fields.shape[2]

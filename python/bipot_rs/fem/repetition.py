@@ -122,6 +122,10 @@ def images(
     b, o = body_index(bodies, own), body_index(bodies, other)
     first, second = bodies[b].nodes(here), bodies[o].nodes(there)
     what = f"{own}.{here} and {other}.{there}"
+    if isinstance(repetition, Periodic) and repetition.on == repetition.onto:
+        raise ValueError(
+            f"surfaces {what} of a periodicity are the same: name its two cuts"
+        )
     if len(first) != len(second):
         raise ValueError(
             f"surfaces {what} repeat each other, but have {len(first)} and {len(second)} "
@@ -189,35 +193,60 @@ def merged(
     found: Sequence[Meeting],
     contacts: Sequence[Contact],
     pairs: Images,
+    cuts: Sequence[Images],
     nodes: Floats,
 ) -> list[Meeting]:
     """Contacts of nodes, with those on the second cut joined to their images.
 
     A node on a cut has half of its contact area on either side. Both halves move alike: they
-    are one contact with the whole area, at the node of the first cut. Mortar contacts stay as
-    they are. ``nodes`` are the positions of all nodes.
+    are one contact with the whole area, at the node of the first cut. Two contacts whose
+    opposite nodes are not images by another of the ``cuts`` do not move alike, and both
+    stay, as do mortar contacts. ``nodes`` are the positions of all nodes.
 
     Raises
     ------
     ValueError
-        The obstacle does not repeat itself: gaps or normals differ.
+        The obstacle does not repeat itself: gaps, normals or motions differ.
     """
+    alike = _opposite(pairs, cuts)
     return [
-        one if one.rows is not None else _merged(one, contact, pairs, nodes)
+        one if one.rows is not None else _merged(one, contact, pairs, alike, nodes)
         for one, contact in zip(found, contacts, strict=True)
     ]
 
 
-def _merged(one: Meeting, contact: Contact, pairs: Images, nodes: Floats) -> Meeting:
+def _opposite(pairs: Images, cuts: Sequence[Images]) -> set[tuple[int, int]]:
+    """First degrees of freedom of opposite nodes that repeat like those of ``pairs``."""
+    found = {(-1, -1)}
+    for cut in cuts:
+        ends = cut.on.tolist(), cut.onto.tolist()
+        if np.abs(cut.turn - pairs.turn).max() <= _AGREE:
+            found.update(zip(*ends, strict=True))
+        if np.abs(cut.turn.T - pairs.turn).max() <= _AGREE:
+            found.update(zip(*reversed(ends), strict=True))
+    return found
+
+
+def _merged(
+    one: Meeting,
+    contact: Contact,
+    pairs: Images,
+    alike: set[tuple[int, int]],
+    nodes: Floats,
+) -> Meeting:
     at = {dof: i for i, dof in enumerate(one.dofs[:, 0].tolist())}
-    joined = [
-        (at[dof], at[image])
-        for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True)
-        if dof != image and dof in at and image in at
-    ]
+    partner = one.dofs[:, 1].tolist()
+    joined: dict[int, int] = {}
+    for dof, image in zip(pairs.on.tolist(), pairs.onto.tolist(), strict=True):
+        if dof == image or dof not in at or image not in at:
+            continue
+        first, second = at[dof], at[image]
+        # Half a turn maps a single surface to itself, and each pair of nodes twice.
+        if second not in joined and (partner[first], partner[second]) in alike:
+            joined[first] = second
     if not joined:
         return one
-    keep, drop = np.array(joined).T
+    keep, drop = np.array(list(joined.items())).T
     area, gap, frame = one.area.copy(), one.gap.copy(), one.frame.copy()
     own, theirs = area[keep, None], area[drop, None]
     normal = own * frame[keep, 0] + theirs * frame[drop, 0] @ pairs.turn
@@ -226,7 +255,10 @@ def _merged(one: Meeting, contact: Contact, pairs: Images, nodes: Floats) -> Mee
     bent = length < (1 - _SAME) * whole
     if contact.against is None:
         _agree(one, contact, pairs, (keep, drop), whole - length)
-    elif bent.any():
+        bent[:] = False
+    else:
+        _same_clearance(one, contact, pairs, (keep, drop), nodes)
+    if bent.any():
         # Normals of a bent surface on a cut are those of the facets on one side.
         at = keep[bent]
         opposite = nodes[one.dofs[at, 1] // nodes.shape[1]]
@@ -254,6 +286,28 @@ def _some(one: Meeting, rest: Bools) -> Meeting:
     )
 
 
+def _same_clearance(
+    one: Meeting,
+    contact: Contact,
+    pairs: Images,
+    joined: tuple[Ints, Ints],
+    nodes: Floats,
+) -> None:
+    """Refuse a clearance of two bodies that is not the same on both cuts."""
+    between = one.points - nodes[one.dofs[:, 1] // nodes.shape[1]]
+    clearance = one.gap - np.einsum("cd,cd->c", one.frame[:, 0], between)
+    keep, drop = joined
+    off = np.abs(clearance[keep] - clearance[drop])
+    worst = int(np.argmax(off))
+    if off[worst] > _AGREE * pairs.size:
+        raise ValueError(
+            f"the clearance of the contact on {contact.surface!r} does not repeat itself "
+            f"with the surfaces {pairs.what}: it is {clearance[keep[worst]]:g} at "
+            f"{place(one.points[keep[worst]])} and {clearance[drop[worst]]:g} at its image: "
+            "give both the same"
+        )
+
+
 def _agree(
     one: Meeting,
     contact: Contact,
@@ -266,13 +320,22 @@ def _agree(
     off = np.abs(one.gap[keep] - one.gap[drop]) / pairs.size
     off = np.maximum(off, turned / one.area[keep])
     if one.moved is not None:
-        apart = one.moved.distance[:, keep] - one.moved.distance[:, drop]
-        off = np.maximum(off, np.abs(apart).max(axis=0) / pairs.size)
+        normal, distance, drag = (field[:, keep] for field in one.moved)
+        image = [field[:, drop] for field in one.moved]
+        for apart, size in (
+            (np.linalg.norm(image[0] @ pairs.turn - normal, axis=2), 1.0),
+            (np.abs(image[1] - distance), pairs.size),
+            (
+                np.linalg.norm(image[2] @ pairs.turn - drag, axis=2),
+                np.abs(drag).max() or 1.0,
+            ),
+        ):
+            off = np.maximum(off, apart.max(axis=0) / size)
     worst = int(np.argmax(off))
     if off[worst] > _AGREE:
         raise ValueError(
             f"the obstacle of the contact on {contact.surface!r} does not repeat itself "
-            f"with the surfaces {pairs.what}: gaps or normals differ at "
+            f"with the surfaces {pairs.what}: gaps, normals or motions differ at "
             f"{place(one.points[keep[worst]])} and its image: use an obstacle with the "
             "same symmetry"
         )

@@ -83,7 +83,11 @@ class MeanStress:
     def gradient(self, displacement: ArrayLike) -> Floats:
         """Mean of ``∂_a u_k`` in each cell, ``(k, a, cells)``."""
         u = _nodal(self.body, displacement)[self._cells]
-        found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
+        if self._slopes.shape[2] == 1:
+            # Cells of one shape, as of a regular box, need no copy for each of them.
+            found = np.einsum("ia,cik->kac", self._slopes[..., 0], u)
+        else:
+            found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
         return np.asarray(found, np.float64)
 
     def __call__(

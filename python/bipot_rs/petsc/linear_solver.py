@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import bipot_rs._core as _core
 from bipot_rs.petsc import options
 from bipot_rs.petsc.joined import Joined
+from bipot_rs.petsc.one_rank import NAME, NotFactoredError, OneRank
 from bipot_rs.petsc.operator import Operator, Springs
 from bipot_rs.petsc.preconditioner import Preconditioner
 from bipot_rs.petsc.symmetric_part import SymmetricPart
@@ -38,6 +39,7 @@ class LinearSolver:
         d: int,
         PETSc: Any,
         fits: bool,
+        one_rank: OneRank | None = None,
     ) -> None:
         self._operator, self._part, self._joined, self._d = operator, part, joined, d
         self._PETSc, self._fits = PETSc, fits
@@ -50,7 +52,11 @@ class LinearSolver:
         chosen = options.set_defaults(PETSc)
         self.preconditioner = str(chosen["pc_type"])
         self.replaced = ""
-        self._alone = Alone(part, options.PREFIX, PETSc)
+        self._alone: Alone | OneRank
+        if one_rank is None:
+            self._alone = Alone(part, options.PREFIX, PETSc)
+        else:
+            self._alone, self.preconditioner = one_rank, NAME
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOptionsPrefix(options.PREFIX)
         self._ksp.setOperators(self._J, part.P)
@@ -95,7 +101,7 @@ class LinearSolver:
                 loose = np.count_nonzero(statuses != _STICK)
                 share = loose / max(len(statuses), 1)
                 self._joined.prepare(tangent, springs, share, new=not known)
-        except self._PETSc.Error as error:
+        except (self._PETSc.Error, NotFactoredError) as error:
             self._statuses = None
             return self._replace(f"it cannot be made: {error}") and self.prepare(
                 tangent, statuses
@@ -171,9 +177,10 @@ class LinearSolver:
             return False
         self.preconditioner = "cholesky (MUMPS)" if mumps else "cholesky"
         self._joined = None
-        self._alone = Alone(self._part, f"{options.PREFIX}direct_", self._PETSc)
-        self._alone.factor(mumps)
-        self._ksp.getPC().setPythonContext(self._alone)
+        alone = Alone(self._part, f"{options.PREFIX}direct_", self._PETSc)
+        alone.factor(mumps)
+        self._alone = alone
+        self._ksp.getPC().setPythonContext(alone)
         self._statuses = None
         return True
 

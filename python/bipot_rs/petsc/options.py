@@ -35,6 +35,11 @@ def smoother_is_ours() -> bool:
     return {"mg_levels_ksp_type", "mg_levels_pc_type"} <= _OURS
 
 
+def are_of_the_user(PETSc: Any, name: str) -> bool:
+    """Whether the user has set this option."""
+    return name not in _OURS and bool(PETSc.Options(PREFIX).hasName(name))
+
+
 def set_defaults(PETSc: Any) -> dict[str, Any]:
     """Set our options where the user has none; the type of the preconditioner is in them."""
     database = PETSc.Options(PREFIX)

@@ -28,6 +28,7 @@ from bipot_rs._lib.validation import (
     friction,
     gaps,
     indices,
+    integer,
     iteration_limit,
     rows_of_steps,
     settings,
@@ -42,7 +43,7 @@ from bipot_rs.contact.result import Result as WholeResult
 from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.solution import Step as WholeStep
 from bipot_rs.contact.step_control import follow, increments
-from bipot_rs.petsc import components, own_rows, supports
+from bipot_rs.petsc import components, options, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
 from bipot_rs.petsc.derivatives import Derivatives
 from bipot_rs.petsc.engine import NO_FRAMES, PetscEngine
@@ -51,6 +52,7 @@ from bipot_rs.petsc.joined import Joined
 from bipot_rs.petsc.library import Library, load
 from bipot_rs.petsc.linear_solver import LinearSolver
 from bipot_rs.petsc.motions import orthonormal, rigid_motions
+from bipot_rs.petsc.one_rank import OneRank
 from bipot_rs.petsc.operator import Operator
 from bipot_rs.petsc.result import Following, Result
 from bipot_rs.petsc.symmetric_part import SHIFT, SymmetricPart, transformation
@@ -103,6 +105,10 @@ class ContactProblem:
         Of the degrees of freedom that this rank owns, ``(own rows, d)``. They give the
         preconditioner the rotations of the bodies. Without them it is slower, and it is not
         checked whether supports and contacts hold every rotation.
+    gather
+        Number of unknowns up to which the first rank takes all of ``K`` and factors it: the
+        preconditioner of small problems, unless the options choose one. The default never
+        gathers ``K``.
 
     Raises
     ------
@@ -132,6 +138,7 @@ class ContactProblem:
         area: ArrayLike | None = None,
         points: ArrayLike | None = None,
         frame: ArrayLike | None = None,
+        gather: int = 0,
     ) -> None:
         began = time.perf_counter()
         library = load()
@@ -142,6 +149,7 @@ class ContactProblem:
         self._contacts: dict[str, NDArray[Any] | None] = {}
 
         def check() -> _Given:
+            integer("gather", gather, least=0)
             return self._checked(K, B, gap, mu, fixed, coordinates, area, points, frame)
 
         given = agreed(self.comm, check)
@@ -153,6 +161,7 @@ class ContactProblem:
             fixed=given.fixed,
             area=self._contacts["area"],
             points=self._contacts["x"],
+            gather=np.array(gather),
         )
         if len(set(self.comm.allgather(given.coordinates is None))) > 1:
             raise ValueError(
@@ -164,6 +173,7 @@ class ContactProblem:
         self._mu = given.mu
         self._own_contact = given.contact.matrix[:, slice(*K.getOwnershipRange())]
         self._rows = K.getLocalSize()[0]
+        self._gathered = n <= gather
         self._engine = self._made(K, given)
         self._remarks = tuple(
             remarks.at_start(
@@ -339,8 +349,11 @@ class ContactProblem:
         part = SymmetricPart(
             A, interface, contact, operator.fixed, d, PETSc, SHIFT if loose else 0.0
         )
+        fits = self._factor_fits()
+        if self._gathered and not options.are_of_the_user(PETSc, "pc_type"):
+            return LinearSolver(operator, part, None, d, PETSc, fits, OneRank(part, d))
         joined = Joined(operator, part, contact, d, PETSc) if variables.join else None
-        return LinearSolver(operator, part, joined, d, PETSc, self._factor_fits())
+        return LinearSolver(operator, part, joined, d, PETSc, fits)
 
     def _near_null_space(self, operator: Operator, motions: Floats) -> Any:
         """Rigid motions in the variables of the contacts, zero where prescribed."""

@@ -165,9 +165,10 @@ def deformed(
 def usual_scale(model: Any, steps: Sequence[Any]) -> float:
     """The default factor of the displacements for the largest one of several steps."""
     model, _ = drawn_model(model)
+    size, d = model.nodes.size, model.dim
     largest = max(
         (step.displacement for step in steps),
-        key=lambda u: np.linalg.norm(u.reshape(-1, model.dim), axis=1).max(initial=0.0),
+        key=lambda u: np.linalg.norm(u[:size].reshape(-1, d), axis=1).max(initial=0.0),
     )
     return deformed_nodes(model.nodes, largest, None, _DEFORMED)[1]
 

@@ -102,6 +102,10 @@ class Case:
 
     __repr__ = short_repr
 
+    def released(self, problem: ContactProblem) -> Case:
+        """The same without K, if ``problem`` does not need it: see `Assembly.released`."""
+        return replace(self, model=self.model.released(problem))
+
     def problem(
         self,
         *,

@@ -1,8 +1,9 @@
-"""P1–P5: published problems."""
+"""P1–P8: published problems."""
 
 import csv
 import json
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import fem, scene
+import pressed_ring
+import ring_large
+from bipot_rs import analytic, fem, scene
 from bodies import block, uniform_shear
 from cases_plane import SIZES, line
 from cases_space import SIZES as SIZES_SPACE
 from cases_space import sphere
+from conditions import violation
+from loaded_pin import loaded
 from places import REFERENCE
 from verification import Row, exact, near, same
 
@@ -23,6 +28,11 @@ DATA = REFERENCE
 PLATE = "SSNV128 of code_aster"
 NAFEMS = "NAFEMS, Konter 2006"
 PAD = "SSNV503 of code_aster"
+RING = "SSNP501 of code_aster"
+PIN = "SSNP156 of code_aster"
+LARGE = "independent program, large displacements"
+SERIES = "Michell's series"
+BAR = "bar on a frictional foundation"
 
 
 @cache
@@ -97,6 +107,14 @@ def p1() -> list[Row]:
     return [
         *rows,
         on_32,
+        # Ends of zones move by parts of a cell, so that the error has no clean order.
+        near(
+            "u_x at A–E, 64² cells [m]",
+            "128² cells",
+            shift(128, at),
+            shift(64, at),
+            2e-4,
+        ),
         near("contact line, 16² cells, u_x [m]", source, line_16[:, 0], u_x, 1e-6),
         near("contact line, 16² cells, r [N/m]", source, line_16[:, 2:], r, 1e-6),
         same(
@@ -238,4 +256,212 @@ def p5() -> list[Row]:
     return rows
 
 
-CASES = {"p1": p1, "p2": p2, "p3": p3, "p4": p4, "p5": p5}
+# Layers of cells of the ring; 40 cells around a quarter for 6 layers, as in SSNP501.
+LAYERS = (12, 24, 48)
+# Of the test file of SSNP501: u_x of the side [cm] in its second and fourth quarter, and the
+# sum of forces on the outer circle [N/cm], which includes the node of the cut.
+RING_SIDE = [0.73382600713111, 1.2855270869707]
+RING_SUM = [8.78259567222, 16.8013028173, 24.4956524317, 32.8559610285]
+
+
+@cache
+def ring(layers: int, mu: float) -> pressed_ring.Pressed:
+    return pressed_ring.pressed(layers, layers * 40 // 6, mu)
+
+
+def p6() -> list[Row]:
+    """Elastic ring between rigid plates, Saleeb, Chen and Chang; N and cm.
+
+    The first two rows test the independent program for large displacements, the others
+    compare this one with it.
+    """
+    large = ring_large.pressed(6, 40)
+    # Levels so small that only the squares of displacements differ.
+    small = np.array([0.01, 0.02])
+    linear = pressed_ring.pressed(6, 40, 0.0, small).reaction[:, :, 0].sum(axis=1)
+    exactly = np.array([one.force for one in ring_large.pressed(6, 40, small)])
+    differences = linear / exactly - 1
+    coarse, middle, fine = (ring(n, 0.4) for n in LAYERS)
+    forces = [one.reaction[:2, :, 0].sum(axis=1) for one in (middle, fine)]
+    series = [pressed_ring.side_by_series(fine.angle, r) for r in fine.reaction]
+    errors = [
+        np.linalg.norm(
+            one.side[1] - pressed_ring.side_by_series(one.angle, one.reaction[1])
+        )
+        for one in (coarse, middle, fine)
+    ]
+    orders = np.log2(errors[:-1]) - np.log2(errors[1:])
+    return [
+        # code_aster prints eleven digits or more.
+        exact(
+            "u_x of the side, large displacements [cm]",
+            RING,
+            RING_SIDE,
+            [one.side for one in large[1::2]],
+            1e-9,
+        ),
+        exact(
+            "forces on the outer circle, large displacements [N/cm]",
+            RING,
+            RING_SUM,
+            [one.outside for one in large],
+            1e-9,
+        ),
+        # Their difference is that of the theories, 0.25 %.
+        near("force for 0.01 cm [N/cm]", LARGE, exactly[0], linear[0], 3e-3),
+        near(
+            "order of this difference in the approach",
+            LARGE,
+            1.0,
+            np.log2(differences[1] / differences[0]),
+            0.02,
+        ),
+        # Second order; the end of the contact moves by parts of a cell.
+        near(
+            "force, μ = 0.4, 48 layers [N/cm]",
+            "extrapolated from 24 and 48 layers",
+            forces[1] + (forces[1] - forces[0]) / 3,
+            forces[1],
+            5e-4,
+        ),
+        # 2.5e-4 at this mesh, a quarter of that of half as many layers.
+        near("u_x of the side, 48 layers [cm]", SERIES, series, fine.side, 4e-4),
+        near("order of the error of u_x", SERIES, [2.0, 2.0], orders, 0.02),
+        exact(
+            "sum of r_n [N/cm]",
+            "force on the cut",
+            fine.cut,
+            fine.reaction[:, :, 0].sum(axis=1),
+            1e-10,
+        ),
+    ]
+
+
+@cache
+def sheet(n: int, **changes: Any) -> tuple[bp.Model, Any]:
+    """The scene `drawn_sheet` with n cells through the thickness."""
+    model = bp.Model.from_toml("drawn_sheet").with_(**{"mesh.n": n, **changes})
+    return model, model.solve(tol=1e-12)
+
+
+def drawing_force(n: int, **changes: Any) -> Array:
+    """Force of each step [N/mm]."""
+    force = sheet(n, **changes)[1].support_force("sheet.right")
+    return np.asarray(force[:, 0])
+
+
+def beside_a_bar(thickness: float) -> tuple[Array, Array]:
+    """Drawn lengths of a bar and of the sheet without lateral strain, times its thickness.
+
+    For ν = 0 the pressure is uniform, and a thin sheet is a bar of stiffness E t on a
+    foundation that resists with the friction of both faces.
+    """
+    draw = 0.01 / thickness
+    force = drawing_force(
+        2,
+        **{
+            "material.aluminium.poisson": 0.0,
+            "body.sheet.y.to": thickness,
+            "body.sheet.x.cells": f"{round(30 / thickness)}*n",
+            "obstacle.holder.plane.point": (0.0, thickness),
+            "support.0.x.value": draw,
+        },
+    )
+    # From step 8 on all of it slips; the bar of the formula is endless.
+    loads, drawn = force[1:8], draw * np.linspace(0, 1, 11)[1:8]
+    stiffness, limit = 70500 * thickness, 2 * 0.1342 * 100 / 20
+    bar = (
+        analytic.bar_end_displacement(loads, stiffness, limit) + 10 * loads / stiffness
+    )
+    return bar * thickness, drawn * thickness
+
+
+def p7() -> list[Row]:
+    """Edge of a sheet under a blank holder; N and mm."""
+    _, result = sheet(4)
+    law = max(
+        violation(
+            step.reaction,
+            np.column_stack([step.relative_displacement[:, 0], step.slip]),
+            0.1342,
+            # The path: slips of a step are differences of such displacements.
+            np.array([0.01]),
+        )
+        for step in result.steps
+    )
+    faces = [result.contact_force(f"sheet.{side}") for side in ("bottom", "top")]
+    (bar, drawn), thick = beside_a_bar(0.25), beside_a_bar(0.5)
+    thin_and_thick = [np.linalg.norm(np.subtract(*p)) for p in ((bar, drawn), thick)]
+    forces = [drawing_force(n)[1:9] for n in (2, 4, 8)]  # a part sticks
+    changes = [float(a[0] - b[0]) for a, b in pairwise(forces)]
+    force = drawing_force(4)
+    return [
+        exact("force when all slips [N/mm]", "statics", 26.84, force[-1], 1e-10),
+        exact(
+            "friction on the sheet [N/mm]",
+            "drawing force",
+            force,
+            -sum(faces)[:, 0],
+            1e-9,
+        ),
+        exact(
+            "r_n of die and holder [N/mm]",
+            "statics",
+            np.full((2, 11), 100.0),
+            np.abs([f[:, 1] for f in faces]),
+            1e-9,
+        ),
+        exact("violation of (6) and (8)", "inequalities", 0.0, law, 1e-9, size=1.0),
+        # The sheet is a bar up to its thickness over the length of the tools.
+        near("drawn length, ν = 0, 0.25 mm thick [mm]", BAR, bar, drawn, 2e-3),
+        near(
+            "order of this difference in the thickness",
+            BAR,
+            1.0,
+            np.log2(thin_and_thick[1] / thin_and_thick[0]),
+            0.1,
+        ),
+        # First order: half of the change from 4 to 8 cells, 2.3e-4, is left.
+        near(
+            "force, 8 cells [N/mm]",
+            "extrapolated from 4 and 8 cells",
+            2 * forces[2] - forces[1],
+            forces[2],
+            4e-4,
+        ),
+        # Of the first step, in which the end of the slip zone moves least.
+        near(
+            "order of its error in h",
+            "edges of the tools are singular",
+            1.0,
+            np.log2(changes[0] / changes[1]),
+            0.2,
+        ),
+    ]
+
+
+def p8() -> list[Row]:
+    """Pin that pulls a lug, NAFEMS contact benchmark 4; N and mm."""
+    coarse, fine = loaded(4, 0.1), loaded(8, 0.1)
+    return [
+        # The source has large displacements; here they are 0.7 % of the end of the lug.
+        near("u_x of the hole in front [mm]", PIN, 0.736165779271, fine.front, 5e-3),
+        # The source extrapolates stresses from its cells.
+        near(
+            "pressure in front [MPa]", PIN, 160.40113477117, fine.traction[0, 0], 0.05
+        ),
+        near("u_x, 144 cells around", "72 cells", coarse.front, fine.front, 1e-3),
+        exact("force on the hole [N/mm]", "statics", 1e4, fine.force, 1e-10),
+    ]
+
+
+CASES = {
+    "p1": p1,
+    "p2": p2,
+    "p3": p3,
+    "p4": p4,
+    "p5": p5,
+    "p6": p6,
+    "p7": p7,
+    "p8": p8,
+}

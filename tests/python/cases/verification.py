@@ -227,6 +227,15 @@ in five steps.
   Theoretical and Applied Mechanics*; code_aster quotes them with a tolerance of 5 %. At the
   point E the source has 1.50e-5. This program and the independent program have 1.541e-5 on every
   mesh. The number of the source, 3 % less, was probably rounded or read from a curve.
+- *SSNP501 of code_aster*: a ring between plates, after A. F. Saleeb, K. Chen and T. Y. P.
+  Chang, *Int. J. Numer. Meth. Engng* 37, 1994, 1297–1321. Its displacements are large. An
+  independent program with large displacements gives the same numbers (the first two rows of P6);
+  the results of this program are the limit of that program for a small approach of the plates.
+  *Michell's series* is the exact deformation of the linear ring under the computed reactions.
+- P7 has no published number: the sheet is compared with statics and with a bar.
+- *SSNP156 of code_aster*: NAFEMS contact benchmark 4, whose results are published as curves. The
+  numbers are those that code_aster computes on its mesh (model B).
+  [Published problems](published.md) shows P1, P6, P7 and P8, and what is not published.
 - *independent program*: finite elements that share no code with this package, with bilinear
   cells and full integration. Its numbers, and the problems of Siconos, are in
   [data_reference](../tests/python/data_reference/README.md).

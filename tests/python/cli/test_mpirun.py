@@ -10,6 +10,7 @@ import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -168,6 +169,24 @@ def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> Non
     )
     assert np.array_equal(several.status, one.status)
     assert changed(several.reaction, one.reaction) <= CLOSE
+
+
+def test_a_small_scene_is_factored_on_the_first_rank(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12", "--json")
+    products, names = [], []
+    for options in ("-bipot_pc_type gamg", ""):
+        monkeypatch.setenv("PETSC_OPTIONS", options)
+        done = bipot(2, *run, *PETSC, cwd=tmp_path)
+        assert done.status == 0, done.output + done.errors
+        result = bp.load(tmp_path / "here" / RESULT)
+        products.append(sum(step.stats["krylov"] for step in result))
+        with h5py.File(tmp_path / "here" / RESULT) as file:
+            names.append(file.attrs["preconditioner"])
+    assert names == ["gamg", "factor on the first rank"]
+    # Only the unsymmetric part of the springs of slipping contacts is not in the factor.
+    assert products[1] < 0.6 * products[0]
 
 
 def test_files_of_a_run(tmp_path: Path) -> None:

@@ -224,6 +224,16 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         assert ended.value.code == 2
 
 
+def test_a_reader_that_stops_reading_is_no_error() -> None:
+    """As ``| head``: the program ends, and prints no traceback."""
+    command = [sys.executable, "-m", "bipot_rs.collection", "--list"]
+    ends = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **ends) as program:  # type: ignore[call-overload]
+        program.stdout.close()
+        assert program.wait(60) == 1
+        assert program.stderr.read() == b""
+
+
 def test_the_manifest_is_checked(written: Path, tmp_path: Path) -> None:
     text = (written / "MANIFEST.csv").read_text(encoding="utf-8")
     for wrong, said in (

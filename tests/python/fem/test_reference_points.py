@@ -121,6 +121,42 @@ def test_units_of_reference_points() -> None:
         np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
 
 
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_obstacles_under_a_force_in_other_units_of_stress(engine: str) -> None:
+    """Steel in Pa or in MPa: an obstacle has no stiffness from which a scale could follow."""
+
+    def solved(stress: float) -> bp.Result:
+        mesh = fem.box([np.linspace(0, 1, 7)] * 2, "quadrilateral")
+        body = Body("it", mesh, fem.Material(1000.0 * stress, 0.3))
+        wheel = Sphere([0.4, 3.0], 2.0)
+        contact = Contact(
+            "it", "top", 0.3, obstacle=wheel, floating=Floating("wheel", (0, 1))
+        )
+        model = fem.assemble([body], [contact], [Support("it", "bottom", (0, 1))])
+        loads = [
+            model.reference_force("wheel", stress * np.array(force))
+            for force in ([0.0, -20.0], [2.0, -20.0], [-3.0, -15.0])
+        ]
+        return model.problem(engine=engine).solve(loads, tol=1e-12)
+
+    plain = solved(1.0)
+    assert {0, 1, 2} <= set(plain.status.ravel().tolist())
+    for stress in (2.0**40, 2.0**-40):
+        other = solved(stress)
+        np.testing.assert_array_equal(other.displacement, plain.displacement)
+        np.testing.assert_array_equal(other.reaction / stress, plain.reaction)
+        np.testing.assert_array_equal(other.iterations, plain.iterations)
+    for stress in (1e9, 1e12, 1e-9):
+        other = solved(stress)
+        for found, wanted in (
+            (other.displacement, plain.displacement),
+            (other.reaction / stress, plain.reaction),
+        ):
+            np.testing.assert_allclose(
+                found, wanted, rtol=0, atol=10 * SOLVED * np.abs(wanted).max()
+            )
+
+
 def test_another_stiffness_and_a_pickle() -> None:
     """Twice the stiffness halves the displacement; a pickled problem has the same bits."""
     body = block("hexahedron", 2)
@@ -346,6 +382,54 @@ def test_distributed_forces_have_the_resultant(
         )
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_distant_point_keeps_digits_or_is_refused(d: int) -> None:
+    """A force at a distance equals the same force nearby with its moment."""
+    body = block("quadrilateral" if d == 2 else "hexahedron")
+    floor = Contact("it", "bottom", 0.3, plane=(np.zeros(d), np.eye(d)[-1]))
+    near, force = np.full(d, 0.5), np.full(d, 0.4)
+    near[-1], force[-1] = 1.0, -5.0
+    turning = range(3) if d == 3 else [2]
+
+    def solved(far: float, push: Floats, turn: Any = None, **held: Any) -> Floats:
+        point = near + far * np.eye(d)[0]
+        grip = Remote("grip", "it", "top", point, **held)
+        model = fem.assemble([body], [floor], remotes=[grip])
+        f = model.reference_force("grip", push, turn)
+        moved = model.prescribed([])
+        result = model.problem().solve(f, moved, tol=1e-13)
+        return result.displacement[0, : model.nodes.size]
+
+    def moment(far: float) -> Any:
+        about = np.cross([-far, 0.0, 0.0], np.append(force, [0.0] * (3 - d)))
+        return about if d == 3 else about[2]
+
+    for held in ({}, {"rotations": turning}):
+        turn = None if held else moment(1e3)
+        wanted, found = solved(0.0, force, **held), solved(1e3, force, turn, **held)
+        # The square of the distance, times rounding and the condition of the block.
+        np.testing.assert_allclose(
+            found, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max()
+        )
+    with pytest.raises(ValueError, match=r"which extend over .*; choose a point near"):
+        solved(1e5, force, moment(1e5))
+    # Translation alone, and rotation alone about a distant point, are well determined.
+    wanted = solved(0.0, force, rotations=turning)
+    found = solved(1e5, force, rotations=turning)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    down = force * np.eye(d)[-1]
+    wanted = solved(0.0, down, components=range(d - 1), rotations=turning)
+    found = solved(
+        1e5,
+        np.zeros(d),
+        moment(1e5) * (np.eye(3)[1] if d == 3 else 1),
+        components=range(d),
+        rotations=[0, 2] if d == 3 else [],
+    )
+    # The set turns by its height over the distance.
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max())
+
+
 def test_nodes_on_a_line_have_no_arm_about_it() -> None:
     body = block("hexahedron", 2)
     edge = {1: (0.0, 0.0)}
@@ -433,6 +517,22 @@ def test_mistakes_of_references() -> None:
     refused("has no nodes: within excludes all", surface=None, within={0: (0.1, 0.2)})
     other = Remote("a", "it", "top", components=[0], distributed=True)
     refused("only a rigid set has a prescribed motion", remotes=[other])
+    body = block("triangle")
+    wrong: Any
+    for wrong, message in (
+        (
+            [(0.0, 0.5)],
+            r"within of surface 'top' .* is \[\(0.0, 0.5\)\], expected ranges",
+        ),
+        ({0: 0.5}, r"within of surface 'top' .* has shape \(\), expected \(2,\)"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
+            body.members("top", wrong)
+    wrong = 0
+    with pytest.raises(
+        TypeError, match="components of the remote 'a' is 0, expected a"
+    ):
+        fem.assemble([body], [], remotes=[Remote("a", "it", components=wrong)])
 
 
 def test_what_models_with_references_cannot_do() -> None:

@@ -14,6 +14,7 @@ from bipot_rs.fem.body import Body
 from bipot_rs.fem.contact import Contact
 from bipot_rs.fem.inspection import inspect
 from bipot_rs.fem.repetition import Cyclic, Periodic
+from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.shapes import Plane, Sphere
 
 Floats = NDArray[np.float64]
@@ -220,6 +221,92 @@ def test_period_in_two_directions() -> None:
     wanted = np.zeros_like(u)
     wanted[:, 2] = -3.0 / modulus * model.nodes[:, 2]
     np.testing.assert_allclose(u, wanted, rtol=0, atol=SOLVED * 0.01)
+
+
+def test_half_a_turn_about_an_axis_in_the_surface_of_the_cut() -> None:
+    """The cut is one surface, mapped to itself: half of a pad, and the whole pad."""
+    side, height = np.linspace(-1, 1, 7), np.linspace(0, 0.5, 3)
+    floor = [Contact("pad", "bottom", 0.3, plane=([0, 0, 0], [0, 0, 1]))]
+
+    def solved(y: Floats, *cuts: Any) -> tuple[fem.Assembly, Any]:
+        body = Body("pad", fem.box([side, y, height], "hexahedron"), SOFT)
+        model = fem.assemble([body], floor, repetitions=cuts)
+        f = model.pressure("pad", "top", 10.0)
+        f = f + model.traction("pad", "right", [0.0, 2.5, 0.0])
+        f = f + model.traction("pad", "left", [0.0, -2.5, 0.0])
+        return model, model.problem().solve(f, tol=1e-13)
+
+    cut = Cyclic(("pad", "front"), ("pad", "front"), 2, axis=[0, 0, 1])
+    one, part = solved(np.linspace(0, 1, 4), cut)
+    assert one.area.sum() == pytest.approx(2.0, rel=1e-14)
+    whole, full = solved(side)
+    assert len(np.unique(full.status)) > 1
+    compared(one, part, whole, full)
+    on = ("pad", "left")
+    with pytest.raises(ValueError, match="are the same: name its two cuts"):
+        fem.assemble(one.bodies, floor, repetitions=[Periodic(on, on)])
+
+
+def test_a_period_on_a_body_that_does_not_repeat() -> None:
+    """The nodes at both ends of the other body keep their contacts: none penetrates."""
+    upper = fem.box([np.linspace(0, 1, 5), np.linspace(0, 1, 5)], "quadrilateral")
+    lower = fem.box([np.linspace(0, 1, 5), np.linspace(-1, 0, 5)], "quadrilateral")
+    cut = Periodic(("upper", "left"), ("upper", "right"))
+    for contact in (
+        Contact("upper", "bottom", 0.3, against=("lower", "top")),
+        Contact("lower", "top", 0.3, against=("upper", "bottom")),
+    ):
+        model = fem.assemble(
+            [Body("upper", upper, SOFT), Body("lower", lower, SOFT)],
+            [contact],
+            [Support("lower", "bottom", (0, 1)), Support("upper", "top", (0, 1))],
+            repetitions=[cut],
+        )
+        moved = model.prescribed([[0.0, 0.0], [0.0, -0.01]])
+        result = model.problem().solve(prescribed=moved, tol=1e-13)
+        u = result.displacement[0].reshape(-1, 2)
+        on, under = (
+            np.flatnonzero((model.nodes[:, 1] == 0) & (places(model)[:, 2] == body))
+            for body in (0, 1)
+        )
+        opening = u[on, 1] - u[under, 1]
+        # The upper body is uniform along x: pressed at every node.
+        np.testing.assert_allclose(opening, 0, atol=SOLVED * 0.01)
+        # Both bodies are symmetric about x = 1/2.
+        force = np.einsum("ck,ckd->cd", result.reaction[0], model.frame)
+        order = np.argsort(model.points[:, 0])
+        np.testing.assert_allclose(
+            force[order, 1], force[order[::-1], 1], atol=SOLVED * np.abs(force).max()
+        )
+
+
+def test_motions_and_clearances_that_do_not_repeat() -> None:
+    """A plane that slides along x does not repeat itself about z, one that turns does."""
+    floor = Plane([0, 0, 0], [0, 0, 1])
+    cut = Cyclic(("pad", "front"), ("pad", "left"), 4, axis=[0, 0, 1])
+
+    def made(motion: Motion) -> fem.Assembly:
+        contact = Contact("pad", "bottom", 0.3, obstacle=floor, motion=motion)
+        return fem.assemble([pad(2, True)], [contact], repetitions=[cut])
+
+    made(Motion([[0.0, 0.0, 0.1]], [0.2], axis=[0, 0, 1]))
+    with pytest.raises(ValueError, match="gaps, normals or motions differ at"):
+        made(Motion([[1e-6, 0.0, 0.0]]))
+    mesh = fem.box([np.linspace(0, 1, 3)] * 2, "quadrilateral")
+    under = fem.box([np.linspace(0, 1, 3), np.linspace(-1, 0, 3)], "quadrilateral")
+    contact = Contact(
+        "on", "bottom", 0.3, against=("under", "top"), clearance=lambda x: 0.1 * x[:, 0]
+    )
+    with pytest.raises(
+        ValueError, match=r"it is 0 at \(0, 0\) and 0\.1 at its image: give both"
+    ):
+        fem.assemble(
+            [Body("on", mesh, SOFT), Body("under", under, SOFT)],
+            [contact],
+            repetitions=[
+                Periodic((name, "left"), (name, "right")) for name in ("on", "under")
+            ],
+        )
 
 
 def test_mistakes_of_repetitions() -> None:

@@ -312,6 +312,52 @@ def test_planes_of_symmetry_inclined_to_the_axes() -> None:
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * DEPTH)
 
 
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+def test_friction_where_a_support_blocks_slip_at_the_start_only(pairing: str) -> None:
+    """Nodes that move along the first normal slip on the plane once it has turned."""
+    mesh = fem.box([np.linspace(0.0, 1.0, 3)] * 2, "quadrilateral")
+    body = fem.Body("block", mesh, fem.Material(100.0, 0.3))
+    turn, rise, mu = 0.6, 0.02, 0.4
+    motion = ob.Motion([[0.0, rise]] * 2, [0.0, turn], about=[0.5, 0.0])
+    contact = fem.Contact(
+        "block",
+        "bottom",
+        mu,
+        plane=([0.5, 0.0], [0.0, 1.0]),
+        motion=motion,
+        pairing=pairing,
+    )
+    model = fem.assemble(
+        [body],
+        [contact],
+        [fem.Support("block", "top", (0, 1)), fem.Support("block", "bottom", (0,))],
+    )
+    assert (model.mu == mu).all()
+    result = model.problem().solve(prescribed=np.zeros((2, model.fixed.size)), tol=TOL)
+    # At the start all slip is prescribed, and it is zero.
+    assert not result.slip[0].any()
+    pressed = result.status[1] > 0
+    assert pressed.any()
+    force, slip = result.reaction[1], result.slip[1, :, 0]
+    assert (np.abs(slip[pressed]) > 0.1 * rise).all()
+    np.testing.assert_allclose(
+        force[pressed, 1],
+        -mu * force[pressed, 0] * np.sign(slip[pressed]),
+        rtol=1e-10,  # TOL, and some digits of the residual of all contacts
+    )
+    # One that only moves has no tangent along which these nodes may slip.
+    still = fem.Contact(
+        "block",
+        "bottom",
+        mu,
+        plane=([0.5, 0.0], [0.0, 1.0]),
+        motion=ob.Motion([[0.01, rise]]),
+        pairing=pairing,
+    )
+    model = fem.assemble([body], [still], model.supports)
+    assert not model.mu.any()
+
+
 def test_engines_and_estimates_that_need_one_frame_refuse() -> None:
     from bipot_rs.cli.distributed import Distributed
     from bipot_rs.discretisation.estimator import Estimator

@@ -16,6 +16,8 @@ EXPECTED = {
     "mu": "ValueError: mu of contact 0 is -0.3",
     "fixed": "ValueError: fixed holds 192 at position 0",
     "area": "ValueError: area of contact 0 is 0.0",
+    "gather": "ValueError: gather is -1, expected",
+    "gather differs": "ValueError: gather differs between ranks",
     "coordinates": r"ValueError: coordinates has shape \(.*\), expected",
     "coordinates, last": "ValueError: coordinates is inf at",
     "coordinates of a node": "ValueError: coordinates differ within 3",

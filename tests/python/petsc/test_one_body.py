@@ -87,11 +87,12 @@ def test_without_coordinates(tmp_path: Path) -> None:
     compare(found, expected)
 
 
-def test_a_motion_without_energy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("gather", [0, 10_000])
+def test_a_motion_without_energy(gather: int, tmp_path: Path) -> None:
     """Nothing resists a motion along x: all else is determined."""
     known, path = of(sliding_freely())
     expected = direct(known, **path)
-    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=TOL)
+    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=TOL, gather=gather)
     assert mpi.changed(found["reaction"], expected.reaction) <= CLOSE
     assert np.array_equal(found["status"], expected.status)
     steps = len(expected)

@@ -26,7 +26,7 @@ for module in (cases_exact, cases_published, cases_hard, cases_plane, cases_spac
 NUMBERS = cases_exact.CASES | cases_published.CASES | cases_hard.CASES
 REFINED = cases_plane.CASES | cases_space.CASES
 # No other file tests these.
-OWN = {"p1", "p2", "p3", "p4", "h9", "h11", "h18", "h23"}
+OWN = {"p1", "p2", "p3", "p4", "p6", "p7", "p8", "h9", "h11", "h18", "h23"}
 
 
 @cache
@@ -84,6 +84,18 @@ def test_p4_sphere() -> None:
     check("p4")
 
 
+def test_p6_ring_between_plates() -> None:
+    check("p6")
+
+
+def test_p7_sheet_under_a_blank_holder() -> None:
+    check("p7")
+
+
+def test_p8_pin_in_a_lug() -> None:
+    check("p8")
+
+
 def test_h9_floating_bodies_are_held() -> None:
     check("h9")
 
@@ -121,7 +133,7 @@ def test_the_page_is_what_the_cases_make() -> None:
 
 def test_every_id_has_a_test_of_its_name() -> None:
     ids = [f"a{i}" for i in range(1, 15)] + [f"h{i}" for i in range(1, 27)]
-    ids += [f"p{i}" for i in range(1, 6)]
+    ids += [f"p{i}" for i in range(1, 9)]
     texts = [path.read_text(encoding="utf-8") for path in TESTS.rglob("*.py")]
     named = {
         m[1] for t in texts for m in re.finditer(r"^def test_([ahp]\d+)_", t, re.M)

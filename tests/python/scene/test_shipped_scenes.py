@@ -150,6 +150,7 @@ def test_shipped_names() -> None:
     assert scene.shipped() == [
         "cattaneo_mindlin",
         "cyclic_cube",
+        "drawn_sheet",
         "pressed_block",
         "pushed_punch",
         "raous_plate",
@@ -170,6 +171,7 @@ def test_shipped_names() -> None:
         ("cyclic_cube", 9, 3000, 100, 41),
         ("raous_plate", 32, 2178, 32, 5),
         ("pushed_punch", 40, 1724, 41, 4),
+        ("drawn_sheet", 4, 1212, 162, 11),
         ("twisted_pad", 8, 1215, 73, 4),
     ],
 )

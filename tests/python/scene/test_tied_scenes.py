@@ -94,14 +94,39 @@ def test_resumed_and_automatic_paths(name: str, engine: str, tmp_path: Path) -> 
         assert automatic.s[-1] == 4
 
 
-def test_run_writes_the_files_of_the_model(tmp_path: Path) -> None:
-    m = bp.Model.from_toml("twisted_pad").with_(**{"mesh.n": 4})
-    m.to_toml(tmp_path / "pad.toml")
-    assert bp.Model.from_toml(tmp_path / "pad.toml") == m
-    run = bipot("run", "pad.toml", "--out", "one", cwd=tmp_path)
+def gripped() -> bp.Model:
+    """A block whose top follows a point that a moment turns."""
+    m = block()
+    m.remote("grip", on="it.top", move={"x": 0.01, "y": -0.01}, moment={"z": 0.1})
+    return m
+
+
+def coarse(name: str) -> bp.Model:
+    if name == "gripped":
+        return gripped()
+    n = 4 if name == "twisted_pad" else 20
+    return bp.Model.from_toml(name).with_(**{"mesh.n": n})
+
+
+@pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad", "gripped"])
+def test_run_writes_the_files_of_the_model(name: str, tmp_path: Path) -> None:
+    m = coarse(name)
+    m.to_toml(tmp_path / "it.toml")
+    assert bp.Model.from_toml(tmp_path / "it.toml") == m
+    run = bipot("run", "it.toml", "--out", "one", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     result = bp.load(tmp_path / "one" / "result.h5")
-    assert bits(result, m.solve())
+    solved = m.solve()
+    assert bits(result, solved)
+    nodes = solved.case.model.nodes
+    assert result.mesh is not None
+    np.testing.assert_array_equal(result.mesh.nodes, nodes)
+    u = result.displacement[-1]
+    np.testing.assert_array_equal(
+        result.mesh.of_nodes(u), u[: nodes.size].reshape(nodes.shape)
+    )
+    solved.save(tmp_path / "saved.h5")
+    assert bits(bp.load(tmp_path / "saved.h5"), solved)
 
 
 def test_remote_force_motion_and_distribution() -> None:

@@ -18,6 +18,8 @@ from mpi import OPEN_MPI, OWN
 REPOSITORY = Path(__file__).resolve().parents[3]
 # The lines that Open MPI prints otherwise in a container.
 QUIET = {"OMPI_MCA_btl_vader_single_copy_mechanism": "none"}
+# The scenes of tests are small, and would be factored on one rank.
+LARGE = {"PETSC_OPTIONS": "-bipot_pc_type gamg"}
 # Runs code on one rank, then the command on all.
 _PROGRAM = """
 import os, sys
@@ -55,7 +57,7 @@ def python() -> str:
 
 def environment() -> dict[str, str]:
     known = {name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"}
-    return known | OPEN_MPI | QUIET | {"PYTHONPATH": str(REPOSITORY / "python")}
+    return LARGE | known | OPEN_MPI | QUIET | {"PYTHONPATH": str(REPOSITORY / "python")}
 
 
 @dataclass

@@ -59,6 +59,8 @@ def problem(given: Given, **other: Any) -> Any:
     B = other.pop("B") if "B" in other else matrix(given, "B")
     first, last = rows_of(matrix(given, "K").shape[0], int(given.get("d", 3)))
     known = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
+    if "gather" in given:
+        known["gather"] = int(given["gather"])
     if "coordinates" in given:
         known["coordinates"] = given["coordinates"][first:last]
     made = petsc.ContactProblem(K, B, **known | other)
@@ -97,6 +99,17 @@ def solve(given: Given) -> Given:
     tol = float(given.get("tol", 1e-12))
     result = made.solve(loads(given, made.K), given.get("prescribed"), tol=tol)
     return answer(made, result)
+
+
+def unfactored(given: Given) -> Given:
+    """A load path where the first rank fails to factor."""
+    from bipot_rs.petsc.one_rank import OneRank
+
+    def failing(_self: Any, _parts: Any) -> str:
+        return "no factor today"
+
+    OneRank._factored = failing  # type: ignore[method-assign]
+    return solve(given)
 
 
 def derivatives(given: Given) -> Given:
@@ -183,6 +196,8 @@ def _wrong(given: Given, K: Any) -> dict[str, Any]:
         "mu": {"mu": -mu},
         "fixed": {"fixed": [n]},
         "area": {"area": 0 * gap},
+        "gather": {"gather": -1},
+        "gather differs": {"gather": 0 if alone else 1},
         "coordinates": {"coordinates": at[1:]},
         "coordinates, last": {"coordinates": far},
         "coordinates of a node": {"coordinates": mixed},

@@ -298,6 +298,9 @@ class Job(SharedRunner):
             self.case = case
         with self._phase("condense"):
             problem = self._problem(case)
+            # Wear and the discretisation error read K.
+            if self.problem is not None and estimator is None and scene.wear is None:
+                self.case = case = case.released(self.problem)
         with self._phase("solve"):
             if estimator is not None and tol == ENOUGH and not self.shared:
                 from bipot_rs.discretisation.stopping import tolerance

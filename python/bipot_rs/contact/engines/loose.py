@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Parts
@@ -41,15 +42,12 @@ class Loose:
     spring: float
 
     @classmethod
-    def of(cls, parts: Parts, fixed: Ints) -> Loose:
+    def of(cls, parts: Parts, fixed: Ints, num_threads: int | None = None) -> Loose:
         """Those of K, given by rows."""
-        from scipy.sparse import csr_array
-
         start, _, value = parts
-        n = len(start) - 1
         # The largest entry of a positive semidefinite matrix is on its diagonal, and a row
         # with a zero there is zero.
-        diagonal = csr_array(parts[::-1], shape=(n, n)).diagonal()
+        diagonal = _core.diagonal(parts, num_threads)
         bare = diagonal == 0.0
         bare[fixed] = False
         dofs = [

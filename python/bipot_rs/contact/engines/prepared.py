@@ -10,7 +10,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import Csr, Parts, enforced, one_triangle
+from bipot_rs._lib.validation import Csr, Parts, csr, enforced, one_triangle
 from bipot_rs.contact.engines import choice
 from bipot_rs.contact.engines.direct import Direct
 from bipot_rs.contact.engines.engine import Engine, Known
@@ -57,8 +57,9 @@ class Prepared:
     # The condensed problem, once it is made; the iterative engine, while it may be used.
     _condensed: _core.Condensed | None = None
     _iterative: Iterative | None = None
-    # K, until it is condensed.
+    # K, until it is condensed, or what makes it once more.
     _parts: Parts | None = None
+    _again: Callable[[], Any] | None = None
     # Name of the engine, and why.
     _chosen: tuple[str, str] = ("direct", "")
     _on_forecast: Callable[[Mapping[str, Any]], object] | None = None
@@ -66,7 +67,7 @@ class Prepared:
     def __getstate__(self) -> dict[str, Any]:
         # The arguments, not the factor, which may be a hundred times as large:
         # condensing again gives the same bits.
-        made = {"_condensed", "_iterative", "_parts", "_on_forecast"}
+        made = {"_condensed", "_iterative", "_parts", "_again", "_on_forecast"}
         known = {name: value for name, value in vars(self).items() if name not in made}
         return known | {"_stiffness": self._matrix()}
 
@@ -77,7 +78,18 @@ class Prepared:
 
     def _matrix(self) -> Parts:
         """K, which the core has once it is condensed."""
-        return self._core.stiffness() if self._parts is None else self._parts
+        if self._parts is not None:
+            return self._parts
+        if self._again is not None:
+            return csr("K", self._again()).parts
+        return self._core.stiffness()
+
+    def _release(self, again: Callable[[], Any]) -> bool:
+        """Drop K if the iterative engine will solve; ``again`` makes it once more."""
+        if self._iterative is None or self._chosen[0] != "iterative":
+            return False
+        self._parts, self._again = None, again
+        return True
 
     def _with_digits(self, stiffness: Csr) -> tuple[Csr, Known | None]:
         """K with its rigid motions restored, and how far they were off."""
@@ -102,6 +114,7 @@ class Prepared:
             self._iterative = None
             return
         self._condensed, self._iterative, self._parts = None, iterative, parts
+        self._again = None
         self._on_forecast = on_forecast
         if self._asked == "iterative":
             self._chosen = "iterative", "it was asked for"
@@ -144,7 +157,7 @@ class Prepared:
                 named.dof = dof
             raise named from None
         self._seconds = time.perf_counter() - started
-        self._parts = None
+        self._parts = self._again = None
 
     def _make_iterative(self, parts: Parts) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
@@ -171,7 +184,7 @@ class Prepared:
         from bipot_rs.contact.engines.loose import Loose
 
         started = time.perf_counter()
-        loose = Loose.of(parts, self._fixed)
+        loose = Loose.of(parts, self._fixed, given.num_threads)
         try:
             core = _core.Primal(loose.stiffened(parts), *given[:6])
         except NotIterativeError as error:
@@ -189,10 +202,9 @@ class Prepared:
     def _direct(self) -> Direct:
         """The direct engine; condenses if that was not done before."""
         if self._condensed is None:
-            parts = self._parts
-            if parts is None:
+            if self._parts is None and self._again is None:
                 raise ValueError("the stiffness of this problem is not available")
-            self._condense(parts, None, self._on_forecast)
+            self._condense(self._matrix(), None, self._on_forecast)
         if self._condensed is None:
             raise ValueError("the stiffness of this problem is not available")
         return Direct(self._condensed)

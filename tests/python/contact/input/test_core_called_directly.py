@@ -333,6 +333,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "reduced_tangent": (_core.reduced_tangent, [held, CLOSED, STICKS, ROWS]),
         "bodies": (_core.bodies, [EYE, np.eye(4)[:, :2].copy(), True]),
+        "diagonal": (_core.diagonal, [EYE]),
         "forward_errors": (_core.forward_errors, [held, GAP, NONE]),
         "forward_errors, floating": (
             _core.forward_errors,

@@ -1,0 +1,86 @@
+"""The preconditioner of small problems: a factor of the core, on the first rank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import bipot_rs._core as _core
+from bipot_rs._lib.validation import csr, indices
+from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.petsc.operator import Springs
+from bipot_rs.petsc.own_rows import OwnRows
+from bipot_rs.petsc.symmetric_part import SymmetricPart
+
+NAME = "factor on the first rank"
+
+
+class NotFactoredError(Exception):
+    """The core cannot factor the symmetric part; all ranks raise it."""
+
+
+class OneRank:
+    """``P⁻¹`` for the symmetric part ``P`` of a Newton step, as a shell of PETSc.
+
+    The first rank holds all of ``P`` and its factor. A product takes one message from each
+    other rank and one to it, where multigrid takes some for each of its levels.
+    """
+
+    def __init__(self, part: SymmetricPart, d: int) -> None:
+        self._part, self._d = part, d
+        self._comm = part.P.comm.tompi4py()
+        self._sizes = np.diff(part.P.getOwnershipRanges()).tolist()
+        # Of the first rank.
+        self._factor: _core.Condensed | None = None
+
+    def prepare(self, tangent: _core.ContactTangent, springs: Springs) -> None:
+        """Make it for the held places and springs."""
+        self._part.set(tangent.held, springs)
+        rows = OwnRows.of(self._part.P)
+        own = rows.pointer, rows.column, rows.values
+        every = self._comm.gather(own, root=0)
+        reason = None if every is None else self._factored(every)
+        reason = self._comm.bcast(reason, root=0)
+        if reason is not None:
+            raise NotFactoredError(reason)
+
+    def _factored(self, parts: list[Any]) -> str | None:
+        """Factor the rows of all ranks; the reason if that is not possible."""
+        from scipy.sparse import csr_array, vstack
+
+        n = sum(self._sizes)
+        rows = [
+            csr_array((values, column, pointer), shape=(len(pointer) - 1, n))
+            for pointer, column, values in parts
+        ]
+        stiffness = csr("P", vstack(rows).tocsr())
+        # No contacts: those of the problem are springs and held places in P.
+        none = csr("B", csr_array((0, n)))
+        gap, mu = np.zeros((0, self._d)), np.zeros((0, self._d - 1))
+        fixed = indices("fixed", None, n)
+        try:
+            self._factor = _core.Condensed(
+                stiffness.parts, none.parts, gap, mu, fixed, None
+            )
+        except (FloatingBodyError, ValueError) as error:
+            return str(error)
+        return None
+
+    def apply(self, _pc: Any, b: Any, x: Any) -> None:
+        """``x = P⁻¹ b``; PETSc calls it."""
+        factor = self._factor
+        first = self._comm.rank == 0
+        whole = np.empty(sum(self._sizes) if first else 0)
+        pieces = [whole, self._sizes] if first else None
+        self._comm.Gatherv(np.ascontiguousarray(b.array_r), pieces, root=0)
+        if factor is not None:
+            none = np.zeros(0)
+            state = whole, none, np.zeros((0, self._d)), none
+            pieces = [
+                np.ascontiguousarray(factor.displacements([state])[0]),
+                self._sizes,
+            ]
+        own = np.empty(b.getLocalSize())
+        self._comm.Scatterv(pieces, own, root=0)
+        x.array[:] = own

@@ -1,0 +1,217 @@
+"""The paper about this software: its form, its references, its numbers, CITATION.cff."""
+
+import re
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+import tables
+import whole_job
+import yaml
+
+from places import ROOT
+
+PAPER = ROOT / "paper" / "paper.md"
+WORDS = 1000  # of the Journal of Open Source Software
+# Fields that a reference of each kind must have.
+FIELDS = {
+    "article": {"author", "title", "journal", "volume", "pages", "year", "doi"},
+    "book": {"author", "title", "publisher", "year", "doi"},
+    "incollection": {"author", "title", "booktitle", "publisher", "year", "doi"},
+    "techreport": {"author", "title", "institution", "number", "year", "url"},
+}
+ENTRY = re.compile(r"^@(\w+)\{([\w.-]+),\n(.*?)\n\}$", re.MULTILINE | re.DOTALL)
+FIELD = re.compile(r"^  (\w+) += \{(.*)\},?$", re.MULTILINE)
+CITED = re.compile(r"@([\w.-]+)")
+
+
+def parts(text: str) -> tuple[dict[str, Any], str]:
+    """The head of a page as YAML, and its text."""
+    empty, head, body = re.split(r"^---$", text, maxsplit=2, flags=re.MULTILINE)
+    assert empty == ""
+    return yaml.safe_load(head), body
+
+
+def count(body: str) -> int:
+    """Words of the text with captions and headings, without formulas and the files of pictures."""
+    prose = re.sub(
+        r"\$\$.*?\$\$|\]\([^)]*\)|\\label\{[^}]*\}", " ", body, flags=re.DOTALL
+    )
+    return len(re.findall(r"\S*\w\S*", prose))
+
+
+def entries(bibliography: str) -> dict[str, tuple[str, dict[str, str]]]:
+    """Kind and fields of each reference by its key."""
+    found = {
+        key: (kind, dict(FIELD.findall(text)))
+        for kind, key, text in ENTRY.findall(bibliography)
+    }
+    assert len(found) == bibliography.count("\n@") + bibliography.startswith("@")
+    return found
+
+
+@pytest.fixture(scope="module")
+def head() -> dict[str, Any]:
+    return parts(PAPER.read_text("utf-8"))[0]
+
+
+@pytest.fixture(scope="module")
+def body() -> str:
+    return parts(PAPER.read_text("utf-8"))[1]
+
+
+@pytest.fixture(scope="module")
+def cited_as() -> dict[str, Any]:
+    return yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+
+
+def test_the_length_is_that_of_the_journal(body: str) -> None:
+    assert 250 <= count(body) <= WORDS
+
+
+def test_words_are_counted() -> None:
+    text = "# One two\n\nThree – [@four], `five`.\n$$ a = b $$\n![six](x.png)\n"
+    assert count(text) == 6
+
+
+def test_the_sections_of_the_journal(body: str) -> None:
+    sections = re.findall(r"^# (.*)$", body, re.MULTILINE)
+    assert sections[:3] == ["Summary", "Statement of need", "State of the field"]
+    assert sections[-2:] == ["Acknowledgements", "References"]
+
+
+def test_the_head_has_what_the_journal_asks_for(head: dict[str, Any]) -> None:
+    assert {"title", "tags", "authors", "affiliations", "date"} <= set(head)
+    indices = {place["index"] for place in head["affiliations"]}
+    assert {author["affiliation"] for author in head["authors"]} <= indices
+    assert (PAPER.parent / head["bibliography"]).is_file()
+
+
+def test_each_citation_has_its_reference(head: dict[str, Any], body: str) -> None:
+    file = PAPER.parent / head["bibliography"]
+    known = entries(file.read_text("utf-8"))
+    assert set(CITED.findall(body)) == set(known)
+    for key, (kind, fields) in known.items():
+        assert FIELDS[kind] <= set(fields), key
+        assert all(text.count("{") == text.count("}") for text in fields.values()), key
+    links = [f.get("doi", f.get("url", "")) for _, f in known.values()]
+    assert len(set(links)) == len(links)
+    for _, fields in known.values():
+        assert re.fullmatch(r"10\.\d{4,}/\S+", fields.get("doi", "10.1234/x"))
+
+
+def test_a_reference_that_cannot_be_read_is_seen() -> None:
+    good = "@book{a,\n  year = {2000}\n}\n"
+    assert entries(good) == {"a": ("book", {"year": "2000"})}
+    with pytest.raises(AssertionError):
+        entries(good + "\n@book{b, year = {2000}}\n")
+
+
+def test_figures_exist_and_are_referred_to(body: str) -> None:
+    files = re.findall(r"!\[[^\]]*\]\(([^)]*)\)", body)
+    assert files == ["../benches/results/speed_against_error.png"]
+    for file in files:
+        assert (PAPER.parent / file).is_file()
+    labels = re.findall(r"\\label\{([^}]*)\}", body)
+    assert sorted(set(re.findall(r"\\autoref\{([^}]*)\}", body))) == sorted(labels)
+
+
+def test_citation_file_agrees(head: dict[str, Any], cited_as: dict[str, Any]) -> None:
+    """Title, authors, version, licence and keywords stand in several files."""
+    cargo = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]
+    assert cited_as["title"] == head["title"]
+    assert [one["name"] for one in cited_as["authors"]] == [
+        one["name"] for one in head["authors"]
+    ]
+    assert cited_as["version"] == cargo["version"]
+    assert " OR ".join(cited_as["license"]) == cargo["license"]
+    assert cited_as["keywords"] == [
+        tag for tag in head["tags"] if tag not in ("Python", "Rust")
+    ]
+
+
+def test_the_paper_cites_what_the_citation_file_does(
+    head: dict[str, Any], cited_as: dict[str, Any]
+) -> None:
+    file = PAPER.parent / head["bibliography"]
+    known = [fields for _, fields in entries(file.read_text("utf-8")).values()]
+    for reference in cited_as["references"]:
+        (ours,) = (one for one in known if one.get("doi") == reference["doi"])
+        assert ours["title"] == reference["title"]
+        assert ours["year"] == str(reference["year"])
+        names = " and ".join(
+            f"{one['family-names']}, {one['given-names']}"
+            for one in reference["authors"]
+        )
+        assert ours["author"] == names
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    """Rows of a file of results."""
+    return tables.read_rows(tables.RESULTS / name)
+
+
+def sentence(body: str, pattern: str) -> re.Match[str]:
+    """The only place of the text that a pattern matches; spaces stand for line breaks too."""
+    (found,) = re.finditer(pattern, " ".join(body.split()))
+    return found
+
+
+def test_ratios_of_whole_jobs(body: str) -> None:
+    """The fastest peer with a right result on each mesh, as in the README of the benches."""
+    best: dict[tuple[str, int], float] = {}
+    for row in rows(whole_job.SHEET):
+        if row["program"] != "bipot_rs" and row["ratio"] and whole_job.trusted(row):
+            place = whole_job.place(row)
+            best[place] = min(best.get(place, np.inf), float(row["ratio"]))
+    found = sentence(
+        body, r"On (\d+) meshes of five scenes.* took (\S+) to (\S+) times"
+    )
+    assert int(found[1]) == len(best)
+    assert len({scene for scene, _ in best}) == 5
+    # Rounded to two digits, so half a unit of the second.
+    assert float(found[2]) == pytest.approx(min(best.values()), abs=0.05)
+    assert float(found[3]) == pytest.approx(max(best.values()), abs=0.5)
+
+
+def test_problems_solved_to_a_true_error(body: str) -> None:
+    auto = [
+        row
+        for row in rows("speed_against_error.csv")
+        if (row["method"], row["measure"], row["target"]) == ("auto", "error", "1e-08")
+    ]
+    assert len(auto) == 7
+    found = sentence(
+        body,
+        r"solves (\d+) of (\d+) problems to a true error of 1e-8, "
+        r"with medians of (\d+) to (\d+) products",
+    )
+    assert int(found[1]) == sum(int(row["solved"]) for row in auto)
+    assert int(found[2]) == sum(int(row["problems"]) for row in auto)
+    products = [float(row["products_median"]) for row in auto]
+    assert [int(found[3]), int(found[4])] == [
+        round(min(products)),
+        round(max(products)),
+    ]
+
+
+def test_the_large_block(body: str) -> None:
+    found = sentence(body, r"([\d,]+) unknowns takes (\d+) s and (\d\.\d) GB")
+    own = [
+        row
+        for row in rows("scale.csv")
+        if row["unknowns"] == found[1].replace(",", "") and row["seconds"]
+    ]
+    assert round(min(float(row["seconds"]) for row in own)) == int(found[2])
+    # MB of 10^6 bytes; one digit after the point is shown.
+    peak = max(float(row["peak_mb"]) for row in own) / 1e3
+    assert peak == pytest.approx(float(found[3]), abs=0.05)
+
+
+def test_files_of_fclib(body: str) -> None:
+    at = [row for row in rows("fclib.csv") if row["target"] == "1e-12"]
+    ours = [row for row in at if row["program"] == "auto"]
+    found = sentence(body, r"solves all (\d+) files to a residual of 1e-12")
+    assert int(found[1]) == len(ours)
+    assert all(row["solved"] == "True" for row in ours)

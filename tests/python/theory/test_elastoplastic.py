@@ -1,0 +1,214 @@
+"""The elastic and plastic step of a soil: textbook return mapping, inequality, duals."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs.theory.elastoplastic import ElastoplasticStep
+from bipot_rs.theory.soils import DruckerPrager, mandel, tensor
+
+Array = NDArray[np.float64]
+N = 800
+SOILS = {
+    "frictional": DruckerPrager(0.8, 0.25, 1.0),
+    "no dilatancy": DruckerPrager(0.6, 0.0, 0.5),
+    "associated": DruckerPrager(0.5, 0.5, 2.0),
+    "no cohesion": DruckerPrager(0.7, 0.3, 0.0),
+}
+
+
+def admissible(soil: DruckerPrager, stress: Array) -> Array:
+    """Nearest stresses of the criterion; twice, as near the apex rounding is relative."""
+    for _ in range(2):
+        stress = soil.prox_at(stress, np.zeros_like(stress), 1.0)
+    return stress
+
+
+def drawn(soil: DruckerPrager) -> tuple[ElastoplasticStep, Array]:
+    """A step from random admissible stresses, and random strains."""
+    rng = np.random.default_rng(5)
+    start = admissible(soil, rng.normal(size=(N, 6)))
+    step = ElastoplasticStep(
+        soil, rng.uniform(1, 3, N), rng.uniform(0.5, 2.0, N), start
+    )
+    return step, rng.normal(size=(N, 6))
+
+
+def textbook(
+    soil: DruckerPrager, K: float, G: float, start: Array, strain: Array
+) -> Array:
+    """Return mapping in ``p`` and ``√J₂``: de Souza Neto, Perić, Owen, 2008, chapter 8.
+
+    ``Φ = √J₂ + η p - ξ c``, flow ``s/(2 √J₂) + η̄ I/3``.
+    """
+    eta, bar = soil.friction / math.sqrt(2), soil.dilatancy / math.sqrt(2)
+    strength = eta * soil.apex
+    volume = np.trace(strain)
+    trial = start + K * volume * np.eye(3)
+    trial = trial + 2 * G * (strain - volume / 3 * np.eye(3))
+    p = np.trace(trial) / 3
+    s = trial - p * np.eye(3)
+    root = math.sqrt(0.5 * np.sum(s * s))
+    over = root + eta * p - strength
+    if over <= 0 and p <= soil.apex:
+        return trial
+    gamma = over / (G + K * eta * bar)
+    if over > 0 and root - G * gamma >= 0:
+        return (1 - G * gamma / root) * s + (p - K * bar * gamma) * np.eye(3)
+    return soil.apex * np.eye(3)
+
+
+@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
+def test_stress_is_that_of_the_textbook(soil: DruckerPrager) -> None:
+    step, strain = drawn(soil)
+    found = step.response(strain)
+    expected = [
+        textbook(soil, K, G, s, e)
+        for K, G, s, e in zip(
+            step.bulk, step.shear, tensor(step.start), tensor(strain), strict=True
+        )
+    ]
+    # Rounding of stresses of the order of ten.
+    assert found.stress == pytest.approx(mandel(np.array(expected)), abs=1e-13)
+    # The rest of the strain is elastic.
+    elastic = step.elastic(strain - found.plastic)
+    assert found.stress - step.start == pytest.approx(elastic, abs=1e-13)
+    # All three regimes are among them.
+    flows = np.abs(found.plastic).max(axis=1) > 0
+    level = np.abs(found.stress[:, :3] - soil.apex).max(axis=1)
+    assert min(flows.sum(), (~flows).sum(), (level < 1e-12).sum()) > 10
+    assert (flows & (level > 0.1)).sum() > 100
+
+
+@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
+def test_gap_is_zero_on_the_law_and_positive_elsewhere(soil: DruckerPrager) -> None:
+    step, strain = drawn(soil)
+    found = step.response(strain)
+    # Sums of a dozen rounded energies of the order of ten.
+    law = step.gap(strain, found.plastic, found.stress)
+    assert np.abs(law).max() < 5e-14
+    rng = np.random.default_rng(6)
+    for size in (1e-3, 1.0):
+        other = found.stress + size * rng.normal(size=(N, 6))
+        other = admissible(soil, other)
+        gap = step.bipotential(strain, other) - np.sum(other * strain, axis=1)
+        assert gap.min() > -5e-14
+        # The gap is at least the energy of the difference, minimised over the flow. It is
+        # zero only where the flow makes up for the difference, so the law holds.
+        away = np.linalg.norm(other - found.stress, axis=1) > 0.1 * size
+        assert (gap[away] > 1e-9 * size**2).all()
+
+
+def test_gap_is_the_difference_of_the_energies() -> None:
+    step, strain = drawn(SOILS["frictional"])
+    rng = np.random.default_rng(7)
+    p = step.frozen(strain, rng.uniform(0, 1, N)).plastic
+    stress = admissible(step.soil, rng.normal(size=(N, 6)))
+    energies = step.energy(strain - p) + step.split_bipotential(p, stress)
+    expected = energies - np.sum(stress * strain, axis=1)
+    assert step.gap(strain, p, stress) == pytest.approx(expected, abs=1e-12)
+    assert step.gap(strain, p, stress).min() > 0.0
+
+
+@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
+def test_the_flow_of_beta_is_the_least(soil: DruckerPrager) -> None:
+    step, strain = drawn(soil)
+    rng = np.random.default_rng(8)
+    stress = admissible(soil, rng.normal(size=(N, 6)))
+    least = step.bipotential(strain, stress)
+    p = step.frozen(strain, step.limit(stress)).plastic
+    unit = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3
+    for size in (0.01, 0.1, 1.0):
+        q = p + size * rng.normal(size=(N, 6))
+        # Into the cone of the dilatancy: more volume.
+        volume = 3 * (q @ unit)
+        e = q - volume[:, None] * unit
+        lack = soil.dilatancy * np.linalg.norm(e, axis=1) - volume
+        q = q + (np.maximum(lack, 0.0) + 1e-12)[:, None] * unit
+        value = step.energy(strain - q) + step.split_bipotential(q, stress)
+        assert (value >= least - 1e-12).all()
+
+
+@pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
+def test_left_dual_is_the_conjugate(soil: DruckerPrager) -> None:
+    step, strain = drawn(soil)
+    rng = np.random.default_rng(9)
+    stress = admissible(soil, rng.normal(size=(N, 6)))
+    # The supremum over strains is attained where the stress is that of the frozen limits.
+    found = step.frozen(strain, step.limit(stress)).stress
+    value = np.sum(found * strain, axis=1) - step.bipotential(strain, stress)
+    dual = step.left_dual(found, stress)
+    assert dual == pytest.approx(value, abs=1e-12)
+    # Fenchel's inequality at other strains.
+    other = rng.normal(size=(N, 6))
+    below = np.sum(found * other, axis=1) - step.bipotential(other, stress)
+    assert (below <= dual + 1e-12).all()
+    # On the law the dual is zero: (13a) and (8) are equivalent.
+    assert np.abs(step.left_dual(stress, stress)).max() < 1e-13
+
+
+def convexity(poisson: float, rng: np.random.Generator) -> float:
+    """Least second difference of ``β(ε, ·)`` on random segments, α = 0.9, β = 0."""
+    soil = DruckerPrager(0.9, 0.0, 0.2)
+    bulk = 2 * (1 + poisson) / (3 * (1 - 2 * poisson))  # G = 1
+    step = ElastoplasticStep(soil, bulk, 1.0, np.zeros((20000, 6)))
+    strain = rng.normal(size=(20000, 6))
+    ends = [admissible(soil, 3 * rng.normal(size=strain.shape)) for _ in range(2)]
+    middle = admissible(soil, 0.5 * (ends[0] + ends[1]))
+    values = [step.bipotential(strain, y) for y in (*ends, middle)]
+    return float((values[0] + values[1] - 2 * values[2]).min())
+
+
+def test_convex_in_the_stress_exactly_for_small_bulk_moduli() -> None:
+    # K (α - β)² <= 2 G: with α = 0.9 up to ν = 0.32.
+    rng = np.random.default_rng(10)
+    assert convexity(0.3, rng) > -1e-12
+    assert convexity(0.49, rng) < -0.1
+
+
+def test_convex_in_the_strain() -> None:
+    step, strain = drawn(SOILS["frictional"])
+    rng = np.random.default_rng(11)
+    stress = admissible(step.soil, rng.normal(size=(N, 6)))
+    other = rng.normal(size=(N, 6))
+    middle = step.bipotential(0.5 * (strain + other), stress)
+    ends = step.bipotential(strain, stress) + step.bipotential(other, stress)
+    assert (ends - 2 * middle >= -1e-12).all()
+
+
+@pytest.mark.parametrize("kind", ["law", "frozen"])
+def test_tangent_is_the_derivative(kind: str) -> None:
+    step, strain = drawn(SOILS["frictional"])
+    rng = np.random.default_rng(12)
+    limit = rng.uniform(0, 1, N)
+
+    def at(strain: Array) -> Array:
+        response = (
+            step.response(strain) if kind == "law" else step.frozen(strain, limit)
+        )
+        return np.concatenate([response.stress[..., None], response.tangent], axis=2)
+
+    way, h = rng.normal(size=(N, 6)), 1e-6
+    slope = (at(strain + h * way) - at(strain - h * way))[..., 0] / (2 * h)
+    exact = np.einsum("nij,nj->ni", at(strain)[..., 1:], way)
+    off = np.abs(slope - exact).max(axis=1)
+    # Truncation and rounding of the difference; a few points are at a kink.
+    assert (off < 1e-7).sum() >= N - 3
+    tangent = at(strain)[..., 1:]
+    skew = np.abs(tangent - tangent.swapaxes(1, 2)).max()
+    # Associated flow with frozen limits has a potential; the law has none.
+    assert skew == 0.0 if kind == "frozen" else skew > 0.1
+
+
+def test_wrong_arguments_are_named() -> None:
+    soil = SOILS["frictional"]
+    with pytest.raises(TypeError, match="soil is a float, expected a DruckerPrager"):
+        ElastoplasticStep(0.3, 1.0, 1.0, np.zeros(6))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="bulk is 0, expected > 0"):
+        ElastoplasticStep(soil, 0.0, 1.0, np.zeros(6))
+    with pytest.raises(
+        ValueError, match=r"start has shape \(5,\), expected \(..., 6\)"
+    ):
+        ElastoplasticStep(soil, 1.0, 1.0, np.zeros(5))

@@ -1,0 +1,442 @@
+"""A body of soil: patch test, triaxial and plane compression, B of (23), invariances."""
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import fem
+from bipot_rs.fem.elasticity import nodal_forces, stiffness
+from bipot_rs.mesh.boxes import box
+from bipot_rs.mesh.elements import make_mesh, second_order
+from bipot_rs.theory.body_step import BodyState, BodyStep
+from bipot_rs.theory.elastoplastic import ElastoplasticStep
+from bipot_rs.theory.implicit_body import ImplicitBody
+from bipot_rs.theory.limit_load import StepNotConvergedError
+from bipot_rs.theory.soils import DruckerPrager, mandel, tensor
+
+Array = NDArray[np.float64]
+SOIL = DruckerPrager(0.5, 0.2, 1.0)
+E, NU = 100.0, 0.3
+BULK, SHEAR = E / (3 * (1 - 2 * NU)), E / (2 * (1 + NU))
+TOL = 1e-12
+CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+
+
+def mesh_of(cell: str, *, order: int = 1, n: int = 2, shaken: float = 0.15) -> Any:
+    """Unit square or cube, the nodes inside moved at random."""
+    d = 2 if cell in ("triangle", "quadrilateral") else 3
+    mesh = box([np.linspace(0, 1, n + 1)] * d, cell)
+    p = mesh.p.copy()
+    inside = ((p > 1e-9) & (p < 1 - 1e-9)).all(axis=0)
+    rng = np.random.default_rng(1)
+    p[:, inside] += shaken / n * rng.uniform(-1, 1, (d, inside.sum()))
+    moved = type(mesh)(p, mesh.t, mesh.boundaries)
+    return second_order(moved) if order == 2 else moved
+
+
+def body_of(mesh: Any, young: float = E) -> fem.Body:
+    return fem.Body("soil", mesh, fem.Material(young, NU))
+
+
+def skin(body: fem.Body) -> Array:
+    """Degrees of freedom of the nodes on the unit square or cube."""
+    x = body.points
+    nodes = np.flatnonzero(((x < 1e-9) | (x > 1 - 1e-9)).any(axis=1))
+    return (body.dim * nodes[:, None] + np.arange(body.dim)).ravel()
+
+
+def normal_supports(body: fem.Body, *names: str) -> Array:
+    """Degrees of freedom along x, y, .. of the nodes at x = 0, y = 0, .. and of faces."""
+    x = body.points
+    found = [body.dim * np.flatnonzero(x[:, k] < 1e-9) + k for k in range(body.dim)] + [
+        body.dim * body.nodes(name) + body.dim - 1 for name in names
+    ]
+    return np.unique(np.concatenate(found))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_patch_test(cell: str, order: int) -> None:
+    """A linear displacement of the skin gives one strain, and the stress of one point."""
+    body = body_of(mesh_of(cell, order=order))
+    rng = np.random.default_rng(2)
+    slope = np.zeros((3, 3))
+    slope[: body.dim, : body.dim] = 0.03 * rng.normal(size=(body.dim, body.dim))
+    fixed = skin(body)
+    moved = (body.points @ slope[: body.dim, : body.dim].T).ravel()
+    structure = ImplicitBody(body, SOIL, fixed)
+    (step,) = structure.solve(None, moved[fixed], tol=TOL)
+    # 1e-12 of the stress, times the condition of the few free nodes.
+    assert step.displacement == pytest.approx(moved, abs=1e-11)
+    strain = mandel(0.5 * (slope + slope.T))
+    point = ElastoplasticStep(SOIL, BULK, SHEAR, np.zeros(6)).response(strain)
+    assert np.abs(point.plastic).max() > 1e-3
+    shape = (*structure.shape, 6)
+    assert step.stress == pytest.approx(np.broadcast_to(point.stress, shape), abs=1e-9)
+    assert step.plastic_strain == pytest.approx(
+        np.broadcast_to(point.plastic, shape), abs=1e-11
+    )
+
+
+@cache
+def triaxial(method: str) -> tuple[tuple[BodyStep, ...], Array]:
+    """A cube under the cell pressure 0.5, then compressed along z to a strain of 4 %."""
+    body = body_of(mesh_of("hexahedron"))
+    fixed = normal_supports(body, "top")
+    down = (fixed % 3 == 2) & (body.points[fixed // 3, 2] > 0.5)
+    structure = ImplicitBody(body, SOIL, fixed)
+    cell_pressure = 0.5
+    load = sum(
+        nodal_forces(body, body.surface(name), way * np.array(axis) * cell_pressure)
+        for name, way, axis in (("right", -1, [1.0, 0, 0]), ("back", -1, [0, 1.0, 0]))
+    )
+    path = np.array([0.002, 0.015, 0.02, 0.04, 0.038])
+    moved = np.zeros((len(path), len(fixed)))
+    moved[:, down] = -path[:, None]
+    start = structure.at_rest(-cell_pressure * np.eye(3))
+    return structure.solve(load, moved, start=start, method=method, tol=TOL), down
+
+
+@pytest.mark.parametrize("method", ["newton", "displacements"])
+def test_triaxial_compression(method: str) -> None:
+    steps, down = triaxial(method)
+    force = np.array([-step.reaction[down].sum() for step in steps])
+    # Elastic below the limit: the deviator q = σ_lateral - σ_axial grows by E per strain.
+    assert force[0] == pytest.approx(0.5 + E * 0.002, rel=1e-10)
+    assert np.abs(steps[0].plastic_strain).max() == 0.0
+    # At the limit √(2/3) q = α (a + p + q/3), with the cell pressure p = 0.5.
+    alpha = SOIL.friction
+    q = 3 * alpha * (SOIL.apex + 0.5) / (math.sqrt(6) - alpha)
+    assert q > E * 0.002
+    # The tolerance of the step, 1e-12 of energies, is the square root in the stress.
+    assert force[1:4] == pytest.approx(0.5 + q, rel=1e-9)
+    # The flow: e along (1, 1, -2)/√6 and ε_v = β |e|. The axial plastic strain is then
+    # -(√(2/3) - β/3) |e|.
+    plastic = tensor(steps[3].plastic_strain)
+    axial = 0.04 - q / E
+    size = axial / (math.sqrt(2 / 3) - SOIL.dilatancy / 3)
+    assert plastic[..., 2, 2] == pytest.approx(-axial, rel=1e-9)
+    volume = np.trace(plastic, axis1=-2, axis2=-1)
+    assert volume == pytest.approx(SOIL.dilatancy * size, rel=1e-9)
+    # It is not normal to the criterion, which would dilate by α |e|.
+    assert volume.max() < 0.41 * SOIL.friction * size
+    # Unloading is elastic and keeps the plastic strain.
+    assert force[4] == pytest.approx(0.5 + q - E * 0.002, rel=1e-9)
+    assert np.array_equal(steps[4].plastic_strain, steps[3].plastic_strain)
+    assert all(step.gap <= TOL and step.imbalance <= TOL for step in steps)
+
+
+def plane_limit(beta: float) -> float:
+    """Strength of plane compression without lateral pressure, for SOIL's α and a.
+
+    In the limit state the flow has no strain across the plane, s_zz = -β |s|/3, so that the
+    radius of the circle in the plane is R = (a - P) α √((1 - β²/6)/2) / (1 - α β/6) at the
+    mean stress P of the plane.
+    """
+    alpha = SOIL.friction
+    sine = alpha * math.sqrt((1 - beta**2 / 6) / 2) / (1 - alpha * beta / 6)
+    return 2 * SOIL.apex * sine / (1 - sine)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize("beta", [0.0, 0.2, 0.5])
+def test_plane_compression(cell: str, beta: float) -> None:
+    body = body_of(mesh_of(cell))
+    fixed = normal_supports(body, "top")
+    down = (fixed % 2 == 1) & (body.points[fixed // 2, 1] > 0.5)
+    soil = DruckerPrager(SOIL.friction, beta, SOIL.apex)
+    moved = np.zeros((12, len(fixed)))
+    moved[:, down] = -np.linspace(0.02, 0.4, 12)[:, None]
+    steps = ImplicitBody(body, soil, fixed).solve(None, moved, tol=TOL)
+    # The stress across the plane decays geometrically to that of the limit state.
+    assert -steps[-1].reaction[down].sum() == pytest.approx(plane_limit(beta), rel=1e-9)
+    # The flow in the plane dilates by the angle sin ψ = β/√(2 (1 - β²/6)).
+    rate = tensor(steps[-1].plastic_strain - steps[-2].plastic_strain)
+    sine = (rate[..., 0, 0] + rate[..., 1, 1]) / (rate[..., 0, 0] - rate[..., 1, 1])
+    expected = beta / math.sqrt(2 * (1 - beta**2 / 6))
+    assert sine == pytest.approx(expected, abs=1e-8)
+
+
+def pressed(
+    soil: DruckerPrager = SOIL,
+    *,
+    cell: str = "quadrilateral",
+    young: float = E,
+    length: float = 1.0,
+    method: str = "newton",
+    order: Any = None,
+    n: int = 4,
+) -> tuple[ImplicitBody, tuple[BodyStep, ...]]:
+    """A block on a rough base, pressed on the left half of its top, in three steps."""
+    mesh = mesh_of(cell, n=n)
+    points, cells = length * mesh.p.T, mesh.t.T
+    if order is not None:
+        back = np.argsort(order)
+        points, cells = points[order], back[cells[::-1]]
+    vtk = {"triangle": "triangle", "quadrilateral": "quad"}[cell]
+    made, _ = make_mesh(vtk, points, cells)
+    body = body_of(made, young)
+    x = body.points / length
+    base = np.flatnonzero(x[:, 1] < 1e-9)
+    top = np.flatnonzero((x[:, 1] > 1 - 1e-9) & (x[:, 0] < 0.5 + 1e-9))
+    fixed = np.concatenate([2 * base, 2 * base + 1, 2 * top + 1])
+    moved = np.zeros((3, len(fixed)))
+    moved[:, 2 * len(base) :] = -length * np.array([0.01, 0.03, 0.05])[:, None]
+    structure = ImplicitBody(body, soil, fixed)
+    return structure, structure.solve(None, moved, method=method, tol=1e-10)
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.2, 0.5])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_both_methods_agree(cell: str, beta: float) -> None:
+    soil = DruckerPrager(0.5, beta, 1.0)
+    structure, found = pressed(soil, cell=cell)
+    _, other = pressed(soil, cell=cell, method="displacements")
+    for one, two in zip(found, other, strict=True):
+        # Gap 1e-10 of an energy, with a factor for the softness of yielding cells.
+        assert two.displacement == pytest.approx(one.displacement, abs=1e-8)
+        assert two.stress == pytest.approx(one.stress, abs=1e-6)
+    yielding = np.abs(found[-1].plastic_strain).max(axis=2) > 0
+    assert 0.2 < yielding.mean() < 1.0
+    passes = [len(step.history) for step in other]
+    # Associated flow is an explicit material: β separates and one pass is enough.
+    assert (max(passes) == 1) == (beta == 0.5)
+    assert structure.soil is soil
+
+
+def test_bifunctional_is_zero_at_the_solution_and_measures_errors() -> None:
+    structure, steps = pressed()
+    load = np.zeros(structure.body.points.size)
+    start, end = steps[1], steps[2]
+    work = end.work
+    # Difference of energies of this size, and equilibrium to 1e-10.
+    assert abs(structure.bifunctional(start, end, load)) < 1e-9 * work
+    # Another admissible displacement: the elastic energy of the error, exactly.
+    rng = np.random.default_rng(3)
+    error = 1e-3 * rng.normal(size=load.shape)
+    error[structure.fixed] = 0.0
+    energy = 0.5 * error @ stiffness(structure.body) @ error
+    fields = {
+        "stress": end.stress,
+        "plastic_strain": end.plastic_strain,
+        "displacement": end.displacement + error,
+    }
+    wrong = BodyState(**fields)
+    found = structure.bifunctional(start, wrong, load)
+    assert found == pytest.approx(energy, rel=1e-8)
+    # A stress outside the criterion has no finite B.
+    fields["stress"] = 1.5 * end.stress
+    outside = BodyState(**fields)
+    assert structure.bifunctional(start, outside, load) == math.inf
+
+
+def test_certificate_by_its_definition() -> None:
+    """Gap, imbalance and work of an iterate that is no solution, from tensors."""
+    structure, steps = pressed()
+    moved = steps[-1].displacement[structure.fixed]
+    with pytest.raises(StepNotConvergedError) as caught:
+        structure.solve(None, moved, method="displacements", max_iterations=2)
+    step, unit = caught.value.last, np.eye(3)
+    stress, p = tensor(step.stress), tensor(step.plastic_strain)
+    strain = tensor(structure.strain(step.displacement))
+
+    def parts(x: Array) -> tuple[Array, Array]:
+        trace = np.trace(x, axis1=-2, axis2=-1)
+        return trace, x - trace[..., None, None] / 3 * unit
+
+    (sigma, s), (volume, e) = parts(stress), parts(p)
+    mean, shear = sigma / 3, np.linalg.norm(e, axis=(-2, -1))
+    # d = ε - p - D⁻¹ σ; its energy is ½ K d_v² + G |d_e|².
+    elastic = mean[..., None, None] / (3 * BULK) * unit + s / (2 * SHEAR)
+    d_v, d_e = parts(strain - p - elastic)
+    depth = SOIL.apex - mean
+    dilates = depth * (volume - SOIL.dilatancy * shear)
+    slides = SOIL.friction * depth * shear - np.sum(s * e, axis=(-2, -1))
+    density = 0.5 * BULK * d_v**2 + SHEAR * np.sum(d_e**2, axis=(-2, -1))
+    gap = np.sum(structure.weights * (density + dilates + slides))
+    stored = 0.5 * np.sum(stress * elastic, axis=(-2, -1))
+    spent = np.abs(np.sum(stress * p, axis=(-2, -1)))
+    work = np.sum(structure.weights * (stored + spent))
+    assert step.work == pytest.approx(work, rel=1e-12)
+    assert step.gap == pytest.approx(gap / work, rel=1e-10)
+    assert step.gap > 1e-6
+    free = np.setdiff1d(np.arange(structure.body.points.size), structure.fixed)
+    rest = -structure.internal_forces(step.stress)[free]
+    K = stiffness(structure.body).toarray()[np.ix_(free, free)]
+    energy = 0.5 * rest @ np.linalg.solve(K, rest)
+    assert step.imbalance == pytest.approx(math.sqrt(energy / work), rel=1e-10)
+    assert step.imbalance > 1e-6
+    # The solution of Newton's method has neither.
+    assert max(steps[-1].gap, steps[-1].imbalance) < 1e-10
+
+
+def test_bifunctional_refuses_associated_flow() -> None:
+    """Of the solution with associated flow, B is what this flow dilates too much."""
+    associated, steps = pressed(DruckerPrager(0.5, 0.5, 1.0))
+    load = np.zeros(associated.body.points.size)
+    start, end = associated.at_rest(), steps[0]
+    soil = ImplicitBody(associated.body, SOIL, associated.fixed)
+    p, mean = end.plastic_strain, end.stress[..., :3].mean(axis=2)
+    e = p - p[..., :3].mean(axis=2)[..., None] * np.array([1.0, 1, 1, 0, 0, 0])
+    excess = p[..., :3].sum(axis=2) - SOIL.dilatancy * np.linalg.norm(e, axis=2)
+    expected = np.sum(soil.weights * (SOIL.apex - mean) * excess)
+    assert expected > 1e-3 * end.work
+    assert soil.bifunctional(start, end, load) == pytest.approx(expected, rel=1e-7)
+
+
+def test_units_and_numbering_do_not_matter() -> None:
+    structure, steps = pressed()
+    n = len(structure.body.points)
+    order = np.random.default_rng(4).permutation(n)
+    changed = [
+        pressed(DruckerPrager(0.5, 0.2, 1e6), young=1e6 * E, length=1e3),
+        pressed(order=order),
+    ]
+    for (other, found), length, unit in zip(
+        changed, (1e3, 1.0), (1e6, 1.0), strict=True
+    ):
+        key = np.round(other.body.points / length, 9)
+        own = np.round(structure.body.points, 9)
+        where = [int(np.flatnonzero((key == x).all(axis=1))[0]) for x in own]
+        for one, two in zip(steps, found, strict=True):
+            u = two.displacement.reshape(-1, 2)[where] / length
+            # The tolerance of the step; iterations may differ by one at most.
+            assert u.ravel() == pytest.approx(one.displacement, abs=1e-9)
+            assert two.work / (unit * length**2) == pytest.approx(one.work, rel=1e-9)
+            assert abs(two.iterations - one.iterations) <= 1
+
+
+def test_rotation_of_the_mesh() -> None:
+    body = body_of(mesh_of("tetrahedron", n=2))
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn[:, 0] *= np.linalg.det(turn)
+    x = body.points
+    moved = 0.03 * np.stack(
+        [np.sin(3 * x[:, 1]), x[:, 0] * x[:, 2], -(x[:, 2] ** 2)], axis=1
+    )
+    fixed = skin(body)
+    (one,) = ImplicitBody(body, SOIL, fixed).solve(None, moved.ravel()[fixed], tol=TOL)
+    mesh = body.mesh
+    turned = body_of(type(mesh)(turn @ mesh.p, mesh.t))
+    given = (moved @ turn.T).ravel()[fixed]
+    (two,) = ImplicitBody(turned, SOIL, fixed).solve(None, given, tol=TOL)
+    assert np.abs(one.plastic_strain).max() > 1e-3
+    u = one.displacement.reshape(-1, 3) @ turn.T
+    assert two.displacement == pytest.approx(u.ravel(), abs=1e-11)
+    expected = turn @ tensor(one.stress) @ turn.T
+    assert tensor(two.stress) == pytest.approx(expected, abs=1e-8)
+
+
+def test_initial_stress_in_equilibrium_moves_nothing() -> None:
+    """Weight with the earth pressure of rest: no displacement, and no flow."""
+    body = body_of(mesh_of("quadrilateral"))
+    sides = normal_supports(body)
+    fixed = np.union1d(sides, 2 * body.nodes("right"))
+    structure = ImplicitBody(body, SOIL, fixed)
+    weight = nodal_forces(body, body.volume(), [0.0, -2.0])
+
+    def at_rest(x: Array) -> Array:
+        vertical = 2.0 * (x[1] - 1.0)
+        found = np.zeros((3, 3, *vertical.shape))
+        found[1, 1], found[0, 0], found[2, 2] = vertical, 0.5 * vertical, 0.5 * vertical
+        return found
+
+    (step,) = structure.solve(weight, start=structure.at_rest(at_rest), tol=TOL)
+    # Rounding relative to the elastic settlement of the layer, about 0.01.
+    assert np.abs(step.displacement).max() < 1e-15
+    assert np.abs(step.plastic_strain).max() == 0.0
+    # Without the initial stress the weight settles it.
+    (other,) = structure.solve(weight)
+    assert np.abs(other.displacement).max() > 1e-3
+
+
+def test_volumes_with_their_own_moduli() -> None:
+    """Two layers in a smooth box settle by the sum of what each settles."""
+    mesh = box([np.linspace(0, 1, 3), np.linspace(0, 1, 5)], "quadrilateral")
+    low = np.flatnonzero(mesh.p[1, mesh.t].mean(axis=0) < 0.5)
+    high = np.setdiff1d(np.arange(mesh.t.shape[1]), low)
+    layers = mesh.with_subdomains({"low": low, "high": high})
+    soft, stiff = (
+        fem.Material(E, NU, thickness=2.0),
+        fem.Material(3 * E, NU, thickness=2.0),
+    )
+    body = fem.Body("layers", layers, {"low": soft, "high": stiff})
+    fixed = np.union1d(normal_supports(body), 2 * body.nodes("right"))
+    structure = ImplicitBody(body, SOIL, fixed)
+    load = nodal_forces(body, body.surface("top"), [0.0, -0.5])
+    # Confined compression at ν = 0.3 stays elastic at this α.
+    (step,) = structure.solve(load, tol=TOL)
+    confined = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))
+    settled = 0.5 * (0.5 / confined + 0.5 / (3 * confined))
+    assert step.displacement.min() == pytest.approx(-settled, rel=1e-12)
+    # The base carries the load on the thickness 2.
+    base = (fixed % 2 == 1) & (body.points[fixed // 2, 1] < 1e-9)
+    assert step.reaction[base].sum() == pytest.approx(0.5 * 2.0, rel=1e-12)
+
+
+def test_all_degrees_of_freedom_prescribed() -> None:
+    body = body_of(mesh_of("triangle"))
+    fixed = np.arange(body.points.size)
+    moved = (0.05 * body.points[:, ::-1]).ravel()
+    (step,) = ImplicitBody(body, SOIL, fixed).solve(None, moved)
+    assert step.imbalance == 0.0
+    assert step.converged
+    assert np.abs(step.plastic_strain).max() > 0.01
+
+
+def test_a_step_that_does_not_converge_keeps_the_steps_before() -> None:
+    structure, steps = pressed(method="newton")
+    last = steps[-1].displacement[structure.fixed]
+    # The first step is elastic.
+    moved = np.array([0.02, 1.0])[:, None] * last
+    with pytest.raises(
+        StepNotConvergedError, match="step 1 did not converge"
+    ) as caught:
+        structure.solve(None, moved, method="displacements", max_iterations=3)
+    error = caught.value
+    assert len(error.steps) == 1
+    assert error.steps[0].converged
+    assert not error.last.converged
+    assert len(error.last.history) == 3
+
+
+def test_wrong_arguments_are_named() -> None:
+    body = body_of(mesh_of("quadrilateral"))
+    fixed = normal_supports(body)
+    with pytest.raises(TypeError, match="soil is a float, expected a DruckerPrager"):
+        ImplicitBody(body, 0.3, fixed)  # type: ignore[arg-type]
+    with pytest.raises(
+        TypeError, match=r"body is a int, expected a bipot_rs\.fem\.Body"
+    ):
+        ImplicitBody(1, SOIL, fixed)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="fixed leaves a rigid motion of body 'soil'"):
+        ImplicitBody(body, SOIL, fixed[fixed % 2 == 0])
+    two, _ = make_mesh(
+        "quad",
+        np.concatenate([body.mesh.p.T, np.add(body.mesh.p.T, [2.0, 0.0])]),
+        np.concatenate([body.mesh.t.T, body.mesh.t.T + body.mesh.p.shape[1]]),
+    )
+    with pytest.raises(ValueError, match=r"the part with its centre at \(2\.5"):
+        ImplicitBody(body_of(two), SOIL, fixed)
+    flat = fem.Body("sheet", body.mesh, fem.Material(E, NU, plane_stress=True))
+    with pytest.raises(ValueError, match="body 'sheet' is in plane stress"):
+        ImplicitBody(flat, SOIL, fixed)
+    wood = fem.Orthotropic((1.0, 2.0, 3.0), (0.1, 0.1, 0.1), (1.0, 1.0, 1.0))
+    with pytest.raises(ValueError, match="'plank' has an orthotropic material"):
+        ImplicitBody(fem.Body("plank", body.mesh, wood), SOIL, fixed)
+    structure = ImplicitBody(body, SOIL, fixed)
+    with pytest.raises(ValueError, match="stress of start violates the criterion at"):
+        structure.at_rest(2.0 * np.eye(3))
+    with pytest.raises(ValueError, match=r"stress has shape \(2, 2\), expected"):
+        structure.at_rest(np.eye(2))
+    with pytest.raises(ValueError, match="method is 'secant', expected 'newton' or"):
+        structure.solve(method="secant")
+    with pytest.raises(ValueError, match=r"tol is 0\.0, expected a number between"):
+        structure.solve(tol=0.0)
+    with pytest.raises(TypeError, match="start is"):
+        structure.solve(start=np.zeros(3))  # type: ignore[arg-type]

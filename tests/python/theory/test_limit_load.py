@@ -1,0 +1,173 @@
+"""Limit loads of a body of soil: proofs by mechanisms, refusals, a strip footing."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import fem
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.fem.elasticity import nodal_forces
+from bipot_rs.mesh.boxes import box
+from bipot_rs.mesh.elements import second_order
+from bipot_rs.theory.implicit_body import ImplicitBody
+from bipot_rs.theory.limit_load import LimitLoadError, StepNotConvergedError
+from bipot_rs.theory.soils import DruckerPrager, tensor
+
+Array = NDArray[np.float64]
+ALPHA, APEX = 0.5, 1.0
+
+
+def sine(beta: float, alpha: float = ALPHA) -> float:
+    """sin of the angle of friction in plane strain, of a flow with β."""
+    return alpha * math.sqrt((1 - beta**2 / 6) / 2) / (1 - alpha * beta / 6)
+
+
+def strength(beta: float) -> float:
+    """Strength of plane compression without lateral pressure."""
+    return 2 * APEX * sine(beta) / (1 - sine(beta))
+
+
+def block(
+    beta: float, *, unit: float = 1.0, dim: int = 2
+) -> tuple[ImplicitBody, Array]:
+    """A block between smooth planes of symmetry, and a unit pressure on its top."""
+    cell = "quadrilateral" if dim == 2 else "tetrahedron"
+    mesh = box([np.linspace(0, 1, 3)] * dim, cell)
+    body = fem.Body("block", mesh, fem.Material(100.0 * unit, 0.3))
+    x = body.points
+    fixed = [dim * np.flatnonzero(x[:, k] == 0) + k for k in range(dim)]
+    soil = DruckerPrager(ALPHA, beta, APEX * unit)
+    structure = ImplicitBody(body, soil, np.concatenate(fixed))
+    axis = -unit * np.eye(dim)[-1]
+    return structure, nodal_forces(body, body.surface("top"), axis)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+@pytest.mark.parametrize("beta", [0.0, 0.5])
+def test_mechanism_of_plane_compression(beta: float, unit: float) -> None:
+    # The limit of the criterion is that of associated flow, whatever the flow.
+    structure, load = block(beta, unit=unit)
+    limit = strength(ALPHA)
+    # On both sides of the closed form, by more than the 1e-6 of the search.
+    assert structure.mechanism((1 - 3e-6) * limit * load) is None
+    d = structure.mechanism((1 + 3e-6) * limit * load)
+    assert d is not None
+    assert np.abs(d).max() == 1.0
+    assert not d[structure.fixed].any()
+    # The proof, by the definitions.
+    strain = tensor(structure.strain(d))
+    volume = np.trace(strain, axis1=-2, axis2=-1)
+    e = strain - volume[..., None, None] / 3 * np.eye(3)
+    # Cones are met to 1e-9 of the size of the direction.
+    lack = ALPHA * np.linalg.norm(e, axis=(2, 3)) - volume
+    assert lack.max() < 1e-8
+    spent = np.sum(structure.weights * APEX * unit * volume)
+    assert (1 + 3e-6) * limit * load @ d > spent * (1 + 1e-6)
+
+
+def test_mechanism_in_space() -> None:
+    structure, load = block(0.2, dim=3)
+    # Compression without lateral pressure: √(2/3) q = α (a + q/3).
+    limit = 3 * ALPHA * APEX / (math.sqrt(6) - ALPHA)
+    assert structure.mechanism((1 - 1e-5) * limit * load) is None
+    assert structure.mechanism((1 + 1e-5) * limit * load) is not None
+    # Without a load there is nothing to prove.
+    assert structure.mechanism(0 * load) is None
+
+
+@pytest.mark.parametrize("method", ["newton", "displacements"])
+def test_a_load_above_the_limit_is_refused(method: str) -> None:
+    structure, load = block(0.2)
+    factors = np.array([0.5, 1.0, 1.05, 1.2])[:, None]
+    with pytest.raises(LimitLoadError, match="the load of step 3 is above") as caught:
+        structure.solve(factors * load, method=method)
+    error = caught.value
+    assert isinstance(error, NoEquilibriumError)
+    assert [step.converged for step in error.steps] == [True] * 3
+    copy = pickle.loads(pickle.dumps(error))
+    assert str(copy) == str(error)
+    assert np.array_equal(copy.mechanism, error.mechanism)
+    assert len(copy.steps) == 3
+
+
+def test_between_the_limits_nothing_is_proved() -> None:
+    # Above the limit of the own flow, below that of associated flow.
+    structure, load = block(0.2)
+    between = 0.5 * (strength(0.2) + strength(ALPHA))
+    assert strength(0.2) < 0.995 * strength(ALPHA)
+    factors = np.array([0.9, 1.1, between])[:, None]
+    with pytest.raises(
+        StepNotConvergedError, match="step 2 did not converge"
+    ) as caught:
+        structure.solve(factors * load)
+    error = caught.value
+    assert isinstance(error, NotConvergedError)
+    assert len(error.steps) == 2
+    copy = pickle.loads(pickle.dumps(error))
+    assert copy.last.imbalance == error.last.imbalance > 1e-6
+    # The last iterate obeys the law: only equilibrium is missing.
+    assert error.last.gap < 1e-12
+    # Associated flow carries this load.
+    associated, load = block(ALPHA)
+    assert associated.solve(factors * load)[-1].converged
+
+
+def test_a_load_near_the_limit_is_carried() -> None:
+    structure, load = block(0.2)
+    factors = strength(0.2) * np.array([0.9, 0.99, 0.999])[:, None]
+    steps = structure.solve(factors * load)
+    settled = [-step.displacement[1::2].min() for step in steps]
+    # The settlement grows without bound as the load approaches the limit.
+    assert settled[2] > 2 * settled[1] > 4 * settled[0]
+
+
+def test_supports_everywhere_leave_no_mechanism() -> None:
+    structure, load = block(0.2)
+    body = structure.body
+    held = ImplicitBody(body, structure.soil, np.arange(body.points.size))
+    assert held.mechanism(100 * load) is None
+
+
+def footing(n: int) -> float:
+    """Bearing capacity of a smooth strip footing of width 2, associated flow, α = 0.3."""
+    ticks = np.linspace(0, 1, n + 1)
+    x = np.concatenate([1 - ticks[::-1] ** 2, 1 + 3 * ticks[1:] ** 2])
+    y = -2.5 * np.linspace(1, 0, 3 * n // 2 + 1) ** 1.7
+    body = fem.Body(
+        "ground",
+        second_order(box([x, y], "triangle")),
+        fem.Material(1e3, 0.3),
+    )
+    top = body.nodes("top")
+    foot = top[body.points[top, 0] <= 1 + 1e-9]
+    base = body.nodes("bottom")
+    sides = np.concatenate([2 * body.nodes("left"), 2 * body.nodes("right")])
+    fixed = np.unique(np.concatenate([sides, 2 * base, 2 * base + 1, 2 * foot + 1]))
+    down = np.isin(fixed, 2 * foot + 1)
+    moved = np.zeros((4, len(fixed)))
+    moved[:, down] = -np.array([0.04, 0.08, 0.16, 0.32])[:, None]
+    soil = DruckerPrager(0.3, 0.3, 1 / 0.3)
+    last = ImplicitBody(body, soil, fixed).solve(None, moved)[-1]
+    return float(-last.reaction[down].sum())
+
+
+def prandtl() -> float:
+    """Bearing capacity of weightless ground by Prandtl and Reissner."""
+    phi = math.asin(sine(0.3, 0.3))
+    rise = math.tan(math.pi / 4 + phi / 2) ** 2
+    return (math.exp(math.pi * math.tan(phi)) * rise - 1) / 0.3
+
+
+def test_strip_footing() -> None:
+    # Displacement elements give an upper bound, apart from quadrature.
+    assert 1.0 < footing(4) / prandtl() < 1.08
+
+
+@pytest.mark.verify
+def test_strip_footing_under_refinement() -> None:
+    over = [footing(n) / prandtl() - 1 for n in (4, 8)]
+    # At least of first order in the size of the cells at the edge.
+    assert 0 < over[1] < 0.5 * over[0]
