@@ -6,8 +6,19 @@ import gc
 import os
 import signal
 import sys
+from typing import TYPE_CHECKING
 
 from bipot_rs.cli.exit_codes import INTERRUPTED
+
+if TYPE_CHECKING:
+    from bipot_rs.cli.entry import Reader
+
+
+def _by_typer() -> Reader:
+    """Import the commands of Typer, which most runs do without."""
+    from bipot_rs.cli.app import by_typer
+
+    return by_typer
 
 
 def main() -> int:
@@ -22,7 +33,7 @@ def main() -> int:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from bipot_rs.cli.entry import call
 
-    status = call(sys.argv[1:], last=True)
+    status = call(sys.argv[1:], last=True, by_typer=_by_typer)
     # The end of the process frees all memory: no search for garbage before it.
     gc.freeze()
     return status

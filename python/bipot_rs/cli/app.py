@@ -36,7 +36,7 @@ class _App(typer.Typer):
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
         # Without arguments this is the console command, and the process ends after it.
-        return call(arguments, last=not args)
+        return call(arguments, last=not args, by_typer=lambda: by_typer)
 
     def with_one(self, arguments: list[str]) -> _App:
         """Copy of this app with the command alone whose name comes first, if one does.

@@ -14,11 +14,26 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
 from bipot_rs.cli.ranks import fault, hush, launched
 
+# Reads all arguments and carries out their command, as `app.by_typer`.
+Reader = Callable[[Sequence[str], Interrupts], int]
 
-def call(arguments: Sequence[str], *, last: bool) -> int:
-    """Run the command with these arguments; ``last``: the process ends after it."""
+
+def call(
+    arguments: Sequence[str], *, last: bool, by_typer: Callable[[], Reader]
+) -> int:
+    """Run the command with these arguments, and return its exit status.
+
+    Parameters
+    ----------
+    arguments
+        The words after ``bipot``.
+    last
+        Whether the process ends after it.
+    by_typer
+        Returns `app.by_typer`; called only for arguments that need Typer.
+    """
     _open_streams()
-    work = _reader(arguments)
+    work = _work(arguments, by_typer)
     with Interrupts(last=last) as interrupts:
 
         def end(status: int, message: str) -> int:
@@ -66,14 +81,15 @@ def call(arguments: Sequence[str], *, last: bool) -> int:
         return status
 
 
-def _reader(arguments: Sequence[str]) -> Callable[[Interrupts], int]:
+def _work(
+    arguments: Sequence[str], by_typer: Callable[[], Reader]
+) -> Callable[[Interrupts], int]:
     """What carries out the command; it raises `Ended` with the message of a wrong argument."""
     plain = run_arguments.plain(arguments)
     if plain is not None:
         return lambda interrupts: run_arguments.run(**plain, interrupts=interrupts)
-    from bipot_rs.cli.app import by_typer
-
-    return lambda interrupts: by_typer(arguments, interrupts)
+    read = by_typer()
+    return lambda interrupts: read(arguments, interrupts)
 
 
 def _open_streams() -> None:

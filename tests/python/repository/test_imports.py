@@ -21,7 +21,10 @@ assert result.success
 """
 COMMAND = "from bipot_rs.cli.app import app; assert app({!r}) in (0, None)"
 # As the console command, which reads the arguments of a run without Typer.
-PROCESS = "from bipot_rs.cli.entry import call; assert call({!r}, last=False) == 0"
+PROCESS = (
+    "import sys; from bipot_rs.__main__ import main; "
+    "sys.argv = ['bipot', *{!r}]; assert main() == 0"
+)
 RUN = ["run", "two_blocks", "--set", "mesh.n=2", "--json"]
 
 
