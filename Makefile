@@ -120,13 +120,15 @@ verify: $(STAMP) ## larger random classes and slow tests: before a change of num
 frameworks-test: $(FRAMEWORKS_STAMP) ## install JAX and PyTorch if they can be had, and run their tests
 	$(FRAMEWORKS)/bin/python -m pytest -m "verify or not verify" tests/python/frameworks
 
-# The tests of what cannot be installed are skipped. The stamp is made when both are there.
+# The tests of what cannot be installed are skipped. The stamp is made when both are there:
+# for an extra that it does not know, pip only prints a warning.
 $(FRAMEWORKS_STAMP): $(STAMP)
 	$(PY) -m venv --clear $(FRAMEWORKS)
 	printf '%s\n' '$(CURDIR)/python' "$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
 		> $$(echo $(FRAMEWORKS)/lib/python3*/site-packages)/bipot_rs.pth
 	@all=yes; for extra in jax torch; do \
 		$(FRAMEWORKS)/bin/python -m pip install --quiet --disable-pip-version-check "bipot-rs[$$extra]" \
+			&& $(FRAMEWORKS)/bin/python -c "import $$extra" \
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
 
@@ -193,6 +195,25 @@ docs: $(SPHINX) ## the pages of docs/ as a site, in out/docs
 $(SPHINX): pyproject.toml $(STAMP)
 	PATH='$(CURDIR)/$(VENV)/bin':"$$PATH" $(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
 	@touch $@
+
+.PHONY: wheel
+wheel: | prerequisites ## a wheel for any Linux from 2012 and any Python from 3.11 on, in out/wheels
+	$(PYTHON) .ci/release.py build
+
+.PHONY: release-check
+release-check: wheel ## the wheel with NumPy and SciPy alone, lowest and newest: the quick tests
+	$(PYTHON) .ci/release.py check
+
+# Both linters come as wheels. Without a token zizmor asks no server.
+LINT := out/release/lint
+.PHONY: lint-workflows
+lint-workflows: $(LINT)/bin/zizmor ## the workflows of .github: their schema, and known weaknesses
+	$(LINT)/bin/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(LINT)/bin/zizmor --offline --pedantic .github/workflows
+
+$(LINT)/bin/zizmor: | prerequisites
+	$(PYTHON) -m venv --clear $(LINT)
+	$(LINT)/bin/python -m pip install --quiet --disable-pip-version-check 'zizmor>=1.32' 'check-jsonschema>=0.39'
 
 .PHONY: picture
 picture: $(STAMP) ## the picture of the README

@@ -17,6 +17,8 @@ STYLES = {
     "nesterov": ("#009E73", "D", "Nesterov, restarted"),
     "uzawa": ("#CC79A7", "v", "Uzawa, one projection"),
     "uzawa_two_projection": ("#E69F00", "P", "Uzawa, two projections"),
+    "return_mapping": ("#8DA0CB", "h", "return mapping"),
+    "perturbed_lagrangian": ("#A6D854", "d", "perturbed Lagrangian"),
     "displacement_principle": ("#56B4E9", "<", "displacement principle"),
     "alternating_principles": ("#8B6914", ">", "alternating principles"),
     "stress_principle": ("#7F7F7F", "X", "stress principle"),

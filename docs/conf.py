@@ -82,6 +82,7 @@ _alone = (
     "architecture",
     "compatibility",
     "building",
+    "releasing",
     "changelog",
 )
 html_sidebars: dict[str, list[str]] = {page: [] for page in _alone}

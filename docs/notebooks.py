@@ -101,7 +101,13 @@ def run(page: Path, folder: Path) -> Path:
         if file.suffix in (".msh", ".inp"):
             shutil.copy(file, folder)
     made = nbformat.reads(text_of(notebook(page)), as_version=4)
-    client = NotebookClient(made, timeout=600, resources={"metadata": {"path": folder}})
+    client = NotebookClient(
+        made,
+        timeout=600,
+        resources={"metadata": {"path": folder}},
+        # ipykernel 7.4 warns at each start that others on this machine could read along.
+        extra_arguments=["--IPKernelApp.log_level=40"],
+    )
     client.execute()
     there = folder / page.with_suffix(".ipynb").name
     # Times of cells would make every build differ.

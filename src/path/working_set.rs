@@ -285,6 +285,8 @@ impl<const D: usize> WorkingSetPath<D> {
                 seconds: spent.seconds,
                 history: spent.history,
                 work: spent.work,
+                // Nothing is known of the displacements of other contacts along it.
+                sequence: solution.sequence.filter(|_| members.len() == contacts),
                 ..solution
             },
         }

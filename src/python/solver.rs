@@ -22,6 +22,7 @@ use crate::reduced::existence::{balances, is_contradiction, is_unresisted};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
+use crate::solver::principles::minimising_sequence::Sequence;
 use crate::solver::{self, Method, Settings, Solution, Start};
 
 /// Nodes in one task: few enough for balance, many enough for the cost of a task.
@@ -220,8 +221,41 @@ pub(super) fn solution_dict<'py, const D: usize>(
         "history",
         arrays::square(py, flat, solution.history.len(), 2)?,
     )?;
+    let sequence = solution.sequence.as_ref();
+    let sequence = sequence.map(|found| sequence_dict(py, found, elliptic));
+    dict.set_item("minimising_sequence", sequence.transpose()?)?;
     dict.set_item("bytes_beside", solution.bytes_beside)?;
     dict.set_item("seconds", solution.seconds)?;
+    Ok(dict)
+}
+
+/// The fields of a minimising sequence in the variables of the caller, a row for each field, as
+/// a dictionary for `bipot_rs.contact.minimising_sequence.MinimisingSequence`.
+fn sequence_dict<'py, const D: usize>(
+    py: Python<'py>,
+    sequence: &Sequence<D>,
+    elliptic: Option<&EllipticScaling>,
+) -> PyResult<Bound<'py, PyDict>> {
+    fn stacked<'py, 'a, const D: usize>(
+        py: Python<'py>,
+        fields: &'a [Vec<[f64; D]>],
+        of: impl Fn(&'a [[f64; D]]) -> Cow<'a, [[f64; D]]>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let columns = fields.first().map_or(0, |field| D * field.len());
+        let flat = fields
+            .iter()
+            .flat_map(|field| of(field).as_flattened().to_vec());
+        arrays::square(py, flat.collect(), fields.len(), columns)
+    }
+    let dict = PyDict::new(py);
+    let force = |field| times(elliptic, field);
+    let displacement = |field| over(elliptic, field);
+    dict.set_item("reaction", stacked(py, &sequence.reaction, force)?)?;
+    dict.set_item("balanced_reaction", stacked(py, &sequence.balanced, force)?)?;
+    let v = stacked(py, &sequence.relative_displacement, displacement)?;
+    dict.set_item("relative_displacement", v)?;
+    let values = arrays::from_vec(py, sequence.bifunctional.clone());
+    dict.set_item("bifunctional", values)?;
     Ok(dict)
 }
 

@@ -70,7 +70,7 @@ pub fn attempt<const D: usize>(
         let near = Near {
             shift: alpha,
             centre: r.clone(),
-            frozen: Vec::new(),
+            ..Near::nothing()
         };
         let enough = ENOUGH * left;
         let (next, next_rigid) =

@@ -18,6 +18,10 @@ pub enum Method {
     Uzawa,
     /// Two projections with the same step, [dSF91, 82–87].
     UzawaTwoProjection,
+    /// Trial reactions of a penalty that return to the cone, with multipliers [G89].
+    ReturnMapping,
+    /// Newton on the perturbed Lagrangian, with multipliers [SWT85].
+    PerturbedLagrangian,
     /// Friction limits fixed at the last pressures, [dSF91, 68].
     DisplacementPrinciple,
     /// Contact with fixed friction, then friction with fixed contact, [dSF91, 69, 70].
@@ -32,13 +36,15 @@ pub enum Method {
 
 impl Method {
     /// The names of the methods in the order of the documentation.
-    pub const NAMES: [(&'static str, Method); 11] = [
+    pub const NAMES: [(&'static str, Method); 13] = [
         ("auto", Method::Auto),
         ("newton", Method::Newton),
         ("gauss_seidel", Method::GaussSeidel),
         ("nesterov", Method::Nesterov),
         ("uzawa", Method::Uzawa),
         ("uzawa_two_projection", Method::UzawaTwoProjection),
+        ("return_mapping", Method::ReturnMapping),
+        ("perturbed_lagrangian", Method::PerturbedLagrangian),
         ("displacement_principle", Method::DisplacementPrinciple),
         ("alternating_principles", Method::AlternatingPrinciples),
         ("stress_principle", Method::StressPrinciple),

@@ -10,6 +10,7 @@ use crate::reduced::residual::Certificate;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::refine;
 use crate::solver::outcome::Outcome;
+use crate::solver::principles::minimising_sequence::Sequence;
 use crate::solver::settings::Settings;
 
 /// The solution, or the best point, in the numbering of the caller.
@@ -36,6 +37,8 @@ pub struct Solution<const D: usize> {
     pub work: f64,
     /// `(work, η)` of each iteration.
     pub history: Vec<(f64, f64)>,
+    /// The fields of [`Method::MinimisingSequence`](crate::solver::Method), else none.
+    pub sequence: Option<Sequence<D>>,
     /// Bytes of the transpose and inverse of `W` that the solver keeps.
     pub bytes_beside: usize,
     pub seconds: f64,

@@ -15,11 +15,13 @@ use crate::solver::gauss_seidel;
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::newton::newton;
 use crate::solver::outcome::Outcome;
+use crate::solver::perturbed_lagrangian;
 use crate::solver::pivoting;
 use crate::solver::principles::alternating_principles;
 use crate::solver::principles::displacement_principle;
-use crate::solver::principles::minimising_sequence;
+use crate::solver::principles::minimising_sequence::{self, Sequence};
 use crate::solver::principles::stress_principle;
+use crate::solver::return_mapping;
 use crate::solver::settings::{Method, Settings, Start};
 use crate::solver::solution::{Solution, finish};
 use crate::solver::uzawa::{self, Variant};
@@ -68,6 +70,7 @@ pub fn solve_watched<const D: usize>(
     }
     let opening = bilateral_start(problem, start, &mut monitor)?;
     let start = opening.as_ref().unwrap_or(start);
+    let mut sequence = Sequence::default();
     let outcome = match settings.method {
         Method::Auto => auto::run(problem, start, &mut monitor)?,
         Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
@@ -77,14 +80,21 @@ pub fn solve_watched<const D: usize>(
         Method::UzawaTwoProjection => {
             uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
         }
+        Method::ReturnMapping => return_mapping::run(problem, start, &mut monitor)?,
+        Method::PerturbedLagrangian => perturbed_lagrangian::run(problem, start, &mut monitor)?,
         Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
         Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
         Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,
-        Method::MinimisingSequence => minimising_sequence::run(problem, start, &mut monitor)?,
+        Method::MinimisingSequence => {
+            minimising_sequence::run(problem, start, &mut monitor, &mut sequence)?
+        }
         Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,
     };
     let furthest = monitor.furthest_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
+    if settings.method == Method::MinimisingSequence {
+        solution.sequence = Some(sequence.scattered(problem.compliance));
+    }
     if solution.outcome == Outcome::NoEquilibrium {
         // A method gives this outcome only after it has tried all statuses.
         solution.statuses_tried = enumerate::statuses(&problem.mu);

@@ -12,6 +12,7 @@ mod elliptic;
 mod error_bound;
 mod law;
 mod linear;
+mod multipliers;
 mod newton_forms;
 mod one_node;
 mod panics;

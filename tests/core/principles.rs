@@ -15,6 +15,7 @@ use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::principles::convex::{Least, PrinciplePoint, least};
+use bipot_rs::solver::principles::minimising_sequence::Sequence;
 use bipot_rs::solver::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
@@ -226,14 +227,14 @@ fn coupled(c: f64, q: [f64; 2], mu: f64) -> Case<2> {
     case
 }
 
+/// `B` along the sequence.
 fn told<const D: usize>(case: &Case<D>, start: &Start<D>, tol: f64) -> (Vec<f64>, Outcome) {
     let problem = case.problem();
     let (settings, progress) = (settings(tol), Progress::default());
     let mut monitor = Monitor::new(&problem, &settings, &GO, &progress);
-    let mut history = Vec::new();
-    let mut tell = |b| history.push(b);
-    let outcome = minimising_sequence::run_told(&problem, start, &mut monitor, &mut tell).unwrap();
-    (history, outcome)
+    let mut sequence = Sequence::default();
+    let outcome = minimising_sequence::run(&problem, start, &mut monitor, &mut sequence).unwrap();
+    (sequence.bifunctional, outcome)
 }
 
 /// Falling at each step, as far as rounding lets it be seen.

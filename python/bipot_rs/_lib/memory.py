@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
+
+
+def installed() -> int | None:
+    """Memory of this machine in bytes; None if unknown (Windows)."""
+    size: int | None = None
+    if sys.platform != "win32":
+        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return size
 
 
 def available() -> int | None:

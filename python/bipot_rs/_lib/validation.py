@@ -8,6 +8,7 @@ from __future__ import annotations
 import numbers
 import operator
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple, SupportsIndex, TypeVar, cast
 
 import numpy as np
@@ -295,11 +296,12 @@ def threads(value: Any) -> int:
 
 def integer(what: str, value: Any, *, least: int, most: int | None = None) -> int:
     """An integer from ``least`` to ``most``."""
-    try:
-        number = operator.index(cast("SupportsIndex", value))
-    except TypeError:
-        number = None
-    if number is None or isinstance(value, (bool, np.bool_)):
+    number = None
+    # `operator.index` takes a logical value, of NumPy with a warning before NumPy 1.25.
+    if not isinstance(value, (bool, np.bool_)):
+        with suppress(TypeError):
+            number = operator.index(cast("SupportsIndex", value))
+    if number is None:
         raise TypeError(f"{what} is {shown(value)}, expected an integer")
     if not least <= number <= (2**31 - 1 if most is None else most):
         end = "or more, below 2**31" if most is None else f"to {most}"

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from io import TextIOWrapper
 
 from bipot_rs.cli import run_arguments
 from bipot_rs.cli.commands.names import PETSC
@@ -93,14 +94,19 @@ def _work(
 
 
 def _open_streams() -> None:
-    """Replace standard streams that the caller has closed (`>&-`) by the null device.
+    """Make standard streams fit for all output.
 
-    Otherwise the next file that is opened would get the number of a standard stream, and
-    output of libraries would go into it.
+    Streams that the caller has closed (`>&-`) are replaced by the null device. Otherwise the
+    next file that is opened would get the number of a standard stream, and output of libraries
+    would go into it. A character that the encoding of a stream lacks (the letter μ in that of
+    a pipe on Windows) is written as its code; otherwise it would end the command.
     """
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
+        stream = getattr(sys, name)
+        if stream is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+        elif isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _reader_gone() -> int:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
+
+if sys.platform != "win32":
+    import fcntl
 
 RESULT = "result.h5"
 # Load steps of a run on several ranks, while result.h5 holds another run.
@@ -115,17 +118,22 @@ def describe(folder: Path) -> str:
 @contextmanager
 def _locked(draft: Path) -> Iterator[bool]:
     """Lock the draft; yields whether that was possible."""
-    handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
-    try:
+    if sys.platform == "win32":
+        # A folder has no lock there: drafts of killed runs stay, because one that is in use
+        # looks the same.
+        yield False
+    else:
+        handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            # Another process holds it, or the file system has no locks.
-            yield False
-        else:
-            yield True
-    finally:
-        os.close(handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                # Another process holds it, or the file system has no locks.
+                yield False
+            else:
+                yield True
+        finally:
+            os.close(handle)
 
 
 def _clear(folder: Path) -> None:

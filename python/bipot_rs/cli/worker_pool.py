@@ -54,7 +54,7 @@ class Workers:
         self.work, self.count = work, max(count, 1)
         # A fork would copy locks of threads that do not exist in the child.
         self.context = multiprocessing.get_context("spawn")
-        self.processes: dict[Connection, Any] = {}
+        self.processes: dict[Any, Any] = {}
 
     def __enter__(self) -> Workers:
         return self
@@ -70,15 +70,15 @@ class Workers:
     def map(self, arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """Yield the index and the answer of each argument, in the order of the answers."""
         left = list(range(len(arguments)))[::-1]
-        busy: dict[Connection, int] = {}
+        busy: dict[Any, int] = {}
         while left or busy:
             while left and len(busy) < self.count:
                 connection = self._idle(busy)
                 busy[connection] = left.pop()
                 connection.send(arguments[busy[connection]])
-            for ready in wait(list(busy)):
-                if not isinstance(ready, Connection):
-                    continue
+            answered = wait(list(busy))
+            # On Windows a connection of `Pipe` is of another class than `Connection`.
+            for ready in [connection for connection in busy if connection in answered]:
                 number = busy.pop(ready)
                 try:
                     yield number, ready.recv()
@@ -88,7 +88,7 @@ class Workers:
                     ready.close()
                     yield number, _death(process.exitcode)
 
-    def _idle(self, busy: dict[Connection, int]) -> Connection:
+    def _idle(self, busy: dict[Any, int]) -> Any:
         for connection in self.processes:
             if connection not in busy:
                 return connection

@@ -201,7 +201,7 @@ def _forward_error(
     left = sparse.block_diag([*by_v, np.zeros((0, 0))], format="csr")
     E = p.E[rows]
     own = sparse.block_diag([*by_r, np.zeros((0, 0))], format="csr")
-    J = sparse.block_array([[own + left @ p.W[rows][:, rows], left @ E], [E.T, -p.M]])
+    J = sparse.bmat([[own + left @ p.W[rows][:, rows], left @ E], [E.T, -p.M]])
     step = -_solve(sparse.csr_array(J), np.append(law.ravel(), force), unique=unique)
     moved = np.zeros(r.size)
     moved[rows] = step[: len(rows)]

@@ -185,7 +185,7 @@ def _jacobian(p: System, r: Floats, u: Floats, status: Statuses, rows: Any) -> A
     A_r, A_u = _blocks(by_r), _blocks(by_u)
     E = p.E[rows]
     law = A_r + A_u @ p.W[rows][:, rows]
-    return sparse.csr_array(sparse.block_array([[law, A_u @ E], [E.T, -p.M]]))
+    return sparse.csr_array(sparse.bmat([[law, A_u @ E], [E.T, -p.M]]))
 
 
 def _blocks(of: Floats) -> Any:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.collection.load_path import LoadPath, Proof
 
@@ -169,10 +170,10 @@ def path(
     springs = np.broadcast_to(np.asarray(spring, np.float64), B.shape[1:])
     parts, diagonal = [B], [springs]
     if joint:
-        parts.append(sparse.eye_array(B.shape[0]))
+        parts.append(diagonal_matrix(np.ones(B.shape[0])))
         diagonal.append(np.full(B.shape[0], 1 / joint))
         load = np.hstack([load, np.zeros((len(load), B.shape[0]))])
-    K = sparse.csr_array(sparse.diags_array(np.concatenate(diagonal)))
+    K = diagonal_matrix(np.concatenate(diagonal))
     return LoadPath(
         K,
         sparse.csr_array(sparse.hstack(parts)),

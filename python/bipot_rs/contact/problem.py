@@ -573,13 +573,17 @@ class ContactProblem(Wearing):
         method
             ``"auto"``, or a method to compare it with: ``"newton"``,
             ``"gauss_seidel"``, ``"nesterov"``, ``"uzawa"`` (one projection,
-            [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]), and the
-            paper's principles: ``"displacement_principle"`` ([dSF91, 68]),
-            ``"alternating_principles"`` ([dSF91, 69, 70]), ``"stress_principle"``
-            ([dSF91, 72]), ``"minimising_sequence"`` ([dSF91, 31-34]), ``"pivoting"``
-            (complementary pivoting, after [dSF91, 75]). ``"alternating_principles"``,
-            ``"minimising_sequence"`` and ``"pivoting"`` need bodies that supports hold. The
-            methods from the paper may stall if friction is strong.
+            [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]),
+            ``"return_mapping"`` and ``"perturbed_lagrangian"`` (a penalty, and multipliers
+            that remove its error), and the paper's principles:
+            ``"displacement_principle"`` ([dSF91, 68]), ``"alternating_principles"``
+            ([dSF91, 69, 70]), ``"stress_principle"`` ([dSF91, 72]),
+            ``"minimising_sequence"`` ([dSF91, 31-34], with the fields in
+            `Solution.minimising_sequence`), ``"pivoting"`` (complementary pivoting, after
+            [dSF91, 75]). ``"alternating_principles"``, ``"minimising_sequence"`` and
+            ``"pivoting"`` need bodies that supports hold. The methods to compare with may
+            stall if friction is strong; a point of theirs that does not satisfy (13) is
+            never called converged.
         tol
             Residual η to reach. `Solution.tolerance` is larger if rounding needs that.
         max_iterations, max_seconds

@@ -594,12 +594,18 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
         "seconds",
     )
     rigid, free = raw["rigid_motion"], raw["free_motion"]
+    sequence = raw.get("minimising_sequence")
+    if sequence is not None:
+        from bipot_rs.contact.minimising_sequence import from_raw
+
+        sequence = from_raw(sequence, raw["reaction"].shape)
     return {name: raw[name] for name in taken} | {
         "outcome": Outcome(raw["outcome"]),
         "rigid_motion": rigid if len(rigid) else None,
         "stats": {"bytes_beside_W": raw["bytes_beside"]}
         | {name: raw[name] for name in ("newton", "krylov") if name in raw},
         "free_motion": free if len(free) else None,
+        "minimising_sequence": sequence,
         "_statuses_tried": raw["statuses_tried"],
     }
 

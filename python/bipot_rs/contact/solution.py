@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from itertools import groupby
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,9 @@ from bipot_rs.contact.derivatives import (
 )
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.minimising_sequence import MinimisingSequence
 
 # Displacements are computed in blocks: more right sides gain nothing in a pass over the
 # factor.
@@ -89,6 +92,10 @@ class Solution:
         two coefficients ``r·v + r_n |D v_t|``, (10e). It is zero if the contact law holds.
         Otherwise it is positive if ``v_n >= 0`` and r lies in its cone; it may have any
         sign, or be zero, if the contact penetrates, pulls or exceeds its friction limit.
+    minimising_sequence
+        The fields ``(u_i, σ_i)`` of ``method="minimising_sequence"`` and the bifunctional
+        along them; ``None`` for other methods, for steps whose ``W`` was formed for some
+        of the contacts only (`Step.working_set`), and in a result that was read from a file.
     seconds
         Time of the solve.
     stats
@@ -108,6 +115,7 @@ class Solution:
     free_motion: Floats | None = None
     history: Floats = field(default_factory=lambda: np.empty((0, 2)))
     bipotential_gap: Floats = field(default_factory=lambda: np.empty(0))
+    minimising_sequence: MinimisingSequence | None = None
     seconds: float = 0.0
     stats: Mapping[str, int] = field(default_factory=dict)
     _problem: Inquiry | None = None
@@ -422,6 +430,46 @@ class Step(Solution):
                 )
             recover([self])
         return self._kept["u"]
+
+    def minimising_displacements(self) -> Floats:
+        """Displacements ``u_i`` of `minimising_sequence`, ``(k, n)``.
+
+        Raises
+        ------
+        ValueError
+            The step has no minimising sequence, or the problem is not available: the step
+            came from another process.
+        """
+        sequence = self.minimising_sequence
+        if sequence is None:
+            raise ValueError(
+                "this step has no minimising sequence: solve with "
+                'method="minimising_sequence", and with W of all contacts'
+            )
+        if self._recover is None:
+            raise ValueError(
+                "the problem of this step is not available: compute "
+                "minimising_displacements before the step is sent to another process"
+            )
+        before = self.relative_displacement.copy()
+        before[:, 0] = 0.0
+        before[:, 1:] -= self.slip
+        along = zip(
+            sequence.balanced_reaction, sequence.relative_displacement, strict=True
+        )
+        steps = [
+            replace(
+                self,
+                reaction=reaction,
+                relative_displacement=before + v,
+                slip=v[:, 1:],
+                _kept={},
+            )
+            for reaction, v in along
+        ]
+        recover(steps)
+        found = [step._kept["u"] for step in steps]
+        return np.stack(found) if found else np.empty((0, self.displacement.size))
 
     def __getstate__(self) -> dict[str, Any]:
         return super().__getstate__() | {"_recover": None}

@@ -14,7 +14,14 @@ from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Outcome, Status
 
 # Fields of a step that files do not keep, or not in this form.
-_NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
+_NOT_WRITTEN = {
+    "load",
+    "prescribed",
+    "traction",
+    "free_motion",
+    "stats",
+    "minimising_sequence",
+}
 
 
 def record_of(step: Step, load: float) -> dict[str, Any]:

@@ -138,12 +138,14 @@ def without_stiffness(
     points = np.concatenate([body.points for body in bodies])
     cuts: list[Images] = []
     if repetitions:
-        from bipot_rs.fem.repetition import images, merged
+        from bipot_rs.fem.repetition import images, merged, refuse_floating
 
         cuts = [images(bodies, offset, one) for one in repetitions]
         for one in cuts:
             found = merged(found, contacts, one, cuts, points)
     points_of, relations = references(bodies, offset, contacts, remotes)
+    for one in cuts:
+        refuse_floating(contacts, one)
     relations += [one.relations() for one in cuts]
 
     def stacked(name: str, *shape: int) -> Floats:

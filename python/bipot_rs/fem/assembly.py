@@ -38,6 +38,7 @@ from bipot_rs.fem.references import (
     Remote,
     prescribed_values,
     reference_named,
+    rigid_bodies,
 )
 from bipot_rs.fem.stress_recovery import Initial, initial_forces
 from bipot_rs.fem.system_stiffness import system_stiffness
@@ -164,7 +165,9 @@ class Assembly:
         """K, assembled once more, with the same bits."""
         if self.ties is None:
             return system_stiffness(self.bodies, self.springs, self.inclined)
-        return self.ties.stiffness(system_stiffness(self.bodies, self.springs, None))
+        rigid = rigid_bodies(self.bodies, self.remotes)
+        K = system_stiffness(self.bodies, self.springs, None, rigid=rigid)
+        return self.ties.stiffness(K)
 
     def released(self, problem: ContactProblem) -> Assembly:
         """The same without K, which ``problem``, made from it, may not need any more.

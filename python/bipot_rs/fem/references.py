@@ -296,6 +296,16 @@ def set_of(body: Body, remote: Remote) -> tuple[Ints, Floats]:
     return nodes, point
 
 
+def rigid_bodies(bodies: Sequence[Body], remotes: Sequence[Remote]) -> set[str]:
+    """Names of the bodies whose nodes all belong to one rigid set."""
+    found = set()
+    for remote in remotes:
+        body = bodies[body_index(bodies, remote.body)]
+        if not remote.distributed and len(set_of(body, remote)[0]) == len(body.points):
+            found.add(body.name)
+    return found
+
+
 def rotations(arms: Floats) -> Floats:
     """``e_r × x`` of points ``(m, d)`` for each axis of rotation, ``(m, d, axes)``."""
     if arms.shape[1] == 2:

@@ -189,6 +189,26 @@ def _rotation(angle: float, axis: Floats | None) -> Floats:
     return np.asarray(turn, np.float64)
 
 
+def refuse_floating(contacts: Sequence[Contact], pairs: Images) -> None:
+    """Refuse obstacles that are free to translate where the repetition allows no motion.
+
+    Forces of equal sectors on a common obstacle cancel across the axis, while that of one
+    sector would move it.
+    """
+    moved = np.linalg.norm(pairs.turn - np.eye(len(pairs.turn)), axis=0)
+    for contact in contacts:
+        floating = contact.floating
+        across = (
+            [] if floating is None else [k for k in floating.components if moved[k]]
+        )
+        if floating is not None and across:
+            raise ValueError(
+                f"the floating obstacle {floating.name!r} may translate along "
+                f"{' and '.join('xyz'[k] for k in across)}, but with the sectors of "
+                f"{pairs.what} only along their axis: leave out these components"
+            )
+
+
 def merged(
     found: Sequence[Meeting],
     contacts: Sequence[Contact],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ def system_stiffness(
     springs: Sequence[Spring],
     inclined: Planes | None,
     nodes: Ints | None = None,
+    rigid: Collection[str] = (),
 ) -> Any:
     """K of (1), CSR ``(n, n)``, block diagonal and bitwise symmetric; or some of its rows.
 
@@ -31,6 +32,9 @@ def system_stiffness(
     nodes
         Ascending numbers of nodes, counted body after body ``(m,)``: the result has their
         rows, ``(d m, n)``, with the bits of the whole K. The default is all nodes.
+    rigid
+        Names of bodies that move as rigid ones, which only springs resist. Their own
+        stiffness would leave its rounding in ``Tᵀ K T``.
 
     Raises
     ------
@@ -45,7 +49,9 @@ def system_stiffness(
         if nodes is not None:
             first, last = np.searchsorted(nodes, ends[b : b + 2])
             own = nodes[first:last] - ends[b]
-        block = stiffness(body, own)
+        size = body.points.size
+        held = body.name in rigid
+        block = sparse.csr_array((size, size)) if held else stiffness(body, own)
         for owner, spring in zip(owners, springs, strict=True):
             if owner == b:
                 added = spring_stiffness(body, spring)

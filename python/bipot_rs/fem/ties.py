@@ -32,6 +32,8 @@ from bipot_rs.fem.inclined_supports import Planes
 _SAME = 1e-5
 # Coefficients of T below this are rounding of double precision.
 _GONE = 1e-14
+# Sums below this part of the sum of their terms are rounding.
+_NOTHING = 64 * float(np.finfo(np.float64).eps)
 # A preferred degree of freedom becomes dependent if its coefficient is at least this part of
 # the largest one.
 _PREFERRED = 0.1
@@ -94,8 +96,27 @@ class Ties:
             return own
         inner = sparse.csr_array(self.within.T @ own @ self.within)
         found = sparse.csr_array((inner + inner.T) / 2)
+        idle = self._without_stiffness(own, found)
+        if idle.size:
+            kept = np.ones(found.shape[0])
+            kept[idle] = 0.0
+            found = diagonal_matrix(kept) @ found @ diagonal_matrix(kept)
+            found.eliminate_zeros()
         found.sort_indices()
         return found
+
+    def _without_stiffness(self, K: Any, inner: Any) -> Ints:
+        """Independent degrees of freedom whose rows of ``Tᵀ K T`` are rounding.
+
+        They move whole bodies as rigid ones. Their own size does not tell rounding from a
+        stiffness, but that of the sums from which they come does.
+        """
+        T = sparse.csc_array(self.within)
+        shared = np.flatnonzero(np.diff(T.indptr) > 1)
+        terms = sparse.csr_array(abs(T[:, shared]).T @ abs(K) @ abs(T))
+        real = sparse.csr_array(abs(inner[shared]) > _NOTHING * terms)
+        real.eliminate_zeros()
+        return np.asarray(shared[np.diff(real.indptr) == 0], np.int64)
 
     def relative(self, B: Any) -> Any:
         """``B T``, with entries set to zero that are rounding relative to the row of B."""

@@ -357,10 +357,13 @@ def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
 
     model = model.in_step(found)
     normal = model.frame[:, 0]
-    # The gap at this step: the obstacle may have moved.
-    gap = (
-        found.relative_displacement[:, 0] - (model.B @ found.displacement)[:: model.dim]
-    )
+    # The gap of the undeformed body at this step: the obstacle may have moved, also by its
+    # own unknowns.
+    of_bodies = found.displacement.copy()
+    for one in model.references:
+        if one.kind == "obstacle":
+            of_bodies[one.dofs] = 0.0
+    gap = found.relative_displacement[:, 0] - (model.B @ of_bodies)[:: model.dim]
     near = model.points - scale * gap[:, None] * normal
     far = near - _THICK * np.ptp(model.nodes, axis=0).max() * normal
     rigid = np.array([contact.against is None for contact in model.contacts], bool)

@@ -527,7 +527,8 @@ class Case:
         prescribed components, which balance the contact forces of an obstacle and the
         stress at a rigid set. Arguments and errors as `reference_motion`; the moment has
         the shape of the rotation. A component that a support on nodes of the set
-        determines is zero here: its reaction is in `support_force`.
+        determines is zero here: its reaction is in `support_force`. So is one that another
+        set with common nodes determines: its load is part of the force of that set.
         """
         model = self.model
         one = reference_named(model.references, name)

@@ -195,15 +195,12 @@ def _at_points(
 ) -> Iterator[Load]:
     """Forces on obstacles, and forces and moments at remote points."""
     unit, none, still = np.eye(model.dim), np.zeros(0), np.zeros(model.dim)
-    for contact in scene.contact:
-        rigid = scene.obstacle.get(contact.obstacle or "")
-        if rigid is None or rigid.force is None:
+    # Its first contact: a force acts once, also on an obstacle of several contacts.
+    first = {c.obstacle: c for c in reversed(scene.contact)}
+    for name, rigid in scene.obstacle.items():
+        if rigid.force is None or name not in first:
             continue
-        name, body = str(contact.obstacle), place[split(contact.on)[0]]
-        if any(
-            c.obstacle == name for c in scene.contact[: scene.contact.index(contact)]
-        ):
-            continue
+        body = place[split(first[name].on)[0]]
         for k, number in rigid.force.components().items():
             nodal = model.reference_force(name, unit[k])
             yield Load(body, None, still, none, nodal, number)

@@ -52,17 +52,25 @@ impl<const D: usize> Linearisation<D> {
     /// Linearises at a point `(r, v)`.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Self {
+        Self::with_step(problem, r, v, 1.0)
+    }
+
+    /// Linearises the map of `r̂ − ρ v̂` at a point `(r, v)`.
+    #[must_use]
+    pub fn with_step(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]], rho: f64) -> Self {
         let scaling = &problem.scaling;
         let of_node = |i: usize| {
             let r = r[i].map(|c| c * scaling.to_r[i]);
-            let v = v[i].map(|c| c * scaling.to_v[i]);
-            let at = linearised(&r, &v, problem.mu[i]);
-            match at.status {
+            let v = v[i].map(|c| c * scaling.to_v[i] * rho);
+            let mut at = linearised(&r, &v, problem.mu[i]);
+            at = match at.status {
                 Status::Stick => hold(problem, i, &r, &v),
                 // A contact that no reaction can move is not closed by one.
                 _ if !movable(problem, i, 0) => open(&r),
                 _ => at,
-            }
+            };
+            at.by_v *= rho;
+            at
         };
         Self {
             at: (0..r.len()).map(of_node).collect(),

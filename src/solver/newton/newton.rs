@@ -91,12 +91,17 @@ pub fn run<const D: usize>(
 
 /// A nearby problem: with `α (r̂ − ĉ)` added to `v̂`, so that its matrix is regular; if `c` is
 /// a solution, it is one of the nearby problem too. Or a problem with frozen laws.
+///
+/// Newton's method solves it with the map (19) at `r̂ − ρ v̂'`, where `v̂'` is that of the nearby
+/// problem. Its solutions do not depend on ρ.
 #[derive(Clone, Debug)]
 pub struct Near<const D: usize> {
     /// `α`.
     pub shift: f64,
     /// `c`; not used if `α` is zero.
     pub centre: Vec<[f64; D]>,
+    /// ρ of the map (19); not used with frozen laws.
+    pub rho: f64,
     /// Frozen laws, one for each contact; `None` for Coulomb's law.
     pub frozen: Vec<Frozen<D>>,
 }
@@ -108,6 +113,7 @@ impl<const D: usize> Near<D> {
         Self {
             shift: 0.0,
             centre: Vec::new(),
+            rho: 1.0,
             frozen: Vec::new(),
         }
     }
@@ -174,7 +180,7 @@ impl<const D: usize> Near<D> {
         if !self.frozen.is_empty() {
             return Linearisation::frozen(problem, &self.frozen, r, felt);
         }
-        let mut law = Linearisation::new(problem, r, felt);
+        let mut law = Linearisation::with_step(problem, r, felt, self.rho);
         law.shift = self.shift;
         law
     }

@@ -14,6 +14,7 @@
 
 use crate::error::Error;
 use crate::law::bipotential::gap;
+use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
@@ -25,6 +26,37 @@ use crate::solver::settings::Start;
 /// Largest merit of a step relative to the squared error of the whole. `B` is of second order
 /// in that error, and a step solved only to first order could increase it.
 const SHARE: f64 = 0.01;
+
+/// The pairs `(u_i, σ_i)` of the sequence, and `B` along it. A field `u` is given by the
+/// reactions τ with which it is in equilibrium, and a field σ by its reactions `r`.
+#[derive(Clone, Debug, Default)]
+pub struct Sequence<const D: usize> {
+    /// `r` of `σ_0, σ_1, …`.
+    pub reaction: Vec<Vec<[f64; D]>>,
+    /// τ of `u_0, u_1, …`.
+    pub balanced: Vec<Vec<[f64; D]>>,
+    /// `v` of `u_0, u_1, …`.
+    pub relative_displacement: Vec<Vec<[f64; D]>>,
+    /// `B` at `(u_0, σ_0), (u_0, σ_1), (u_1, σ_1), …`, in units of work; it does not increase
+    /// [dSF91, 32, 34].
+    pub bifunctional: Vec<f64>,
+}
+
+impl<const D: usize> Sequence<D> {
+    /// With contacts in the numbering of the caller.
+    #[must_use]
+    pub fn scattered(self, compliance: &Compliance<D>) -> Self {
+        let each = |fields: Vec<Vec<[f64; D]>>| -> Vec<Vec<[f64; D]>> {
+            fields.iter().map(|at| compliance.scatter(at)).collect()
+        };
+        Self {
+            reaction: each(self.reaction),
+            balanced: each(self.balanced),
+            relative_displacement: each(self.relative_displacement),
+            bifunctional: self.bifunctional,
+        }
+    }
+}
 
 /// `B` of displacements in equilibrium with `of_u`, and of reactions, in units of work.
 ///
@@ -45,7 +77,8 @@ pub fn bifunctional<const D: usize>(
         .sum()
 }
 
-/// Runs until the monitor stops it or steps give no improvement.
+/// Runs until the monitor stops it or steps give no improvement. The fields of complete steps
+/// are added to `sequence`; the monitor may stop in the middle of a step.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -53,22 +86,13 @@ pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
-    run_told(problem, start, monitor, &mut |_| ())
-}
-
-/// [`run`], calling `tell` with `B` after each step.
-///
-/// # Errors
-/// As [`run`].
-pub fn run_told<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    monitor: &mut Monitor<D>,
-    tell: &mut impl FnMut(f64),
+    sequence: &mut Sequence<D>,
 ) -> Result<Outcome, Error> {
     let mut of_u: Option<PrinciplePoint<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
+        if sequence.reaction.is_empty() {
+            sequence.reaction.push(of_r.r.clone());
+        }
         monitor.measure_floor(&of_r.r, &of_r.rigid);
         let enough = enough(problem, of_r);
         let limits = displacement_principle::frozen(problem, &of_r.r);
@@ -77,11 +101,16 @@ pub fn run_told<const D: usize>(
             Least::Stop(outcome) => return Ok(Least::Stop(outcome)),
             Least::At(moved) => moved,
         };
-        tell(bifunctional(problem, &moved, of_r));
+        let value = bifunctional(problem, &moved, of_r);
+        sequence.bifunctional.push(value);
+        sequence.balanced.push(moved.r.clone());
+        sequence.relative_displacement.push(moved.v.clone());
         let slips = stress_principle::frozen(problem, &moved.v);
         let next = least(problem, slips, of_r, enough, monitor)?;
         if let Least::At(next) = &next {
-            tell(bifunctional(problem, &moved, next));
+            let value = bifunctional(problem, &moved, next);
+            sequence.bifunctional.push(value);
+            sequence.reaction.push(next.r.clone());
         }
         of_u = Some(moved);
         Ok(next)

@@ -261,6 +261,61 @@ def test_rigid_set_by_force_or_by_motion(d: int) -> None:
     )
 
 
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+@pytest.mark.parametrize("stress", [1.0, 1e9])
+def test_a_rigid_body_has_no_stiffness(cell: str, stress: float) -> None:
+    """Its rows of K are rounding, not springs: a rigid tool equals a rigid plane."""
+    d = CELLS[cell]
+    soft = fem.Material(1000.0 * stress, 0.3)
+    under = [np.linspace(-0.3, 1.3, 4)] * (d - 1) + [np.linspace(-1, 0, 3)]
+    low = Body("low", fem.box(under, cell), soft)
+    tool = Body("tool", fem.box([np.linspace(0, 1, 4)] * d, cell), soft)
+    held = [Support("low", "bottom", range(d))]
+    grip = Remote("grip", "tool", components=range(d - 1), rotations=[2])
+    if d == 3:
+        grip = Remote("grip", "tool", components=(0, 1), rotations=(0, 1, 2))
+    contact = Contact("tool", "bottom", 0.3, against=("low", "top"), pairing="mortar")
+    model = fem.assemble([tool, low], [contact], held, remotes=[grip])
+    reference = model.references[0]
+    assert model.K[reference.dofs].nnz == 0
+    assert model.K[reference.turns].nnz == 0
+    push = np.zeros((2, d))
+    push[:, -1] = -5.0 * stress, -8.0 * stress
+    f = [model.reference_force("grip", one) for one in push]
+    result = model.problem().solve(f, tol=1e-13)
+    force = np.einsum("skc,kcd->sd", result.reaction, model.frame)
+    np.testing.assert_allclose(force[:, -1], -push[:, -1], rtol=SOLVED)
+    motion, _ = model.reference_motion("grip", result.displacement)
+    for k, u in enumerate(result.displacement):
+        v = (model.B @ u).reshape(-1, d)[:, 0] + model.gap
+        size = np.abs(motion[k]).max()
+        np.testing.assert_allclose(
+            v, result.relative_displacement[k, :, 0], atol=SOLVED * size
+        )
+        # Pressed contacts are closed.
+        assert np.abs(v[result.reaction[k, :, 0] > 0]).max() < SOLVED * size
+
+
+@pytest.mark.parametrize("soft", [1e-3, 1e-8, 1e-14])
+def test_a_rigid_body_on_soft_springs(soft: float) -> None:
+    """Its own stiffness leaves no rounding that springs would have to exceed."""
+    body = block("hexahedron")
+    stiffness = 1000.0 * soft
+    above = Contact("it", "top", 0.3, plane=([0, 0, 9.0], [0, 0, -1.0]))
+    model = fem.assemble(
+        [body],
+        [above],
+        springs=[fem.Spring("it", "bottom", stiffness)],
+        remotes=[Remote("grip", "it", point=[0.5, 0.5, 0.0])],
+    )
+    f = model.reference_force("grip", stiffness * np.array([0.5, 0.0, -1.0]))
+    result = model.problem().solve(f, tol=1e-13)
+    motion, turn = model.reference_motion("grip", result.displacement[0])
+    # A force through the centre of a unit area of springs: rounding of their sums.
+    np.testing.assert_allclose(motion, [0.5, 0.0, -1.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(turn, 0, atol=1e-12)
+
+
 def test_numbering_of_a_rigid_set() -> None:
     """Renumbered nodes of the mesh, the same displacements."""
     found = []

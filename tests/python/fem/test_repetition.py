@@ -247,6 +247,30 @@ def test_half_a_turn_about_an_axis_in_the_surface_of_the_cut() -> None:
         fem.assemble(one.bodies, floor, repetitions=[Periodic(on, on)])
 
 
+def test_an_obstacle_under_a_force_moves_along_the_axis_alone() -> None:
+    """Four sectors push a common plane across the axis by forces that cancel."""
+    floor = Plane([0, 0, 0], [0, 0, 1])
+    sides = [fem.Floating("floor", (2,)), fem.Floating("floor", (0, 2))]
+    low, aside = (
+        [Contact("pad", "bottom", 0.3, obstacle=floor, floating=one)] for one in sides
+    )
+    held = [Support("pad", "top", (0, 1, 2))]
+    whole = fem.assemble([pad(2, False)], aside, held)
+    cut = Cyclic(("pad", "front"), ("pad", "left"), 4, axis=[0, 0, 1])
+    one = fem.assemble([pad(2, True)], low, held, repetitions=[cut])
+    f = one.reference_force("floor", [0, 0, 5.0])
+    part = one.problem().solve(f, tol=1e-13)
+    f = whole.reference_force("floor", [0, 0, 20.0])
+    full = whole.problem().solve(f, tol=1e-13)
+    compared(one, part, whole, full)
+    shift, _ = whole.reference_motion("floor", full.displacement[0])
+    np.testing.assert_allclose(shift[0], 0, atol=SOLVED * shift[2])
+    with pytest.raises(
+        ValueError, match=r"along x, but with the sectors of pad\.front and"
+    ):
+        fem.assemble([pad(2, True)], aside, held, repetitions=[cut])
+
+
 def test_a_period_on_a_body_that_does_not_repeat() -> None:
     """The nodes at both ends of the other body keep their contacts: none penetrates."""
     upper = fem.box([np.linspace(0, 1, 5), np.linspace(0, 1, 5)], "quadrilateral")

@@ -468,8 +468,8 @@ def test_deformed_bodies(line: Any, near: float | None) -> None:
     assert ax.get_aspect() == 1
 
 
-@pytest.mark.parametrize("moves", [False, True])
-def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
+@pytest.mark.parametrize("obstacle", ["rests", "moves", "is pushed"])
+def test_rigid_obstacles_are_drawn_as_contacts_see_them(obstacle: str) -> None:
     m = bp.Model("A block pressed onto a cylinder")
     m.material("soft", young=1.0, poisson=0.3)
     m.body(
@@ -479,7 +479,11 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
         x={"from": -1.0, "to": 1.0, "cells": 20},
         y={"from": 0.0, "to": 0.5, "cells": 5},
     )
-    way = {"move": {"x": m.times(0.3 if moves else 0.0, "way")}}
+    way: dict[str, Any] = {
+        "rests": {"move": {"x": m.times(0.0, "way")}},
+        "moves": {"move": {"x": m.times(0.3, "way")}},
+        "is pushed": {"force": {"y": 0.02}, "move": {"x": m.times(0.3, "way")}},
+    }[obstacle]
     m.obstacle("roller", cylinder={"point": [-0.2, -4.0], "radius": 4.0}, **way)
     m.support("block.top", x=0, y=-2e-2)
     m.contact("block.bottom", against="roller", mu=0.3)
@@ -498,14 +502,15 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
             found[facet] = path.vertices[:2]
         return found
 
-    if not moves:
+    if obstacle == "rests":
         # Closest points of the nodes lie on the circle.
         at = edge(0, 1.0) - [-0.2, -4.0]
         np.testing.assert_allclose(np.linalg.norm(at, axis=1), 4.0, rtol=1e-14)
     for step, scale in ((0, 3.0), (1, 7.0)):
         found = result[step]
         nodes = model.contact_dofs[:, 0] // 2
-        drawn = model.nodes[nodes] + scale * found.displacement.reshape(-1, 2)[nodes]
+        u = found.displacement[: model.nodes.size].reshape(-1, 2)
+        drawn = model.nodes[nodes] + scale * u[nodes]
         normal = model.in_step(found).frame[:, 0]
         apart = np.einsum("cd,cd->c", normal, drawn - edge(step, scale))
         # Its distance from the body is the gap of the open contacts, up to rounding of

@@ -129,6 +129,18 @@ def test_run_writes_the_files_of_the_model(name: str, tmp_path: Path) -> None:
     assert bits(bp.load(tmp_path / "saved.h5"), solved)
 
 
+@pytest.mark.parametrize("second", ["it.bottom", "it.left"])
+def test_the_force_of_an_obstacle_acts_once(second: str) -> None:
+    """Also if several contacts touch the obstacle, even the same one twice."""
+    m = block()
+    m.obstacle("wheel", sphere={"centre": [0.3, -2.0], "radius": 2.0}, force={"y": 3.0})
+    m.support("it.top", x=0, y=0)
+    for on in ("it.bottom", second):
+        m.contact(on, against="wheel", mu=0.4)
+    force, _ = m.solve().reference_force("wheel")
+    np.testing.assert_allclose(force[:, 1], 3.0, rtol=SOLVED)
+
+
 def test_remote_force_motion_and_distribution() -> None:
     m = block()
     m.remote(

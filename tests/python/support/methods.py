@@ -7,6 +7,8 @@ METHODS = (
     "nesterov",
     "uzawa",
     "uzawa_two_projection",
+    "return_mapping",
+    "perturbed_lagrangian",
     "displacement_principle",
     "alternating_principles",
     "stress_principle",

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
+from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts
 
@@ -43,7 +44,7 @@ class Stability:
         free = diagonal > 0
         free[fixed] = False
         compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=free)
-        softened = normal @ sparse.diags_array(compliance)
+        softened = normal @ diagonal_matrix(compliance)
         meeting = sparse.csr_array(softened @ normal.T)
         # A contact without a free degree of freedom has no determined pressure.
         self._own = np.flatnonzero(meeting.diagonal() > 0)

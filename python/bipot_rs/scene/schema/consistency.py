@@ -6,10 +6,10 @@ Each function yields messages that begin with the key path of the mistake.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from bipot_rs._lib.memory import installed
 from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.validation import RATIO
@@ -497,7 +497,9 @@ def _numbers(
 
 def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
     """Messages about arrays that are larger than the memory, before they are allocated."""
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    memory = installed()
+    if memory is None:
+        return
     # Each node is coupled to the 3^d nodes of the cells around it: 8 bytes for the
     # number and 4 for the column index.
     stiffness = nodes * dim * 3**dim * dim * 12

@@ -118,7 +118,9 @@ class Wrapped:
         self.array = array
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
-        return np.array(self.array, dtype=dtype, copy=copy or None)
+        # `copy=None` is known since NumPy 2 only.
+        found = np.asarray(self.array, dtype=dtype)
+        return found.copy() if copy else found
 
 
 CLOTHES: dict[str, Callable[[Array], Any]] = {

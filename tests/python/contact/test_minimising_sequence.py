@@ -1,0 +1,218 @@
+"""The pairs (u_i, σ_i) of the minimising sequence and the bifunctional along it."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs.contact.minimising_sequence import MinimisingSequence
+from bipot_rs.theory.functionals import Functionals
+
+Array = NDArray[np.float64]
+METHOD = "minimising_sequence"
+
+
+def sequence_of(solution: bp.Solution) -> MinimisingSequence:
+    found = solution.minimising_sequence
+    assert found is not None
+    return found
+
+
+def test_one_sliding_contact_follows_its_closed_form() -> None:
+    # Slip to positive v_t at all fields: r = p (1, -mu), and Tresca's τ slides with limit mu p.
+    a, c, b, mu = 2.0, 0.5, 1.5, 0.4
+    W, q = np.array([[a, c], [c, b]]), np.array([-1.0, 2.0])
+    start = np.array([1.0, -mu])
+    problem = bp.ReducedProblem(W, [q], mu)
+    found = sequence_of(problem.solve(METHOD, tol=1e-12, start=[start]))
+    assert len(found) >= 5
+    p = start[0]
+    ray = np.array([1.0, -mu])
+    for i in range(len(found)):
+        r = p * ray
+        np.testing.assert_allclose(found.reaction[i, 0], r, rtol=1e-12)
+        # [dSF91, 33]: v_n = 0 with the friction mu p.
+        tau = np.array([(c * mu * p - q[0]) / a, -mu * p])
+        v = W @ tau + q
+        assert v[1] > 0
+        np.testing.assert_allclose(found.balanced_reaction[i, 0], tau, rtol=1e-12)
+        # v_n = 0 has the rounding of its terms.
+        np.testing.assert_allclose(
+            found.relative_displacement[i, 0], v, rtol=1e-12, atol=1e-14
+        )
+        values = [(p, found.bifunctional[2 * i])]
+        # [dSF91, 31]: the minimum over the ray of ½ r·W r + (q + mu |v_t| n)·r.
+        p = -(q[0] + mu * v[1] - mu * q[1]) / (ray @ W @ ray)
+        if 2 * i + 1 < len(found.bifunctional):
+            values.append((p, found.bifunctional[2 * i + 1]))
+        for pressure, value in values:
+            lack = tau - pressure * ray
+            expected = 0.5 * lack @ W @ lack + pressure * v[0]
+            # A difference of products of size one.
+            assert value == pytest.approx(expected, rel=1e-10, abs=1e-15)
+
+
+class Two:
+    """Two contacts of a body on springs, pressed, then pulled."""
+
+    K = np.array(
+        [
+            [2.0, 0.3, -0.8, 0.0],
+            [0.3, 1.5, 0.0, -0.4],
+            [-0.8, 0.0, 2.0, 0.2],
+            [0.0, -0.4, 0.2, 1.5],
+        ]
+    )
+    loads = np.array([[-1.0, 0.1, -1.0, 0.2], [-1.0, 0.6, -0.8, 0.7]])
+
+    @classmethod
+    def problem(cls) -> bp.ContactProblem:
+        return bp.ContactProblem(cls.K, np.eye(4), gap=[0.0, 0.05], mu=0.4)
+
+    @classmethod
+    def result(cls, **settings: object) -> bp.Result:
+        return cls.problem().solve(cls.loads, method=METHOD, **settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_b_is_the_papers_functional_of_the_fields(k: int) -> None:
+    result = Two.result(tol=1e-13)
+    found = sequence_of(result[k])
+    # Both contacts stick in the first step, whose answer the second pass meets on its way.
+    assert len(found) >= 1 + k
+    u = result[k].minimising_displacements()
+    assert u.shape == (len(found), 4)
+    # In totals, with the slip history in the offset.
+    f = Functionals.of_step(Two.problem(), Two.K, result, k, increments=False)
+    for i in range(len(found)):
+        # u_i is in equilibrium with τ_i, and v_i is its relative displacement.
+        force = Two.loads[k] + found.balanced_reaction[i].ravel()
+        np.testing.assert_allclose(Two.K @ u[i], force, atol=1e-13)
+        np.testing.assert_allclose(
+            f.relative_displacement(u[i]), found.relative_displacement[i], atol=1e-13
+        )
+        for j in (i, i + 1):
+            if i + j >= len(found.bifunctional):
+                continue
+            r = found.reaction[j]
+            # [dSF91, 25] with contact: B = Φ(u) + Π(σ) + Σ b, and the sum without cancellation.
+            whole = f.potential(u[i]) + f.complementary(r)
+            whole += f.bipotential(u[i], r).sum()
+            # Φ and Π are of size one, and cancel.
+            assert found.bifunctional[i + j] == pytest.approx(whole, abs=1e-13)
+            assert found.bifunctional[i + j] == pytest.approx(
+                f.excess(u[i], r), rel=1e-9, abs=1e-14
+            )
+
+
+def test_each_field_is_the_minimum_for_the_other() -> None:
+    result = Two.result(tol=1e-13)
+    step, found = result[1], sequence_of(result[1])
+    u = step.minimising_displacements()
+    f = Functionals.of_step(Two.problem(), Two.K, result, 1, increments=False)
+    rng = np.random.default_rng(0)
+    values = found.bifunctional
+    tried = 0
+    for _ in range(200):
+        size = 10.0 ** rng.uniform(-3, 0)
+        i = int(rng.integers(len(found)))
+        trial = u[i] + size * rng.normal(size=4)
+        # Infinite outside the domain, and for σ_i beyond the minimum of its first step.
+        value = f.bifunctional(trial, found.reaction[i])
+        if np.isfinite(value):
+            assert value >= values[2 * i] - 1e-13
+            tried += 1
+        if i + 1 < len(found.reaction):
+            other = found.reaction[i + 1] + size * rng.normal(size=(2, 2))
+            other = bp.project(other, 0.4)[0]
+            assert f.excess(u[i], other) >= values[2 * i + 1] - 1e-13
+    assert tried > 20
+
+
+def test_b_does_not_increase_and_falls_to_zero_at_a_solution() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        root = rng.normal(size=(12, 14))
+        W, q = root @ root.T / 14 + np.eye(12), rng.normal(size=(4, 3)) - [1, 0, 0]
+        solution = bp.ReducedProblem(W, q, 0.4).solve(METHOD, tol=1e-10)
+        assert solution.converged
+        found = sequence_of(solution)
+        work = np.abs(solution.reaction * q).sum()
+        # Rounding of the differences, relative to the work of the reactions.
+        assert (np.diff(found.bifunctional) <= 1e-12 * work).all()
+        assert (found.bifunctional >= -1e-12 * work).all()
+        assert len(found.bifunctional) == len(found) + len(found.reaction) - 1
+        if len(found):
+            last = found.reaction[-1]
+            # B is of second order in the distance to the solution, which contracts.
+            assert np.abs(last - solution.reaction).max() <= 1e-4
+            assert found.bifunctional[-1] <= 1e-8 * work
+
+
+def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> None:
+    W = np.diag([1.0, 1.0, 2.0])
+    problem = bp.ReducedProblem(W, [[-1.0, 1.0, 1.5]], [[0.6, 0.3]])
+    solution = problem.solve(METHOD, tol=1e-12)
+    found = sequence_of(solution)
+    assert len(found) >= 1
+    for v, tau in zip(
+        found.relative_displacement, found.balanced_reaction, strict=True
+    ):
+        np.testing.assert_allclose(
+            v.ravel(), W @ tau.ravel() + problem.q[0], rtol=1e-12
+        )
+    ellipse = np.hypot(found.reaction[:, 0, 1] / 0.6, found.reaction[:, 0, 2] / 0.3)
+    for i in range(len(found)):
+        r, v = found.reaction[i, 0], found.relative_displacement[i, 0]
+        lack = found.balanced_reaction[i, 0] - r
+        expected = 0.5 * lack @ W @ lack + r @ v
+        expected += r[0] * np.hypot(0.6 * v[1], 0.3 * v[2])
+        # A difference of products of size one.
+        assert found.bifunctional[2 * i] == pytest.approx(expected, rel=1e-9, abs=1e-14)
+    # A step is solved to a hundredth of the error of the fields, which falls to 1e-12.
+    assert (ellipse <= found.reaction[:, 0, 0] * 1.01).all()
+    assert ellipse[-1] == pytest.approx(found.reaction[-1, 0, 0], rel=1e-9)
+
+
+def test_other_methods_and_files_have_none(tmp_path: Path) -> None:
+    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.6]], 0.3)
+    assert problem.solve().minimising_sequence is None
+    step = Two.problem().solve(Two.loads)[0]
+    assert step.minimising_sequence is None
+    with pytest.raises(ValueError, match='method="minimising_sequence"'):
+        step.minimising_displacements()
+    result = Two.result()
+    result.save(tmp_path / "result.h5")
+    assert bp.load_result(tmp_path / "result.h5")[0].minimising_sequence is None
+
+
+def test_a_copy_from_another_process_keeps_the_fields_without_displacements() -> None:
+    step = Two.result()[1]
+    again = pickle.loads(pickle.dumps(step))
+    ours, theirs = sequence_of(step), sequence_of(again)
+    assert np.array_equal(ours.bifunctional, theirs.bifunctional)
+    assert np.array_equal(ours.reaction, theirs.reaction)
+    with pytest.raises(ValueError, match="before the step is sent"):
+        again.minimising_displacements()
+    assert repr(ours).startswith(f"MinimisingSequence({len(ours)} pairs, B from ")
+
+
+def test_a_positive_limit_is_a_pair_without_a_solution() -> None:
+    # Coupling and friction so strong that L of section 8 of the theory is far above two.
+    compliance = np.linalg.inv(np.array([[1.0, 0.9], [0.9, 1.0]]))
+    stalled = 0
+    for angle in 0.16 * np.arange(40):
+        q = [[np.cos(angle), np.sin(angle)]]
+        problem = bp.ReducedProblem(compliance, q, 3.0)
+        solution = problem.solve(METHOD, start=[[1.0, 0.7]])
+        if not solution.converged:
+            stalled += 1
+            found = sequence_of(solution)
+            limit = found.bifunctional[-3:]
+            assert limit.min() > 1e-3 * found.bifunctional[0]
+            # The fields are at rest: each is the minimum for the other.
+            assert np.ptp(limit) <= 1e-6 * limit[-1]
+    assert stalled > 0
