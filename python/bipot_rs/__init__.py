@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     from bipot_rs.contact.projection import project
     from bipot_rs.contact.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
-    from bipot_rs.contact.result import Result, load, load_result
+    from bipot_rs.contact.result import Result
+    from bipot_rs.contact.saved_result import load, load_result
     from bipot_rs.contact.solution import Solution, Step
     from bipot_rs.contact.state import State
     from bipot_rs.contact.status import Outcome, Status
@@ -116,7 +117,8 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.projection": ("project",),
         "bipot_rs.contact.reaction_range": ("ReactionRange",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
-        "bipot_rs.contact.result": ("Result", "load", "load_result"),
+        "bipot_rs.contact.result": ("Result",),
+        "bipot_rs.contact.saved_result": ("load", "load_result"),
         "bipot_rs.contact.solution": ("Solution", "Step"),
         "bipot_rs.contact.state": ("State",),
         "bipot_rs.contact.status": ("Outcome", "Status"),

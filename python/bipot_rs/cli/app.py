@@ -8,22 +8,19 @@ with --json, in one line. A command imports large libraries when it needs them.
 from __future__ import annotations
 
 import copy
-import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli import completion
-from bipot_rs.cli.commands.names import ENOUGH, PETSC
-from bipot_rs.cli.exit_codes import BAD_INPUT, INTERRUPTED, NO_ANSWER, SOLVED
+from bipot_rs.cli import completion, run_arguments
+from bipot_rs.cli.entry import call
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, SOLVED, Ended
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
-from bipot_rs.cli.ranks import fault, hush, launched
 from bipot_rs.cli.runner import MISTAKES, outcome
 
 try:
@@ -38,56 +35,10 @@ class _App(typer.Typer):
 
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
-        _open_streams()
         # Without arguments this is the console command, and the process ends after it.
-        with Interrupts(last=not args) as interrupts:
+        return call(arguments, last=not args, by_typer=lambda: by_typer)
 
-            def end(status: int, message: str) -> int:
-                if "--json" in arguments and arguments[0] != "run":
-                    interrupts.reported = True
-                    line(command=arguments[0], ok=False, success=False, message=message)
-                    if arguments[0] == "fclib":
-                        # Its lines on standard output belong to files: an error of the
-                        # command itself also goes to standard error.
-                        complain(message)
-                    return status
-                from bipot_rs.cli.commands.run import Job, Request
-
-                job = Job(Request(), as_json="--json" in arguments)
-                return job.end(status, message)
-
-            status: Any = INTERRUPTED
-            if arguments[:1] == ["run"]:
-                asked = PETSC in arguments or f"--engine={PETSC}" in arguments
-                if asked and launched()[0]:
-                    # Rank 0 reports for all.
-                    hush()
-                # The runner releases the signals when the imports are done.
-                interrupts.hold()
-            try:
-                # typer turns an interrupt into an exit status, without a message.
-                status = typer.main.get_command(self._with_one(arguments)).main(
-                    arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
-                )
-            except TyperException as error:
-                return end(BAD_INPUT, _helpful(error.format_message(), arguments))
-            except OSError as error:
-                return _output_gone(error)
-            except SystemExit as left:
-                # 0: shell completion is done. 1: libraries exit so when the reader of the
-                # output has gone (`| head`), but here 1 means that no answer exists.
-                return BAD_INPUT if left.code else SOLVED
-            except (KeyboardInterrupt, typer.Abort):
-                pass
-            except Exception as error:
-                if os.environ.get("BIPOT_TRACEBACK"):
-                    raise
-                return end(*fault(error))
-            if interrupts.came is not None and not interrupts.reported:
-                return end(interrupts.status, "interrupted")
-            return status
-
-    def _with_one(self, arguments: list[str]) -> _App:
+    def with_one(self, arguments: list[str]) -> _App:
         """Copy of this app with the command alone whose name comes first, if one does.
 
         Typer evaluates the annotations of all commands, in a tenth of the time of a small
@@ -134,6 +85,27 @@ app = _App(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def by_typer(arguments: Sequence[str], interrupts: Interrupts) -> int:
+    """Read the arguments and carry out their command; returns the exit status.
+
+    Raises
+    ------
+    Ended
+        An argument is wrong.
+    """
+    words = list(arguments)
+    try:
+        # typer turns an interrupt into an exit status, without a message.
+        status: Any = typer.main.get_command(app.with_one(words)).main(
+            words, prog_name="bipot", standalone_mode=False, obj=interrupts
+        )
+    except TyperException as error:
+        raise Ended(BAD_INPUT, _helpful(error.format_message(), words)) from error
+    except typer.Abort as error:
+        raise KeyboardInterrupt from error
+    return int(status or SOLVED)
 
 
 def _version(asked: bool) -> None:
@@ -268,21 +240,21 @@ def run(
 
     Ctrl-C stops it; the load steps solved so far are written.
     """
-    from bipot_rs.cli.commands.run import Job, Request
-
-    request = Request(
+    status = run_arguments.run(
         scene=scene,
-        settings=settings or [],
-        folder=Path("out") / Path(scene).stem if out is None else out,
+        settings=settings,
+        out=out,
         method=method,
         engine=None if engine is None else engine.value,
-        tol=_tol(tol),
+        tol=tol,
+        json=json,
         plot=plot,
-        fclib=export,
-        resume=resume,
+        export=export,
         error=error,
+        resume=resume,
+        interrupts=context.obj,
     )
-    raise typer.Exit(Job(request, as_json=json, interrupts=context.obj).run())
+    raise typer.Exit(status)
 
 
 @app.command()
@@ -392,41 +364,6 @@ def solve(
         engine=engine.value,
     )
     raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
-
-
-def _tol(given: str | None) -> float | str | None:
-    if given is None or given == ENOUGH:
-        return given
-    try:
-        return float(given)
-    except ValueError:
-        raise typer.BadParameter(
-            f"{given!r} is neither a number nor {ENOUGH}", param_hint="'--tol'"
-        ) from None
-
-
-def _open_streams() -> None:
-    """Make standard streams fit for all output.
-
-    Streams that the caller has closed (`>&-`) are replaced by the null device. Otherwise the
-    next file that is opened would get the number of a standard stream, and output of libraries
-    would go into it. A character that the encoding of a stream lacks (the letter μ in that of
-    a pipe on Windows) is written as its code; otherwise it would end the command.
-    """
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
-        elif isinstance(stream, TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")
-
-
-def _output_gone(error: OSError) -> int:
-    """Report a full disk behind `> file`; what is still buffered is discarded."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    with suppress(OSError):
-        complain(f"cannot write to standard output: {error}")
-    return BAD_INPUT
 
 
 @app.command()

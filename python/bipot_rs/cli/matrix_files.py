@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,7 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr

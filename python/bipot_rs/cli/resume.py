@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs.contact import result
 from bipot_rs.contact.result import Result
+from bipot_rs.contact.saved_result import load_result
 from bipot_rs.files import export
 from bipot_rs.scene.schema.root import Scene
 
@@ -69,14 +69,14 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
     """
     if not path.exists():
         raise ValueError(f"cannot resume: there is no {path}")
-    _, _, attributes = export.read_result(path)
+    attributes = export.read_attributes(path)
     for name, words in _STAMPS.items():
         if attributes.get(name) != expected[name]:
             why = words.format(found=attributes.get(name), expected=expected[name])
             if name not in attributes:
                 why = "it does not name its scene and settings"
             raise ValueError(f"cannot resume {path}: {why}")
-    found = result.load(path)
+    found = load_result(path)
     if count is not None and len(found) > count:
         raise ValueError(
             f"cannot resume {path}: it has {counted(len(found), 'load step')}, the path "
@@ -88,6 +88,8 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
 def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
     """A remark if ``path`` holds an unfinished result of this run; else an empty text."""
     try:
+        if not path.exists() or export.read_attributes(path).get("complete"):
+            return ""
         found = earlier(path, expected, count)
     except (OSError, ValueError):
         return ""

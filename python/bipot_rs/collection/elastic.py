@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.collection.load_path import LoadPath
-from bipot_rs.fem.assembly import Assembly, Support, assemble
+from bipot_rs.fem.assembling import assemble
+from bipot_rs.fem.assembly import Assembly, Support
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.contact import Contact
 from bipot_rs.fem.materials import Material

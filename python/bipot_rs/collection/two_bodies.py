@@ -14,7 +14,7 @@ from bipot_rs.collection.load_path import (
     press_and_shear,
     release,
 )
-from bipot_rs.fem.assembly import assemble
+from bipot_rs.fem.assembling import assemble
 from bipot_rs.fem.contact import Contact
 
 

@@ -7,11 +7,11 @@ and what to do. A cause is named only if a number computed from the problem show
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit, resisting
 from bipot_rs.contact.solution import Solution

@@ -46,7 +46,6 @@ from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rota
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Step
-from bipot_rs.contact.step_control import follow, increments
 from bipot_rs.contact.wear.wearing import Wearing
 
 if TYPE_CHECKING:
@@ -721,6 +720,8 @@ class ContactProblem(Wearing):
         >>> result.slip[:, 0, 0].round(9)  # of each step
         array([0.001, 0.001])
         """
+        from bipot_rs.contact.step_control import follow, increments
+
         limit = iteration_limit(max_iterations, maxiter)
         chosen = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
@@ -28,7 +29,6 @@ from bipot_rs._lib.validation import (
     vectors,
 )
 from bipot_rs.contact import rigid_motions, summary
-from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.solution import Solution
@@ -36,6 +36,7 @@ from bipot_rs.contact.status import Outcome
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:
+    from bipot_rs.contact.diagnosis import Tried
     from bipot_rs.contact.enumeration import Answers
     from bipot_rs.contact.existence import Existence
     from bipot_rs.contact.reaction_range import ReactionRange
@@ -460,6 +461,8 @@ class ReducedProblem:
         return ReducedModel(self._core, W, self.mu, modes)
 
     def _has_several(self, solution: Solution) -> bool:
+        from bipot_rs.contact.diagnosis import NEAR
+
         exhausted = _core.answers(self._core)
         if exhausted is not None and len(exhausted[0]) > 1:
             return True
@@ -469,6 +472,7 @@ class ReducedProblem:
     def _solution(
         self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
+        from bipot_rs.contact.diagnosis import Tried
         from bipot_rs.contact.existence import dense
 
         words = ""
@@ -517,6 +521,8 @@ class _ReducedInquiry:
         return from_core(raw)
 
     def diagnosis(self, solution: Solution, /) -> str:
+        from bipot_rs.contact.diagnosis import diagnose
+
         return diagnose(self.tried, solution, solution.relative_displacement)
 
     def derivatives(self) -> ReducedModel:

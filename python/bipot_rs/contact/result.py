@@ -29,12 +29,12 @@ from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.frames import of_step
 from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.solution import Step, recover
-from bipot_rs.contact.step_record import record_of, step_of
+from bipot_rs.contact.step_record import record_of
 from bipot_rs.files import export, series
 from bipot_rs.files.result_mesh import ResultMesh
 
 # Attributes of a file whose stiffness has a known relative error.
-_OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
+OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 
 
 class Result(Presentation, Sequence[Step]):
@@ -422,7 +422,7 @@ class Result(Presentation, Sequence[Step]):
             | {f"unit_{name}": unit for name, unit in self.units.items()}
             | {
                 name: value
-                for name in _OF_STIFFNESS
+                for name in OF_STIFFNESS
                 if (value := getattr(self, name)) is not None
             },
             fields=self._fields(),
@@ -486,93 +486,3 @@ class Result(Presentation, Sequence[Step]):
         series.write_series(
             index, x, None, map(fields, range(len(self.steps))), units=self.units
         )
-
-
-def load_result(path: str | os.PathLike[str]) -> Result:
-    """Read a result that `Result.save` or the command line wrote.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        The file is not a result, or is damaged.
-    """
-    contacts, records, attributes, mesh = export.read_saved(path)
-    area = contacts.get("area")
-    shape = _shape(contacts, records)
-    steps = []
-    for k, record in enumerate(records):
-        try:
-            steps.append(step_of(record, area, shape))
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise ValueError(
-                f"{path} is not a result that can be read: step {k}: {error}"
-            ) from None
-    if mesh is not None:
-        sizes = [
-            np.size(record["displacement"])
-            for record in records
-            if "displacement" in record
-        ]
-        if not mesh.fits(shape[0], min(sizes, default=None)):
-            raise ValueError(
-                f"{path} is not a result that can be read: the mesh does not fit its "
-                "contacts or displacements"
-            )
-
-    def named(prefix: str) -> dict[str, Any]:
-        return {
-            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
-        }
-
-    found = Result(
-        steps,
-        contacts=contacts,
-        shape=shape,
-        seconds=named("seconds_"),
-        units=_units(attributes) | named("unit_"),
-        remarks=_remarks(attributes),
-        success=bool(attributes["complete"]),
-        message=str(attributes.get("message", "")),
-    )
-    found._first = int(attributes.get("first_step", 0))
-    found._mesh = mesh
-    loads = [record.get("load") for record in records]
-    known = tuple(float(load) for load in loads if isinstance(load, int | float))
-    found._loads = known if len(known) == len(records) else None
-    for name in _OF_STIFFNESS:
-        if name in attributes:
-            setattr(found, name, float(attributes[name]))
-    return found
-
-
-def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
-    """Remarks in the attributes of a file."""
-    try:
-        return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
-    except (ValueError, TypeError):
-        return ()
-
-
-def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Names of units in the attributes of a file of the command line."""
-    try:
-        units = json.loads(str(attributes.get("units", "{}")))
-        return {str(name): str(unit) for name, unit in units.items() if unit}
-    except (ValueError, AttributeError):
-        return {}
-
-
-def _shape(
-    contacts: Mapping[str, NDArray[Any]], records: Sequence[Mapping[str, Any]]
-) -> tuple[int, int]:
-    """``(n_c, d)``; zero for sizes that the file does not hold."""
-    rows = records[0].get("reaction") if records else contacts.get("x")
-    if rows is not None and np.ndim(rows) == 2:
-        return rows.shape[0], rows.shape[1]
-    return len(contacts.get("gap", ())), 0
-
-
-# The earlier, promised name.
-load = load_result

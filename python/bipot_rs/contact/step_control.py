@@ -8,11 +8,12 @@ continues with the same steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_path import Following

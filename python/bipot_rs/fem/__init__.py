@@ -6,7 +6,8 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.contact.frames import frames
-    from bipot_rs.fem.assembly import Assembly, Model, Support, assemble, build
+    from bipot_rs.fem.assembling import assemble, build
+    from bipot_rs.fem.assembly import Assembly, Model, Support
     from bipot_rs.fem.body import Body
     from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
     from bipot_rs.fem.contact import Contact, Floating
@@ -59,7 +60,8 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.contact.frames": ("frames",),
-        "bipot_rs.fem.assembly": ("Assembly", "Model", "Support", "assemble", "build"),
+        "bipot_rs.fem.assembling": ("assemble", "build"),
+        "bipot_rs.fem.assembly": ("Assembly", "Model", "Support"),
         "bipot_rs.fem.body": ("Body",),
         "bipot_rs.fem.boundary": ("Spring", "Symmetry", "surface", "with_surfaces"),
         "bipot_rs.fem.contact": ("Contact", "Floating"),

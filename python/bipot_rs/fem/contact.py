@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs._lib.messages import place
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.frames import frames, operator
 from bipot_rs.fem.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import turned_outward
-from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Approach, Plane, approach, ask, onwards
+
+if TYPE_CHECKING:
+    from bipot_rs.mortar.pairs import Pairs
 
 # Up to this number of pairs, comparing all nodes is faster than importing a tree.
 _ALL_PAIRS = 2**20
@@ -260,7 +263,11 @@ def _check(contact: Contact, dim: int) -> None:
             f"{'.'.join(contact.against)} is a surface of another body: move that body by "
             "supports"
         )
-    if contact.pairing not in ("match", *METHODS):
+    if contact.pairing == "match":
+        return
+    from bipot_rs.mortar.pairs import METHODS
+
+    if contact.pairing not in METHODS:
         raise ValueError(
             f"pairing of the contact on {contact.surface!r} is {contact.pairing!r}, "
             "expected 'match', " + " or ".join(map(repr, METHODS))
@@ -311,6 +318,8 @@ def _weighted(
     b = body_index(bodies, contact.body)
     body, dim = bodies[b], bodies[b].dim
     ours = _facets_of(contact, body)
+    from bipot_rs.mortar.pairs import pairs
+
     moved = None
 
     def numbers(i: int) -> Ints:
@@ -387,6 +396,8 @@ def _against_rigid(
     contact: Contact, body: Body, facets: Ints, dofs: Ints, n: int
 ) -> tuple[Pairs, Approach | None]:
     """Weighted gaps of a surface over a rigid obstacle, at the start and each step."""
+    from bipot_rs.mortar.pairs import rigid_pairs
+
     if contact.pairing != "mortar":
         raise ValueError(
             f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' for a rigid "
@@ -450,6 +461,8 @@ def _means(
 
     Returns these, and the weights of the nodes, `Pairs.slave`.
     """
+    from bipot_rs.mortar.pairs import rigid_pairs
+
     known: dict[bytes, Floats] = {}
 
     def one(k: int) -> Callable[[Floats], Floats]:

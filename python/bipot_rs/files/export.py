@@ -213,6 +213,25 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
     ValueError
         The file is not a result, damaged, or of a later version of the format.
     """
+    with _opened(path) as (file, attributes):
+        return _saved(file, attributes, _TIGHTEST * place(path).stat().st_size)
+
+
+def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The attributes of such a file, as `read_result` returns them; its arrays are not read.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_saved`.
+    """
+    with _opened(path) as (_, attributes):
+        return attributes
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """The open file and its attributes; errors of the block name the file."""
     h5py = library("h5py")
 
     source = place(path)
@@ -221,7 +240,7 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
     sealed = _sealed(source)
     try:
         with h5py.File(source, "r") as file:
-            return _saved(file, sealed, _TIGHTEST * source.stat().st_size)
+            yield file, _attributes(file, sealed)
     except OSError as error:
         raise OSError(f"{path} cannot be read: {_sentence(error)}") from None
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
@@ -230,8 +249,8 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
         ) from None
 
 
-def _saved(file: Any, sealed: bool, limit: int) -> Saved:
-    """Contents of an open file whose datasets have at most ``limit`` bytes."""
+def _attributes(file: Any, sealed: bool) -> dict[str, Any]:
+    """Attributes of an open file, if it is a complete result of this version."""
     attributes = {name: _plain(value) for name, value in file.attrs.items()}
     if attributes.pop("format", None) != FORMAT:
         raise ValueError(f"its format is not {FORMAT!r}")
@@ -242,6 +261,11 @@ def _saved(file: Any, sealed: bool, limit: int) -> Saved:
         )
     if attributes.pop("sealed", False) and not sealed:
         raise ValueError("its end is missing")
+    return attributes
+
+
+def _saved(file: Any, attributes: dict[str, Any], limit: int) -> Saved:
+    """Contents of an open file whose datasets have at most ``limit`` bytes."""
     contacts = _arrays(file["contacts"], limit)
     steps = []
     # By number: as text, step 10000 would come before step 9999.

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.errors import NotConvergedError

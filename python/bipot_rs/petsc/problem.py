@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
     RATIO,
@@ -29,6 +29,7 @@ from bipot_rs._lib.validation import (
     gaps,
     indices,
     integer,
+    iteration_limit,
     rows_of_steps,
     settings,
     together,
@@ -417,6 +418,7 @@ class ContactProblem:
         gap: ArrayLike | MovingGaps | None = None,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path step by step, with slip history. All ranks call it.
 
@@ -428,7 +430,7 @@ class ContactProblem:
         prescribed, gap
             As in `bipot_rs.ContactProblem.solve`, the same on every rank; `MovingGaps` are
             refused.
-        tol, max_iterations, max_seconds
+        tol, max_iterations, max_seconds, maxiter
             As in `bipot_rs.ContactProblem.solve`. The clock of the first rank counts.
         start
             A `Result` or one of its steps to continue from. A step from a file has no
@@ -453,7 +455,8 @@ class ContactProblem:
         contacts, d = self._shape[1:]
 
         def check() -> tuple[Any, Sequence[Any], Floats]:
-            chosen = settings("newton", tol, max_iterations, max_seconds)
+            limit = iteration_limit(max_iterations, maxiter)
+            chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
             before = state(start, contacts, d)
             turned = before is not None and before.frame is not None
@@ -504,6 +507,7 @@ class ContactProblem:
         start: Any = None,
         on_step: Callable[[int, Any], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
+        maxiter: int | None = None,
     ) -> Result:
         """Solve a load path in adaptive steps, as `bipot_rs.ContactProblem.follow`.
 
@@ -514,13 +518,14 @@ class ContactProblem:
             ``(n_c, d)``. All ranks call them alike.
         stops, first, largest, smallest, slip, start, on_step
             As in `bipot_rs.ContactProblem.follow`.
-        tol, max_iterations, max_seconds
+        tol, max_iterations, max_seconds, maxiter
             As in `solve`.
         """
         contacts, d = self._shape[1:]
 
         def check() -> tuple[Any, Any]:
-            chosen = settings("newton", tol, max_iterations, max_seconds)
+            limit = iteration_limit(max_iterations, maxiter)
+            chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
             callback("gap", gap)
             state(start, contacts, d)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import meant
+from bipot_rs._lib.records import dataclass
 from bipot_rs.contact.result import Result
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.data import look, model_of
@@ -21,7 +21,8 @@ from bipot_rs.plots.path import (
     status_shares,
 )
 from bipot_rs.plots.space import surface3d
-from bipot_rs.plots.surface import QUANTITIES, is_plane, slip, status_map, surface_map
+from bipot_rs.plots.surface import QUANTITIES, slip, status_map, surface_map
+from bipot_rs.plots.surface_plane import is_plane
 from bipot_rs.plots.wear import both
 
 # Quantities of flat maps that have no function of their own.

@@ -16,7 +16,8 @@ from bipot_rs.plots.data import Contacts, facets_of, names_of, surface_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import draw_resultants, draw_shares
 from bipot_rs.plots.space import draw_space
-from bipot_rs.plots.surface import draw_map, draw_status, is_plane
+from bipot_rs.plots.surface import draw_map, draw_status
+from bipot_rs.plots.surface_plane import is_plane
 
 Arrays = Mapping[str, NDArray[Any]]
 

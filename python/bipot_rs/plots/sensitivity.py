@@ -15,7 +15,8 @@ from bipot_rs.contact.derivatives import Gradient
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection
 from bipot_rs.plots.line import lines_of, mark_of, strips
-from bipot_rs.plots.surface import beyond, finish, is_line, paint, plane_of, span
+from bipot_rs.plots.surface import beyond, finish, paint, span
+from bipot_rs.plots.surface_plane import is_line, plane_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.toml_text import HALF
 from bipot_rs.contact.reduced import refuse_settings
-from bipot_rs.fem import assembly
+from bipot_rs.fem import assembling
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.build import (
@@ -115,8 +115,10 @@ def checked(
 
 def _settings(table: dict[str, Any]) -> Iterator[str]:
     """Messages about solver settings that the solver would refuse."""
+    if "solver" not in table:
+        return
     try:
-        solver = Solver.model_validate(table.get("solver", {}))
+        solver = Solver.model_validate(table["solver"])
     except ValidationError:
         return
     plain = Solver()
@@ -138,7 +140,7 @@ def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) ->
         Mistakes that need the meshes: nodes of a pair that do not match, supports that
         contradict each other, a contact without nodes.
     """
-    make = assembly.assemble if stiffness else assembly.without_stiffness
+    make = assembling.assemble if stiffness else assembling.without_stiffness
     try:
         model = make(
             meshed,

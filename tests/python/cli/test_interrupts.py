@@ -134,9 +134,18 @@ def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
     assert left(tmp_path) == (False, 0)
 
 
-@pytest.mark.parametrize("module", ["typer", "bipot_rs._core"])
-def test_while_the_package_loads(module: str, tmp_path: Path) -> None:
-    run = bipot_hit_at_import(INT, module, *RUN, cwd=tmp_path)
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("typer", ["scenes"]),
+        ("bipot_rs.cli.run_arguments", RUN),
+        ("bipot_rs._core", RUN),
+    ],
+)
+def test_while_the_package_loads(
+    module: str, arguments: list[str], tmp_path: Path
+) -> None:
+    run = bipot_hit_at_import(INT, module, *arguments, cwd=tmp_path)
     assert (run.returncode, run.stderr) == (130, "")
     # The core is loaded when the run has begun, with its files and the last line of --json.
     if run.stdout:

@@ -205,7 +205,10 @@ def borrowed(tree: Mapping[str, str]) -> list[str]:
 
 def _defined(text: str) -> set[str]:
     found = set()
-    for node in ast.parse(text).body:
+    nodes = list(ast.parse(text).body)
+    # A function may be defined for Python and imported for type checkers.
+    nodes += [part for node in nodes for part in getattr(node, "orelse", ())]
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             found.add(node.name)
         for target in getattr(node, "targets", [getattr(node, "target", None)]):

@@ -96,7 +96,7 @@ def _folder(path: Path) -> dict[str, Any]:
 
 
 def _result(path: Path) -> dict[str, Any]:
-    from bipot_rs.contact.result import load
+    from bipot_rs.contact.saved_result import load
     from bipot_rs.contact.tables import row
     from bipot_rs.files.export import read_result
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import meant
+from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.output_folder import RESULT
 
 
@@ -174,7 +174,7 @@ def draw(
     OSError, ValueError
         There is no result, it cannot be read or drawn, or the file cannot be written.
     """
-    from bipot_rs.contact.result import load
+    from bipot_rs.contact.saved_result import load
     from bipot_rs.files.export import read_result, writing
 
     known = kinds()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace as replaced
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted, later
+from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.commands.names import ENOUGH, PETSC
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 _NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report", "bipot_rs.files.csv_tables")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Request:
     """Arguments of the command. ``method`` and ``tol`` None: those of the scene."""
 
@@ -393,7 +394,7 @@ class Job(SharedRunner):
         try:
             whole = self.estimator.error(step, k)
             # Stresses of all elements in all steps would fill the memory.
-            found = dataclasses.replace(whole, stress=())
+            found = replaced(whole, stress=())
         except ValueError as error:
             self.no_error = str(error)
         self.errors.append(found)
@@ -493,7 +494,7 @@ class Job(SharedRunner):
             u = self.ranks.broadcast(step._kept.get("u"))
             with self._phase("write"):
                 kept = {} if u is None else {"u": u}
-                out.part(series, case, k, dataclasses.replace(step, _kept=kept))
+                out.part(series, case, k, replaced(step, _kept=kept))
         with self._phase("write"):
             series.end()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
 from bipot_rs.cli.output_folder import RESULT
 from bipot_rs.cli.runner import outcome, recovered

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.engines.engine import Asked
 from bipot_rs.contact.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.moving import rotated, rotation
 from bipot_rs.contact.solution import Solution, Step
+
+# Most paths are solved: only one that fails is diagnosed.
+if TYPE_CHECKING:
+    from bipot_rs.contact.diagnosis import Tried
 
 
 @dataclass(frozen=True)
@@ -146,11 +149,15 @@ class _StepProblem:
 
     def diagnosis(self, step: Any, /) -> str:
         """Why the solve failed."""
+        from bipot_rs.contact.diagnosis import diagnose
+
         # The law of a step is about its slip, not the total tangential displacement.
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         return diagnose(self._tried(), step, v)
 
     def _tried(self) -> Tried:
+        from bipot_rs.contact.diagnosis import NEAR, Tried
+
         core = self.core
 
         def several(step: Solution) -> bool:

@@ -7,12 +7,13 @@ of ``K``, so that bodies of millions of degrees of freedom fit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.diagnosis import Tried, diagnose

@@ -11,10 +11,9 @@ with ``dρ = D⁻¹ (dr_t - dD ρ)``. Both stay well scaled if ``s`` or ``r_n`` 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.status import Status
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.sensitivity.borders import Borders
 from bipot_rs.contact.sensitivity.laws import Laws, Point, laws, tangents

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from bipot_rs._lib.records import dataclass
 from bipot_rs.contact.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.sensitivity.model import PathModel
 

@@ -1,7 +1,5 @@
 """Tables of contacts and rigid obstacles."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np

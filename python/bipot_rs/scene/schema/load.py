@@ -1,7 +1,5 @@
 """Tables of supports, springs and loads; each number may have an amplitude."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

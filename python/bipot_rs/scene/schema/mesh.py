@@ -4,8 +4,6 @@ A number of cells or a length may depend on ``mesh.n`` of the scene: ``"n"``, ``
 ``"6*n"``, ``"0.5/n"``.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Any, Literal
 
@@ -20,6 +18,7 @@ from bipot_rs.scene.schema.table import (
     Range,
     Table,
     Vector,
+    no_tables,
     wrap,
 )
 
@@ -196,7 +195,7 @@ class Block(Table):
     order: Literal[1, 2] = 1
     plane: Literal["strain", "stress"] = "strain"
     thickness: Annotated[float, Field(gt=0)] = 1.0
-    surface: dict[str, Place] = Field(default_factory=dict)
+    surface: dict[str, Place] = Field(default_factory=no_tables)
 
     @property
     def dim(self) -> int | None:

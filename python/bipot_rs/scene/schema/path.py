@@ -1,14 +1,12 @@
 """Tables of the load path: steps and amplitudes."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.scene.schema.table import KIND, MOST, Table, wrap
+from bipot_rs.scene.schema.table import KIND, MOST, Table, no_tables, wrap
 
 
 class Amplitude(Table):
@@ -76,7 +74,7 @@ class LoadPath(Table):
         Discriminator(lambda v: KIND + ("switch" if isinstance(v, bool) else "table")),
     ] = False
     amplitude: dict[str, Annotated[Amplitude, wrap("table")]] = Field(
-        default_factory=dict
+        default_factory=no_tables
     )
 
     @property

@@ -1,10 +1,8 @@
 """The root table of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag
 
@@ -22,7 +20,14 @@ from bipot_rs.scene.schema.load import (
 from bipot_rs.scene.schema.material import Elastic
 from bipot_rs.scene.schema.mesh import Block, Mesh
 from bipot_rs.scene.schema.path import LoadPath
-from bipot_rs.scene.schema.table import AXES, KIND, Table, Varying
+from bipot_rs.scene.schema.table import (
+    AXES,
+    KIND,
+    Table,
+    Varying,
+    no_entries,
+    no_tables,
+)
 from bipot_rs.scene.schema.tie import Cyclic, Periodic, Remote
 from bipot_rs.scene.schema.wear import Wear
 
@@ -83,17 +88,17 @@ class Scene(Table):
     mesh: Mesh | None = None
     material: dict[str, Elastic]
     body: Annotated[dict[str, Block], Field(min_length=1)]
-    obstacle: dict[str, Rigid] = Field(default_factory=dict)
-    support: list[Prescribed] = Field(default_factory=list)
-    symmetry: list[Mirror] = Field(default_factory=list)
-    cyclic: list[Cyclic] = Field(default_factory=list)
-    periodic: list[Periodic] = Field(default_factory=list)
-    remote: dict[str, Remote] = Field(default_factory=dict)
-    spring: list[Foundation] = Field(default_factory=list)
-    traction: list[Traction] = Field(default_factory=list)
-    pressure: list[Pressure] = Field(default_factory=list)
-    body_force: list[BodyForce] = Field(default_factory=list)
-    strain: list[InitialStrain] = Field(default_factory=list)
+    obstacle: dict[str, Rigid] = Field(default_factory=no_tables)
+    support: list[Prescribed] = Field(default_factory=no_entries)
+    symmetry: list[Mirror] = Field(default_factory=no_entries)
+    cyclic: list[Cyclic] = Field(default_factory=no_entries)
+    periodic: list[Periodic] = Field(default_factory=no_entries)
+    remote: dict[str, Remote] = Field(default_factory=no_tables)
+    spring: list[Foundation] = Field(default_factory=no_entries)
+    traction: list[Traction] = Field(default_factory=no_entries)
+    pressure: list[Pressure] = Field(default_factory=no_entries)
+    body_force: list[BodyForce] = Field(default_factory=no_entries)
+    strain: list[InitialStrain] = Field(default_factory=no_entries)
     contact: Annotated[list[Touch], Field(min_length=1)]
     path: LoadPath = Field(default_factory=LoadPath)
     wear: Wear | None = None
@@ -111,7 +116,7 @@ class Scene(Table):
 
     __str__ = __repr__
 
-    def beside(self, folder: Path) -> Scene:
+    def beside(self, folder: Path) -> Self:
         """Set the folder that names of files refer to, and return the scene."""
         if any(self.files()):
             self._folder = folder

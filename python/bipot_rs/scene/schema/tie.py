@@ -1,7 +1,5 @@
 """Tables of remote points, cyclic symmetries and periodicities."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

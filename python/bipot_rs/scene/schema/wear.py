@@ -1,7 +1,5 @@
 """Table of wear: a load path that is repeated."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,0 +1,272 @@
+"""From bodies, contacts and supports to the arrays of an `Assembly`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.moving import MovingGaps, simplified
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
+from bipot_rs.fem.contact import (
+    Contact,
+    body_index,
+    meet,
+    relative_displacement,
+)
+from bipot_rs.fem.inclined_supports import Planes, planes
+from bipot_rs.fem.obstacle_path import gaps_of_steps
+from bipot_rs.fem.references import (
+    Remote,
+    obstacle_columns,
+    references,
+)
+from bipot_rs.fem.ties import tied
+
+if TYPE_CHECKING:
+    from bipot_rs.fem.repetition import Images, Repetition
+
+from bipot_rs.fem.assembly import Assembly, Support, in_frames, with_points
+
+# Entries of a tangential row of B that remain when all its degrees of freedom are
+# prescribed, relative to the row: rounding of the normal.
+_NO_WAY = 1e-6
+
+
+def assemble(
+    bodies: Sequence[Body],
+    contacts: Sequence[Contact],
+    supports: Sequence[Support] = (),
+    *,
+    symmetries: Sequence[Symmetry] = (),
+    springs: Sequence[Spring] = (),
+    remotes: Sequence[Remote] = (),
+    repetitions: Sequence[Repetition] = (),
+) -> Assembly:
+    """Assemble K, B and the contact data of elastic bodies.
+
+    Parameters
+    ----------
+    bodies, contacts
+        The bodies, and where they may touch.
+    supports
+        Prescribed displacements; `Assembly.prescribed` takes their values.
+    symmetries
+        Planes of symmetry in any direction, of which the mesh is one half
+        (`bipot_rs.fem.inclined_supports`).
+    springs
+        Elastic foundations.
+    remotes
+        Sets of nodes that move with a reference point or that a force at it acts on.
+    repetitions
+        Cuts of cyclic symmetries and periodicities.
+
+    A contact node whose tangential displacement is prescribed in every load step, on
+    both sides of a pair, gets ``mu = 0``: friction has no effect there.
+
+    Raises
+    ------
+    ValueError
+        Names that do not exist or repeat, nodes of a pair that do not match,
+        a normal of length zero: the message has the name and the place.
+    """
+    found = without_stiffness(
+        bodies,
+        contacts,
+        supports,
+        symmetries=symmetries,
+        springs=springs,
+        remotes=remotes,
+        repetitions=repetitions,
+    )
+    return replace(found, K=found.stiffness())
+
+
+def without_stiffness(
+    bodies: Sequence[Body],
+    contacts: Sequence[Contact],
+    supports: Sequence[Support] = (),
+    *,
+    symmetries: Sequence[Symmetry] = (),
+    springs: Sequence[Spring] = (),
+    remotes: Sequence[Remote] = (),
+    repetitions: Sequence[Repetition] = (),
+) -> Assembly:
+    """Assemble everything but K, with the arguments and errors of `assemble`.
+
+    K takes most of the memory of a body; `Assembly.stiffness_rows` makes parts of it.
+    """
+    if not bodies:
+        raise ValueError("bodies is empty, expected at least one")
+    dims = {body.dim for body in bodies}
+    if len(dims) > 1:
+        raise ValueError("bodies mix two and three dimensions")
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names):
+        raise ValueError(f"names of bodies repeat: {names}")
+    dim = dims.pop()
+    ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
+    offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
+    mirrors = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
+    straight = [
+        Support(s.body, s.surface, (k,)) for s, (k, _) in mirrors if k is not None
+    ]
+    supports = [*supports, *straight]
+
+    support_dofs = []
+    for support in supports:
+        b = body_index(bodies, support.body)
+        if not set(support.components) <= set(range(dim)):
+            raise ValueError(
+                f"components of the support on {support.surface!r} are "
+                f"{list(support.components)}, expected some of {list(range(dim))}"
+            )
+        try:
+            nodes = bodies[b].members(support.surface, support.within, support.at)
+        except ValueError as error:
+            raise ValueError(f"support on {support.surface!r}: {error}") from None
+        components = np.array(support.components, dtype=np.int64)
+        support_dofs.append(offset[b] + dim * nodes + components[:, None])
+    flat = [dofs.ravel() for dofs in support_dofs]
+    fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
+
+    found = [meet(bodies, offset, n, contact) for contact in contacts]
+    points = np.concatenate([body.points for body in bodies])
+    cuts: list[Images] = []
+    if repetitions:
+        from bipot_rs.fem.repetition import images, merged, refuse_floating
+
+        cuts = [images(bodies, offset, one) for one in repetitions]
+        for one in cuts:
+            found = merged(found, contacts, one, cuts, points)
+    points_of, relations = references(bodies, offset, contacts, remotes)
+    for one in cuts:
+        refuse_floating(contacts, one)
+    relations += [one.relations() for one in cuts]
+
+    def stacked(name: str, *shape: int) -> Floats:
+        return np.concatenate(
+            [np.zeros((0, *shape)), *(getattr(m, name) for m in found)]
+        )
+
+    gap, frame = stacked("gap"), stacked("frame", dim, dim)
+    dofs = np.concatenate([np.zeros((0, 2), np.int64), *(m.dofs for m in found)])
+    group = np.repeat(np.arange(len(contacts)), [len(m.gap) for m in found]).astype(int)
+    pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
+    mu = pairs.reshape(-1, 2)[group]
+    if all(np.ndim(c.mu) == 0 for c in contacts):
+        mu = mu[:, 0].copy()
+    B = relative_displacement(found, n)
+    free = np.ones(n)
+    free[fixed] = 0.0
+    inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
+    if inclined is not None:
+        if dim == 3:
+            # Contacts with two friction coefficients keep their tangents.
+            plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[group]
+            turned = inclined.tangents(frame, dofs[:, 0], plain)
+            B = in_frames(turned, frame, B)
+            frame = turned
+        bare = B
+        B = inclined.relative(B)
+    ties = None
+    if points_of or relations:
+        bare = B if bare is None else bare
+        n += dim * sum(one.nodes for one in points_of)
+        fixed = np.concatenate([fixed, *(one.fixed for one in points_of)])
+        B.resize((B.shape[0], n))
+        B = B + obstacle_columns(contacts, group, frame, points_of, n)
+        ties = tied(relations, fixed, with_points(points, points_of), inclined)
+        B, fixed = ties.relative(B), ties.fixed
+        free = np.ones(n)
+        free[fixed] = 0.0
+    path = gaps_of_steps(found, contacts, frame, inclined is not None)
+    whole = B if ties is not None or bare is None else bare
+    mu[_without_slip(B, whole, free, frame, path)] = 0.0
+
+    return Assembly(
+        bodies=tuple(bodies),
+        supports=tuple(supports),
+        contacts=tuple(contacts),
+        offset=offset,
+        K=None,
+        B=B,
+        gap=gap,
+        mu=mu,
+        area=stacked("area"),
+        points=stacked("points", dim),
+        frame=frame,
+        fixed=fixed,
+        contact_dofs=dofs,
+        group=group.astype(np.int64),
+        support_dofs=tuple(support_dofs),
+        dim=dim,
+        moving=None if path is None else simplified(path, frame),
+        nodes=points,
+        symmetries=len(straight),
+        springs=tuple(springs),
+        inclined=inclined,
+        remotes=tuple(remotes),
+        references=points_of,
+        ties=ties,
+        images=tuple(cuts),
+        _bare=bare,
+        _path=path,
+    )
+
+
+def _without_slip(
+    B: Any, whole: Any, free: Floats, frame: Floats, path: MovingGaps | None
+) -> Ints:
+    """Contacts that cannot slip in any load step.
+
+    The tangents of an obstacle that turns or curves change: a node that cannot slip at the
+    start may slip in a later step.
+
+    Parameters
+    ----------
+    B, whole
+        B in ``frame``, and the same without planes of symmetry.
+    free : (n,)
+        1 at free degrees of freedom, 0 at prescribed ones.
+    """
+    count, d = frame.shape[:2]
+    found, known = np.arange(count), None
+    for basis in [frame] if path is None else [frame, *path.frame]:
+        own = basis[found]
+        if known is not None and np.array_equal(own, known):
+            continue
+        rows = (d * found[:, None] + np.arange(d)).ravel()
+        left, most = (
+            (abs(in_frames(own, frame[found], part[rows])) @ weights).reshape(-1, d)
+            for part, weights in ((B, free), (whole, np.ones(len(free))))
+        )
+        # A node that can slip only by the rounding of its normal cannot slip.
+        held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
+        found, known = found[held], own[held]
+    return found
+
+
+def _inclined(
+    bodies: Sequence[Body],
+    offset: Sequence[int],
+    mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
+    fixed: Ints,
+    points: Floats,
+) -> Planes | None:
+    """Planes of symmetry that are not normal to an axis."""
+    groups = []
+    for symmetry, (axis, normal) in mirrors:
+        if axis is None:
+            b = body_index(bodies, symmetry.body)
+            nodes = bodies[b].nodes(symmetry.surface)
+            groups.append((offset[b] + bodies[b].dim * nodes, normal))
+    return planes(groups, fixed, points)
+
+
+# The name before 0.2, which still works.
+build = assemble
