@@ -11,6 +11,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::pages::zeros;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
+use crate::threads;
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -85,12 +86,30 @@ pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Resul
 
 /// Indices as `usize`.
 pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
+    fn convert<T: Copy>(values: &[T]) -> Option<Vec<usize>>
+    where
+        usize: TryFrom<T>,
+    {
+        let whole = |&value: &T| usize::try_from(value).ok();
+        values.iter().map(whole).collect()
+    }
+    match array {
+        Indices::Narrow(array) => convert(array.as_slice()?),
+        Indices::Wide(array) => convert(array.as_slice()?),
+    }
+    .ok_or_else(|| negative(what))
+}
+
+/// [`indices`] of a large matrix, by the threads of `num_threads`.
+pub(super) fn many_indices(
+    array: &Indices<'_>,
+    what: &'static str,
+    num_threads: Option<usize>,
+) -> PyResult<Vec<usize>> {
     fn convert<T: Copy + Sync>(values: &[T]) -> Option<Vec<usize>>
     where
         usize: TryFrom<T>,
     {
-        /// Entries of one task.
-        const TASK: usize = 1 << 16;
         let mut wide = zeros(values.len());
         let parts = wide.par_chunks_mut(TASK).zip(values.par_chunks(TASK));
         let whole = parts.map(|(wide, values)| {
@@ -102,11 +121,33 @@ pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<u
         });
         whole.reduce(|| true, |a, b| a & b).then_some(wide)
     }
-    match array {
-        Indices::Narrow(array) => convert(array.as_slice()?),
-        Indices::Wide(array) => convert(array.as_slice()?),
+    /// Entries of one task.
+    const TASK: usize = 1 << 16;
+    let count = match array {
+        Indices::Narrow(array) => array.len()?,
+        Indices::Wide(array) => array.len()?,
+    };
+    if count <= TASK {
+        return indices(array, what);
     }
-    .ok_or_else(|| PyValueError::new_err(format!("{what} holds a negative index")))
+    // Outside of a pool of our own, rayon takes its global one, which never returns in a
+    // forked child.
+    let pool = threads::pool(threads::count(num_threads)?)?;
+    match array {
+        Indices::Narrow(array) => {
+            let values = array.as_slice()?;
+            pool.install(|| convert(values))
+        }
+        Indices::Wide(array) => {
+            let values = array.as_slice()?;
+            pool.install(|| convert(values))
+        }
+    }
+    .ok_or_else(|| negative(what))
+}
+
+fn negative(what: &'static str) -> PyErr {
+    PyValueError::new_err(format!("{what} holds a negative index"))
 }
 
 /// An `(n_c, D)` array.

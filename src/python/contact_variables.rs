@@ -202,7 +202,7 @@ impl PyContactVariables {
         // A number that is too large is refused with those that are out of range.
         let number = |&body: &usize| u32::try_from(body).unwrap_or(u32::MAX);
         let asked = Arguments {
-            contact: CsrArrays::new(&contact, "B")?,
+            contact: CsrArrays::new(&contact, "B", None)?,
             mu,
             elliptic: elliptic.as_ref(),
             position: position.collect(),

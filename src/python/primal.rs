@@ -115,10 +115,12 @@ impl PyPrimal {
             pointer: arrays::indices(&stiffness.0, "K")?,
             columns: match &stiffness.1 {
                 Indices::Narrow(columns) => Columns::Narrow(columns.as_slice()?),
-                columns @ Indices::Wide(_) => Columns::Wide(arrays::indices(columns, "K")?),
+                columns @ Indices::Wide(_) => {
+                    Columns::Wide(arrays::many_indices(columns, "K", num_threads)?)
+                }
             },
             values: stiffness.2.as_slice()?,
-            contact: CsrArrays::new(&contact, "B")?,
+            contact: CsrArrays::new(&contact, "B", num_threads)?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu,
             elliptic: elliptic.clone(),

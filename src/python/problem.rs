@@ -67,10 +67,14 @@ pub(super) struct CsrArrays<'a> {
 }
 
 impl<'a> CsrArrays<'a> {
-    pub(super) fn new(csr: &'a Csr<'_>, what: &'static str) -> PyResult<Self> {
+    pub(super) fn new(
+        csr: &'a Csr<'_>,
+        what: &'static str,
+        num_threads: Option<usize>,
+    ) -> PyResult<Self> {
         Ok(Self {
             pointer: arrays::indices(&csr.0, what)?,
-            index: arrays::indices(&csr.1, what)?,
+            index: arrays::many_indices(&csr.1, what, num_threads)?,
             values: csr.2.as_slice()?,
         })
     }
@@ -167,8 +171,8 @@ impl PyCondensed {
         let plane = gap.as_array().ncols() == 2;
         let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let asked = Arguments {
-            stiffness: CsrArrays::new(&stiffness, "K")?,
-            contact: CsrArrays::new(&contact, "B")?,
+            stiffness: CsrArrays::new(&stiffness, "K", num_threads)?,
+            contact: CsrArrays::new(&contact, "B", num_threads)?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu,
             elliptic: elliptic.clone(),

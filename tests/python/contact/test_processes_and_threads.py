@@ -14,6 +14,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from children import forked
+from pressed_in_space import pressed
 
 # A time limit against hanging: each of these takes a second or two.
 pytestmark = pytest.mark.timeout(60)
@@ -74,6 +75,20 @@ def test_child_of_a_child_of_a_child(expected: bytes) -> None:
             assert below.returncode == 0
 
     assert forked(lambda: descend(3)).returncode == 0
+
+
+@pytest.mark.parametrize("engine", ["direct", "iterative"])
+def test_a_forked_child_with_a_large_matrix(engine: str) -> None:
+    """What is done in parallel for large arrays only: K has 980,000 entries."""
+    case = pressed(15).assemble()
+    expected = case.solve(case.problem(engine=engine)).reaction
+
+    def child() -> None:
+        again = pressed(15).assemble()
+        found = again.solve(again.problem(engine=engine)).reaction
+        assert np.array_equal(found, expected)
+
+    assert forked(child).returncode == 0
 
 
 def test_a_problem_made_before_the_fork(expected: bytes) -> None:
