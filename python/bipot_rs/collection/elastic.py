@@ -98,7 +98,8 @@ def arrays(
     coefficients = model.mu if mu is None else np.asarray(mu, np.float64)
     # A node whose tangential displacement is prescribed has no friction.
     coefficients = np.where(model.mu == 0, 0.0, coefficients)
-    known: Mapping[str, Any] = {"gaps": model.gaps(len(load))} | more
+    gaps = model.gaps(len(load))
+    known: Mapping[str, Any] = {"gaps": gaps, "frame": model.frame} | more
     return LoadPath(
         model.K,
         model.B,

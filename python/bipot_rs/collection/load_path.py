@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.moving import MovingGaps
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ class LoadPath:
         As in `ContactProblem`.
     load, prescribed, gaps
         Totals of each step: ``(steps, n)``, ``(steps, len(fixed))``, and
-        ``(steps, n_c[, d])`` or None, as in `ContactProblem.solve`.
+        ``(steps, n_c[, d])``, `MovingGaps` or None, as in `ContactProblem.solve`.
+    frame
+        Frames of B ``(n_c, d, d)``, which moving gaps refer to.
     form
         Form of the files: ``"local"``, or ``"global"`` where a dense W would be too large.
     redundant
@@ -58,7 +61,8 @@ class LoadPath:
     load: Floats
     prescribed: Floats
     fixed: Ints
-    gaps: Floats | None = None
+    gaps: Floats | MovingGaps | None = None
+    frame: Floats | None = None
     form: Literal["local", "global"] = "local"
     redundant: bool = False
     several: bool = False
@@ -70,8 +74,10 @@ class LoadPath:
         return len(self.load)
 
     def gap_of(self, step: int) -> Floats:
-        """Gaps by component ``(n_c, d)`` in a step."""
+        """Gaps by component ``(n_c, d)`` in a step, in its frames."""
         gap = self.gap if self.gaps is None else self.gaps[step]
+        if isinstance(gap, MovingGaps):
+            return gap.by_component
         if gap.ndim == 2:
             return gap
         whole = np.zeros((len(gap), self.B.shape[0] // len(gap)))

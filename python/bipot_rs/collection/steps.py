@@ -19,6 +19,7 @@ from bipot_rs.collection.reference import Reference, refine
 from bipot_rs.collection.system import System, system
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.global_problem import GlobalProblem
+from bipot_rs.contact.moving import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.solution import Solution
@@ -62,15 +63,29 @@ def steps(path: LoadPath) -> Iterator[Step]:
         There is no reference answer near the approximate one.
     """
     make = _global(path) if path.form == "global" else _local(path)
-    tangential = np.zeros((len(path.gap), path.B.shape[0] // len(path.gap) - 1))
+    # Displacement w of the node relative to the surface of the obstacle, (39) of theory.md.
+    w = np.zeros(path.gap_of(0).shape)
     for k in range(path.steps):
-        problem = make(k, tangential)
+        frame = _frames(path, k)
+        before = w if frame is None else np.einsum("cij,cj->ci", frame, w)
+        problem = make(k, before[:, 1:])
         if path.proof is not None and k == path.steps - 1:
             yield Step(problem, [], True, proved(path, problem, path.proof))
             return
         found, complete = _answers(path, problem)
         yield Step(problem, found, complete, None)
-        tangential = tangential + found[0].u[:, 1:]
+        w = before + found[0].u
+        if frame is not None and isinstance(path.gaps, MovingGaps):
+            # The normal part is n · w: not an increment, and not the distance.
+            now = path.gaps[k]
+            lead = np.einsum("ci,ci->c", frame[:, 0], now.drag)
+            w[:, 0] = found[0].u[:, 0] - now.gap - lead
+            w = np.einsum("cij,ci->cj", frame, w)
+
+
+def _frames(path: LoadPath, step: int) -> Floats | None:
+    """Frames ``(n_c, d, d)`` of a step, if these change along the path."""
+    return path.gaps[step].frame if isinstance(path.gaps, MovingGaps) else None
 
 
 def _local(path: LoadPath) -> Callable[[int, Floats], ReducedProblem]:
@@ -80,13 +95,14 @@ def _local(path: LoadPath) -> Callable[[int, Floats], ReducedProblem]:
         gap=path.gap_of(0),
         mu=path.mu,
         fixed=path.fixed,
+        frame=path.frame,
         num_threads=1,
         engine="direct",
         working_set=False,
     )
 
     def make(step: int, tangential: Floats) -> ReducedProblem:
-        gap = path.gap_of(step)
+        gap = path.gap if path.gaps is None else path.gaps[step]
         known = condensed.reduced(path.load[step], path.prescribed[step], gap=gap)
         q = known.q.copy()
         q[:, 1:] -= tangential

@@ -161,3 +161,36 @@ def test_there_are_forty_paths_of_all_kinds() -> None:
         "several answers",
         "no answer",
     }
+
+
+def test_frames_of_each_step_are_those_of_the_load_path() -> None:
+    """A roller that rolls: histories carried as `ContactProblem.solve` carries them."""
+    path = PATHS["roller_2d_41"].make()
+    problem = bp.ContactProblem(
+        path.K,
+        path.B,
+        gap=path.gap,
+        mu=path.mu,
+        fixed=path.fixed,
+        frame=path.frame,
+        gaps=path.gaps,
+        engine="direct",
+    )
+    expected = problem.solve(path.load, path.prescribed, tol=1e-13)
+    assert expected[1].status.min() < bp.Status.STICK
+    # η is 1e-13; the errors are larger by the condition of the contacts.
+    size, shift = np.abs(expected.reaction).max(), np.abs(expected.slip).max()
+    for found, step in zip(steps(path), expected, strict=True):
+        answer = found.answers[0]
+        assert np.abs(answer.r - step.reaction).max() <= 1e-11 * size
+        assert np.abs(answer.u[:, 1:] - step.slip).max() <= 1e-11 * shift
+
+
+# Names tell the number of contacts; the larger ones take a minute.
+SMALL = [name for name in PATHS if int(name.split("_")[2]) <= 300]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_first_steps_of_a_path_have_references(name: str) -> None:
+    found = [step for step, _ in zip(steps(PATHS[name].make()), range(3), strict=False)]
+    assert all(step.answers or step.proof is not None for step in found)
