@@ -32,7 +32,8 @@ from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.solution import Solution
-from bipot_rs.files.export import aside, library, place
+from bipot_rs.files.drafts import aside, place
+from bipot_rs.files.export import library
 
 __all__ = [
     "GlobalProblem",

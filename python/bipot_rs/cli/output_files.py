@@ -87,7 +87,7 @@ class Output:
 
     @contextmanager
     def _file(self, name: str) -> Iterator[Path]:
-        from bipot_rs.files.export import writing
+        from bipot_rs.files.drafts import writing
 
         with writing(self.folder / name):
             yield self.draft / name
@@ -175,7 +175,7 @@ class Output:
 
         from bipot_rs.contact.result import Result
         from bipot_rs.fclib import write_path
-        from bipot_rs.files.export import writing
+        from bipot_rs.files.drafts import writing
 
         result = Result(
             [step for _, step in self.reached],

@@ -23,7 +23,7 @@ from bipot_rs.collection import manifest
 from bipot_rs.collection.manifest import Row
 from bipot_rs.collection.system import System, system
 from bipot_rs.fclib import Vectors, read, read_guesses, read_solution
-from bipot_rs.files.export import place
+from bipot_rs.files.drafts import place
 
 Long = NDArray[np.longdouble]
 # What the references promise, relative to the largest reaction or displacement.

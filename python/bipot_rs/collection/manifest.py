@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
 
-from bipot_rs.files.export import aside
+from bipot_rs.files.drafts import aside
 
 NAME = "MANIFEST.csv"
 

@@ -20,7 +20,8 @@ from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.status import Status
 from bipot_rs.fclib import Vectors
 from bipot_rs.fclib import write as write_file
-from bipot_rs.files.export import aside, library, place
+from bipot_rs.files.drafts import aside, place
+from bipot_rs.files.export import library
 
 
 def generate(

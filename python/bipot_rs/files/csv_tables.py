@@ -217,7 +217,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 def write(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
     """Write a table with all digits of floats; an earlier file is replaced at the end."""
-    from bipot_rs.files.export import aside
+    from bipot_rs.files.drafts import aside
 
     with aside(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)

@@ -17,8 +17,8 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.optional import missing
+from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
 from bipot_rs.files.result_mesh import ResultMesh
 
@@ -278,41 +278,6 @@ def _saved(file: Any, attributes: dict[str, Any], limit: int) -> Saved:
     if "mesh" in file:
         mesh = ResultMesh.load(file["mesh"], lambda group: _arrays(group, limit))
     return Saved(contacts, steps, attributes, mesh)
-
-
-def place(path: Any, what: str = "path") -> Path:
-    """Convert to a `Path`; a `TypeError` names the argument ``what``."""
-    try:
-        return Path(os.fsdecode(path))
-    except TypeError:
-        raise mistyped(what, path, "the name of a file") from None
-
-
-@contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Put the name of the file into system errors, instead of that of the draft.
-
-    If two such contexts are nested, the outer name is used.
-    """
-    try:
-        yield
-    except OSError as error:
-        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
-        raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
-
-
-@contextmanager
-def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Draft to write instead of ``path``: renamed on success, removed on failure."""
-    target = place(path)
-    # Libraries look at the suffix, and two processes may write the same path.
-    draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
-    try:
-        with writing(target):
-            yield draft
-            draft.replace(target)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _about(

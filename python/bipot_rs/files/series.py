@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.files.export import aside, place
+from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import OF_STEPS, increasing, named_units
 
 

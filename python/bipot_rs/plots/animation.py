@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import integers, number
 from bipot_rs.contact.result import Result
-from bipot_rs.files.export import aside, library
+from bipot_rs.files.drafts import aside
+from bipot_rs.files.export import library
 from bipot_rs.plots.body import deformed, usual_scale
 from bipot_rs.plots.by_name import KINDS, Kind, chosen
 from bipot_rs.plots.data import steps_of

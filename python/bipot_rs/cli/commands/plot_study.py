@@ -47,7 +47,7 @@ def draw(
     OSError, ValueError
         There is no such column or no number in it, or a file cannot be read or written.
     """
-    from bipot_rs.files.export import writing
+    from bipot_rs.files.drafts import writing
     from bipot_rs.plots.study import study
 
     folder = path if path.is_dir() else path.parent

@@ -74,7 +74,7 @@ def record_of(study: Study, mine: Part | None, rows: Sequence[int]) -> Record:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write it into the folder."""
-    from bipot_rs.files.export import aside
+    from bipot_rs.files.drafts import aside
 
     known = {"format": _FORMAT, "version": _VERSION, **asdict(record)}
     if record.part is None:

@@ -1,0 +1,46 @@
+"""Files that appear whole or not at all: drafts beside them, renamed at the end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from bipot_rs._lib.messages import mistyped
+
+
+def place(path: Any, what: str = "path") -> Path:
+    """Convert to a `Path`; a `TypeError` names the argument ``what``."""
+    try:
+        return Path(os.fsdecode(path))
+    except TypeError:
+        raise mistyped(what, path, "the name of a file") from None
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Put the name of the file into system errors, instead of that of the draft.
+
+    If two such contexts are nested, the outer name is used.
+    """
+    try:
+        yield
+    except OSError as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
+
+
+@contextmanager
+def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Draft to write instead of ``path``: renamed on success, removed on failure."""
+    target = place(path)
+    # Libraries look at the suffix, and two processes may write the same path.
+    draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        with writing(target):
+            yield draft
+            draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
