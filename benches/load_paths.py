@@ -254,8 +254,13 @@ def main():
     report(lines, write=write)
     if not args.print:
         args.out.mkdir(parents=True, exist_ok=True)
-        tables.write_rows(args.out / SHEET, lines)
+        tables.write_rows(args.out / SHEET, list(map(_short, lines)))
         draw(lines, (args.out / SHEET).with_suffix(".png"))
+
+
+def _short(line):
+    """A row with four digits of each measured number."""
+    return {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
 
 
 def collect(args):
