@@ -70,10 +70,7 @@ pub struct AnalysedBody {
 impl AnalysedBody {
     /// Orders and counts. It uses the analysis of the same body with other values, or else the
     /// analysis `known` of its pattern. `kept` are local numbers; `places` are the positions of
-    /// the degrees of freedom in space, if known. `of_others` is the largest stiffness of all
-    /// bodies: the unit of a body without any, such as a rigid obstacle under a force. A unit
-    /// of 1 N/m would make its α so small, in a system of units with large stiffnesses, that W
-    /// loses the digits of the bodies in contact with it.
+    /// the degrees of freedom in space, if known. `stiffest` is the size of the stiffness.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -82,11 +79,10 @@ impl AnalysedBody {
         mut stiffness: OwnedMatrix,
         kept: Vec<usize>,
         places: Option<Vec<[f64; 3]>>,
-        (before, known): (Option<&Body>, Option<Arc<Symbolic>>),
-        of_others: f64,
+        before: Option<&Body>,
+        known: Option<Arc<Symbolic>>,
+        stiffest: f64,
     ) -> Result<Self, Error> {
-        let own = largest(&stiffness);
-        let stiffest = if own > 0.0 { own } else { of_others };
         let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
         for value in &mut stiffness.values {
             *value *= unit;

@@ -168,10 +168,12 @@ pub fn analyse(
         None => vec![None; parts.len()],
     };
     let few = pattern_cache::limit()? > 0 && parts.len() <= FEW;
-    let stiffest = parts
-        .iter()
-        .map(|(_, part)| largest(part))
-        .fold(0.0, f64::max);
+    let own: Vec<f64> = parts.par_iter().map(|(_, part)| largest(part)).collect();
+    let most = own.iter().copied().fold(0.0, f64::max);
+    // The unit of a body without stiffness, such as a rigid obstacle under a force, is that of
+    // the others. A unit of 1 N/m would make its α so small, in a system of units with large
+    // stiffnesses, that W loses the digits of the bodies in contact with it.
+    let stiffest = |b: usize| if own[b] > 0.0 { own[b] } else { most };
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {
@@ -190,7 +192,8 @@ pub fn analyse(
         .zip(known)
         .enumerate()
         .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            let made = AnalysedBody::new(dofs, stiffness, kept, places, (old(b), known), stiffest)?;
+            let made =
+                AnalysedBody::new(dofs, stiffness, kept, places, old(b), known, stiffest(b))?;
             Ok(made.with_geometry(geometry.clone()))
         })
         .collect();
