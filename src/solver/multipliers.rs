@@ -38,8 +38,18 @@ const FIRST_BURST: usize = 20;
 /// A solution with given multipliers reduces the merit to this share of that of the law itself.
 const ENOUGH: f64 = 0.05;
 
+/// The problem of a penalty, in units of the stiffness of each contact, and multipliers: (20d).
+#[must_use]
+pub fn regularised<const D: usize>(penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
+    Near {
+        shift: 1.0 / penalty,
+        centre: multipliers,
+        ..Near::nothing()
+    }
+}
+
 /// Runs from multipliers equal to the start value until the monitor stops it, or new multipliers
-/// give no improvement. `regularised` makes the problem of a penalty and multipliers.
+/// give no improvement. `make` gives [`regularised`] the step of its map.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -47,12 +57,12 @@ pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    regularised: impl Fn(f64, Vec<[f64; D]>) -> Near<D>,
+    make: impl Fn(f64, Vec<[f64; D]>) -> Near<D>,
 ) -> Result<Outcome, Error> {
     let (mut penalty, mut steps) = (PENALTY, FIRST_BURST);
     iterate(problem, start, monitor, |point, monitor| {
         monitor.measure_floor(&point.r, &point.rigid);
-        let near = regularised(penalty, point.r.clone());
+        let near = make(penalty, point.r.clone());
         let before = point.merit(problem);
         let enough = ENOUGH * before;
         let (r, rigid) =

@@ -11,19 +11,8 @@ use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::multipliers;
-use crate::solver::newton::newton::Near;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
-
-/// The problem of a penalty, in units of the stiffness of each contact, and multipliers.
-#[must_use]
-pub fn regularised<const D: usize>(penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
-    Near {
-        shift: 1.0 / penalty,
-        centre: multipliers,
-        ..Near::nothing()
-    }
-}
 
 /// Runs until the monitor stops it or new multipliers give no improvement.
 ///
@@ -34,5 +23,5 @@ pub fn run<const D: usize>(
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<Outcome, Error> {
-    multipliers::run(problem, start, monitor, regularised)
+    multipliers::run(problem, start, monitor, multipliers::regularised)
 }

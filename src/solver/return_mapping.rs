@@ -17,14 +17,12 @@ use crate::solver::newton::newton::Near;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
-/// The problem of a penalty, in units of the stiffness of each contact, and multipliers.
+/// [`multipliers::regularised`] with the step ε.
 #[must_use]
 pub fn regularised<const D: usize>(penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
     Near {
-        shift: 1.0 / penalty,
-        centre: multipliers,
         rho: penalty,
-        ..Near::nothing()
+        ..multipliers::regularised(penalty, multipliers)
     }
 }
 

@@ -14,7 +14,7 @@ use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, NewtonEnd, run_near};
 use bipot_rs::solver::{
-    Method, Outcome, Settings, Start, certified, perturbed_lagrangian, return_mapping, solve,
+    Method, Outcome, Settings, Start, certified, multipliers::regularised, return_mapping, solve,
 };
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -33,7 +33,7 @@ fn settings(tol: f64) -> Settings {
 fn near<const D: usize>(method: Method, penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
     match method {
         Method::ReturnMapping => return_mapping::regularised(penalty, multipliers),
-        _ => perturbed_lagrangian::regularised(penalty, multipliers),
+        _ => regularised(penalty, multipliers),
     }
 }
 
