@@ -10,27 +10,17 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.moving import MovingGaps, simplified
+from bipot_rs.fem.assembly import Assembly, Support, in_frames, with_points
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
-from bipot_rs.fem.contact import (
-    Contact,
-    body_index,
-    meet,
-    relative_displacement,
-)
+from bipot_rs.fem.contact import Contact, body_index, meet, relative_displacement
 from bipot_rs.fem.inclined_supports import Planes, planes
 from bipot_rs.fem.obstacle_path import gaps_of_steps
-from bipot_rs.fem.references import (
-    Remote,
-    obstacle_columns,
-    references,
-)
+from bipot_rs.fem.references import Remote, obstacle_columns, references
 from bipot_rs.fem.ties import tied
 
 if TYPE_CHECKING:
     from bipot_rs.fem.repetition import Images, Repetition
-
-from bipot_rs.fem.assembly import Assembly, Support, in_frames, with_points
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
 # prescribed, relative to the row: rounding of the normal.
