@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from bipot_rs import theory as theory
     from bipot_rs._lib.versions import __version__ as __version__
     from bipot_rs._lib.versions import show_versions, versions
-    from bipot_rs.contact.enumeration import Answers
-    from bipot_rs.contact.error_bound import ErrorBound
+    from bipot_rs.contact.proof.enumeration import Answers
+    from bipot_rs.contact.results.error_bound import ErrorBound
     from bipot_rs.contact.errors import (
         BipotError,
         FloatingBodyError,
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
         NotConvergedError,
         NotDifferentiableError,
     )
-    from bipot_rs.contact.existence import Existence
-    from bipot_rs.contact.moving import MovingGaps
+    from bipot_rs.contact.proof.existence import Existence
+    from bipot_rs.contact.path.moving_gaps import MovingGaps
     from bipot_rs.contact.one_call import solve
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.projection import project
-    from bipot_rs.contact.reaction_range import ReactionRange
+    from bipot_rs.contact.law.projection import project
+    from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
-    from bipot_rs.contact.result import Result
-    from bipot_rs.contact.saved_result import load, load_result
-    from bipot_rs.contact.solution import Solution, Step
-    from bipot_rs.contact.state import State
-    from bipot_rs.contact.status import Outcome, Status
+    from bipot_rs.contact.results.result import Result
+    from bipot_rs.contact.results.saved_result import load, load_result
+    from bipot_rs.contact.results.solution import Solution, Step
+    from bipot_rs.contact.results.state import State
+    from bipot_rs.contact.law.status import Outcome, Status
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
@@ -101,8 +101,8 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs._lib.versions": ("__version__", "show_versions", "versions"),
-        "bipot_rs.contact.enumeration": ("Answers",),
-        "bipot_rs.contact.error_bound": ("ErrorBound",),
+        "bipot_rs.contact.proof.enumeration": ("Answers",),
+        "bipot_rs.contact.results.error_bound": ("ErrorBound",),
         "bipot_rs.contact.errors": (
             "BipotError",
             "FloatingBodyError",
@@ -110,18 +110,18 @@ __getattr__, __dir__ = lazily(
             "NotConvergedError",
             "NotDifferentiableError",
         ),
-        "bipot_rs.contact.existence": ("Existence",),
-        "bipot_rs.contact.moving": ("MovingGaps",),
+        "bipot_rs.contact.proof.existence": ("Existence",),
+        "bipot_rs.contact.path.moving_gaps": ("MovingGaps",),
         "bipot_rs.contact.one_call": ("solve",),
         "bipot_rs.contact.problem": ("ContactProblem",),
-        "bipot_rs.contact.projection": ("project",),
-        "bipot_rs.contact.reaction_range": ("ReactionRange",),
+        "bipot_rs.contact.law.projection": ("project",),
+        "bipot_rs.contact.proof.reaction_range": ("ReactionRange",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
-        "bipot_rs.contact.result": ("Result",),
-        "bipot_rs.contact.saved_result": ("load", "load_result"),
-        "bipot_rs.contact.solution": ("Solution", "Step"),
-        "bipot_rs.contact.state": ("State",),
-        "bipot_rs.contact.status": ("Outcome", "Status"),
+        "bipot_rs.contact.results.result": ("Result",),
+        "bipot_rs.contact.results.saved_result": ("load", "load_result"),
+        "bipot_rs.contact.results.solution": ("Solution", "Step"),
+        "bipot_rs.contact.results.state": ("State",),
+        "bipot_rs.contact.law.status": ("Outcome", "Status"),
         "bipot_rs.contact.wear.record": ("Wear",),
         "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
         "bipot_rs.scene.builder": ("Model", "ModelResult"),

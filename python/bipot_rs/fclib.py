@@ -27,11 +27,11 @@ from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
-from bipot_rs.contact.moving import gap_of
+from bipot_rs.contact.path.moving_gaps import gap_of
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Solution
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.export import library
 

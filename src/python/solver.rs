@@ -173,7 +173,7 @@ pub(super) fn settings(
 }
 
 /// The result of a solver in the variables of the caller, as a dictionary for
-/// `bipot_rs.contact.result.Solution`.
+/// `bipot_rs.contact.results.result.Solution`.
 pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,
@@ -230,7 +230,7 @@ pub(super) fn solution_dict<'py, const D: usize>(
 }
 
 /// The fields of a minimising sequence in the variables of the caller, a row for each field, as
-/// a dictionary for `bipot_rs.contact.minimising_sequence.MinimisingSequence`.
+/// a dictionary for `bipot_rs.contact.results.minimising_sequence.MinimisingSequence`.
 fn sequence_dict<'py, const D: usize>(
     py: Python<'py>,
     sequence: &Sequence<D>,

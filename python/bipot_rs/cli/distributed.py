@@ -19,11 +19,11 @@ from scipy import sparse
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.cli.ranks import World
-from bipot_rs.contact.engines.choice import check_method
+from bipot_rs.contact.path.choice import check_method
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
-from bipot_rs.contact.moving import MovingGaps
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unheld
 from bipot_rs.fem.partition import by_coordinates, neighbours

@@ -39,8 +39,8 @@ from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr
-from bipot_rs.contact import dof_order
-from bipot_rs.contact.frames import frames, operator
+from bipot_rs.contact.stiffness import dof_order
+from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table

@@ -14,7 +14,7 @@ from bipot_rs.cli.output_folder import RESULT
 if TYPE_CHECKING:
     from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
     from bipot_rs.fem.paraview import BodySeries, Part
     from bipot_rs.scene.case import Case
@@ -173,7 +173,7 @@ class Output:
         """Write the problem of each load step as an FCLIB file."""
         from importlib.metadata import version
 
-        from bipot_rs.contact.result import Result
+        from bipot_rs.contact.results.result import Result
         from bipot_rs.fclib import write_path
         from bipot_rs.files.drafts import writing
 
@@ -195,7 +195,7 @@ class Output:
 
     def result(self, *, complete: bool, attributes: Mapping[str, Any]) -> None:
         """Write result.h5."""
-        from bipot_rs.contact.contact_fields import path_fields
+        from bipot_rs.contact.results.contact_fields import path_fields
         from bipot_rs.fem.contact_surface import result_mesh
         from bipot_rs.files.export import write_result
 
@@ -225,7 +225,7 @@ class Output:
         self, start: int = 0, end: int | None = None
     ) -> list[dict[str, float]]:
         """Path parameter of the scene and time of the steps from ``start`` to ``end``."""
-        from bipot_rs.contact.contact_fields import instants_of
+        from bipot_rs.contact.results.contact_fields import instants_of
 
         some = self.reached[start:end]
         loads = [row["load"] for row, _ in some]
@@ -240,7 +240,7 @@ class Output:
 
     def _steps(self) -> list[dict[str, Any]]:
         """The fields of each step, as `bipot_rs.load` reads them."""
-        from bipot_rs.contact.step_record import record_of
+        from bipot_rs.contact.results.step_record import record_of
 
         # The history would be larger than all the rest.
         return [

@@ -8,10 +8,10 @@ from typing import Any
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.plain_text import Paper, on_terminal
 from bipot_rs.cli.progress import settled
-from bipot_rs.contact.frames import of_step
-from bipot_rs.contact.remarks import NEVER_CLOSED
-from bipot_rs.contact.solution import Step
-from bipot_rs.contact.tables import (
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.messages.remarks import NEVER_CLOSED
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.tables import (
     COMPONENTS,
     FORCES,
     WEAR,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.saved_result import load_result
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.saved_result import load_result
 from bipot_rs.files import export
 from bipot_rs.scene.schema.root import Scene
 

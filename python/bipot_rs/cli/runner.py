@@ -15,7 +15,7 @@ from bipot_rs.cli.progress import Progress, complain, line
 
 if TYPE_CHECKING:
     from bipot_rs.contact.errors import BipotError
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.solution import Step
 
 # Mistakes of the caller. Any other exception is a fault of the program.
 MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended)
@@ -50,7 +50,7 @@ def recovered(reached: list[Reached]) -> str:
     Returns the message of that step, or "".
     """
     from bipot_rs.contact.errors import NotConvergedError
-    from bipot_rs.contact.solution import recover
+    from bipot_rs.contact.results.solution import recover
 
     steps = [step for _, step in reached]
     try:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from bipot_rs.collection.reference import Reference, refine
 from bipot_rs.collection.system import System, system
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.global_problem import GlobalProblem
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.results.solution import Solution
 from bipot_rs.fclib import Vectors
 
 Problem = ReducedProblem | GlobalProblem

@@ -17,7 +17,7 @@ from bipot_rs.collection.manifest import Row
 from bipot_rs.collection.reference import Reference
 from bipot_rs.collection.steps import Step, steps
 from bipot_rs.contact.global_problem import GlobalProblem
-from bipot_rs.contact.status import Status
+from bipot_rs.contact.law.status import Status
 from bipot_rs.fclib import Vectors
 from bipot_rs.fclib import write as write_file
 from bipot_rs.files.drafts import aside, place

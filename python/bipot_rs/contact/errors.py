@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs._lib.types import Floats
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.result import Result
+    from bipot_rs.contact.results.result import Result
 
 
 class BipotError(Exception):

@@ -16,7 +16,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.results.solution import Solution
 
 # Relative to √|M_ii M_jj|, which does not depend on units. The limit of `ContactProblem`
 # is ten times larger, so that it accepts all matrices that are symmetric here.

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.solution import Step
-    from bipot_rs.contact.state import Start
+    from bipot_rs.contact.results.solution import Step
+    from bipot_rs.contact.results.state import Start
 
 
 class _OfSolve(TypedDict, total=False):

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.validation import one_of
-from bipot_rs.contact import tables
+from bipot_rs.contact.results import tables
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.solution import Step
 
 TABLES = ("steps", "contacts")
 

@@ -34,24 +34,26 @@ from bipot_rs._lib.validation import (
     settings,
     threads,
 )
-from bipot_rs.contact import dof_order, remarks, summary
-from bipot_rs.contact import rigid_motions as motion
-from bipot_rs.contact.engines import choice
-from bipot_rs.contact.engines.direct import DirectPath
-from bipot_rs.contact.engines.prepared import Given
+from bipot_rs.contact.stiffness import dof_order
+from bipot_rs.contact.messages import remarks
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.messages import rigid_motion_names as motion
+from bipot_rs.contact.path import choice
+from bipot_rs.contact.path.direct import DirectPath
+from bipot_rs.contact.path.prepared import Given
 from bipot_rs.contact.errors import NoEquilibriumError
-from bipot_rs.contact.load_path import NO_FRAME, Following, state, with_frames
-from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
-from bipot_rs.contact.moving import MovingGaps, carried, gaps_by_component, rotation
+from bipot_rs.contact.path.load_path import NO_FRAME, Following, state, with_frames
+from bipot_rs.contact.path.load_steps import Held, Loading, Totals, check_case
+from bipot_rs.contact.path.moving_gaps import MovingGaps, carried, gaps_by_component, rotation
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.wearing import Wearing
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.existence import Existence
-    from bipot_rs.contact.state import Start
-    from bipot_rs.contact.stiffness_digits import Digits
+    from bipot_rs.contact.proof.existence import Existence
+    from bipot_rs.contact.results.state import Start
+    from bipot_rs.contact.stiffness.digits import Digits
 
 
 # Entries of `ContactProblem.stats` that only a factor has.
@@ -272,7 +274,7 @@ class ContactProblem(Wearing):
         at = places(coordinates, n)
         self._digits: Digits | None = None
         if stiffness_rtol is not None:
-            from bipot_rs.contact.stiffness_digits import checked
+            from bipot_rs.contact.stiffness.digits import checked
 
             self._digits = checked(stiffness_rtol, at, d, self._bodies)
         self._given = Given(
@@ -527,7 +529,7 @@ class ContactProblem(Wearing):
         >>> [free.existence(load).verdict for load in ([-1.0, 0.0], [1.0, 0.0])]
         ['guaranteed', 'none']
         """
-        from bipot_rs.contact.existence import Existence
+        from bipot_rs.contact.proof.existence import Existence
 
         try:
             reduced = self.reduced(load, prescribed, start, gap=gap)
@@ -720,7 +722,7 @@ class ContactProblem(Wearing):
         >>> result.slip[:, 0, 0].round(9)  # of each step
         array([0.001, 0.001])
         """
-        from bipot_rs.contact.step_control import follow, increments
+        from bipot_rs.contact.path.step_control import follow, increments
 
         limit = iteration_limit(max_iterations, maxiter)
         chosen = settings(method, tol, limit, max_seconds)

@@ -28,18 +28,19 @@ from bipot_rs._lib.validation import (
     threads,
     vectors,
 )
-from bipot_rs.contact import rigid_motions, summary
-from bipot_rs.contact.error_bound import ErrorBound, from_core
+from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.error_bound import ErrorBound, from_core
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.solution import Solution
-from bipot_rs.contact.status import Outcome
+from bipot_rs.contact.results.solution import Solution
+from bipot_rs.contact.law.status import Outcome
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:
-    from bipot_rs.contact.diagnosis import Tried
-    from bipot_rs.contact.enumeration import Answers
-    from bipot_rs.contact.existence import Existence
-    from bipot_rs.contact.reaction_range import ReactionRange
+    from bipot_rs.contact.messages.diagnosis import Tried
+    from bipot_rs.contact.proof.enumeration import Answers
+    from bipot_rs.contact.proof.existence import Existence
+    from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.sensitivity.reduced import ReducedModel
 
 # A residual that most problems reach; the limit is rounding if that is larger.
@@ -279,7 +280,7 @@ class ReducedProblem:
         TypeError, ValueError
             ``restarts`` is not a positive integer, or ``seed`` is negative.
         """
-        from bipot_rs.contact.enumeration import Answers, search
+        from bipot_rs.contact.proof.enumeration import Answers, search
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
@@ -363,7 +364,7 @@ class ReducedProblem:
     def _ranges(
         self, contacts: list[int], component: int, solution: Solution | None
     ) -> list[ReactionRange]:
-        from bipot_rs.contact.reaction_range import ranges
+        from bipot_rs.contact.proof.reaction_range import ranges
 
         component = integer("component", component, least=0, most=self.q.shape[1] - 1)
         if solution is None:
@@ -413,7 +414,7 @@ class ReducedProblem:
         TypeError
             ``exhaust`` is not a bool.
         """
-        from bipot_rs.contact.existence import Existence, dense, judge
+        from bipot_rs.contact.proof.existence import Existence, dense, judge
 
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
@@ -461,7 +462,7 @@ class ReducedProblem:
         return ReducedModel(self._core, W, self.mu, modes)
 
     def _has_several(self, solution: Solution) -> bool:
-        from bipot_rs.contact.diagnosis import NEAR
+        from bipot_rs.contact.messages.diagnosis import NEAR
 
         exhausted = _core.answers(self._core)
         if exhausted is not None and len(exhausted[0]) > 1:
@@ -472,8 +473,8 @@ class ReducedProblem:
     def _solution(
         self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
-        from bipot_rs.contact.diagnosis import Tried
-        from bipot_rs.contact.existence import dense
+        from bipot_rs.contact.messages.diagnosis import Tried
+        from bipot_rs.contact.proof.existence import dense
 
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):
@@ -521,7 +522,7 @@ class _ReducedInquiry:
         return from_core(raw)
 
     def diagnosis(self, solution: Solution, /) -> str:
-        from bipot_rs.contact.diagnosis import diagnose
+        from bipot_rs.contact.messages.diagnosis import diagnose
 
         return diagnose(self.tried, solution, solution.relative_displacement)
 
@@ -596,7 +597,7 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
     rigid, free = raw["rigid_motion"], raw["free_motion"]
     sequence = raw.get("minimising_sequence")
     if sequence is not None:
-        from bipot_rs.contact.minimising_sequence import from_raw
+        from bipot_rs.contact.results.minimising_sequence import from_raw
 
         sequence = from_raw(sequence, raw["reaction"].shape)
     return {name: raw[name] for name in taken} | {

@@ -24,10 +24,10 @@ from scipy import linalg, sparse
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.contact_facets import contact_facets, prescribed_facets
 from bipot_rs.discretisation.equilibrium import moments

@@ -12,7 +12,7 @@ import numpy as np
 from bipot_rs._lib.records import dataclass
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.discretisation.estimator import Estimator
 
 SHARE = 0.1

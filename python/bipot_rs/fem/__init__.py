@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.frames import frames
+    from bipot_rs.contact.law.frames import frames
     from bipot_rs.fem.assembling import assemble, build
     from bipot_rs.fem.assembly import Assembly, Model, Support
     from bipot_rs.fem.body import Body
@@ -59,7 +59,7 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "bipot_rs.contact.frames": ("frames",),
+        "bipot_rs.contact.law.frames": ("frames",),
         "bipot_rs.fem.assembling": ("assemble", "build"),
         "bipot_rs.fem.assembly": ("Assembly", "Model", "Support"),
         "bipot_rs.fem.body": ("Body",),

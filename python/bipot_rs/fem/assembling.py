@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.moving import MovingGaps, simplified
+from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
 from bipot_rs.fem.assembly import Assembly, Support, in_frames, with_points
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring, Symmetry, plane_of

@@ -20,7 +20,7 @@ from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.moving import MovingGaps, simplified
+from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
 from bipot_rs.fem.boundary import Spring

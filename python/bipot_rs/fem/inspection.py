@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact import rigid_motions
-from bipot_rs.contact.moving import gaps_by_component
+from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
+from bipot_rs.contact.path.moving_gaps import gaps_by_component
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward

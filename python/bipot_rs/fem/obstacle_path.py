@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.frames import frames, turned_to
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.law.frames import frames, turned_to
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.contact import Contact, Meeting
 from bipot_rs.obstacle.shapes import Approach
 

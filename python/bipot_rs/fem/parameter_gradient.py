@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.boundary import Spring
 from bipot_rs.fem.contact import Contact, body_index

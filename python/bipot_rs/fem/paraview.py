@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.contact_fields import contact_fields as fields_of_contacts
-from bipot_rs.contact.contact_fields import instants_of
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step, recover
+from bipot_rs.contact.results.contact_fields import contact_fields as fields_of_contacts
+from bipot_rs.contact.results.contact_fields import instants_of
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step, recover
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises

@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, integer
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.law.frames import frames
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.contact import Contact, Meeting, body_index, nearest_points
 from bipot_rs.fem.ties import Relations

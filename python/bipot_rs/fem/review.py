@@ -11,8 +11,8 @@ import numpy as np
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.slip_check import displaced, distances, farthest
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.law.slip_check import displaced, distances, farthest
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unsupported
 from bipot_rs.fem.stress_recovery import MeanStress

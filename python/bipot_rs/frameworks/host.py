@@ -18,7 +18,7 @@ from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 
 # Arguments of a solution, in the order of `solve` of the frameworks.
 ARGUMENTS = ("load", "prescribed", "gap", "mu")

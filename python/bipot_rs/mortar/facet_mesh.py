@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
 
 # Facets may touch if their normals are opposite to within 60°: cosine of the normals.

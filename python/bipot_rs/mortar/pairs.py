@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, integers, number, shown
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
 from bipot_rs.mortar.shape_functions import reference
 

@@ -22,7 +22,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
-from bipot_rs.contact.frames import frames
+from bipot_rs.contact.law.frames import frames
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface

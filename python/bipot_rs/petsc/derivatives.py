@@ -17,7 +17,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.derivatives import Cotangents, DataChange, Gradient, Tangent
+from bipot_rs.contact.results.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.gradient import Backward

@@ -13,9 +13,9 @@ import bipot_rs._core as _core
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.engines.engine import Asked
-from bipot_rs.contact.engines.iterative import StepProblem
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.path.engine import Asked
+from bipot_rs.contact.path.iterative import StepProblem
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.petsc.linear_solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
 

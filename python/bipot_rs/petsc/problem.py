@@ -34,15 +34,16 @@ from bipot_rs._lib.validation import (
     settings,
     together,
 )
-from bipot_rs.contact import remarks, summary
-from bipot_rs.contact.engines.choice import direct_bytes
-from bipot_rs.contact.load_path import state
-from bipot_rs.contact.moving import MovingGaps
+from bipot_rs.contact.messages import remarks
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.path.choice import direct_bytes
+from bipot_rs.contact.path.load_path import state
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import WITHOUT_FACTOR
-from bipot_rs.contact.result import Result as WholeResult
+from bipot_rs.contact.results.result import Result as WholeResult
 from bipot_rs.contact.sensitivity.model import PathModel
-from bipot_rs.contact.solution import Step as WholeStep
-from bipot_rs.contact.step_control import follow, increments
+from bipot_rs.contact.results.solution import Step as WholeStep
+from bipot_rs.contact.path.step_control import follow, increments
 from bipot_rs.petsc import components, options, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
 from bipot_rs.petsc.derivatives import Derivatives

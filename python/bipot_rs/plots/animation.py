@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import integers, number
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 from bipot_rs.files.drafts import aside
 from bipot_rs.files.export import library
 from bipot_rs.plots.body import deformed, usual_scale

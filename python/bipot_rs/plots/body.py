@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.frames import of_step
+from bipot_rs.contact.law.frames import of_step
 from bipot_rs.plots import style
 from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from bipot_rs._lib.messages import meant
 from bipot_rs._lib.records import dataclass
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.data import look, model_of
 from bipot_rs.plots.line import tractions

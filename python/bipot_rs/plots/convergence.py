@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Solution
 from bipot_rs.plots import style
 from bipot_rs.plots.data import one_step, steps_of
 

@@ -14,9 +14,9 @@ from bipot_rs._lib.messages import meant, mistyped
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.frames import of_step
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Solution, Step
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Solution, Step
 from bipot_rs.mortar.pairs import Pairs
 from bipot_rs.plots import triangles
 from bipot_rs.scene.units import inconsistent

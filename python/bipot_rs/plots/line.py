@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.elliptic_friction import dissipation
-from bipot_rs.contact.status import Status
+from bipot_rs.contact.law.elliptic_friction import dissipation
+from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import Contacts, Given, look

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.reaction_range import ReactionRange
+from bipot_rs.contact.proof.reaction_range import ReactionRange
 from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import places
 from bipot_rs.plots.data import Given, contacts_of, selection, units_of

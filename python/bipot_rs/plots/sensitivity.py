@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import one_of
-from bipot_rs.contact.derivatives import Gradient
+from bipot_rs.contact.results.derivatives import Gradient
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection
 from bipot_rs.plots.line import lines_of, mark_of, strips

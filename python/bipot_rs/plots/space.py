@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 from bipot_rs.files.export import library
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space

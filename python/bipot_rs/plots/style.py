@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.files import fields
 from bipot_rs.files.export import library
 

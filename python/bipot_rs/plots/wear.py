@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.validation import integers, one_of
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.wear.record import Wear
 from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import common

@@ -17,8 +17,8 @@ from bipot_rs._lib import toml_text
 from bipot_rs._lib.messages import counted, later
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.contact_surface import result_mesh, surface_labels
 from bipot_rs.fem.review import review
 from bipot_rs.files.result_mesh import ResultMesh

@@ -14,14 +14,14 @@ from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import iteration_limit
-from bipot_rs.contact.engines.choice import ADAPTIVE_STEPS
+from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.errors import FloatingBodyError
-from bipot_rs.contact.frames import of_step
-from bipot_rs.contact.load_steps import Totals, differing, reached
-from bipot_rs.contact.moving import MovingGaps, joined, simplified
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.path.load_steps import Totals, differing, reached
+from bipot_rs.contact.path.moving_gaps import MovingGaps, joined, simplified
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
 from bipot_rs.fem.references import reference_named

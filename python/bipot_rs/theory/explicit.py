@@ -15,7 +15,7 @@ from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import coulomb
 from bipot_rs._lib.validation import loads as steps_of
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.projection import project
+from bipot_rs.contact.law.projection import project
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.results.result import Result
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number, vectors
-from bipot_rs.contact.existence import dense
+from bipot_rs.contact.proof.existence import dense
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
 

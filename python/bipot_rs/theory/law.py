@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import by_contact, floats, integer, number, vectors
-from bipot_rs.contact.projection import project
-from bipot_rs.contact.result import Result
+from bipot_rs.contact.law.projection import project
+from bipot_rs.contact.results.result import Result
 from bipot_rs.theory.convex import (
     direction,
     dot,

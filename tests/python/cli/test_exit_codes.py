@@ -203,7 +203,7 @@ def test_displacements_that_cannot_be_found(
     bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Earlier steps are kept, and the exit status is "not converged"."""
-    from bipot_rs.contact.engines import direct
+    from bipot_rs.contact.path import direct
 
     m = block()
     m.support("block.top", x=m.times(0.01, "go"), y=-0.1)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.contact.diagnosis import misses
+from bipot_rs.contact.messages.diagnosis import misses
 from methods import METHODS
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from scipy.io import mmwrite
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.validation import csr
-from bipot_rs.contact import dof_order
+from bipot_rs.contact.stiffness import dof_order
 from children import bipot
 from orders import CELLS, body, by_component
 

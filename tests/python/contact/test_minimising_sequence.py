@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.contact.minimising_sequence import MinimisingSequence
+from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
 from bipot_rs.theory.functionals import Functionals
 
 Array = NDArray[np.float64]

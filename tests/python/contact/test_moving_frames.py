@@ -11,8 +11,8 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
-from bipot_rs.contact.frames import frames, turned_to
-from bipot_rs.contact.slip_check import displaced
+from bipot_rs.contact.law.frames import frames, turned_to
+from bipot_rs.contact.law.slip_check import displaced
 from bipot_rs.theory import functionals, law
 from bodies import Body, block
 

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 import bipot_rs as bp
-from bipot_rs.contact.rigid_motions import describe
+from bipot_rs.contact.messages.rigid_motion_names import describe
 from bodies import Body, block, uniform_shear
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from bipot_rs._lib.validation import csr
-from bipot_rs.contact.remarks import looked_at
+from bipot_rs.contact.messages.remarks import looked_at
 from orders import CELLS, body, by_component
 
 YOUNG = 210e3

@@ -20,7 +20,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.contact.rigid_geometry import UNKNOWN, directions
+from bipot_rs.contact.stiffness.rigid_motions import UNKNOWN, directions
 from children import bipot
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import analytic
-from bipot_rs.contact import summary
+from bipot_rs.contact.results import summary
 
 # Two contacts in the plane: one pressed and dragged beyond friction, one pulled off.
 PULL = np.array([-2.0, 1.5, 1.0, 0.0])

@@ -9,7 +9,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.contact.slip_check import distances
+from bipot_rs.contact.law.slip_check import distances
 from bipot_rs.fem.review import across, review
 
 

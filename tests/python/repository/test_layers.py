@@ -267,7 +267,7 @@ def test_python_layers(repository: Path) -> None:
     ("file", "text", "said"),
     [
         (
-            "contact/frames.py",
+            "contact/law/frames.py",
             "from bipot_rs.fem import body",
             "contact is not allowed",
         ),

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import fem
-from bipot_rs.contact import dof_order
+from bipot_rs.contact.stiffness import dof_order
 
 CELLS = [
     (cell, d, order)

@@ -14,7 +14,7 @@ from bipot_rs.cli.commands.info_mesh import SUFFIXES, box, mesh
 from bipot_rs.cli.commands.info_sweep import sweep
 from bipot_rs.cli.matrix_files import MARKET, market_refuses
 from bipot_rs.cli.output_folder import RESULT, SWEEP
-from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.law.status import STATUS_NAMES
 
 # Most load steps that are listed; of a longer path the first and the last are.
 _STEPS = 3
@@ -96,8 +96,8 @@ def _folder(path: Path) -> dict[str, Any]:
 
 
 def _result(path: Path) -> dict[str, Any]:
-    from bipot_rs.contact.saved_result import load
-    from bipot_rs.contact.tables import row
+    from bipot_rs.contact.results.saved_result import load
+    from bipot_rs.contact.results.tables import row
     from bipot_rs.files.export import read_result
 
     contacts, steps, attributes = read_result(path)

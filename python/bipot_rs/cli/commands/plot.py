@@ -174,7 +174,7 @@ def draw(
     OSError, ValueError
         There is no result, it cannot be read or drawn, or the file cannot be written.
     """
-    from bipot_rs.contact.saved_result import load
+    from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
     from bipot_rs.files.export import read_result
 

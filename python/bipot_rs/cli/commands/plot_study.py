@@ -16,7 +16,7 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.output_folder import RESULT, SWEEP
 from bipot_rs.cli.study.folder import RECORD, read_record
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
-from bipot_rs.contact.tables import COMPONENTS, FORCES
+from bipot_rs.contact.results.tables import COMPONENTS, FORCES
 
 # Columns that are no numbers.
 _TEXTS = ("outcome", "message", "digest")

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.result import Result
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.result import Result
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.discretisation.estimator import DiscretisationError, Estimator
     from bipot_rs.scene.case import Case
@@ -182,7 +182,7 @@ class Job(SharedRunner):
 
     def _check_petsc(self, method: str, tol: float | str) -> None:
         """Refuse what engine petsc does not have, as the iterative engine does."""
-        from bipot_rs.contact.engines.choice import check_method
+        from bipot_rs.contact.path.choice import check_method
 
         check_method(method, "petsc")
         if self.request.fclib:
@@ -382,8 +382,8 @@ class Job(SharedRunner):
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""
-        from bipot_rs.contact.tables import row as of_step
-        from bipot_rs.contact.tables import worn
+        from bipot_rs.contact.results.tables import row as of_step
+        from bipot_rs.contact.results.tables import worn
 
         row = of_step(k, case.step_parameter(k, step), step)
         row |= worn(step, case.model.area)
@@ -467,7 +467,7 @@ class Job(SharedRunner):
 
     def _tables(self, out: Output, scene: Scene, case: Case) -> None:
         """Write the tables, the contacts and the pictures."""
-        from bipot_rs.contact.tables import columns
+        from bipot_rs.contact.results.tables import columns
 
         out.contact_series(case)
         rows = self._rows(case)
@@ -505,7 +505,7 @@ class Job(SharedRunner):
         return {**origin(name, settings, self.scene, problem, message), **stamp}
 
     def _extra(self) -> tuple[str, ...]:
-        from bipot_rs.contact.tables import WEAR
+        from bipot_rs.contact.results.tables import WEAR
 
         if self.scene is not None and self.scene.wear is not None:
             return WEAR

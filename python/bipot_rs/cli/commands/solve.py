@@ -19,14 +19,14 @@ from bipot_rs.cli.output_folder import RESULT, make
 from bipot_rs.cli.progress import Progress, tell
 from bipot_rs.cli.report import closing, console, print_table
 from bipot_rs.cli.runner import MISTAKES, Runner
-from bipot_rs.contact.status import STATUS_NAMES
-from bipot_rs.contact.tables import COLUMNS, of_surfaces, row
+from bipot_rs.contact.law.status import STATUS_NAMES
+from bipot_rs.contact.results.tables import COLUMNS, of_surfaces, row
 
 if TYPE_CHECKING:
     from bipot_rs.cli.matrix_files import Given
     from bipot_rs.contact.errors import BipotError
-    from bipot_rs.contact.result import Result
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.result import Result
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.files.result_mesh import ResultMesh
 
 
@@ -132,7 +132,7 @@ class Solve(Runner):
 
     def _unfinished(self, given: Given, message: str) -> Result:
         """The result of the load steps reached."""
-        from bipot_rs.contact.result import Result
+        from bipot_rs.contact.results.result import Result
 
         contacts = {
             "x": given.points,

@@ -27,7 +27,7 @@ from bipot_rs.cli.study.plan import Study, plan, written
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as
 from bipot_rs.cli.study.table import LOST, OUTCOME_OF, OUTCOMES, earlier, write
 from bipot_rs.cli.worker_pool import Workers
-from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.scene.library import shipped
 
 if TYPE_CHECKING:

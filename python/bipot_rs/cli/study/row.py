@@ -17,12 +17,12 @@ from bipot_rs.cli.runner import outcome, recovered
 from bipot_rs.cli.study.folder import row_folder
 from bipot_rs.cli.study.plan import row_digest, written
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE
-from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.contact.law.status import STATUS_NAMES
 
 if TYPE_CHECKING:
     from bipot_rs.cli.output_files import Reached
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.solution import Step
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
@@ -133,7 +133,7 @@ class _Attempt:
 
     def _solve(self) -> None:
         from bipot_rs.cli import cost_forecast
-        from bipot_rs.contact.tables import row as of_step
+        from bipot_rs.contact.results.tables import row as of_step
         from bipot_rs.scene.build import bodies
         from bipot_rs.scene.reading import assemble, read
 

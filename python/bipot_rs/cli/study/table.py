@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.contact.status import STATUS_NAMES
-from bipot_rs.contact.tables import COMPONENTS, FORCES
+from bipot_rs.contact.law.status import STATUS_NAMES
+from bipot_rs.contact.results.tables import COMPONENTS, FORCES
 from bipot_rs.files import csv_tables
 
 # The process of the row was killed, or no part has solved it. --resume solves such rows.

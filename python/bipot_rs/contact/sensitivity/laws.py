@@ -15,7 +15,7 @@ import numpy as np
 
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.contact.status import Status
+from bipot_rs.contact.law.status import Status
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, loads
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
-from bipot_rs.contact.derivatives import DataChange
+from bipot_rs.contact.results.derivatives import DataChange
 
 
 class Inclined(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.derivatives import ReducedGradient, ReducedTangent
+from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
 from bipot_rs.contact.sensitivity.borders import borders
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.laws import Point

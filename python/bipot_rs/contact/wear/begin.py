@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import by_contact, number
-from bipot_rs.contact.load_path import state
+from bipot_rs.contact.path.load_path import state
 from bipot_rs.contact.wear.record import State, Wear
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.state import Start
+    from bipot_rs.contact.results.state import Start
 
 
 def coefficients(value: ArrayLike, contacts: int) -> Floats:

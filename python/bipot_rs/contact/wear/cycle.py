@@ -9,10 +9,10 @@ import numpy as np
 
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.load_path import Following
-from bipot_rs.contact.load_steps import Gap, Totals
-from bipot_rs.contact.moving import MovingGaps
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_steps import Gap, Totals
+from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.results.solution import Step
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
 from bipot_rs.contact.wear.record import LEAST, End, Jump, Rows, State, Wear
 from bipot_rs.contact.wear.stability import Stability

@@ -11,9 +11,9 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.load_path import Following
-from bipot_rs.contact.result import Result
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Step
 
 # A jump solves two cycles: over one cycle it gains nothing.
 LEAST = 2

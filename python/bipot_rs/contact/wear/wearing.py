@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.validation import callback, integer, iteration_limit, settings
-from bipot_rs.contact.load_path import Following
-from bipot_rs.contact.load_paths import LoadPaths
-from bipot_rs.contact.solution import Step
+from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_paths import LoadPaths
+from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.moving import MovingGaps
-    from bipot_rs.contact.state import Start
+    from bipot_rs.contact.path.moving_gaps import MovingGaps
+    from bipot_rs.contact.results.state import Start
     from bipot_rs.contact.wear.record import Wear
 
 

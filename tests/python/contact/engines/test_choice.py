@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.contact.engines import choice
+from bipot_rs.contact.path import choice
 from pressed_in_space import arrays
 
 

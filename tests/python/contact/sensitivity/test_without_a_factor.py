@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.contact.engines.iterative import Iterative
+from bipot_rs.contact.path.iterative import Iterative
 from bipot_rs.contact.sensitivity import displacements
 from body_models import floating, on_a_ball, on_springs
 from models_and_arrays import arguments

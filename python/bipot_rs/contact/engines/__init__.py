@@ -1,1 +1,0 @@
-"""What solves the load steps of a `ContactProblem`: by factorisation, or iteratively."""

@@ -1,0 +1,1 @@
+"""Coulomb's law on arrays: statuses, projection, frames and resultants."""

@@ -1,0 +1,121 @@
+"""Resultant forces of a contact surface.
+
+On a flat surface the sums of the components are forces. On a curved surface they are not,
+because the normals differ: opposite normal forces add up in ``Σ r_n`` but cancel in the
+sum of vectors. There only the vector in global components balances the loads; ``Σ r_n``
+and ``Σ ‖r_t‖`` measure pressing and friction in all directions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.law.elliptic_friction import dissipation, largest, limit
+
+# Difference of normals of one plane, if a file gives coordinates with seven digits.
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True)
+class Resultant:
+    """Forces on one contact surface in one load step.
+
+    Attributes
+    ----------
+    normal
+        ``Fn = Σ r_n`` [N]: on a flat surface, the normal force.
+    tangential
+        On a flat surface ``Ft = ‖Σ r_t‖`` [N], with vectors added in space; on a curved
+        surface ``Σ ‖r_t‖`` [N].
+    limit
+        Upper limit of ``tangential`` for these normal forces, ``Σ μ r_n`` [N]. With two
+        coefficients it is that of the friction ellipse, along the tangential force of a
+        flat surface, or along the tangential force of each contact of a curved surface.
+    force : (d,)
+        Sum of all contact forces on the body with the contacts, in global components [N].
+        The loads and supports of the body balance it.
+    curved
+        Whether normals differ.
+    """
+
+    normal: float
+    tangential: float
+    limit: float
+    force: Floats
+    curved: bool
+
+    @property
+    def used(self) -> float | None:
+        """``tangential / limit``, from 0 to 1; ``None`` if ``limit`` is 0.
+
+        It is 1 if every closed contact slips; on a flat surface, all in one direction.
+        """
+        return self.tangential / self.limit if self.limit > 0 else None
+
+
+def is_curved(normal: Floats) -> bool:
+    """Whether unit normals ``(n_c, d)`` differ by more than rounding."""
+    return bool(len(normal) and np.abs(normal - normal[0]).max() > _FLAT)
+
+
+def resultants(
+    reaction: Floats, frame: Floats, mu: Floats, group: Ints, count: int
+) -> list[Resultant]:
+    """Resultant forces on each contact surface.
+
+    Parameters
+    ----------
+    reaction : (n_c, d)
+        Nodal contact forces, normal first [N].
+    frame : (n_c, d, d)
+        Rows n, t1[, t2].
+    mu : (n_c,) or (n_c, 2)
+        Friction coefficients.
+    group : (n_c,)
+        Number of the surface of each contact.
+    count
+        Number of surfaces.
+    """
+    found = []
+    for k in range(count):
+        own = group == k
+        force, axes, coefficient = reaction[own], frame[own], mu[own]
+        whole = np.einsum("ik,ikd->d", force, axes)
+        press = force[:, 0]
+        curved = is_curved(axes[:, 0])
+        if curved:
+            sizes, reach = held(force, coefficient)
+            size, most = float(sizes.sum()), float(reach.sum())
+        else:
+            total = np.einsum("ik,ikd->d", force[:, 1:], axes[:, 1:])
+            size = float(np.linalg.norm(total))
+            if coefficient.ndim == 2:
+                # The limit of the ellipse along the total tangential force.
+                line = total / size if size > 0 else axes[0, 1]
+                coefficient = dissipation(coefficient, axes[:, 1:] @ line)
+            most = float(press @ coefficient)
+        found.append(Resultant(float(press.sum()), size, most, whole, curved))
+    return found
+
+
+def held(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
+    """``‖r_t‖`` of each contact and its friction limit, ``(..., n_c)`` [N].
+
+    Parameters
+    ----------
+    reaction : (..., n_c, d)
+        Normal first.
+    mu : (n_c,) or (n_c, 2)
+        With two coefficients the limit is that of the ellipse along ``r_t``, or along the
+        longer axis if ``r_t`` is zero.
+    """
+    r_t = reaction[..., 1:]
+    size = np.linalg.norm(r_t, axis=-1)
+    reach = mu
+    if mu.ndim == 2:
+        each = np.broadcast_to(mu, r_t.shape).reshape(-1, 2)
+        along = limit(each, r_t.reshape(-1, 2)).reshape(size.shape)
+        reach = np.where(size > 0, along, largest(mu))
+    return size, reach * reaction[..., 0]

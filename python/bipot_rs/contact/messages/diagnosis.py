@@ -1,0 +1,468 @@
+"""Diagnosis of a solve that did not converge, in one sentence.
+
+It names the method, the contact with the largest violation of the law, the likely cause
+and what to do. A cause is named only if a number computed from the problem shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.law.elliptic_friction import dissipation, largest, limit, resisting
+from bipot_rs.contact.results.solution import Solution
+from bipot_rs.contact.law.status import Outcome
+
+# Up to this many rows of W its eigenvalues are computed; for more they take seconds.
+_DENSE = 1500
+# An eigenvalue below this part of the largest one, times the order, is zero: ε, and one
+# digit for the error of W.
+_ROUNDING = 1e-15
+# In single precision a zero eigenvalue of W becomes up to -1e-7 of the largest one. Lower
+# values are not rounding errors.
+_NEGATIVE = 1e-6
+# Coupling below this part of the diagonal is rounding error of the elimination.
+_UNCOUPLED = 1e-12
+# If one motion is softer than all others by this factor, a residual of 1e-10 says nothing
+# about the others.
+_SOFT = 1e8
+_NEARLY_FREE = "a body is nearly free"
+# Numbers below have fewer digits, and squares of numbers above overflow.
+_SMALL, _LARGE = 1e-300, 1e300
+# From this μ on, μ times the rounding error of a displacement is a large residual.
+_HUGE_FRICTION = 1e8
+# Rows of history needed to see whether the residual falls.
+_ROWS = 10
+# The residual still falls if the last fifth of the iterations reduces it by this factor.
+_FALLING = 0.9
+# Below this residual the statuses are probably those of a solution, and show whether there
+# are several solutions.
+NEAR = 1e-3
+# Below this, η and the violations of the law are small.
+_FAR = 1e-6
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A solve and its problem, ``v = W r + R a + q`` of one step.
+
+    Functions compute what is expensive: the dense ``W``, ``R`` (with no columns if there
+    are no rigid motions), the condition number of the stiffness, and whether there are
+    several solutions near a point.
+    """
+
+    method: str
+    max_seconds: float | None
+    mu: Floats
+    W: Callable[[], Floats | None]
+    modes: Callable[[], Floats]
+    several: Callable[[Solution], bool]
+    condition: Callable[[], float] = lambda: 0.0
+    points: Floats | None = None
+
+
+def diagnose(tried: Tried, solution: Solution, v: Floats) -> str:
+    """Explain why a solve failed; ``v (n_c, d)`` is the one of the step."""
+    # Numbers near the ends of doubles, which overflow here, must be explained too.
+    with np.errstate(all="ignore"):
+        return _sentence(tried, solution, v)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault of a problem: the ``cause``, and the ``cure``.
+
+    ``alone``: only this cure helps. ``certain``: it is a cause also if a limit ended the
+    solve early.
+    """
+
+    cause: str
+    cure: str
+    alone: bool = False
+    certain: bool = False
+
+
+def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
+    if solution.outcome is Outcome.NO_EQUILIBRIUM:
+        return _contradiction(tried, solution, v)
+    W = tried.W() if 0 < v.size <= _DENSE else None
+    if W is not None and not np.isfinite(W).all():
+        W = None  # the caller has changed it
+    scale = _scale(W, v, solution.reaction)
+    parts = [f"not converged: {_ending(tried, solution)}"]
+    worst = _worst(tried, solution.reaction, v, scale)
+    if worst:
+        parts.append(worst)
+    found = list(_findings(tried, solution, v, W))
+    causes = found
+    if _cut_short(solution):
+        # The limit is the cause of this end. Other faults would have acted later.
+        causes = [finding for finding in found if finding.certain]
+        if not causes:
+            others = ", and ".join(finding.cause for finding in found)
+            # If W was not checked, there may be other causes.
+            only = " only" if not found and W is not None else ""
+            parts.append(f"likely cause: the limit{only}")
+            parts += [f"also found: {others}"] if found else []
+    if causes:
+        named = ", and ".join(finding.cause for finding in causes)
+        parts.append(f"likely cause: {named}")
+    cures = list(dict.fromkeys(_cures(tried, solution, causes, v, scale)))
+    return "; ".join([*parts, "try " + " or ".join(cures)])
+
+
+def _cut_short(solution: Solution) -> bool:
+    """Whether a limit ended a solve that was still improving."""
+    if solution.outcome is Outcome.STALLED or solution.residual <= solution.tolerance:
+        return False
+    gain = _last_gain(solution)
+    return gain is None or gain < _FALLING
+
+
+def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
+    """Name the contacts that contradict each other, or the one that penetrates."""
+    if not len(v):
+        return ""
+    deep = int(np.argmin(v[:, 0]))
+    pressed = np.flatnonzero(solution.reaction[:, 0] > 0)
+    if len(pressed) > 1:
+        most = pressed[np.argsort(-solution.reaction[pressed, 0], kind="stable")[:2]]
+        names = " and ".join(str(i) for i in sorted(most.tolist()))
+        return f": contacts {names} push against each other the most"
+    if v[deep, 0] < 0:
+        return f": {_name(tried, deep)} penetrates by {-v[deep, 0]:.3g}"
+    return ""
+
+
+def _ending(tried: Tried, solution: Solution) -> str:
+    stalled = solution.outcome is Outcome.STALLED
+    trend = "" if stalled else _trend(solution)
+    judged = f"residual {solution.residual:.1e}{trend}, limit {solution.tolerance:.1e}"
+    count = solution.iterations
+    spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.method!r}"
+    ends = {
+        Outcome.ITERATION_LIMIT: "reached max_iterations",
+        Outcome.TIME_LIMIT: f"reached max_seconds = {tried.max_seconds or 0.0:.3g}",
+    }
+    end = ends.get(solution.outcome)
+    if solution.residual <= solution.tolerance:
+        met = f"{end} and met the residual" if end else "met the residual"
+        return (
+            f"{spent} {met}, which is not enough here: a contact penetrates, reactions are "
+            f"much larger than the loads, or rounding hides an error ({judged})"
+        )
+    if end is not None:
+        return f"{spent} {end} ({judged})"
+    if count == 0:
+        if tried.method == "newton":
+            return (
+                "'newton' found no step from its start: its matrix is singular there, "
+                f"or no part of the step reduces the residual ({judged})"
+            )
+        return f"{tried.method!r} made no iteration ({judged})"
+    if solution.history[:, 1].min(initial=np.inf) <= solution.tolerance:
+        return (
+            f"{spent} met the residual at a point that a fresh evaluation did not "
+            f"confirm as a solution ({judged})"
+        )
+    return f"{spent} stalled ({judged})"
+
+
+def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
+    """Displacement per force of each contact, to compare r with v."""
+    if W is not None:
+        d = v.shape[1]
+        trace = W.diagonal().reshape(-1, d).mean(axis=1)
+        if (trace > 0).any():
+            return np.asarray(np.where(trace > 0, trace, trace.max()), np.float64)
+    force = float(np.abs(r).max(initial=0.0))
+    return np.full(len(v), np.abs(v).max(initial=0.0) / force if force > 0 else 1.0)
+
+
+def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
+    """Violation of each part of the law (6), (8e) at each contact, ``(4, n_c)``.
+
+    The rows are penetration or pull, force on an open contact, friction above its limit,
+    and slip that friction does not oppose at its limit, as displacements over ``√scale``.
+    """
+    root = np.sqrt(scale)
+    r, v = r * root[:, None], v / root[:, None]
+    push, shear = r[:, 0], np.linalg.norm(r[:, 1:], axis=1)
+    slip = np.linalg.norm(v[:, 1:], axis=1)
+    against = push[:, None] * resisting(mu, v[:, 1:])
+    off = np.linalg.norm(r[:, 1:] + against, axis=1)
+    whole = slip + off + shear
+    return np.stack(
+        [
+            np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
+            np.maximum(np.minimum(push, v[:, 0]), 0),
+            np.maximum(shear - limit(mu, r[:, 1:]) * push, 0),
+            # The direction of a small slip has little weight.
+            slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
+        ]
+    )
+
+
+def _worst(tried: Tried, r: Floats, v: Floats, scale: Floats) -> str:
+    missed = misses(r, v, tried.mu, scale)
+    if not missed.size or not np.isfinite(missed).all():
+        return ""
+    kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
+    if missed[kind, i] == 0:
+        if tried.modes().size:
+            return "each contact satisfies the law, but forces are not in balance"
+        return ""
+    slip = float(np.linalg.norm(v[i, 1:]))
+    pulls = max(-r[i, 0], 0) * scale[i] > max(-v[i, 0], 0)
+    said = (
+        "which pulls" if pulls else f"which penetrates by {-v[i, 0]:.2g}",
+        f"which has a normal force {r[i, 0]:.2g} and is open by {v[i, 0]:.2g}",
+        "whose friction is above its limit",
+        f"which slips by {slip:.2g}, but friction does not oppose this at its limit",
+    )
+    return f"largest violation at {_name(tried, int(i))}, {said[int(kind)]}"
+
+
+def _name(tried: Tried, i: int) -> str:
+    if tried.points is None:
+        return f"contact {i}"
+    place = ", ".join(f"{x:.4g}" for x in tried.points[i])
+    return f"contact {i} at ({place})"
+
+
+def _findings(
+    tried: Tried, solution: Solution, v: Floats, W: Floats | None
+) -> Iterator[Finding]:
+    """Faults of the problem. A certain one is returned alone."""
+    soft = False
+    if W is not None:
+        scaled, root = _scaled(W, len(tried.mu))
+        # Rigid motions in the scaled variables of W.
+        modes = tried.modes() / root[:, None]
+        modes /= np.maximum(np.linalg.norm(modes, axis=0), _SMALL)
+        for sure in (
+            _out_of_range(W, v),
+            _indefinite(tried, W, scaled, modes),
+            _rounding_of_slip(tried, W, solution.reaction, v),
+        ):
+            if sure is not None:
+                yield sure
+                return
+        for finding in _of_compliance(tried, solution, W, scaled, modes):
+            soft |= finding.cause.startswith(_NEARLY_FREE)
+            yield finding
+    condition = tried.condition()
+    if condition > _SOFT and not soft:
+        yield Finding(
+            f"{_NEARLY_FREE}, with a stiffness of condition number {condition:.0e}",
+            "adding a support",
+        )
+    if W is not None and solution.reaction.any() and tried.several(solution):
+        yield Finding(
+            "several solutions nearby", "smaller load steps, or another start"
+        )
+
+
+def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
+    """``W`` scaled to a mean diagonal of 1 for each contact, and the root of the scale."""
+    d = len(W) // contacts
+    trace = np.abs(W.diagonal().reshape(-1, d).mean(axis=1))
+    largest = float(trace.max(initial=0.0)) or 1.0
+    root = np.sqrt(np.repeat(np.where(trace > 0, trace, largest), d))
+    scaled = W / root / root[:, None]
+    return np.asarray((scaled + scaled.T) / 2, np.float64), root
+
+
+def _out_of_range(W: Floats, v: Floats) -> Finding | None:
+    """Numbers near the ends of doubles, which have lost digits."""
+    softest = float(np.abs(W).max(initial=0.0))
+    if softest == 0:
+        return None
+    cure = "other units, in which W, displacements and forces are of order one"
+    for what, size in (
+        ("the largest entry of W is", softest),
+        ("reactions (displacements over W) are", float(np.abs(v).max()) / softest),
+    ):
+        if size > _LARGE or (what.endswith("is") and size < _SMALL):
+            side = "above 1e+300" if size > _LARGE else "below 1e-300"
+            return Finding(f"{what} {side}, near the end of doubles", cure, alone=True)
+    return None
+
+
+def _indefinite(
+    tried: Tried, W: Floats, scaled: Floats, modes: Floats
+) -> Finding | None:
+    """A ``W`` with ``rᵀ W r < 0`` for reactions in balance; elastic bodies have none."""
+    if not np.isfinite(scaled).all():
+        return None
+    balanced = scaled
+    if modes.size:
+        # Only on Rᵀ r = 0: W along R does not matter.
+        span, sizes, _ = np.linalg.svd(modes, full_matrices=False)
+        span = span[:, sizes > _UNCOUPLED * sizes.max(initial=0.0)]
+        out = np.eye(len(scaled)) - span @ span.T
+        balanced = out @ scaled @ out
+    values = np.linalg.eigvalsh(balanced)
+    largest = float(np.abs(scaled.diagonal()).max(initial=0.0))
+    if -values[0] <= _NEGATIVE * max(values[-1], largest):
+        return None
+    cure = "W = B K⁻¹ Bᵀ of a positive definite K"
+    if values[-1] <= -_NEGATIVE * values[0]:
+        cure = "-W, which is positive semidefinite"
+    fault = "W is not positive semidefinite"
+    k = int(np.argmin(scaled.diagonal()))
+    if scaled[k, k] < -_NEGATIVE * largest:
+        d = len(W) // len(tried.mu)
+        names = ("nn", "tt") if d == 2 else ("nn", "t1t1", "t2t2")
+        # The normal one, if several are negative.
+        first = k // d * d
+        k = first if scaled[first, first] < -_NEGATIVE * largest else k
+        where = _name(tried, k // d)
+        return Finding(
+            f"{fault}: W_{names[k % d]} = {W[k, k]:.3g} at {where}", cure, True, True
+        )
+    return Finding(
+        f"{fault}: scaled to a mean diagonal of 1, its smallest eigenvalue is "
+        f"{values[0]:.2g} and its largest {values[-1]:.2g}",
+        cure,
+        True,
+        True,
+    )
+
+
+def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding | None:
+    """A violation of the law that is only ``μ`` times the rounding error of ``v_t``."""
+    # The rounding error of rigid motions is not known here.
+    most = largest(tried.mu)
+    if most.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
+        return None
+    moved = (np.abs(W) @ np.abs(r).ravel()).reshape(v.shape)
+    # A sum of len(W) rounded terms, and q = v - W r with its own rounding error.
+    bound = 4 * np.finfo(float).eps * (len(W) * moved + np.abs(v))
+    exact = np.where(np.abs(v) <= bound, 0.0, v)
+    scale = _scale(W, v, r)
+    size = np.sqrt(scale).max() * np.abs(r).max()
+    left = misses(r, exact, tried.mu, scale).max()
+    hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
+    if left > _FAR * size or not (most * hidden / np.sqrt(scale) > _FAR * size).any():
+        return None
+    i = int(np.argmax(most * hidden / np.sqrt(scale)))
+    return Finding(
+        f"rounding: the reactions satisfy the law, except for mu = {most[i]:.0e} times the "
+        f"rounding error {hidden[i]:.0e} of the slip of {_name(tried, i)}",
+        "a smaller mu, which gives the same solution while contacts stick",
+        True,
+        True,
+    )
+
+
+def _of_compliance(
+    tried: Tried, solution: Solution, W: Floats, scaled: Floats, modes: Floats
+) -> Iterator[Finding]:
+    d = len(W) // len(tried.mu)
+    wedged = _wedged(W, tried.mu, d)
+    if len(wedged):
+        i = int(wedged[0])
+        more = f" and {len(wedged) - 1} more" if len(wedged) > 1 else ""
+        cause = f"friction that can jam {_name(tried, i)}{more}"
+        yield Finding(
+            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {largest(tried.mu)[i]:.3g}",
+            "a smaller mu",
+        )
+    if not np.isfinite(scaled).all():
+        return
+    # A contact without compliance and rigid motion does not count as redundant.
+    acts = np.abs(scaled).max(axis=1) > 0
+    if modes.size:
+        acts |= np.abs(modes).max(axis=1) > 0
+    scaled, modes = scaled[np.ix_(acts, acts)], modes[acts]
+    if not scaled.size:
+        return
+    values = np.linalg.eigvalsh(scaled)[::-1]
+    most = max(float(values[0]), _SMALL)
+    # Negative eigenvalues are rounding errors of zero, and show their size.
+    zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / most)
+    rank = int((values > zero * most).sum())
+    # Rigid motions may determine reactions that W does not.
+    known = rank
+    if modes.size:
+        whole = np.hstack([scaled / most, modes])
+        known = int(np.linalg.matrix_rank(whole, tol=zero))
+    if known < len(values):
+        ways = f"in {known} independent ways only" if known != 1 else "in one way only"
+        # "auto" can solve such problems; only if it stalls are fewer contacts needed.
+        stood = tried.method == "auto" and solution.outcome is Outcome.STALLED
+        yield Finding(
+            f"redundant contacts, their {len(values)} reaction components act {ways}",
+            "fewer contacts" if stood else "",
+        )
+    if rank > 1:
+        softer = values[: rank - 1] / values[1:rank]
+        first = int(np.argmax(softer))
+        if softer[first] > _SOFT and first < min(6, len(values) // 2):
+            which = "one motion is" if first == 0 else f"{first + 1} motions are"
+            cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
+            yield Finding(f"{cause} than all others", "adding a support")
+
+
+def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
+    """Contacts that can jam or have several solutions: ``‖D W_nt‖ ≥ W_nn``."""
+    blocks = W.reshape(len(mu), d, len(mu), d)[
+        np.arange(len(mu)), :, np.arange(len(mu))
+    ]
+    coupling = blocks[:, 0, 1:].copy()
+    none = np.linalg.norm(coupling, axis=1)
+    coupling[none <= _UNCOUPLED * np.abs(blocks).max(axis=(1, 2))] = 0.0
+    pushed = dissipation(mu, coupling)
+    return np.flatnonzero((pushed >= blocks[:, 0, 0]) & (pushed > 0))
+
+
+def _last_gain(solution: Solution) -> float | None:
+    """Factor of the residual over the last fifth of the iterations.
+
+    It is ``None`` for too few iterations, and at least 1 if the residual did not fall.
+    """
+    residuals = solution.history[:, 1]
+    if len(residuals) < _ROWS:
+        return None
+    cut = len(residuals) - max(len(residuals) // 5, 3)
+    before = float(residuals[:cut].min())
+    return float(residuals[cut:].min()) / before if before > 0 else 1.0
+
+
+def _trend(solution: Solution) -> str:
+    gain = _last_gain(solution)
+    if gain is None:
+        return ""
+    if gain < _FALLING:
+        return ", still falling"
+    return ", hardly falling" if gain < 1 else ", no longer falling"
+
+
+def _cures(
+    tried: Tried, solution: Solution, causes: list[Finding], v: Floats, scale: Floats
+) -> Iterator[str]:
+    yield from (finding.cure for finding in causes if finding.cure)
+    if not any(finding.alone for finding in causes):
+        limit = {
+            Outcome.ITERATION_LIMIT: "a larger max_iterations",
+            Outcome.TIME_LIMIT: "a larger max_seconds",
+        }.get(solution.outcome)
+        gain = _last_gain(solution)
+        # More iterations do not help a method that has stalled. "auto" tries others.
+        if limit is not None and (tried.method == "auto" or gain is None or gain < 1):
+            yield limit
+        if tried.method != "auto":
+            yield "method='auto'"
+        elif limit is None and not causes:
+            yield "smaller load steps, or another start"
+    # η is relative to the reactions, and small if they are much larger than needed.
+    missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
+    moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
+    if solution.tolerance < solution.residual <= _FAR and missed <= _FAR * moved:
+        wish = 10.0 ** np.ceil(np.log10(solution.residual))
+        yield f"tol={wish:.0e}, which this point meets"

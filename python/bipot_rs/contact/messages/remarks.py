@@ -1,0 +1,222 @@
+"""Warnings about a problem of arrays: what looks wrong but need not be an error.
+
+`fem.inspection` checks more, for scenes. For arrays the gaps are checked, and K if the
+coordinates of the degrees of freedom are known. K times a displacement that is linear in
+the coordinates gives the forces that hold this strain. They act on the surface of the
+bodies: for a dilation they point outwards, and for a shear their work gives the modulus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Csr
+from bipot_rs.contact.stiffness import dof_order
+from bipot_rs.contact.results.solution import Step
+
+# Rounding of coordinates in mesh files, relative to the size of the problem.
+_ROUNDING = 1e-9
+# Below this cosine a normal points the wrong way. A normal towards the closest point may
+# differ from that of the surface.
+_AWAY = -0.5
+# Single contacts with a gap above this part of the size of the model are not checked: an
+# obstacle next to an edge may lie on its other side.
+_NEAR = 0.05
+# Mean strain above which strains are not small.
+_SOFT = 0.05
+# Young's modulus over shear modulus; 2 to 3 for solids.
+_YOUNG = 2.5
+# Limit of the slip of a step over the extent of all contacts.
+_FAR = 1.0
+NEVER_CLOSED = (
+    "no contact closes in any load step: check that the load presses the bodies together "
+    "and that the normals point from the obstacle to the body"
+)
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Stiffness of each body.
+
+    Attributes
+    ----------
+    body : (n,)
+        Number of the body of each degree of freedom.
+    force : (bodies,)
+        Force for a strain of 1 on its largest section; NaN if K does not determine it.
+    """
+
+    body: Ints
+    force: Floats
+
+
+def at_start(
+    contact: Csr,
+    gap: Floats,
+    *,
+    points: Floats | None,
+    places: Floats | None,
+    outward: Floats | None,
+) -> Iterator[str]:
+    """Warnings about the arrays, before any load.
+
+    Parameters
+    ----------
+    contact
+        B.
+    gap : (n_c, d)
+        Gaps by component.
+    points, places
+        Coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``.
+    outward : (n,) or None
+        Forces of `looked_at`.
+    """
+    yield from _penetrating(gap[:, 0], points, places)
+    if outward is not None and len(gap):
+        yield from _into(contact, gap, outward, places)
+
+
+def _penetrating(
+    gap: Floats, points: Floats | None, places: Floats | None
+) -> Iterator[str]:
+    known = points if places is None else places
+    size = (
+        0.0 if known is None or not len(known) else float(np.ptp(known, axis=0).max())
+    )
+    if size == 0:
+        size = float(np.abs(gap).max(initial=0.0))
+        known = None
+    inside = np.flatnonzero(gap < -_ROUNDING * size)
+    if not inside.size:
+        return
+    deepest = int(inside[np.argmin(gap[inside])])
+    depth = -float(gap[deepest])
+    share = (
+        ""
+        if known is None
+        else f", {100 * depth / size:.2g} % of the size of the model"
+    )
+    where = "" if points is None else f" at {_place(points[deepest])}"
+    yield (
+        f"{inside.size} of the {counted(len(gap), 'contact')} penetrate at the start, most "
+        f"of all contact {deepest}{where}, by {depth:g}{share}: the first step pushes them "
+        "out; this is right for an interference fit, else check the sign of gap, which is "
+        "positive when open"
+    )
+
+
+def looked_at(stiffness: Csr, places: Floats, d: int) -> tuple[Floats, Strength] | None:
+    """Surfaces and stiffness of the bodies, from the coordinates and K.
+
+    Returns
+    -------
+    outward : (n,)
+        Forces that point outwards at the surface of the bodies, and are zero inside and in
+        rows of supports within K.
+    strength
+        Stiffness of each body.
+
+    None if the coordinates do not show the order of the degrees of freedom.
+    """
+    order = dof_order.told_by(places, d)
+    if order is None or not len(places):
+        return None
+    x = places - places.mean(axis=0)
+    side = float(np.abs(x).max(initial=0.0)) or 1.0
+    x /= side
+    outward, body, work, low, high, every, free = _core.bodies(
+        stiffness.parts, x, order == "node"
+    )
+    modulus = _YOUNG * work / (d * (d - 1))
+    thin = (high - low).min(axis=1)
+    known = (2 * free > every) & (thin > 0) & (modulus > 0)
+    force = np.full(len(work), np.nan)
+    force[known] = modulus[known] / thin[known] * side
+    return outward, Strength(body, force)
+
+
+def _into(
+    contact: Csr, gap: Floats, outward: Floats, places: Floats | None
+) -> Iterator[str]:
+    """Warn of normals that point out of the body with the contact."""
+    d = gap.shape[1]
+    if places is None or (order := dof_order.told_by(places, d)) is None:
+        return
+    from scipy.sparse import csr_array
+
+    n = len(outward)
+    node = dof_order.node_of(order, n, d)
+    of_node = csr_array((np.ones(n), (np.arange(n), node)), shape=(n, n // d))
+    normal = contact.matrix[::d]
+    # For a pair of bodies both sides count: minus the normal points into the obstacle.
+    along = -(normal @ outward)
+    length = np.sqrt(outward**2 @ of_node)
+    whole = (normal.multiply(normal)).tocsr() @ of_node
+    whole.data = np.sqrt(whole.data)
+    size = whole @ length
+    away = (size > 0) & (along < _AWAY * size)
+    if not away[size > 0].all():
+        away &= gap[:, 0] <= _NEAR * float(np.ptp(places, axis=0).max(initial=0.0))
+    wrong = np.flatnonzero(away)
+    if wrong.size:
+        contacts = len(along)
+        yield (
+            f"the normals of {wrong.size} of the {counted(contacts, 'contact')} point out of "
+            f"the body, first at contact {wrong[0]}: a normal must point from the obstacle to "
+            "the body, and B must give the displacement of the body minus that of the obstacle"
+        )
+
+
+def of_path(
+    steps: Sequence[Step],
+    contacts: Mapping[str, NDArray[Any] | None],
+    known: Strength | None,
+) -> Iterator[str]:
+    """Warnings about the load steps of a path."""
+    if not steps:
+        return
+    if len(steps[0].status) and not any(step.status.any() for step in steps):
+        yield NEVER_CLOSED
+    if known is not None:
+        yield from _overloaded(steps, known)
+    elif contacts.get("x") is not None:
+        yield from _beyond(steps, np.asarray(contacts["x"]))
+
+
+def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
+    share = np.zeros(len(known.force))
+    for step in steps:
+        if step.load is not None:
+            force = np.bincount(known.body, np.abs(step.load), len(share))
+            share = np.fmax(share, force / known.force)
+    most = int(np.argmax(share)) if len(share) else 0
+    if len(share) and share[most] > _SOFT:
+        dof = int(np.argmax(known.body == most))
+        yield (
+            "check the units: the loads on the body of degree of freedom "
+            f"{dof} would strain its largest section by {100 * share[most]:.2g} %, but the "
+            "theory needs small strains"
+        )
+
+
+def _beyond(steps: Sequence[Step], x: Floats) -> Iterator[str]:
+    size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
+    moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
+    if size > 0 and moved > _FAR * size:
+        yield (
+            f"check the units: contacts slip by up to {moved:.3g} in a load step, "
+            f"{moved / size:.2g} times the extent of all contacts, but the theory needs small "
+            "displacements"
+        )
+
+
+def _place(x: Floats) -> str:
+    return f"({', '.join(f'{c:.4g}' for c in x)})"

@@ -1,0 +1,1 @@
+"""Load steps and load paths, and the engines that solve them."""

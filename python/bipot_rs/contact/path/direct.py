@@ -1,0 +1,257 @@
+"""The direct engine: ``K`` is factored and condensed onto the contacts once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.path.engine import Asked
+from bipot_rs.contact.results.error_bound import ErrorBound, from_core, without
+from bipot_rs.contact.path.moving_gaps import rotated, rotation
+from bipot_rs.contact.results.solution import Solution, Step
+
+# Most paths are solved: only one that fails is diagnosed.
+if TYPE_CHECKING:
+    from bipot_rs.contact.messages.diagnosis import Tried
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Solves with the compliance ``W`` of the condensed bodies."""
+
+    core: _core.Condensed
+    name = "direct"
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """As `_core.Condensed.stats`."""
+        return self.core.stats
+
+    def modes(self) -> Floats:
+        """Each rigid motion at the contacts, as a row."""
+        return self.core.modes()
+
+    def with_gap(self, gap: Floats) -> Direct:
+        """The same problem with other gaps."""
+        return Direct(self.core.with_gap(gap))
+
+    def with_mu(self, mu: Floats) -> Direct:
+        """The same problem with other friction coefficients."""
+        return Direct(self.core.with_mu(mu))
+
+    def rotated(self, rotation: Floats) -> Direct:
+        """The same problem in other frames, Q by rows."""
+        return Direct(self.core.rotated(rotation))
+
+    def replacement(self) -> Direct:
+        """Nothing replaces this engine."""
+        return self
+
+    def path(self, at: Step | None) -> DirectPath:
+        """A load path that starts from a step, or from the unloaded bodies."""
+        stand = start(at, self.core.stats["rigid_motions"])
+        path = _core.Path(self.core, stand, _working_set(at))
+        if at is not None and at.stats.get("bytes_beside_W", 0):
+            # An earlier step made the inverse of W, and counted this work.
+            self.core.make_inverse()
+        return DirectPath(self, path)
+
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
+    ) -> _Recovery:
+        """What computes the displacements of steps."""
+        return _Recovery(self.core, seconds, gap, frame)
+
+    def inquiry(self, asked: Asked) -> _StepProblem:
+        """What answers questions about a step."""
+        return _StepProblem(self.core, asked)
+
+
+@dataclass(frozen=True)
+class DirectPath:
+    """A load path in progress."""
+
+    engine: Direct
+    core: _core.Path
+
+    def step(
+        self,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> dict[str, Any]:
+        """Make a step to the total loads."""
+        return self.core.step(load, prescribed, gap, *settings)
+
+
+@dataclass(frozen=True)
+class _StepProblem:
+    """The problem of a step, for the properties of its solution that are computed on use."""
+
+    kept: _core.Condensed
+    asked: Asked
+
+    @property
+    def core(self) -> _core.Condensed:
+        """The condensed bodies with the frames and gaps of the step."""
+        turned = self.asked.turned
+        if turned is None:
+            return self.kept
+        return self.kept.rotated(turned.rotation).with_gap(turned.gap)
+
+    @property
+    def _loads(self) -> tuple[Floats, Floats, Floats | None]:
+        return self.asked.load, self.asked.prescribed, self.asked.before
+
+    def unique(self, step: Solution, /) -> str:
+        """Whether the solution is unique."""
+        return _core.assess_step(self.core, *self._loads, step.reaction)
+
+    def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
+        """Relative forward errors, by one more Newton correction."""
+        core = self.core
+        if not core.stats["factor_kept"]:
+            return None  # the estimate needs the factor of K
+        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+        found = _core.forward_errors_of_step(core, *self._loads, step.reaction, motion)
+        if found is None or self.asked.known is None:
+            return found
+        # Add the effect of the error of K.
+        known = self.asked.known
+        digits = known.digits
+        factor = digits.amplification(core.stiffness(), step.displacement)
+        unknown = max(digits.rtol, known.off) * factor
+        return found[0] + unknown, found[1] + unknown
+
+    def error(self, step: Any, /) -> ErrorBound:
+        """Guaranteed bound of the error."""
+        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+        raw = _core.error_bound_of_step(
+            self.core,
+            *self._loads,
+            step.reaction,
+            step.relative_displacement,
+            motion,
+        )
+        if raw is None:
+            return without("working set", step.bipotential_gap)
+        return from_core(raw, self.asked.named.area)
+
+    def diagnosis(self, step: Any, /) -> str:
+        """Why the solve failed."""
+        from bipot_rs.contact.messages.diagnosis import diagnose
+
+        # The law of a step is about its slip, not the total tangential displacement.
+        v = np.column_stack([step.relative_displacement[:, 0], step.slip])
+        return diagnose(self._tried(), step, v)
+
+    def _tried(self) -> Tried:
+        from bipot_rs.contact.messages.diagnosis import NEAR, Tried
+
+        core = self.core
+
+        def several(step: Solution) -> bool:
+            return step.residual <= NEAR and self.unique(step) == "others exist"
+
+        return Tried(
+            method=self.asked.settings.method,
+            max_seconds=self.asked.settings.max_seconds,
+            mu=self.asked.named.mu,
+            W=lambda: _compliance(core),
+            modes=lambda: core.modes().T,
+            several=several,
+            condition=lambda: float(core.stats["cond_S"]),
+            points=self.asked.named.points,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Recovery:
+    """Computes displacements of steps.
+
+    Steps refer to this and not to their path: a path refers to the step that it started
+    from, and all steps of a long chain would stay in memory.
+    """
+
+    core: _core.Condensed
+    seconds: dict[str, float]
+    gap: Floats
+    frame: Floats | None = None
+
+    def has_factor(self) -> bool:
+        """Whether the problem keeps the factor that this takes."""
+        return bool(self.core.stats["factor_kept"])
+
+    def primal(self) -> None:
+        """Nothing: the bodies are condensed."""
+
+    def condensed(self) -> _core.Condensed:
+        """The condensed bodies, for derivatives."""
+        return self.core
+
+    def __call__(self, steps: Sequence[Step]) -> Floats:
+        began = time.perf_counter()
+        none = np.empty(0)
+        states, confirmed = [], []
+        for step in steps:
+            if step.load is None or step.prescribed is None:
+                continue
+            amounts = none if step.rigid_motion is None else step.rigid_motion
+            gap = self.gap if step.gap is None else step.gap
+            slip = np.zeros_like(step.relative_displacement)
+            slip[:, 1:] = step.slip
+            reaction, v = step.reaction, step.relative_displacement
+            if step.frame is not None and self.frame is not None:
+                # The factor belongs to B, whose rows are in the frames of the problem.
+                back = rotation(self.frame, step.frame)
+                reaction, v = rotated(back, reaction), rotated(back, v)
+                gap, slip = rotated(back, gap), rotated(back, slip)
+            states.append((step.load, step.prescribed, reaction, amounts))
+            confirmed.append((v, gap, slip))
+        u = self.core.displacements(states, confirmed)
+        self.seconds["recover"] += time.perf_counter() - began
+        return u
+
+
+def start(
+    step: Step | None, motions: int
+) -> tuple[Floats, Floats, NDArray[np.int8], Floats] | None:
+    """The state of a step as the core takes it."""
+    if step is None:
+        return None
+    rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+    if "krylov" in step.stats or step._given:
+        # The iterative engine and a `State` have no amounts of rigid motions; they are a
+        # start value.
+        rigid = np.zeros(motions)
+    if len(rigid) != motions:
+        raise ValueError(
+            f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
+        )
+    return step.reaction, step.relative_displacement, step.status, rigid
+
+
+def _working_set(
+    step: Step | None,
+) -> tuple[Ints, Floats, bool] | None:
+    """The working set of a step, from which the next step starts."""
+    if step is None or step.working_set is None:
+        return None
+    motion = np.empty(0) if step.working_motion is None else step.working_motion
+    return step.working_set, motion, bool(step.stats.get("bytes_beside_W", 0))
+
+
+def _compliance(core: _core.Condensed) -> Floats | None:
+    if core.stats["working_set"] is not None:
+        return None  # a diagnosis does not justify condensing onto all candidates
+    return core.compliance()

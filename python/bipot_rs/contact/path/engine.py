@@ -1,0 +1,120 @@
+"""What a load path needs of the engine that solves its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.stiffness.digits import Digits
+
+
+@dataclass(frozen=True)
+class Known:
+    """Relative error of K, and the error of its rigid motions before they were restored."""
+
+    digits: Digits
+    off: float
+
+
+@dataclass(frozen=True)
+class Named:
+    """Friction, positions and areas of the contacts, for messages and tractions."""
+
+    mu: Floats
+    points: Floats | None
+    area: Floats | None
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A step in other frames than those of B: Q by rows, and gaps by component."""
+
+    rotation: Floats
+    gap: Floats
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One load step, for questions about its solution.
+
+    Attributes
+    ----------
+    load, prescribed
+        Totals.
+    before
+        Relative displacement after the step before; None for the unloaded bodies.
+    known
+        Relative error of K, if it is not rounding.
+    turned
+        Frames and gaps of the step, if these are not those of the engine.
+    """
+
+    load: Floats
+    prescribed: Floats
+    before: Floats | None
+    settings: Settings
+    named: Named
+    known: Known | None = None
+    turned: Turned | None = None
+
+
+class Path(Protocol):
+    """A load path in progress."""
+
+    @property
+    def engine(self) -> Engine:
+        """The engine that made the last step."""
+
+    def step(
+        self,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+        /,
+    ) -> dict[str, Any]:
+        """Make a step to the total loads; the path moves on only if it converges."""
+
+
+class Engine(Protocol):
+    """A problem that is ready to be solved."""
+
+    @property
+    def name(self) -> str:
+        """``"direct"`` or ``"iterative"``."""
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts and seconds."""
+
+    def modes(self) -> Floats:
+        """Each rigid motion at the contacts, as a row."""
+
+    def with_gap(self, gap: Floats, /) -> Engine:
+        """The same problem with other gaps."""
+
+    def with_mu(self, mu: Floats, /) -> Engine:
+        """The same problem with other friction coefficients."""
+
+    def rotated(self, rotation: Floats, /) -> Engine:
+        """The same problem in other frames: Q of each contact by rows, ``(d n_c, d)``."""
+
+    def replacement(self) -> Engine:
+        """The engine that solves what this one cannot; itself if there is none."""
+
+    def path(self, at: Step | None, /) -> Path:
+        """A load path that starts from a step, or from the unloaded bodies."""
+
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None, /
+    ) -> Recovery:
+        """What computes the displacements of steps; ``frame`` is that of B."""
+
+    def inquiry(self, asked: Asked, /) -> Inquiry:
+        """What answers questions about the solution of a step."""

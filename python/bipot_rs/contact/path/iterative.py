@@ -1,0 +1,255 @@
+"""The iterative engine: Newton on the displacements, with a multigrid preconditioner.
+
+No factor of ``K`` and no ``W`` is formed. Time and memory grow in proportion to the entries
+of ``K``, so that bodies of millions of degrees of freedom fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from typing import Any
+
+import numpy as np
+
+import bipot_rs._core as _core
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.messages.diagnosis import Tried, diagnose
+from bipot_rs.contact.path.engine import Asked, Engine, Path
+from bipot_rs.contact.path.loose import Loose
+from bipot_rs.contact.results.error_bound import ErrorBound, without
+from bipot_rs.contact.reduced import solution_fields
+from bipot_rs.contact.results.solution import Recovery, Solution, Step
+
+
+@dataclass
+class Record:
+    """What the engine did, of all load paths of a problem."""
+
+    newton: int = 0
+    krylov: int = 0
+    bytes_multigrid: int = 0
+    # Why the direct engine replaced it; empty if it did not.
+    replaced: str = ""
+
+
+@dataclass(frozen=True)
+class Iterative:
+    """Solves in the displacements.
+
+    Attributes
+    ----------
+    direct
+        Makes the direct engine, for a step that this one cannot solve; it raises
+        `MemoryError` if the factor does not fit.
+    loose
+        Degrees of freedom without stiffness, to which ``core`` has springs.
+    """
+
+    core: _core.Primal
+    direct: Callable[[], Engine]
+    shape: tuple[int, int]
+    gap: Floats | None = None
+    mu: Floats | None = None
+    record: Record = field(default_factory=Record)
+    loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
+    rotation: Floats | None = None
+    name = "iterative"
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts; nothing is condensed."""
+        return self.core.stats | {
+            "newton": self.record.newton,
+            "krylov": self.record.krylov,
+            "bytes_multigrid": self.record.bytes_multigrid,
+        }
+
+    def modes(self) -> Floats:
+        """No rigid motions: they are not unknowns of their own."""
+        contacts, d = self.shape
+        return np.empty((0, d * contacts))
+
+    def with_gap(self, gap: Floats) -> Iterative:
+        """The same problem with other gaps."""
+        return replace(self, gap=gap)
+
+    def with_mu(self, mu: Floats) -> Iterative:
+        """The same problem with other friction coefficients."""
+        return replace(self, core=self.core.with_mu(mu), mu=mu)
+
+    def rotated(self, rotation: Floats) -> Engine:
+        """The same problem in other frames, Q by rows.
+
+        It is the direct engine if supports at a contact are oblique to the new frames.
+        """
+        core = self.core.rotated(rotation)
+        if core is None:
+            self.record.replaced = "a support is oblique to the frame of a contact"
+            return self.replacement().rotated(rotation)
+        return replace(self, core=core, rotation=rotation)
+
+    def path(self, at: Step | None) -> IterativePath:
+        """A load path that starts from a step, or from the unloaded bodies."""
+        return IterativePath(self, self.from_step(at), at)
+
+    def from_step(self, at: Step | None) -> _core.PrimalPath:
+        """The path of the core that starts from a step."""
+        if at is None:
+            return _core.PrimalPath(self.core)
+        state = at.reaction, at.relative_displacement, at.status
+        return _core.PrimalPath(self.core, state, at._kept.get("u"))
+
+    def recovery(
+        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
+    ) -> _Recovery:
+        """What computes the displacements of steps."""
+        return _Recovery(self, seconds, gap, frame)
+
+    def inquiry(self, asked: Asked) -> StepProblem:
+        """What answers questions about a step."""
+        return StepProblem(asked)
+
+    def replacement(self) -> Engine:
+        """The direct engine with the same friction and frames."""
+        made = self.direct()
+        made = made if self.mu is None else made.with_mu(self.mu)
+        return made if self.rotation is None else made.rotated(self.rotation)
+
+
+class IterativePath:
+    """A load path in progress.
+
+    A step that stalls is tried again by the direct engine, if its factor fits into memory.
+    The path then stays with that engine.
+    """
+
+    def __init__(
+        self, engine: Iterative, core: _core.PrimalPath, at: Step | None
+    ) -> None:
+        self.engine: Engine = engine
+        self._iterative = engine
+        self._core = core
+        self._other: Path | None = None
+        self._last = at
+
+    def step(
+        self,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> dict[str, Any]:
+        """Make a step to the total loads."""
+        if self._other is not None:
+            return self._other.step(load, prescribed, gap, settings)
+        loose = self._iterative.loose
+        if loose.dofs.size:
+            raw = self._proximal(load, prescribed, gap, settings)
+        else:
+            raw = self._solved(load, prescribed, gap, settings)
+        if raw["outcome"] == "stalled":
+            return self._again(raw, load, prescribed, gap, settings)
+        if raw["outcome"] == "converged":
+            kept = {"u": raw["displacement"]} if loose.dofs.size else {}
+            self._last = Step(**solution_fields(raw), slip=raw["slip"], _kept=kept)
+        return raw
+
+    def _solved(self, *asked: Any) -> dict[str, Any]:
+        """One step of the core, with its record."""
+        *loads, settings = asked
+        raw = self._core.step(*loads, *settings)
+        record = self._iterative.record
+        record.newton += raw["newton"]
+        record.krylov += raw["krylov"]
+        record.bytes_multigrid = max(record.bytes_multigrid, raw["bytes_multigrid"])
+        return raw
+
+    def _proximal(self, load: Floats, *asked: Any) -> dict[str, Any]:
+        """A step with degrees of freedom without stiffness, from the last state each time."""
+        loose, last = self._iterative.loose, self._last
+        known = None if last is None else last._kept.get("u")
+        at = np.zeros(len(loose.dofs)) if known is None else known[loose.dofs]
+
+        def step(stretched: Floats) -> dict[str, Any]:
+            self._core = self._iterative.from_step(last)
+            return self._solved(stretched, *asked)
+
+        return loose.solve(step, load, at, asked[-1][1])
+
+    def _again(self, raw: dict[str, Any], *asked: Any) -> dict[str, Any]:
+        """The same step by the direct engine; the first answer if it does not fit."""
+        try:
+            direct = self._iterative.replacement()
+        except MemoryError as error:
+            return raw | {"reason": f"{raw['reason']}, and {error}"}
+        other = direct.path(self._last)
+        again = other.step(*asked)
+        self._other, self.engine = other, direct
+        self._iterative.record.replaced = str(raw["reason"])
+        return again
+
+
+@dataclass(frozen=True, eq=False)
+class _Recovery:
+    """Steps of this engine have their displacements already."""
+
+    engine: Iterative
+    seconds: dict[str, float]
+    gap: Floats
+    frame: Floats | None = None
+
+    def has_factor(self) -> bool:
+        """Displacements are always available."""
+        return True
+
+    def primal(self) -> _core.Primal | None:
+        """The bodies, for derivatives; None if the core has springs of its own."""
+        return None if self.engine.loose.dofs.size else self.engine.core
+
+    def condensed(self) -> _core.Condensed:
+        """The bodies as the direct engine condenses them, if derivatives stall."""
+        return self._direct().condensed()
+
+    def __call__(self, steps: Sequence[Step]) -> Floats:
+        return self._direct()(steps)
+
+    def _direct(self) -> Recovery:
+        direct = self.engine.replacement()
+        return direct.recovery(self.seconds, self.gap, self.frame)
+
+
+@dataclass(frozen=True)
+class StepProblem:
+    """Answers about a step; proofs and bounds need ``W``, which this engine does not form."""
+
+    asked: Asked
+
+    def unique(self, _step: Solution, /) -> str:
+        """Whether the solution is unique."""
+        return "unknown"
+
+    def error_estimate(self, _step: Any, /) -> tuple[float, float] | None:
+        """Not known: a step that converged brings its estimate along."""
+        return None
+
+    def error(self, step: Any, /) -> ErrorBound:
+        """Guaranteed bound of the error."""
+        return without("engine", step.bipotential_gap)
+
+    def diagnosis(self, step: Any, /) -> str:
+        """Why the solve failed."""
+        v = np.column_stack([step.relative_displacement[:, 0], step.slip])
+        d = v.shape[1]
+        tried = Tried(
+            method=self.asked.settings.method,
+            max_seconds=self.asked.settings.max_seconds,
+            mu=self.asked.named.mu,
+            W=lambda: None,
+            modes=lambda: np.empty((d * len(v), 0)),
+            several=lambda _step: False,
+            points=self.asked.named.points,
+        )
+        return diagnose(tried, step, v)

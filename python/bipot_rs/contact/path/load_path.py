@@ -1,0 +1,371 @@
+"""A load path on a condensed problem: solves its steps one by one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.messages import body_of, counted
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Settings, by_component
+from bipot_rs.contact.messages import rigid_motion_names as motion
+from bipot_rs.contact.results.derivatives import PathDerivatives
+from bipot_rs.contact.path.engine import Asked, Engine, Known, Named, Turned
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.path.load_steps import Gap, Held, Totals, done, reached
+from bipot_rs.contact.path.moving_gaps import MovingGaps, carried, gaps_by_component, rotation
+from bipot_rs.contact.reduced import opening, solution_fields
+from bipot_rs.contact.results.result import Result
+from bipot_rs.contact.results.solution import Recovery, Step
+from bipot_rs.contact.law.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.state import Start
+
+# A path that continues from a step with frames of its own needs those of B.
+NO_FRAME = (
+    "start has frames of its own, but the frames of B are not known: pass frame= to "
+    "ContactProblem"
+)
+
+Contacts = Mapping[str, NDArray[Any] | None]
+
+
+class Following:
+    """A load path whose steps are being solved.
+
+    Attributes
+    ----------
+    path
+        State of the core.
+    before
+        The step that the path started from; ``None`` for the unloaded bodies.
+    steps
+        The steps that converged.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        contacts: Contacts,
+        mu: Floats,
+        shape: tuple[int, int],
+        settings: Settings,
+        start: Start | None,
+        condense: float,
+        bodies: Mapping[str, int] | None = None,
+        known: Known | None = None,
+        remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
+        model: PathDerivatives | None = None,
+        held: Held | None = None,
+    ) -> None:
+        self._engine = engine
+        self._held = held
+        self._contacts = contacts
+        self._named = Named(mu, contacts["x"], contacts["area"])
+        self._shape = shape
+        self._settings = settings
+        # Names, each with the first degree of freedom of the body.
+        self._bodies = bodies
+        self._known = known
+        self._remarks = remarks
+        self._model = model
+        self.before = state(start, *shape)
+        framed = self.before is not None and self.before.frame is not None
+        if framed and contacts["frame"] is None:
+            raise ValueError(NO_FRAME)
+        self._first = done(start)
+        self.steps: list[Step] = []
+        self.rewind()
+        self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
+        offsets = np.asarray(contacts["gap"])
+        if offsets.ndim == 1:
+            offsets = by_component(offsets, shape[1])
+        self._offsets = offsets
+        self._mu = mu
+
+    def rewind(self) -> None:
+        """Set the core to the state after the last step."""
+        at = self._reached()
+        self._last = None if at is None else at.relative_displacement
+        if self._held is not None and at is not None and "u" in at._kept:
+            at = replace(at, _kept={"u": self._held.unknowns(at._kept["u"])})
+        self.path = self._engine.path(at)
+        # Whether `path` is in other frames than those of B.
+        self._turned: Floats | None = None
+
+    def _reached(self) -> Step | None:
+        """The last step."""
+        return self.steps[-1] if self.steps else self.before
+
+    def _turn(self, gap: Gap | None) -> Floats | None:
+        """Set the core to the frames of a step.
+
+        Returns
+        -------
+        (n_c, d, d) or None
+            Gaps by component of the step, if it has frames.
+        """
+        at, base = self._reached(), self._contacts["frame"]
+        offsets = None if gap is None else gaps_by_component(gap)
+        if base is None:
+            return offsets
+        frame = gap.frame if isinstance(gap, MovingGaps) else base
+        own = base if at is None or at.frame is None else at.frame
+        turned = not np.array_equal(frame, base)
+        if turned or not np.array_equal(own, base) or self._turned is not None:
+            engine, self._turned = self._engine, None
+            if turned:
+                self._turned = rotation(frame, base)
+                engine = engine.rotated(self._turned)
+            if at is not None:
+                at = carried(at, frame, base, self._offsets[:, 0])
+            self.path = engine.path(at)
+            self._last = None if at is None else at.relative_displacement
+        return offsets
+
+    def advance(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
+        """Solve one step and add it to the path; raise if that fails.
+
+        ``gap`` are the gaps of the step, ``(n_c, d)`` or `MovingGaps` of one step; the
+        default is those of the problem.
+        """
+        try:
+            step = self.attempt(load, prescribed, gap)
+        except NoEquilibriumError as error:
+            raise self.ended(error) from None
+        return self._add(step)
+
+    def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
+        """Solve a trial step. It joins the path only if it is accepted.
+
+        Raises
+        ------
+        NoEquilibriumError
+            Contacts contradict each other.
+        """
+        began = time.perf_counter()
+        try:
+            offsets = self._turn(gap)
+            raw = self.path.step(load, prescribed, offsets, self._settings)
+        finally:
+            self._seconds["solve"] += time.perf_counter() - began
+        if self.path.engine.name != self._engine.name:
+            # The direct engine replaced the iterative one, for the rest of the path.
+            self._engine = self._engine.replacement()
+        return self._made(raw, load, prescribed, gap)
+
+    def _made(
+        self,
+        raw: dict[str, Any],
+        load: Floats,
+        prescribed: Floats,
+        gap: Gap | None = None,
+    ) -> Step:
+        """Make a `Step` from the answer of the core."""
+        area = self._contacts["area"]
+        offsets = None if gap is None else gaps_by_component(gap)
+        engine, turned = self.path.engine, self._turned
+        if turned is not None:
+            # A step keeps no rotated W: it is made again for questions about the step.
+            engine = self._engine
+        elif offsets is not None:
+            engine = engine.with_gap(offsets)
+        moving = gap if isinstance(gap, MovingGaps) else None
+        u, errors = raw.get("displacement"), raw.get("error_estimate")
+        recovery = engine.recovery(
+            self._seconds, self._offsets, self._contacts["frame"]
+        )
+        if self._held is not None:
+            u = None if u is None else self._held.displacement(u)
+            recovery = _Whole(recovery, self._held)
+        return Step(
+            **solution_fields(raw),
+            _words=self._words(raw, moving),
+            slip=raw["slip"],
+            **_set_fields(raw.get("working_set")),
+            load=load,
+            prescribed=prescribed,
+            gap=offsets,
+            frame=None if moving is None else moving.frame,
+            drag=None if moving is None else moving.drag,
+            traction=None if area is None else raw["reaction"] / area[:, None],
+            _recover=recovery,
+            _problem=engine.inquiry(
+                Asked(
+                    load,
+                    prescribed,
+                    self._last,
+                    self._settings,
+                    self._named,
+                    self._known,
+                    None
+                    if turned is None or offsets is None
+                    else Turned(turned, offsets),
+                )
+            ),
+            _kept={} if u is None else {"u": u},
+            _known={} if errors is None else {"error_estimate": errors},
+        )
+
+    def _add(self, step: Step) -> Step:
+        """Accept a step; raise if it did not converge."""
+        if not step.converged:
+            raise self.failure(step)
+        self.accept(step)
+        return step
+
+    def accept(self, step: Step) -> None:
+        """Add a converged step to the path."""
+        self.steps.append(step)
+        self._last = step.relative_displacement
+
+    def failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
+        """Make the error of a step that did not converge."""
+        message = f"load step {len(self.steps) + 1}: {step.message}"
+        none = step.outcome is Outcome.NO_EQUILIBRIUM
+        direction = None
+        if step.free_motion is not None:
+            modes, d = self.path.engine.modes(), self._shape[1]
+            direction = motion.at_contacts(modes, step.free_motion, d)
+        return (NoEquilibriumError if none else NotConvergedError)(
+            message, self.result(False, message), direction
+        )
+
+    def ended(self, error: Exception) -> NoEquilibriumError:
+        """Make the error of a step without a solution, with the steps before it."""
+        message = f"load step {len(self.steps) + 1}: {error}"
+        return NoEquilibriumError(message, self.result(False, message))
+
+    def result(self, success: bool = True, message: str | None = None) -> Result:
+        """Make the `Result` of the steps so far."""
+        count = counted(len(self.steps), "step")
+        made = Result(
+            self.steps,
+            contacts=self._contacts,
+            shape=self._shape,
+            start=self.before,
+            seconds=None,
+            success=success,
+            message=f"{count} converged" if message is None else message,
+            remarks=() if self._remarks is None else self._remarks(self.steps),
+        )
+        made._first = self._first
+        made._model = self._model
+        if self._known is not None:
+            made.stiffness_rtol = self._known.digits.rtol
+            made.rigid_motions_off = self._known.off
+        made.seconds = self._seconds  # filled further when displacements are asked for
+        return made
+
+    def alone(self, totals: Sequence[Totals]) -> Result:
+        """Make the `Result` of steps that are solved now, also if an error ends them."""
+        try:
+            for asked in totals:
+                self.advance(*asked)
+        except (NoEquilibriumError, NotConvergedError, ValueError) as failed:
+            return self.result(False, str(failed))
+        return self.result()
+
+    def through(
+        self,
+        totals: Sequence[Totals],
+        followed: tuple[Sequence[dict[str, Any]], Exception | None],
+    ) -> Result:
+        """Make the `Result` of steps that the core solved, also if an error ended them."""
+        raws, error = followed
+        try:
+            for raw, asked in zip(raws, totals, strict=False):
+                self._seconds["solve"] += raw["seconds"]
+                self._add(self._made(raw, *asked))
+            if isinstance(error, NoEquilibriumError):
+                raise self.ended(error)
+            if error is not None:
+                raise error
+        except (NoEquilibriumError, NotConvergedError, ValueError) as failed:
+            return self.result(False, str(failed))
+        return self.result()
+
+    def _words(self, raw: dict[str, Any], moving: MovingGaps | None) -> str:
+        """Describe the free motion of each body."""
+        amounts = raw["free_motion"]
+        if not len(amounts):
+            return ""
+        contacts, d = self._shape
+        engine = self.path.engine
+        modes = engine.modes()
+        felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
+        stats = engine.stats
+        owners = stats["rigid_motion_bodies"]
+        # A body without a name is identified by its most moved degree of freedom.
+        names: dict[int, str] = {}
+        for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
+            names.setdefault(body, body_of(dof, self._bodies))
+        meeting = [
+            tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
+            for i in range(contacts)
+        ]
+        return motion.describe(
+            motion.at_contacts(modes, amounts, d),
+            opening(raw, self._mu),
+            points=self._contacts["x"],
+            frame=self._contacts["frame"] if moving is None else moving.frame,
+            bodies=meeting,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """Displacements of all degrees of freedom, from those that the engine solves for."""
+
+    recovery: Recovery
+    held: Held
+
+    def has_factor(self) -> bool:
+        """As `Recovery`."""
+        return self.recovery.has_factor()
+
+    def primal(self) -> _core.Primal | None:
+        """As `Recovery`."""
+        return self.recovery.primal()
+
+    def condensed(self) -> _core.Condensed:
+        """As `Recovery`."""
+        return self.recovery.condensed()
+
+    def __call__(self, steps: Sequence[Step], /) -> Floats:
+        return np.stack([self.held.displacement(y) for y in self.recovery(steps)])
+
+
+def with_frames(path: Following, totals: Sequence[Totals]) -> bool:
+    """Whether a step of a path, or the step before it, has frames of its own."""
+    at = path.before
+    own = at is not None and at.frame is not None
+    return own or any(isinstance(gap, MovingGaps) for _, _, gap in totals)
+
+
+def state(start: Start | None, contacts: int, d: int) -> Step | None:
+    """The step to continue from, with its shape checked."""
+    step = reached(start)
+    if step is not None and step.reaction.shape != (contacts, d):
+        raise ValueError(
+            f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
+        )
+    return step
+
+
+def _set_fields(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
+    if raw is None:
+        return {}
+    members, motion = raw
+    return {
+        "working_set": members,
+        "working_motion": motion if len(motion) else None,
+    }

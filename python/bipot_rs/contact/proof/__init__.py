@@ -1,0 +1,1 @@
+"""Existence, enumeration and ranges of answers."""

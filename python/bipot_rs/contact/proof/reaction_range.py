@@ -1,0 +1,270 @@
+"""Least and largest reactions where reactions are not determined.
+
+With redundant supports or rigid bodies many reactions have the same relative displacement
+``v``. They are ``r + z`` with ``W z + R b = 0`` and ``Rᵀ z = 0``, where the amplitudes may
+change by ``b``, and the law (8) holds for ``r + z`` with the same ``v``: no reaction where a
+contact is open; friction ``-mu r_n v_t/|v_t|`` where it slips; any reaction of the cone (7)
+where it sticks. This set is convex, so that the extremes of a component are a linear
+programme in the plane and one over circular cones in space.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import bipot_rs._core as _core
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.proof.cone_programme import Programme
+from bipot_rs.contact.proof.existence import contact_scale, dense
+from bipot_rs.contact.results.solution import Solution
+
+# A singular value below this part of the largest one, times the order, is zero: ε, and one
+# digit for the error of W.
+_ROUNDING = 1e-15
+# Displacements within this many tolerances of the solution are zero: η bounds them together.
+_TOLERANCES = 10.0
+# A reaction that changes by less than this along unit vectors of the null space, whose
+# errors are roundings over the least singular value that is not zero, is determined.
+_DETERMINED = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReactionRange:
+    """Least and largest value of one component of one reaction, over all answers.
+
+    The answers are those with the relative displacement of one solution.
+
+    Attributes
+    ----------
+    contact, component
+        Number of the contact, and of the component: 0 is normal.
+    found
+        The value in the solution.
+    least, largest
+        Its bounds, in units of force; infinite if the answers have no bound. Both are
+        attained if they are finite.
+    reaction_at_least, reaction_at_largest
+        Reactions ``(n_c, d)`` of answers that attain the bounds. If a bound is infinite,
+        the reactions of the solution.
+    direction_to_least, direction_to_largest
+        If a bound is infinite, the proof: reactions ``(n_c, d)``, the largest normal one is
+        1, any multiple of which may be added to an answer. Otherwise ``None``.
+    gap
+        How much lower than ``least``, or higher than ``largest``, the true bound may be,
+        from the solution of the dual problem, in units of force. In space it is usually
+        below 1e-9 of the largest reaction. It may be larger if the law leaves the answers
+        almost no room.
+    """
+
+    contact: int
+    component: int
+    found: float
+    least: float
+    largest: float
+    reaction_at_least: Floats
+    reaction_at_largest: Floats
+    direction_to_least: Floats | None = None
+    direction_to_largest: Floats | None = None
+    gap: float = 0.0
+
+    @property
+    def determined(self) -> bool:
+        """Whether both bounds are equal, to within their gap."""
+        return self.largest - self.least <= 2 * self.gap
+
+
+def ranges(
+    W: Any,
+    q: Floats,
+    mu: Floats,
+    rigid: tuple[Floats, Floats] | None,
+    solution: Solution,
+    contacts: list[int],
+    component: int,
+) -> list[ReactionRange]:
+    """Ranges of a component of the reactions of some contacts.
+
+    Parameters
+    ----------
+    W, q, mu, rigid
+        As in `ReducedProblem`.
+    solution
+        A converged solution.
+    contacts, component
+        Numbers of contacts, and of the component.
+    """
+    answers = _Answers.of(W, q, mu, rigid, solution)
+    return [answers.range(contact, component) for contact in contacts]
+
+
+@dataclass(frozen=True)
+class _Answers:
+    """All reactions with one relative displacement, ``r = factor (base + span y)``.
+
+    Components are scaled: friction is isotropic, contacts have unit compliance, and the
+    largest reaction is 1. ``law`` is the set of ``y`` that the contact law allows.
+    """
+
+    found: Floats
+    factor: Floats
+    base: Floats
+    span: Floats
+    law: Programme
+
+    @classmethod
+    def of(
+        cls,
+        W: Any,
+        q: Floats,
+        mu: Floats,
+        rigid: tuple[Floats, Floats] | None,
+        solution: Solution,
+    ) -> _Answers:
+        d = q.shape[1]
+        by, mu = _core.isotropic(mu, d)
+        compliance = by.ravel()[:, None] * dense(W) * by.ravel()
+        factor = by * contact_scale(compliance, d)[:, None]
+        scaled = dense(W) * np.outer(factor, factor)
+        motions = np.zeros((q.size, 0))
+        if rigid is not None:
+            motions = _range(factor.ravel()[:, None] * rigid[0])
+        r = solution.reaction / factor
+        largest = float(np.abs(r).max(initial=0.0))
+        size = largest if largest > 0 else 1.0
+        r = r / size
+        reach = (np.abs(scaled) @ np.abs(r).ravel() * size).reshape(q.shape)
+        reach += np.abs(factor * q)
+        v = factor * solution.relative_displacement
+        width = float(reach.max(initial=0.0)) or float(np.abs(v).max(initial=0.0))
+        v = v / (width or 1.0)
+        held = max(solution.tolerance, solution.residual)
+        free = _directions(r, v, mu, _TOLERANCES * held)
+        # W z + R b = 0 for some b: W z has no part across the motions.
+        across = scaled - motions @ (motions.T @ scaled)
+        rows = np.vstack([across, motions.T])
+        blur = _TOLERANCES * solution.residual
+        x, null = _null_space(rows @ free, free, r, rows, blur)
+        base = (free @ x).reshape(q.shape)
+        span = (free @ null).reshape(*q.shape, -1)
+        moved = np.linalg.norm(span, axis=(1, 2)) > _DETERMINED
+        span[~moved] = 0.0
+        law = Programme(*_cones(span[moved], base[moved], mu[moved], free, moved))
+        return cls(solution.reaction, factor * size, base, span, law)
+
+    def range(self, contact: int, component: int) -> ReactionRange:
+        """Range of one component of one reaction."""
+        found = float(self.found[contact, component])
+        cost = self.span[contact, component]
+        size = float(np.linalg.norm(cost))
+        unit = float(self.factor[contact, component])
+        if size <= _DETERMINED:
+            return ReactionRange(
+                contact=contact,
+                component=component,
+                found=found,
+                least=found,
+                largest=found,
+                reaction_at_least=self.found,
+                reaction_at_largest=self.found,
+            )
+        ends: list[tuple[float, Floats, Floats | None, float]] = []
+        for sign in (1.0, -1.0):
+            end = self.law.minimise(sign * cost / size)
+            moved = self.span @ end.y
+            if end.bounded:
+                reaction = self.factor * (self.base + moved)
+                # Rounding of zero, of both signs.
+                reaction[:, 0] = np.maximum(reaction[:, 0], 0.0) + 0.0
+                value = float(reaction[contact, component])
+                ends.append((value, reaction, None, end.gap * size * unit))
+            else:
+                direction = self.factor * moved
+                direction /= np.abs(direction[:, 0]).max()
+                ends.append((-sign * np.inf, self.found, direction, 0.0))
+        low, high = ends
+        return ReactionRange(
+            contact=contact,
+            component=component,
+            found=found,
+            least=low[0],
+            largest=high[0],
+            reaction_at_least=low[1],
+            reaction_at_largest=high[1],
+            direction_to_least=low[2],
+            direction_to_largest=high[2],
+            gap=max(low[3], high[3]),
+        )
+
+
+def _range(columns: Floats) -> Floats:
+    """Orthonormal columns that span those given."""
+    length = np.linalg.norm(columns, axis=0)
+    # Unit length first: rotations have other units than translations.
+    columns = columns / np.where(length > 0, length, 1.0)
+    U, size, _ = np.linalg.svd(columns, full_matrices=False)
+    zero = _ROUNDING * max(columns.shape) * size.max(initial=0.0)
+    return np.asarray(U[:, size > zero])
+
+
+def _directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
+    """Orthonormal columns ``(n_c d, m)`` of the reactions that the law allows with ``v``.
+
+    ``r`` and ``v`` are relative to the largest force and displacement; a displacement of at
+    most ``zero`` is zero.
+    """
+    contacts, d = r.shape
+    slip = np.linalg.norm(v[:, 1:], axis=1)
+    columns: list[Floats] = []
+    for i in range(contacts):
+        if v[i, 0] > zero and r[i, 0] <= v[i, 0]:
+            continue
+        own = np.eye(d)
+        if mu[i] == 0:
+            own = own[:1]
+        elif slip[i] > zero:
+            own = np.concatenate([[1.0], -mu[i] * v[i, 1:] / slip[i]])[None]
+            own /= np.linalg.norm(own)
+        whole = np.zeros((len(own), contacts, d))
+        whole[:, i] = own
+        columns.extend(whole.reshape(len(own), -1))
+    return np.array(columns).reshape(-1, contacts * d).T
+
+
+def _null_space(
+    A: Floats, free: Floats, r: Floats, rows: Floats, blur: float
+) -> tuple[Floats, Floats]:
+    """Unknowns nearest to ``r`` with the same image, and the null space of ``A``.
+
+    Slip has an error, and so have the columns of ``A``, relative to its largest singular
+    value ``blur``: what is smaller is zero.
+    """
+    x = free.T @ r.ravel()
+    U, size, V = np.linalg.svd(A, full_matrices=len(A) < A.shape[1])
+    zero = max(_ROUNDING * max(A.shape), blur) * size.max(initial=0.0)
+    rank = int((size > zero).sum())
+    missing = rows @ r.ravel() - A @ x
+    # What is missing is an error of the solution, which small values would enlarge.
+    safe = int((size > np.sqrt(zero * size.max(initial=0.0))).sum())
+    x = x + V[:safe].T @ (U[:, :safe].T @ missing / size[:safe])
+    return x, V[rank:].T
+
+
+def _cones(
+    span: Floats, base: Floats, mu: Floats, free: Floats, moved: Any
+) -> tuple[Floats, Floats]:
+    """Vectors that lie in circular cones; half-lines of one unknown have no other component."""
+    contacts, d = len(moved), base.shape[1]
+    unknowns = np.count_nonzero(free.reshape(contacts, d, -1).any(axis=1), axis=1)
+    sticks = unknowns[moved] == d
+    root = np.sqrt(np.where(sticks, mu, 1.0))
+    by = np.zeros(base.shape)
+    by[:, 0] = root
+    by[:, 1:] = (sticks / root)[:, None]
+    offset = by * base
+    # Rounding may leave the solution outside of a cone; y = 0 is allowed.
+    out = np.linalg.norm(offset[:, 1:], axis=1) - offset[:, 0]
+    offset[:, 0] += np.maximum(out, 0.0)
+    return by[..., None] * span, offset

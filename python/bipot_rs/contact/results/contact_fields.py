@@ -1,0 +1,127 @@
+"""Fields of the contacts, with the names of `files.fields`, for files of all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.files.fields import OF_CONTACTS
+from bipot_rs.files.result_mesh import ResultMesh
+
+Contacts = Mapping[str, NDArray[Any] | None]
+
+
+def contact_fields(
+    step: Step, contacts: Contacts, displacement: Floats | None = None
+) -> dict[str, NDArray[Any]]:
+    """Fields at the contacts of a step, acting on the body of each contact.
+
+    Parameters
+    ----------
+    step
+        The step.
+    contacts
+        ``frame (n_c, d, d)`` and ``area (n_c,)``, or None for those that are not known.
+    displacement
+        Displacement of the contacts, ``(n_c, d)``, if known.
+
+    Returns
+    -------
+    dict
+        Arrays with the names of `files.fields.OF_CONTACTS`, in that order. Without frames
+        there are no components along global axes; without areas no traction and pressure.
+    """
+    frame, area = contacts.get("frame"), contacts.get("area")
+    if frame is not None:
+        frame = of_step(step, frame)
+    found: dict[str, NDArray[Any] | None] = {
+        "displacement": displacement,
+        "reaction_local": step.reaction,
+        "slip_local": step.slip,
+        "relative_displacement_local": step.relative_displacement,
+        # Without contacts d may be unknown, and there is no first component.
+        "gap": step.relative_displacement[:, :1].ravel(),
+        "status": step.status,
+        "wear_depth": step.wear,
+    }
+    if area is not None:
+        found["pressure"] = step.reaction[:, :1].ravel() / area
+    if frame is not None:
+        force = np.einsum("ck,ckd->cd", step.reaction, frame)
+        found["force"] = force
+        found["slip"] = np.einsum("ck,ckd->cd", step.slip, frame[:, 1:])
+        found["normal"] = frame[:, 0]
+        if area is not None:
+            found["traction"] = force / area[:, None]
+    return {
+        name: array for name in OF_CONTACTS if (array := found.get(name)) is not None
+    }
+
+
+def path_fields(
+    steps: Sequence[Step],
+    contacts: Contacts,
+    instants: Sequence[Mapping[str, float]],
+    mesh: ResultMesh | None = None,
+) -> Callable[[int], dict[str, Any]]:
+    """Function of the index of a step that returns its `contact_fields`.
+
+    The names are the same for all steps: a field that is not known in some step is left
+    out in all.
+
+    Parameters
+    ----------
+    steps, contacts
+        As in `contact_fields`.
+    instants
+        `instants_of` the steps, which are added to the fields.
+    mesh
+        The mesh, for displacements.
+    """
+    moved = mesh is not None and all("u" in step._kept for step in steps)
+    worn = all(step.wear is not None for step in steps)
+
+    def fields(k: int) -> dict[str, Any]:
+        step = steps[k]
+        u = None if mesh is None or not moved else mesh.of_contacts(step.displacement)
+        found: dict[str, Any] = dict(contact_fields(step, contacts, u))
+        if not worn:
+            found.pop("wear_depth", None)
+        return {**found, **instants[k]}
+
+    return fields
+
+
+def instants_of(
+    steps: Sequence[Step], loads: Sequence[float] | None = None, first: int = 0
+) -> list[dict[str, float]]:
+    """``load`` and ``time`` of each step.
+
+    Parameters
+    ----------
+    steps
+        The steps.
+    loads
+        Path parameter of each step, ``(steps,)``; the default is the time.
+    first
+        Number of steps of the path before these.
+
+    Returns
+    -------
+    list of dict
+        ``time`` is the cycle of the step, its place on an adaptive path, or its number from
+        1. It grows from step to step, which the path parameter need not do.
+    """
+    found = []
+    for k, step in enumerate(steps):
+        time = float(first + k + 1) if step.s is None else float(step.s)
+        if step.cycle is not None:
+            time = float(step.cycle)
+        found.append({"load": time if loads is None else float(loads[k]), "time": time})
+    return found

@@ -1,0 +1,488 @@
+"""A load path: its steps, their arrays stacked, and their files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, SupportsIndex, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import integers
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.contact_data import ContactData
+from bipot_rs.contact.results.contact_fields import instants_of, path_fields
+from bipot_rs.contact.results.derivatives import (
+    LOST,
+    Cotangents,
+    DataChange,
+    Gradient,
+    PathDerivatives,
+    Tangent,
+)
+from bipot_rs.contact.results.error_bound import ErrorBound
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.presentation import Presentation
+from bipot_rs.contact.results.solution import Step, recover
+from bipot_rs.contact.results.step_record import record_of
+from bipot_rs.files import export, series
+from bipot_rs.files.result_mesh import ResultMesh
+
+# Attributes of a file whose stiffness has a known relative error.
+OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
+
+
+class Result(Presentation, Sequence[Step]):
+    """The steps of a load path; ``result[k]`` is step ``k``, and arrays are stacked.
+
+    Attributes
+    ----------
+    steps
+        The converged steps.
+    contacts
+        Data of the contacts: ``x`` (also found as ``points``), ``normal``, ``frame``,
+        ``area``, ``gap``, ``mu``; ``None`` if not known. Of a model also ``surface``,
+        ``surface_names`` and in 3D ``facets``, for pictures: numbers of contacts
+        ``(m, k)``, corners first, -1 after the last node. May be set, as
+        ``result.contacts["facets"] = pairs.facets``.
+    start
+        The step that the path started from, ``None`` for the unloaded bodies.
+    seconds
+        Times ``condense``, ``solve`` and ``recover`` (of displacements).
+    success, message
+        Whether the whole path was solved, and a sentence about it.
+    remarks
+        Warnings, one sentence each: contacts that penetrate at the start, normals that
+        point out of their body, coordinates in another order than the degrees of freedom,
+        no closed contact, inconsistent units of loads. Some need ``coordinates``.
+    units
+        Names of the units of ``"length"``, ``"force"`` and ``"stress"``, for labels;
+        empty if not known. May be set.
+    mesh
+        Nodes, cells and degrees of freedom of the bodies; ``None`` if not known, as for a
+        problem given as arrays.
+    stiffness_rtol, rigid_motions_off
+        Relative error of the entries of K if it was given, and the error of its rigid
+        motions before they were restored; else ``None``.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Step],
+        *,
+        contacts: Mapping[str, NDArray[Any] | None],
+        shape: tuple[int, int],
+        start: Step | None = None,
+        seconds: Mapping[str, float] | None = None,
+        success: bool,
+        message: str,
+        units: Mapping[str, str] | None = None,
+        remarks: Sequence[str] = (),
+    ) -> None:
+        self.steps = tuple(steps)
+        self.contacts = ContactData(contacts)
+        self._shape = shape
+        self.start = start
+        self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
+            seconds or {}
+        )
+        self.success = success
+        self.message = message
+        # Number of steps of the path before these.
+        self._first = 0
+        self.units = dict(units or {})
+        self._mesh: ResultMesh | None = None
+        # Path parameters of a file.
+        self._loads: tuple[float, ...] | None = None
+        self.stiffness_rtol: float | None = None
+        self.rigid_motions_off: float | None = None
+        self._remarks = tuple(remarks)
+        # For derivatives; None for a result without its problem.
+        self._model: PathDerivatives | None = None
+        # Its linearised steps, once they were made.
+        self._linearised: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_model": None, "_linearised": None}
+
+    @property
+    def mesh(self) -> ResultMesh | None:
+        """Nodes, cells and degrees of freedom of the bodies."""
+        return self._mesh
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Warnings to look at, one sentence each."""
+        if self.stiffness_rtol is None:
+            return self._remarks
+        off = self.rigid_motions_off or 0.0
+        digits = (
+            f"the entries of K have a relative error of {self.stiffness_rtol:g}, and the "
+            f"results are not more exact; its rigid motions had an error of {off:.1e} and "
+            "were restored"
+        )
+        return (*self._remarks, digits)
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    @overload
+    def __getitem__(self, k: SupportsIndex) -> Step: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[Step, ...]: ...
+    def __getitem__(self, k: Any) -> Any:
+        return self.steps[k]
+
+    def __repr__(self) -> str:
+        contacts = len(self.status[-1]) if self.steps else 0
+        return (
+            f"Result({counted(len(self), 'step')}, {counted(contacts, 'contact')}, "
+            f"{self.message})"
+        )
+
+    def __str__(self) -> str:
+        return summary.text(summary.of_result(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_result(self))
+
+    def _stack(
+        self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
+    ) -> NDArray[Any]:
+        if not self.steps:
+            return np.empty(empty, dtype)
+        return np.stack([np.asarray(getattr(step, name), dtype) for step in self.steps])
+
+    @property
+    def reaction(self) -> Floats:
+        """Nodal contact forces, ``(steps, n_c, d)``."""
+        return self._stack("reaction", (0, *self._shape))
+
+    @property
+    def traction(self) -> Floats | None:
+        """``reaction / area``, ``(steps, n_c, d)``; ``None`` without areas."""
+        if self.contacts.get("area") is None:
+            return None
+        return self._stack("traction", (0, *self._shape))
+
+    @property
+    def relative_displacement(self) -> Floats:
+        """Total relative displacement ``B u + gap``, ``(steps, n_c, d)``."""
+        return self._stack("relative_displacement", (0, *self._shape))
+
+    @property
+    def slip(self) -> Floats:
+        """Slip increment of each step, ``(steps, n_c, d - 1)``."""
+        contacts, d = self._shape
+        return self._stack("slip", (0, contacts, max(d - 1, 0)))
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """`Status` of each contact, ``(steps, n_c)``."""
+        return self._stack("status", (0, self._shape[0]), np.int8)
+
+    @property
+    def displacement(self) -> Floats:
+        """Displacement of all degrees of freedom, ``(steps, n)``, computed on first use."""
+        recover(self.steps)
+        return self._stack("displacement", (0, 0))
+
+    @property
+    def dissipation(self) -> Floats:
+        """`Step.dissipation`, energy dissipated by friction in each step, ``(steps,)``."""
+        return self._stack("dissipation", (0,))
+
+    @property
+    def resultant(self) -> Floats:
+        """Sum of the contact forces on the bodies with the contacts, ``(steps, d)``.
+
+        Components are global if the frames of the contacts are known. Otherwise they are
+        ``(n, t1[, t2])``, and the sum is a force only if all contacts have the same frame.
+        """
+        return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
+
+    def resultants(self, group: NDArray[np.integer[Any]]) -> Floats:
+        """`resultant` of each group of contacts, ``(steps, groups, d)``.
+
+        Parameters
+        ----------
+        group
+            Number of the group of each contact, ``(n_c,)`` integers from 0, such as
+            ``fem.Assembly.group``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``group`` has the wrong type, shape or values.
+        """
+        number = integers("group", group)
+        contacts = self._shape[0]
+        if number.shape != (contacts,):
+            raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
+        if (number < 0).any():
+            raise ValueError(
+                f"group of contact {int(np.argmax(number < 0))} is {number.min()}, "
+                "expected it from 0"
+            )
+        force, frame = self.reaction, self.contacts.get("frame")
+        if frame is not None and self.steps:
+            every = np.stack([of_step(step, frame) for step in self.steps])
+            force = np.einsum("sck,sckd->scd", force, every)
+        # Without contacts there is one group, whose sum is zero.
+        groups = range(int(number.max(initial=0)) + 1)
+        return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
+
+    @property
+    def work(self) -> Floats:
+        """Cost of each step in products with ``W``, ``(steps,)``."""
+        return self._stack("work", (0,))
+
+    @property
+    def s(self) -> Floats | None:
+        """Path parameter of each adaptive step, ``(steps,)``; ``None`` for other steps."""
+        if not self.steps or any(step.s is None for step in self.steps):
+            return None
+        return self._stack("s", (0,))
+
+    @property
+    def error(self) -> tuple[ErrorBound, ...]:
+        """`Solution.error` of each step, computed on first use."""
+        return tuple(step.error for step in self.steps)
+
+    @property
+    def residual(self) -> Floats:
+        """η of each step, ``(steps,)``."""
+        return self._stack("residual", (0,))
+
+    @property
+    def iterations(self) -> Ints:
+        """Iterations of each step, ``(steps,)``."""
+        return self._stack("iterations", (0,), np.int64)
+
+    @property
+    def converged(self) -> Bools:
+        """Whether each step converged, ``(steps,)``."""
+        return self._stack("converged", (0,), np.bool_)
+
+    def jvp(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        gap: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+        *,
+        K: Any = None,
+    ) -> Tangent:
+        """Exact derivatives of the whole path in a direction of its data (33).
+
+        Each argument is a change of the quantity of that name, shaped as in
+        `ContactProblem`: the default is zero. A single row is the change in all steps.
+        ``K`` is a symmetric change of the stiffness, ``(n, n)``, sparse or dense. The state
+        of ``start`` does not change. Each step costs one factorisation of the system of its
+        closed contacts; ``K`` is not factored again. The result keeps these factors for
+        further derivatives if they need at most 256 MiB.
+
+        If contacts are on a border between two statuses (`Tangent.one_sided`), the result
+        is the directional derivative there: it is not linear in the direction.
+
+        A result of the iterative engine is differentiated without a factor: each step costs
+        one linear solve with its preconditioner, and each contact on a border ``d`` more.
+        If that does not converge, the direct engine replaces it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong, or the problem of the result is not available: it was read
+            from a file or came from another process. With ``loads=`` there is no factor,
+            and only ``gap`` and ``mu`` may change.
+        NotDifferentiableError
+            The derivative does not exist or is not unique: reactions are not determined,
+            or several changes of statuses fit the direction.
+        MemoryError
+            The system of a step does not fit into memory; or the linear solver of the
+            iterative engine does not converge, and the factor of the direct one does not fit.
+
+        Examples
+        --------
+        A point on two springs of 1000 N/m is pressed onto a wall by 10 N, pulled along it
+        by 5 N, and slips. With μ its friction force changes by -10 N, and its slip by the
+        opposite force over the stiffness:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> tangent = problem.solve([-10.0, 5.0]).jvp(mu=1.0)
+        >>> tangent.reaction[0, 0].round(9), tangent.slip[0, 0].round(9)
+        (array([  0., -10.]), array([-0.01]))
+        """
+        change = DataChange(load, prescribed, gap, mu, K)
+        return self._differentiable().jvp(self, change)
+
+    def vjp(
+        self,
+        reaction: ArrayLike | None = None,
+        displacement: ArrayLike | None = None,
+        relative_displacement: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
+    ) -> Gradient:
+        """Exact gradient, through the whole path, of a number that depends on it (34).
+
+        Parameters
+        ----------
+        reaction, displacement, relative_displacement, slip
+            Derivatives of the number by the quantity of that name, shaped as in `Result`;
+            the default is zero. For a path of one step, that step may be left out of the
+            shape.
+
+        Returns
+        -------
+        Gradient
+            Derivatives of the number by ``load``, ``prescribed``, ``gap``, ``mu`` and
+            ``K``. It costs one factorisation of the system of the closed contacts for each
+            step; ``K`` is not factored again.
+
+        Raises
+        ------
+        TypeError, ValueError, NotDifferentiableError, MemoryError
+            As `jvp`.
+
+        Examples
+        --------
+        The friction force of a sliding point, -μ r_n, and its derivatives:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> gradient = problem.solve([-10.0, 5.0]).vjp(reaction=[[0.0, 1.0]])
+        >>> gradient.mu.round(9), gradient.load.round(9)
+        (array([-10.]), array([[0.3, 0. ]]))
+        """
+        given = Cotangents(reaction, displacement, relative_displacement, slip)
+        return self._differentiable().vjp(self, given)
+
+    def _differentiable(self) -> PathDerivatives:
+        if not self.steps:
+            raise ValueError(
+                f"the result has no steps to differentiate: {self.message}"
+            )
+        if self._model is None:
+            raise ValueError(LOST)
+        turned = [k for k, step in enumerate(self.steps) if step.frame is not None]
+        if turned:
+            raise ValueError(
+                f"load step {turned[0] + 1} has frames of its own, because an obstacle turns "
+                "or curves: derivatives need the same frames in all steps"
+            )
+        return self._model
+
+    def save(
+        self, path: str | os.PathLike[str], *, displacements: bool | None = None
+    ) -> None:
+        """Write the result to an HDF5 file, which `load_result` reads.
+
+        Parameters
+        ----------
+        path
+            File to write or to replace.
+        displacements
+            Whether to compute missing displacements ``(n,)`` first, with one solve for
+            each step. The default is to compute them if the problem keeps its factor
+            (not with ``loads=``) and if they fit into memory. Known displacements are
+            always written. Displacements that are not in the file are lost.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written. An earlier file of that name is intact.
+        ValueError
+            ``displacements=True``, and the problem of a step is not available.
+        """
+        if displacements is None:
+            self._recover()
+        elif displacements:
+            recover(self.steps)
+            for step in self.steps:
+                _ = step.displacement  # raises if the problem is not available
+        export.write_result(
+            path,
+            self.contacts,
+            [record_of(step, self._load(k)) for k, step in enumerate(self.steps)],
+            complete=self.success,
+            attributes={
+                "message": self.message,
+                "first_step": self._first,
+                "remarks": json.dumps(self._remarks),
+            }
+            | {f"seconds_{name}": value for name, value in self.seconds.items()}
+            | {f"unit_{name}": unit for name, unit in self.units.items()}
+            | {
+                name: value
+                for name in OF_STIFFNESS
+                if (value := getattr(self, name)) is not None
+            },
+            fields=self._fields(),
+            mesh=self.mesh,
+            units=self.units,
+        )
+
+    def _recover(self) -> None:
+        """Compute missing displacements of problems that keep their factor, if they fit."""
+        ways = [(step, step._recover) for step in self.steps]
+        with suppress(MemoryError):
+            recover(
+                [step for step, way in ways if way is not None and way.has_factor()]
+            )
+
+    def _load(self, k: int) -> float:
+        """Path parameter of step ``k`` in a file; its time if no scene has another."""
+        if self._loads is not None:
+            return self._loads[k]
+        return instants_of(self.steps[k : k + 1], first=self._first + k)[0]["load"]
+
+    def _instants(self) -> list[dict[str, float]]:
+        """``load``, the path parameter in files, and ``time`` of each step.
+
+        ``time`` is the number of the step from 1, its place `Step.s` on an adaptive path,
+        or the number of its cycle.
+        """
+        loads = [self._load(k) for k in range(len(self.steps))]
+        return instants_of(self.steps, loads, self._first)
+
+    def _fields(self) -> Callable[[int], dict[str, Any]]:
+        """Fields of the contacts in a file, by the index of a step."""
+        return path_fields(self.steps, self.contacts, self._instants(), self.mesh)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the contacts as a PVD series of points for ParaView.
+
+        The fields are those of ``contact.pvd`` of a run and of ``/fields`` of `save`:
+        ``force``, ``traction``, ``slip`` and ``normal`` along global axes, if the frames
+        are known; ``reaction_local``, ``slip_local`` and ``relative_displacement_local`` in
+        components ``(n, t1[, t2])``; ``pressure``, ``gap``, ``status``.
+
+        Raises
+        ------
+        ValueError
+            The coordinates of the contacts are not known, or the name does not end in
+            ``.pvd``.
+        OSError
+            A file cannot be written.
+        """
+        index = series.indexed(path)
+        x = self.contacts.get("x")
+        if x is None:
+            raise ValueError(
+                "the coordinates of the contacts are not known, and ParaView needs them: "
+                "give points= to ContactProblem or solve"
+            )
+        if self.mesh is not None:
+            self._recover()
+        fields = self._fields()
+        series.write_series(
+            index, x, None, map(fields, range(len(self.steps))), units=self.units
+        )

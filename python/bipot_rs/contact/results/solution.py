@@ -1,0 +1,491 @@
+"""The answer of one contact problem, and of one step of a load path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.records import dataclass
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.results import error_bound
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.derivatives import (
+    LOST,
+    ReducedGradient,
+    ReducedTangent,
+    SolutionDerivatives,
+)
+from bipot_rs.contact.results.error_bound import ErrorBound
+from bipot_rs.contact.law.status import Outcome
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
+
+# Displacements are computed in blocks: more right sides gain nothing in a pass over the
+# factor.
+BLOCK = 32
+
+# For solutions without their problem, which cannot be diagnosed.
+_REASONS = {
+    Outcome.STALLED: "the residual stopped falling",
+    Outcome.ITERATION_LIMIT: "max_iterations was reached",
+    Outcome.TIME_LIMIT: "max_seconds was reached",
+}
+
+
+class Inquiry(Protocol):
+    """The problem of a solution, for the properties that are computed on first use."""
+
+    def unique(self, solution: Any, /) -> str:
+        """Whether the solution is unique."""
+
+    def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
+        """Relative forward errors of the solution."""
+
+    def error(self, solution: Any, /) -> ErrorBound:
+        """Guaranteed bound of the error of the solution."""
+
+    def diagnosis(self, solution: Any, /) -> str:
+        """Why the solve failed, in one sentence."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Solution:
+    """The solution of one contact problem, or the best point that was reached.
+
+    Components are normal first, ``(n, t1[, t2])``. Units are those of the caller.
+
+    Attributes
+    ----------
+    reaction
+        Nodal contact forces, ``(n_c, d)``; ``r_n >= 0`` presses.
+    relative_displacement
+        ``v``, ``(n_c, d)``; ``v_n >= 0`` is the opening.
+    status
+        `Status` of each contact, ``(n_c,)`` of ``int8``.
+    converged, outcome
+        Whether a fresh evaluation confirmed ``residual <= tolerance``, and why the
+        solver stopped.
+    residual, tolerance
+        η of equation (13) and its limit, which is the larger of ``tol`` and the rounding
+        error of η.
+    iterations, work
+        Number of iterations, and their cost in products with ``W``.
+    rigid_motion
+        Amplitudes of the rigid motions of bodies held by contact alone, ``(k,)``.
+    free_motion
+        Amplitudes of a rigid motion, ``(k,)``, scaled so that the largest displacement of
+        a contact is 1. If ``outcome`` is ``no_equilibrium``, it is a proof: the motion
+        lies in the dual cone of every contact and the loads do work on it; it is ``None``
+        if there is another proof. With another outcome it is the direction in which the
+        iteration diverged, which proves nothing; ``None`` if it did not diverge.
+    history
+        A row ``(work, residual)`` for each iteration.
+    bipotential_gap
+        ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``, (10); with
+        two coefficients ``r·v + r_n |D v_t|``, (10e). It is zero if the contact law holds.
+        Otherwise it is positive if ``v_n >= 0`` and r lies in its cone; it may have any
+        sign, or be zero, if the contact penetrates, pulls or exceeds its friction limit.
+    minimising_sequence
+        The fields ``(u_i, σ_i)`` of ``method="minimising_sequence"`` and the bifunctional
+        along them; ``None`` for other methods, for steps whose ``W`` was formed for some
+        of the contacts only (`Step.working_set`), and in a result that was read from a file.
+    seconds
+        Time of the solve.
+    stats
+        ``bytes_beside_W``: memory of the solver in addition to ``W``, for its inverse or
+        the transpose of an asymmetric ``W``; 0 for neither.
+    """
+
+    reaction: Floats
+    relative_displacement: Floats
+    status: NDArray[np.int8]
+    outcome: Outcome
+    residual: float
+    tolerance: float
+    iterations: int
+    work: float
+    rigid_motion: Floats | None = None
+    free_motion: Floats | None = None
+    history: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    bipotential_gap: Floats = field(default_factory=lambda: np.empty(0))
+    minimising_sequence: MinimisingSequence | None = None
+    seconds: float = 0.0
+    stats: Mapping[str, int] = field(default_factory=dict)
+    _problem: Inquiry | None = None
+    _known: dict[str, Any] = field(default_factory=dict)
+    _words: str = ""
+    _statuses_tried: int = 0
+
+    def __repr__(self) -> str:
+        # Not `message`, which may compute a diagnosis.
+        contacts = counted(len(self.status), "contact")
+        iterations = counted(self.iterations, "iteration")
+        return (
+            f"{type(self).__name__}({contacts}, {self.outcome} in {iterations}, "
+            f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
+        )
+
+    def __str__(self) -> str:
+        return summary.text(summary.of_solution(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_solution(self))
+
+    def _ask(self, name: str, unknown: Any) -> Any:
+        if name not in self._known:
+            if self._problem is None or not self.converged:
+                return unknown
+            self._known[name] = getattr(self._problem, name)(self)
+        return self._known[name]
+
+    @property
+    def error_estimate(self) -> tuple[float, float] | None:
+        """Estimated relative errors of the reaction and of the relative displacement.
+
+        ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖``, estimated with one more Newton
+        correction (19), where ``v`` is summed in double the precision (with ``K``, if
+        there is one). It is computed on first use, at the cost of about one factorisation
+        of the closed contacts. If all contacts stick, ``v`` is rounding error and its
+        estimate means nothing. With ``stiffness_rtol`` both include the effect of the
+        error of ``K``. The iterative engine estimates both in each step, with one
+        application of its preconditioner.
+
+        It is ``None`` if the reactions are not determined (redundant supports), if the
+        solve did not converge, or if the problem is not available: the solution was read
+        from a file or came from another process, and this was not computed before.
+        """
+        estimate: tuple[float, float] | None = self._ask("error_estimate", None)
+        return estimate
+
+    @property
+    def error(self) -> ErrorBound:
+        """Guaranteed bound of the error, also of a solve that did not converge.
+
+        It is computed on first use, at the cost of some factorisations of the size of
+        ``W``. If there is no bound, `ErrorBound.reason` says why; the constitutive part is
+        always available.
+        """
+        if "error" not in self._known:
+            if self._problem is None:
+                return error_bound.without("lost", self.bipotential_gap)
+            self._known["error"] = self._problem.error(self)
+        found: ErrorBound = self._known["error"]
+        return found
+
+    @property
+    def unique(self) -> str:
+        """Whether this solution is unique: ``"proved"``, ``"others exist"`` or ``"unknown"``.
+
+        The criteria are in section 10 of ``docs/theory.md``. It is computed on first use,
+        at the cost of some factorisations of the size of ``W``. It is ``"unknown"`` if
+        they would need more than half a gigabyte: for more than 2100 coupled contacts with
+        friction in the plane, 1400 in space, 5700 without friction, or 3000 unknowns of a
+        sparse ``W``. It is also ``"unknown"`` if the solve did not converge, or if the
+        problem is not available: the solution was read from a file or came from another
+        process, and this was not computed before.
+        """
+        return str(self._ask("unique", "unknown"))
+
+    def jvp(
+        self,
+        W: Any = None,
+        q: ArrayLike | None = None,
+        mu: ArrayLike | None = None,
+    ) -> ReducedTangent:
+        """Exact derivatives of the solution of a `ReducedProblem` in a direction (33).
+
+        Parameters
+        ----------
+        W, q, mu
+            Changes of the data, shaped as in `ReducedProblem`; the default is zero.
+
+        Returns
+        -------
+        ReducedTangent
+            Derivatives of ``reaction`` and ``relative_displacement``. With contacts on a
+            border between two statuses (``one_sided``) these are directional derivatives.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong, the solve did not converge, or the problem is not
+            available.
+        NotDifferentiableError
+            The derivative does not exist or is not unique: reactions are not determined,
+            or several changes of statuses fit the direction.
+
+        Examples
+        --------
+        >>> import bipot_rs as bp
+        >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
+        >>> problem.solve().jvp(mu=1.0).reaction.round(12)
+        array([[ 0. , -0.5]])
+        """
+        return self._derivatives().jvp(self, W, q, mu)
+
+    def vjp(
+        self,
+        reaction: ArrayLike | None = None,
+        relative_displacement: ArrayLike | None = None,
+    ) -> ReducedGradient:
+        """Exact gradient of a number that depends on a solution of a `ReducedProblem` (34).
+
+        Parameters
+        ----------
+        reaction, relative_displacement
+            Derivatives of the number by these, ``(n_c, d)``; the default is zero.
+
+        Returns
+        -------
+        ReducedGradient
+            Derivatives by ``W``, ``q`` and ``mu``.
+
+        Raises
+        ------
+        TypeError, ValueError, NotDifferentiableError
+            As `jvp`.
+        """
+        return self._derivatives().vjp(self, reaction, relative_displacement)
+
+    def _derivatives(self) -> SolutionDerivatives:
+        if self._problem is None:
+            raise ValueError(LOST)
+        made = getattr(self._problem, "derivatives", None)
+        if made is None:
+            raise ValueError(
+                "this is a step of a load path: use jvp and vjp of its Result"
+            )
+        found: SolutionDerivatives = made()
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Without the problem, which may be gigabytes.
+        return self.__dict__ | {"_problem": None}
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solve converged."""
+        return self.outcome is Outcome.CONVERGED
+
+    @property
+    def message(self) -> str:
+        """How the solve ended, in one sentence.
+
+        If it did not converge: the method, the contact with the largest violation of the
+        law, the likely cause and what to do. This is computed on first use.
+        """
+        judged = f"residual {self.residual:.1e}, limit {self.tolerance:.1e}"
+        if self.converged:
+            return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
+        if self.outcome is Outcome.NO_EQUILIBRIUM:
+            if self._words:
+                return (
+                    "no solution exists: contact cannot carry the loads, and nothing "
+                    f"stops this motion: {self._words}; add a support that stops it, or "
+                    "change the loads so that they do no work on it"
+                )
+            if self._statuses_tried:
+                contacts = counted(len(self.reaction), "contact")
+                return (
+                    f"no solution exists: all {self._statuses_tried} combinations of "
+                    f"statuses were tried, with each of {contacts} open, sticking, or "
+                    "slipping to either side, and none satisfies the contact law; add a "
+                    "support, or change mu or the ratio of the loads"
+                )
+            return (
+                "no solution exists: contacts contradict each other, or a contact "
+                f"penetrates that no reaction can move{self._diagnosis()}"
+            )
+        if self._words:
+            return (
+                f"not converged, a body seems to slide away: {self._words}; add a "
+                "support that stops it, or change mu or the ratio of the loads "
+                f"({judged})"
+            )
+        reason = _REASONS.get(self.outcome, str(self.outcome))
+        return self._diagnosis() or f"not converged, {reason} ({judged})"
+
+    def _diagnosis(self) -> str:
+        if "diagnosis" not in self._known:
+            if self._problem is None:
+                return ""
+            self._known["diagnosis"] = self._problem.diagnosis(self)
+        return str(self._known["diagnosis"])
+
+
+class Recovery(Protocol):
+    """Computes displacements of steps from their reactions."""
+
+    def __call__(self, steps: Sequence[Step], /) -> Floats:
+        """Compute the displacements, a row for each step."""
+
+    def has_factor(self) -> bool:
+        """Whether the problem keeps the factor that displacements need."""
+
+    def primal(self) -> _core.Primal | None:
+        """The bodies of the iterative engine, for derivatives; None for another engine."""
+
+    def condensed(self) -> _core.Condensed:
+        """The condensed bodies, for derivatives.
+
+        Raises
+        ------
+        MemoryError
+            They were not condensed, and the factor does not fit into memory.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Step(Solution):
+    """One load step: a `Solution` with its loads, slip and place on the path.
+
+    Attributes
+    ----------
+    slip
+        Increment of the tangential relative displacement over the step,
+        ``(n_c, d - 1)``; ``relative_displacement`` is the total, ``B u + gap``.
+    load, prescribed
+        Total loads ``(n,)`` and prescribed displacements ``(len(fixed),)``;
+        ``None`` in a result that was read from a file.
+    traction
+        ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
+    s, ahead
+        Path parameter at the end of an adaptive step, and the length of the next step to
+        try (`ContactProblem.follow`); ``None`` for other steps.
+    gap
+        Gaps of this step, ``(n_c, d)``, if obstacles moved; else ``None``.
+    frame, drag
+        Frames of the contacts in this step, ``(n_c, d, d)``, and displacement of the surface
+        of the obstacle under them since the start of the path, ``(n_c, d)`` in global
+        components, if frames change along the path (`MovingGaps`); else ``None``.
+    working_set
+        Numbers of the contacts for which ``W`` was formed, ascending; ``None`` if it was
+        formed for all contacts at the start. A path that continues from this step then
+        has the same bits as an uninterrupted one.
+    working_motion
+        Amplitudes of rigid motions from which the next step begins, if the working set has
+        grown to all contacts of bodies that contact alone holds; else ``None``.
+    wear, cycle
+        Depth worn off each contact until the end of the step, ``(n_c,)``, and number of the
+        cycle (`ContactProblem.wear`); else ``None``.
+    """
+
+    slip: Floats
+    load: Floats | None = None
+    prescribed: Floats | None = None
+    traction: Floats | None = None
+    s: float | None = None
+    ahead: float | None = None
+    gap: Floats | None = None
+    frame: Floats | None = None
+    drag: Floats | None = None
+    working_set: Ints | None = None
+    working_motion: Floats | None = None
+    wear: Floats | None = None
+    cycle: int | None = None
+    _recover: Recovery | None = None
+    # Made of a `State`, which has no amplitudes of rigid motions.
+    _given: bool = False
+    _kept: dict[str, Floats] = field(default_factory=dict)
+
+    @property
+    def path_parameter(self) -> float | None:
+        """Path parameter at the end of an adaptive step: another name of `s`."""
+        return self.s
+
+    @property
+    def dissipation(self) -> float:
+        """Energy dissipated by friction in the step, ``-Σ r_t · slip``.
+
+        The reactions are those at the end of the step, as in the law of the step. It is
+        therefore ``Σ mu r_n ‖slip‖`` up to the residual, and not negative. Over a path it
+        is exact in the energy balance if normal forces are constant, and first order in
+        the step size if they change.
+        """
+        return -float(np.sum(self.reaction[:, 1:] * self.slip))
+
+    @property
+    def displacement(self) -> Floats:
+        """Displacement of all degrees of freedom, ``(n,)``, computed when first asked for.
+
+        Raises
+        ------
+        ValueError
+            The problem is not available: the step was read from a file or came from
+            another process, and the displacement was not computed before.
+        """
+        if "u" not in self._kept:
+            if self._recover is None:
+                raise ValueError(
+                    "displacement was not computed before this step was saved or sent to "
+                    "another process: use step.displacement before that, or save with "
+                    "displacements=True"
+                )
+            recover([self])
+        return self._kept["u"]
+
+    def minimising_displacements(self) -> Floats:
+        """Displacements ``u_i`` of `minimising_sequence`, ``(k, n)``.
+
+        Raises
+        ------
+        ValueError
+            The step has no minimising sequence, or the problem is not available: the step
+            came from another process.
+        """
+        sequence = self.minimising_sequence
+        if sequence is None:
+            raise ValueError(
+                "this step has no minimising sequence: solve with "
+                'method="minimising_sequence", and with W of all contacts'
+            )
+        if self._recover is None:
+            raise ValueError(
+                "the problem of this step is not available: compute "
+                "minimising_displacements before the step is sent to another process"
+            )
+        before = self.relative_displacement.copy()
+        before[:, 0] = 0.0
+        before[:, 1:] -= self.slip
+        along = zip(
+            sequence.balanced_reaction, sequence.relative_displacement, strict=True
+        )
+        steps = [
+            replace(
+                self,
+                reaction=reaction,
+                relative_displacement=before + v,
+                slip=v[:, 1:],
+                _kept={},
+            )
+            for reaction, v in along
+        ]
+        recover(steps)
+        found = [step._kept["u"] for step in steps]
+        return np.stack(found) if found else np.empty((0, self.displacement.size))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"_recover": None}
+
+
+def recover(steps: Sequence[Step]) -> None:
+    """Compute the missing displacements of steps, in blocks for each problem.
+
+    One pass over the factor then serves many steps.
+    """
+    wanting = [step for step in steps if "u" not in step._kept]
+    for found, of_path in groupby(wanting, key=lambda step: step._recover):
+        rest = list(of_path)
+        while found is not None and rest:
+            block, rest = rest[:BLOCK], rest[BLOCK:]
+            for step, u in zip(block, found(block), strict=True):
+                # A copy, so that a step does not keep the memory of its block.
+                step._kept["u"] = u.copy() if len(block) > 1 else u

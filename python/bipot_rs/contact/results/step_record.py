@@ -1,0 +1,113 @@
+"""A step as a record of arrays and numbers, as it stands in a file of results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.validation import floats, frames
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.law.status import Outcome, Status
+
+# Fields of a step that files do not keep, or not in this form.
+_NOT_WRITTEN = {
+    "load",
+    "prescribed",
+    "traction",
+    "free_motion",
+    "stats",
+    "minimising_sequence",
+}
+
+
+def record_of(step: Step, load: float) -> dict[str, Any]:
+    """What a file keeps of a step; ``load`` is the number that the file gives it."""
+    record = {name: getattr(step, name) for name in _written()}
+    record["outcome"] = str(step.outcome)
+    record |= step.stats
+    record["load"] = load
+    record["displacement"] = step._kept.get("u")
+    # `unique` and `error_estimate` cost a factorisation: only if known already.
+    record["unique"] = step._known.get("unique")
+    estimate = step._known.get("error_estimate")
+    if estimate is not None:
+        record["error_estimate"] = np.asarray(estimate)
+    return record
+
+
+def _written() -> list[str]:
+    names = (f.name for f in fields(Step) if not f.name.startswith("_"))
+    return [name for name in names if name not in _NOT_WRITTEN]
+
+
+def _check_set(record: Mapping[str, Any], contacts: int) -> None:
+    """Refuse a working set or a motion with wrong entries."""
+    found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
+    bounded = np.concatenate([[-1], found.ravel(), [contacts]])
+    if found.ndim != 1 or found.dtype != np.int64 or not (np.diff(bounded) > 0).all():
+        raise ValueError("working_set is wrong, expected ascending numbers of contacts")
+    motion = np.asarray(record.get("working_motion", np.empty(0)))
+    if motion.ndim != 1 or motion.dtype != np.float64 or not np.isfinite(motion).all():
+        raise ValueError("working_motion is wrong, expected finite numbers")
+
+
+def step_of(
+    record: Mapping[str, Any], area: NDArray[Any] | None, shape: tuple[int, int]
+) -> Step:
+    """The step of a record.
+
+    Raises
+    ------
+    ValueError
+        An entry is missing, or has the wrong shape or values.
+    """
+    contacts, d = shape
+    # Entries that a step must have. The others have defaults.
+    shapes: dict[str, tuple[int, ...]] = {
+        "reaction": (contacts, d),
+        "relative_displacement": (contacts, d),
+        "slip": (contacts, max(d - 1, 0)),
+        "status": (contacts,),
+    } | dict.fromkeys(("residual", "tolerance", "iterations", "work"), ())
+    missing = (shapes.keys() | {"outcome"}) - record.keys()
+    if missing:
+        raise ValueError(f"{', '.join(sorted(missing))} missing")
+    for name, expected in shapes.items():
+        value = np.asarray(record[name])
+        if value.shape != expected:
+            raise ValueError(f"{name} has shape {value.shape}, expected {expected}")
+        if value.dtype.kind not in "if" or not np.isfinite(value).all():
+            raise ValueError(f"{name} is wrong, expected finite numbers")
+    if "gap" in record and np.shape(record["gap"]) != (contacts, d):
+        found = np.shape(record["gap"])
+        raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
+    if ("frame" in record) != ("drag" in record):
+        raise ValueError("frame or drag missing, expected both or none of them")
+    if "frame" in record:
+        floats("drag", record["drag"], shape=(contacts, d))
+        frames(record["frame"], contacts, d)
+    if "wear" in record:
+        worn = np.asarray(record["wear"])
+        if worn.shape != (contacts,) or not np.isfinite(worn).all():
+            raise ValueError(f"wear is wrong, expected ({contacts},) finite numbers")
+    _check_set(record, contacts)
+    status = record["status"]
+    if not np.isin(status, list(Status)).all():
+        raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
+    known = {name: record[name] for name in _written() if name in record}
+    known["outcome"] = Outcome(known["outcome"])
+    counts = ("bytes_beside_W", "newton", "krylov")
+    known["stats"] = {name: int(record[name]) for name in counts if name in record}
+    asked: dict[str, Any] = {}
+    if "error_estimate" in record:
+        estimate = record["error_estimate"]
+        asked["error_estimate"] = (float(estimate[0]), float(estimate[1]))
+    if "unique" in record:
+        asked["unique"] = str(record["unique"])
+    kept = {"u": record["displacement"]} if "displacement" in record else {}
+    traction = None if area is None else known["reaction"] / area[:, None]
+    return Step(**known, traction=traction, _kept=kept, _known=asked)

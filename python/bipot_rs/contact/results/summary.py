@@ -1,0 +1,263 @@
+"""Summary of a problem or a solution in about six lines.
+
+It is written as text or, in notebooks, as a table of HTML. It uses known values only:
+nothing is solved or factored for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.slip_check import distances, farthest
+from bipot_rs.contact.law.status import STATUS_NAMES
+
+Row = tuple[str, str]
+# A title, and rows of a name and a text.
+Summary = tuple[str, Sequence[Row]]
+
+_SPACE = {2: "in the plane", 3: "in space"}
+
+
+def text(summary: Summary) -> str:
+    """Lines for a terminal.
+
+    >>> print(text(("A block", [("W", "4 x 4"), ("friction", "0.3")])))
+    A block
+      W         4 x 4
+      friction  0.3
+    """
+    title, rows = summary
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join([title, *(f"  {name:<{width}}  {said}" for name, said in rows)])
+
+
+def html(summary: Summary) -> str:
+    """Table for a notebook, with all texts escaped.
+
+    >>> html(("A < B", [("q", "0")]))
+    '<table><caption>A &lt; B</caption><tr><th>q</th><td>0</td></tr></table>'
+    """
+    from html import escape
+
+    title, rows = summary
+    cells = (
+        f"<tr><th>{escape(name)}</th><td>{escape(said)}</td></tr>"
+        for name, said in rows
+    )
+    return f"<table><caption>{escape(title)}</caption>{''.join(cells)}</table>"
+
+
+def places(contacts: int, d: int) -> str:
+    """Number of contacts, and their dimension.
+
+    >>> places(1, 2)
+    '1 contact in the plane'
+    """
+    return " ".join(filter(None, (counted(contacts, "contact"), _SPACE.get(d, ""))))
+
+
+def counts(status: NDArray[np.integer[Any]]) -> str:
+    """Contacts by status.
+
+    >>> counts(np.array([0, 2, 2], np.int8))
+    '1 open, 0 slip, 2 stick'
+    """
+    return ", ".join(
+        f"{int(np.sum(status == k))} {name}" for k, name in enumerate(STATUS_NAMES)
+    )
+
+
+def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
+    """Sums of the normal forces and of the friction forces as vectors.
+
+    Parameters
+    ----------
+    reaction
+        ``(n_c, d)``, normal first.
+    frame
+        Rows ``n, t1[, t2]`` of each contact, ``(n_c, d, d)``. Without them friction is
+        summed as if the tangents of all contacts were the same.
+
+    >>> forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
+    'normal 4 in total, friction 2 (50 %)'
+    """
+    press = float(reaction[:, 0].sum())
+    if frame is None:
+        drag = reaction[:, 1:].sum(axis=0)
+    else:
+        drag = np.einsum("ck,ckd->d", reaction[:, 1:], frame[:, 1:])
+    size = float(np.linalg.norm(drag))
+    share = f" ({100 * size / press:.3g} %)" if press > 0 else ""
+    return f"normal {press:.5g} in total, friction {size:.5g}{share}"
+
+
+def friction(mu: NDArray[Any]) -> str:
+    """Smallest and largest friction coefficient.
+
+    >>> friction(np.array([0.3, 0.3])), friction(np.array([0.0, 0.3]))
+    ('mu = 0.3', 'mu from 0 to 0.3, 1 contact without friction')
+    """
+    if not mu.size:
+        return "none"
+    low, high = float(mu.min()), float(mu.max())
+    said = f"mu = {low:g}" if low == high else f"mu from {low:g} to {high:g}"
+    without = int(np.sum(mu.reshape(len(mu), -1).max(axis=1) == 0))
+    if 0 < without < len(mu):
+        said += f", {counted(without, 'contact')} without friction"
+    return said if mu.ndim == 1 else f"{said}, by direction"
+
+
+def gaps(gap: NDArray[Any]) -> str:
+    """Smallest and largest normal gap, and how many are negative.
+
+    >>> gaps(np.array([-0.5, 1.0])), gaps(np.zeros(2))
+    ('from -0.5 to 1, negative at 1 contact', '0')
+    """
+    if not gap.size:
+        return "none"
+    low, high = f"{gap.min():.4g}", f"{gap.max():.4g}"
+    said = low if low == high else f"from {low} to {high}"
+    below = int(np.sum(gap < 0))
+    return f"{said}, negative at {counted(below, 'contact')}" if below else said
+
+
+def size(count: float) -> str:
+    """Bytes to three digits, in a suitable unit.
+
+    >>> size(512), size(123456), size(4.5e9)
+    ('512 B', '123 kB', '4.5 GB')
+    """
+    for unit, value in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= value:
+            return f"{count / value:.3g} {unit}"
+    return f"{int(count)} B"
+
+
+def seconds(taken: float) -> str:
+    """Time to three digits.
+
+    >>> seconds(0.0123), seconds(75.0)
+    ('12.3 ms', '75 s')
+    """
+    return f"{taken:.3g} s" if taken >= 1 else f"{1e3 * taken:.3g} ms"
+
+
+def of_problem(
+    shape: tuple[int, int, int],
+    fixed: int,
+    arrays: Mapping[str, NDArray[Any] | None],
+    stats: Mapping[str, Any],
+    remarks: Sequence[str] = (),
+) -> Summary:
+    """Summary of a `ContactProblem`."""
+    n, contacts, d = shape
+    gap = np.asarray(arrays["gap"])
+    dofs = f"{fixed} prescribed degrees of freedom"
+    common = [
+        ("gap", gaps(gap[:, 0] if gap.ndim > 1 else gap)),
+        ("friction", friction(np.asarray(arrays["mu"]))),
+    ]
+    if not stats["bytes_factor"] and stats["engine"] != "direct":
+        rows = [
+            ("supports", dofs),
+            *common,
+            ("engine", f"{stats['engine']}: {stats['engine_reason']}"),
+            ("memory", f"stiffness {size(stats['bytes_stiffness'])}"),
+        ]
+    else:
+        left = counted(stats["rigid_motions"], "rigid motion")
+        held = f"{left} held by contact alone"
+        if not stats["rigid_motions"]:
+            held = "supports hold them"
+        kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
+        factor = f"factor {kept} ({counted(stats['nnz_factor'], 'entry')})"
+        W, peak = size(stats["bytes_compliance"]), size(stats["bytes_peak"])
+        took = seconds(stats["seconds_condense"])
+        rows = [
+            ("bodies", f"{stats['bodies']}, {dofs}, {held}"),
+            *common,
+            ("memory", f"{factor}, W {W}, at most {peak}"),
+            ("condensed in", f"{took}, ordering by {stats['ordering']}"),
+        ]
+    title = f"{counted(n, 'degree')} of freedom, {places(contacts, d)}"
+    return f"ContactProblem: {title}", [*rows, *(("remark", said) for said in remarks)]
+
+
+def of_solution(solution: Any) -> Summary:
+    """Summary of a `Solution` or a `Step`."""
+    name, iterations = (
+        type(solution).__name__,
+        counted(solution.iterations, "iteration"),
+    )
+    known = solution._known
+    # None: not computed yet.
+    unique = {
+        None: "not checked: see .unique",
+        "proved": "yes, proved",
+        "unknown": "unknown",
+        "others exist": "no",
+    }[known.get("unique")]
+    if not solution.converged:
+        unique = "no solution, only the best point that was reached: see .message"
+    residual = f"{solution.residual:.2g}, limit {solution.tolerance:.2g}"
+    estimate = known.get("error_estimate")
+    if estimate is not None:
+        residual += f"; forward error of r {estimate[0]:.1g}, of v {estimate[1]:.1g}"
+    contacts, d = solution.reaction.shape
+    how = "converged in" if solution.converged else f"{solution.outcome} after"
+    return f"{name}: {how} {iterations}", [
+        ("contacts", f"{places(contacts, d)}: {counts(solution.status)}"),
+        ("forces", forces(solution.reaction)),
+        ("residual", residual),
+        ("unique", unique),
+        ("cost", f"{solution.work:.4g} products with W, {seconds(solution.seconds)}"),
+    ]
+
+
+def _slid(result: Any) -> str:
+    """Largest sliding distance, if it exceeds the distance between contacts."""
+    x = result.contacts.get("x")
+    if x is None or not len(x):
+        return ""
+    _, _, ratio = farthest(result, distances(x), np.arange(len(x)))
+    text = f", contacts slid by up to {ratio:.2g} times their distance from each other"
+    return text if ratio > 1 else ""
+
+
+def of_result(result: Any) -> Summary:
+    """Summary of a `Result`."""
+    title = f"Result: {result.message}"
+    times = ", ".join(f"{k} {seconds(v)}" for k, v in result.seconds.items())
+    if not len(result):
+        contacts, d = result._shape
+        return title, [("contacts", places(contacts, d)), ("cost", times)]
+    last, frame = result[-1], result.contacts.get("frame")
+    if frame is not None:
+        frame = of_step(last, frame)
+    worst = max(result, key=lambda step: step.residual)
+    contacts, d = last.reaction.shape
+    lost = sum(step.dissipation for step in result)
+    iterations = sum(step.iterations for step in result)
+    work = sum(step.work for step in result)
+    met = f"{places(contacts, d)}, at the end {counts(last.status)}"
+    digits: list[Row] = []
+    if result.stiffness_rtol is not None:
+        digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
+    return title, [
+        ("contacts", met),
+        ("forces", f"at the end {forces(last.reaction, frame)}"),
+        ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
+        ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
+        (
+            "cost",
+            f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",
+        ),
+        *digits,
+        *(("remark", said) for said in result.remarks),
+    ]

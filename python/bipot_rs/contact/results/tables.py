@@ -1,0 +1,171 @@
+"""Tables of a load path: a row for each load step, or for each contact in each step.
+
+They are the rows of steps.csv and of `Result.table`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.types import Floats
+from bipot_rs.contact.law.resultants import resultants
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.law.status import STATUS_NAMES
+
+COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
+# Columns of a cycle of wear.
+WEAR = ("cycle", "worn_volume", "largest_depth")
+# Columns of each contact surface. A curved surface also has COMPONENTS.
+FORCES = ("normal_force", "tangential_force", "friction_used")
+COMPONENTS = ("force_x", "force_y", "force_z")
+
+
+def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
+    """The row of a load step in --json, in the table and in steps.csv."""
+    load = {} if parameter is None else {"load": parameter}
+    status = {
+        name: int((step.status == k).sum()) for k, name in enumerate(STATUS_NAMES)
+    }
+    return {
+        "step": k,
+        **load,
+        **status,
+        "residual": step.residual,
+        "iterations": step.iterations,
+        "seconds": step.seconds,
+    }
+
+
+def worn(step: Step, area: Floats) -> dict[str, Any]:
+    """`WEAR` of the end of a cycle; empty without wear."""
+    if step.wear is None:
+        return {}
+    figures = step.cycle, float(step.wear @ area), float(step.wear.max(initial=0.0))
+    return dict(zip(WEAR, figures, strict=True))
+
+
+def of_surfaces(
+    step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
+) -> dict[str, float | None]:
+    """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
+
+    They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
+    ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
+    and `COMPONENTS` of the force on the body of the contacts, in global axes.
+    """
+    found: dict[str, float | None] = {}
+    each = resultants(step.reaction, frame, mu, group, len(names))
+    for name, force in zip(names, each, strict=True):
+        columns: list[tuple[str, float | None]] = list(
+            zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
+        )
+        if force.curved:
+            columns += zip(COMPONENTS, force.force.tolist(), strict=False)
+        for key, value in columns:
+            found[f"{key} of {name}"] = value
+    return found
+
+
+def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
+    """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
+    known = rows[0] if rows else ("load",)
+    forces = [key for key in known if key.startswith((*FORCES, *COMPONENTS))]
+    first = [name for name in COLUMNS[:5] if name != "load" or name in known]
+    return [*first, *forces, *COLUMNS[5:], *more]
+
+
+def of_steps(
+    steps: Sequence[Step], loads: Sequence[float], contacts: Mapping[str, Any]
+) -> dict[str, list[Any]]:
+    """Columns of a table with a row for each load step.
+
+    Parameters
+    ----------
+    steps, loads
+        The load steps, and the load parameter at their ends.
+    contacts
+        As `Result.contacts`. Without frames there are no forces, because their sums would
+        depend on the frames.
+    """
+    rows = []
+    for k, (step, load) in enumerate(zip(steps, loads, strict=True)):
+        area = contacts.get("area")
+        found = row(k, load, step) | (worn(step, area) if area is not None else {})
+        rows.append(found | _forces(step, contacts))
+    names = columns(rows, [name for name in WEAR if rows and name in rows[0]])
+    return {name: [one.get(name) for one in rows] for name in names}
+
+
+def _forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
+    frame, mu = contacts.get("frame"), contacts.get("mu")
+    if frame is None or mu is None:
+        return {}
+    group = contacts.get("surface")
+    if group is not None:
+        return of_surfaces(step, frame, mu, group, list(contacts["surface_names"]))
+    whole = of_surfaces(step, frame, mu, np.zeros(len(mu), np.int64), ["contacts"])
+    return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
+
+
+def of_contacts(
+    steps: Sequence[Step], contacts: Mapping[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Columns of a table with a row for each contact in each load step, step by step."""
+    if not steps:
+        return {}
+    n, d = steps[0].reaction.shape
+    count = len(steps)
+    parts = ("n", "t1", "t2")[:d]
+    every: dict[str, Any] = {
+        "step": np.repeat(np.arange(count), n),
+        "contact": np.tile(np.arange(n), count),
+    }
+    if contacts.get("surface") is not None:
+        names = np.asarray(contacts["surface_names"], str)
+        every["surface"] = np.tile(names[contacts["surface"]], count)
+    if contacts.get("x") is not None:
+        every |= {a: np.tile(contacts["x"][:, k], count) for k, a in _axes(d)}
+    for name in ("area", "mu"):
+        values = contacts.get(name)
+        if values is not None and np.ndim(values) == 1:
+            every[name] = np.tile(values, count)
+        elif values is not None:
+            every |= {f"mu_t{k + 1}": np.tile(values[:, k], count) for k in range(2)}
+    status = np.concatenate([step.status for step in steps])
+    every["status"] = np.array(STATUS_NAMES)[status]
+    for name in ("reaction", "traction", "relative_displacement", "slip"):
+        values = [getattr(step, name) for step in steps]
+        if values[0] is None:
+            continue
+        own = parts[1:] if name == "slip" else parts
+        stacked = np.concatenate(values)
+        every |= {f"{name}_{part}": stacked[:, k] for k, part in enumerate(own)}
+    if all(step.wear is not None for step in steps):
+        every["wear"] = np.concatenate([np.asarray(step.wear) for step in steps])
+    return every
+
+
+def _axes(d: int) -> list[tuple[int, str]]:
+    return list(enumerate("xyz"[:d]))
+
+
+def framed(found: Mapping[str, Any]) -> Any:
+    """A DataFrame of columns if pandas is installed, else a structured array."""
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        # None, which has no number, is NaN as in pandas.
+        arrays = {
+            name: np.array([np.nan if v is None else v for v in values])
+            for name, values in found.items()
+        }
+        kinds = [(name, array.dtype) for name, array in arrays.items()]
+        rows = np.empty(len(next(iter(arrays.values()), ())), kinds)
+        for name, array in arrays.items():
+            rows[name] = array
+        return rows
+    return pandas.DataFrame(dict(found))
