@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from bipot_rs import theory as theory
     from bipot_rs._lib.versions import __version__ as __version__
     from bipot_rs._lib.versions import show_versions, versions
-    from bipot_rs.contact.proof.enumeration import Answers
-    from bipot_rs.contact.results.error_bound import ErrorBound
     from bipot_rs.contact.errors import (
         BipotError,
         FloatingBodyError,
@@ -39,18 +37,20 @@ if TYPE_CHECKING:
         NotConvergedError,
         NotDifferentiableError,
     )
-    from bipot_rs.contact.proof.existence import Existence
-    from bipot_rs.contact.path.moving_gaps import MovingGaps
-    from bipot_rs.contact.one_call import solve
-    from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.law.projection import project
+    from bipot_rs.contact.law.status import Outcome, Status
+    from bipot_rs.contact.one_call import solve
+    from bipot_rs.contact.path.moving_gaps import MovingGaps
+    from bipot_rs.contact.problem import ContactProblem
+    from bipot_rs.contact.proof.enumeration import Answers
+    from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
     from bipot_rs.contact.reduced import ReducedProblem
+    from bipot_rs.contact.results.error_bound import ErrorBound
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.saved_result import load, load_result
     from bipot_rs.contact.results.solution import Solution, Step
     from bipot_rs.contact.results.state import State
-    from bipot_rs.contact.law.status import Outcome, Status
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview

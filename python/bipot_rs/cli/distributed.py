@@ -9,18 +9,17 @@ of the model.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.cli.ranks import World
-from bipot_rs.contact.path.choice import check_method
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
+from bipot_rs.contact.path.choice import check_method
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +36,12 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted, printable
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr
-from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
 from bipot_rs.files.result_mesh import ResultMesh

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.output_folder import RESULT
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ displacements of all degrees of freedom, W = 0 and E = Hᵀ.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.collection.doubled import Pair, add, exactly, minus, product
 from bipot_rs.contact.global_problem import GlobalProblem

@@ -34,20 +34,25 @@ from bipot_rs._lib.validation import (
     settings,
     threads,
 )
-from bipot_rs.contact.stiffness import dof_order
+from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.messages import remarks
-from bipot_rs.contact.results import summary
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.direct import DirectPath
-from bipot_rs.contact.path.prepared import Given
-from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.path.load_path import NO_FRAME, Following, state, with_frames
 from bipot_rs.contact.path.load_steps import Held, Loading, Totals, check_case
-from bipot_rs.contact.path.moving_gaps import MovingGaps, carried, gaps_by_component, rotation
+from bipot_rs.contact.path.moving_gaps import (
+    MovingGaps,
+    carried,
+    gaps_by_component,
+    rotation,
+)
+from bipot_rs.contact.path.prepared import Given
 from bipot_rs.contact.reduced import ReducedProblem
+from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.contact.wear.wearing import Wearing
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, meant
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
@@ -28,12 +27,12 @@ from bipot_rs._lib.validation import (
     threads,
     vectors,
 )
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.error_bound import ErrorBound, from_core
-from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.results.solution import Solution
-from bipot_rs.contact.law.status import Outcome
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:

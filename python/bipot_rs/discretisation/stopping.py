@@ -7,9 +7,10 @@ solver error is a tenth of the discretisation error.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.solution import Step

@@ -7,7 +7,7 @@ node + component``, so that K is block diagonal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number

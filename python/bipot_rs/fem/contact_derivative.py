@@ -11,10 +11,10 @@ The rows of B are the frame of the contact, and the frame depends on its normal.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.contact import Contact, both, rigid_obstacle

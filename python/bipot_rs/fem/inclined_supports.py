@@ -13,7 +13,7 @@ same coordinates, for any A > 0: the two parts are independent, and no force act
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 
 # Unit normals have seven digits in files: the part of a normal that is independent of other

@@ -13,7 +13,7 @@ point p. An obstacle that moves by a changes the relative displacement of its co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs._lib.messages import instead
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Box

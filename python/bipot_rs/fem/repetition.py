@@ -8,13 +8,12 @@ by translation, ``u(x + t) = u(x)``. The two cuts have the same nodes up to this
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.law.frames import frames

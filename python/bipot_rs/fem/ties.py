@@ -15,7 +15,7 @@ prescribed with ``y = 0``. Displacements that supports prescribe are independent
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.fem.inclined_supports import Planes
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-
-from bipot_rs._lib.records import dataclass
 
 GLOBAL, LOCAL = "global", "local"
 

@@ -7,13 +7,13 @@ order starts without it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.optional import missing
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import first_order_cells
 from bipot_rs.mesh.first_order_cells import CORNERS, Reference

@@ -19,6 +19,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
+from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
@@ -29,7 +30,6 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups

@@ -44,12 +44,12 @@ the patch test.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree

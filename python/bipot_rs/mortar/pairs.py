@@ -7,14 +7,13 @@ B of (2), gaps and areas for any finite-element program, by mortar integrals
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.law.frames import frames

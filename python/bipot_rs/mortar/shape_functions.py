@@ -9,10 +9,10 @@ i + 1, then the centre.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 
 # Corners of the quadrilateral, and the middles of its edges.

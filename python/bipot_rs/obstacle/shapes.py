@@ -13,13 +13,13 @@ obstacle of radius R. It is exact for planes, however they turn.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.contact.law.frames import frames

@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.results.derivatives import Cotangents, DataChange, Gradient, Tangent
 from bipot_rs.contact.errors import NotConvergedError
+from bipot_rs.contact.results.derivatives import (
+    Cotangents,
+    DataChange,
+    Gradient,
+    Tangent,
+)
 from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.gradient import Backward
 from bipot_rs.contact.sensitivity.laws import Laws

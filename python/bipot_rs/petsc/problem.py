@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
     RATIO,
@@ -35,15 +35,15 @@ from bipot_rs._lib.validation import (
     together,
 )
 from bipot_rs.contact.messages import remarks
-from bipot_rs.contact.results import summary
 from bipot_rs.contact.path.choice import direct_bytes
 from bipot_rs.contact.path.load_path import state
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.contact.problem import WITHOUT_FACTOR
-from bipot_rs.contact.results.result import Result as WholeResult
-from bipot_rs.contact.sensitivity.model import PathModel
-from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.path.step_control import follow, increments
+from bipot_rs.contact.problem import WITHOUT_FACTOR
+from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.result import Result as WholeResult
+from bipot_rs.contact.results.solution import Step as WholeStep
+from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.petsc import components, options, own_rows, supports
 from bipot_rs.petsc.agreement import agreed, same
 from bipot_rs.petsc.derivatives import Derivatives

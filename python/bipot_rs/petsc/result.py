@@ -9,8 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.path import load_path
-from bipot_rs.contact.results import result
-from bipot_rs.contact.results import solution
+from bipot_rs.contact.results import result, solution
 from bipot_rs.contact.results.derivatives import Gradient, Tangent
 from bipot_rs.contact.results.result import Result as WholeResult
 from bipot_rs.petsc.agreement import agreed

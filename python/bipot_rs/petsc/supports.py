@@ -7,11 +7,11 @@ decided by rounding; such problems are refused.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.petsc.own_rows import OwnRows

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import meant
-from bipot_rs._lib.records import dataclass
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots.body import deformed
 from bipot_rs.plots.data import look, model_of

@@ -12,9 +12,9 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.elliptic_friction import dissipation as by_pressure
 from bipot_rs.contact.law.frames import of_step
-from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.law.resultants import held, is_curved
 from bipot_rs.contact.law.status import STATUS_NAMES
+from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
     Given,

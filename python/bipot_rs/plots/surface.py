@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.law.status import Status
+from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones

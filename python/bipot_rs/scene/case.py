@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import iteration_limit
-from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.path.load_steps import Totals, differing, reached
 from bipot_rs.contact.path.moving_gaps import MovingGaps, joined, simplified
 from bipot_rs.contact.problem import ContactProblem

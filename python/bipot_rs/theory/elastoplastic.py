@@ -19,12 +19,12 @@ Strains and stresses are vectors of six components, as `soils.mandel` makes them
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.theory import materials

@@ -7,15 +7,16 @@ start of the step, and the cone is replaced by its tangent there. It serves for 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import coulomb
 from bipot_rs._lib.validation import loads as steps_of
-from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.law.projection import project
+from bipot_rs.contact.problem import ContactProblem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ unloaded state; increments are then totals.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import mistyped
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem

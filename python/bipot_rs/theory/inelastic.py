@@ -6,12 +6,12 @@ hardening. Contact has Coulomb friction, with its bipotential (54).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, csr, floats, integer, number
 

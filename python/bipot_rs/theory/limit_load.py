@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.proof.cone_programme import Programme
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.proof.cone_programme import Programme
 from bipot_rs.theory.body_assembly import BodyAssembly
 from bipot_rs.theory.body_step import BodyStep
 from bipot_rs.theory.soils import DruckerPrager

@@ -14,12 +14,12 @@ shape ``(n_c, d)``, normal first. Energies are given for each contact.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import by_contact, coulomb, floats, positive, vectors
 from bipot_rs.contact.law.projection import project

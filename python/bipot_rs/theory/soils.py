@@ -28,11 +28,11 @@ Coulomb contact is the case β = 0, ``a = 0`` with ``σ_m = -t_n``, ``ε_v = u_n
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.theory.convex import direction, indicator, length, project_cone, within

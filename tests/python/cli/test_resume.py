@@ -104,7 +104,13 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
             raise KeyboardInterrupt
 
     return bipot_with(
-        fault, "bipot_rs.contact.results.tables:row", *SCENE, "--out", "here", *more, cwd=cwd
+        fault,
+        "bipot_rs.contact.results.tables:row",
+        *SCENE,
+        "--out",
+        "here",
+        *more,
+        cwd=cwd,
     )
 
 

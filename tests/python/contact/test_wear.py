@@ -11,8 +11,8 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs.contact.errors import NotConvergedError
-from bipot_rs.contact.path.load_path import Following
 from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.path.load_path import Following
 from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies

@@ -169,7 +169,9 @@ def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
             if step == 2:
                 raise KeyboardInterrupt
 
-        broken = bipot_with(fault, "bipot_rs.contact.results.tables:row", *command, cwd=where)
+        broken = bipot_with(
+            fault, "bipot_rs.contact.results.tables:row", *command, cwd=where
+        )
         assert broken.returncode == 130
         run = bipot(*command, "--resume", "--json", cwd=where)
         assert run.returncode == 0, run.stderr

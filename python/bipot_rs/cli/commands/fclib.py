@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 from bipot_rs._lib.messages import counted, printable
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import meant
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.output_folder import RESULT
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from dataclasses import replace as replaced
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted, later
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.commands.names import ENOUGH, PETSC
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts

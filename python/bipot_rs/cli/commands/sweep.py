@@ -6,11 +6,11 @@ The table is written after each row, so that an interrupted sweep can continue.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.cost_forecast import cores
 from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.output_folder import SWEEP, make

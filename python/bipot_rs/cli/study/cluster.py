@@ -12,12 +12,11 @@ import re
 import uuid
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.cost_forecast import size
 from bipot_rs.files.export import library
 

@@ -6,11 +6,10 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.output_folder import RESULT, SWEEP
 from bipot_rs.cli.study.part import Part, part
 from bipot_rs.cli.study.plan import Study

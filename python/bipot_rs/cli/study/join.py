@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.output_folder import RESULT, SWEEP
 from bipot_rs.cli.study import axes
 from bipot_rs.cli.study.folder import RECORD, Record, read_record, row_folder

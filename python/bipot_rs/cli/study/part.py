@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.study.axes import MOST
 
 # Names of the folders of parts, for `pathlib.Path.glob`.

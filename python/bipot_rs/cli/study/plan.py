@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.study import axes
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -10,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
 from bipot_rs.cli.output_folder import RESULT
 from bipot_rs.cli.runner import outcome, recovered

@@ -8,9 +8,10 @@ and ``Σ ‖r_t‖`` measure pressing and friction in all directions.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.law.elliptic_friction import dissipation, largest, limit
 

@@ -7,15 +7,20 @@ and what to do. A cause is named only if a number computed from the problem show
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.law.elliptic_friction import dissipation, largest, limit, resisting
-from bipot_rs.contact.results.solution import Solution
+from bipot_rs.contact.law.elliptic_friction import (
+    dissipation,
+    largest,
+    limit,
+    resisting,
+)
 from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.results.solution import Solution
 
 # Up to this many rows of W its eigenvalues are computed; for more they take seconds.
 _DENSE = 1500

@@ -9,6 +9,7 @@ bodies: for a dilation they point outwards, and for a shear their work gives the
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,10 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
-from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.stiffness import dof_order
 
 # Rounding of coordinates in mesh files, relative to the size of the problem.
 _ROUNDING = 1e-9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +12,11 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.path.engine import Asked
-from bipot_rs.contact.results.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.path.moving_gaps import rotated, rotation
+from bipot_rs.contact.results.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.results.solution import Solution, Step
 
 # Most paths are solved: only one that fails is diagnosed.

@@ -7,20 +7,19 @@ of ``K``, so that bodies of millions of degrees of freedom fit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.messages.diagnosis import Tried, diagnose
 from bipot_rs.contact.path.engine import Asked, Engine, Path
 from bipot_rs.contact.path.loose import Loose
-from bipot_rs.contact.results.error_bound import ErrorBound, without
 from bipot_rs.contact.reduced import solution_fields
+from bipot_rs.contact.results.error_bound import ErrorBound, without
 from bipot_rs.contact.results.solution import Recovery, Solution, Step
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,19 +12,23 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings, by_component
-from bipot_rs.contact.messages import rigid_motion_names as motion
-from bipot_rs.contact.results.derivatives import PathDerivatives
-from bipot_rs.contact.path.engine import Asked, Engine, Known, Named, Turned
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.messages import rigid_motion_names as motion
+from bipot_rs.contact.path.engine import Asked, Engine, Known, Named, Turned
 from bipot_rs.contact.path.load_steps import Gap, Held, Totals, done, reached
-from bipot_rs.contact.path.moving_gaps import MovingGaps, carried, gaps_by_component, rotation
+from bipot_rs.contact.path.moving_gaps import (
+    MovingGaps,
+    carried,
+    gaps_by_component,
+    rotation,
+)
 from bipot_rs.contact.reduced import opening, solution_fields
+from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Recovery, Step
-from bipot_rs.contact.law.status import Outcome
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start

@@ -12,13 +12,13 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Csr, Settings
 from bipot_rs.contact.messages import remarks
 from bipot_rs.contact.path.engine import Engine
-from bipot_rs.contact.path.prepared import Prepared
 from bipot_rs.contact.path.load_path import Following
 from bipot_rs.contact.path.load_steps import Held, Loading
 from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.path.prepared import Prepared
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.sensitivity.path import Differentiable
-from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start

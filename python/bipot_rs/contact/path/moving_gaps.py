@@ -13,14 +13,13 @@ n_k · w_k by g_k + n_k · s_k, so that a step determines the whole vector w_k.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib import validation
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.results.solution import Step
 

@@ -11,10 +11,10 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, enforced, one_triangle
+from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.direct import Direct
 from bipot_rs.contact.path.engine import Engine, Known
-from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 
 if TYPE_CHECKING:
     from bipot_rs.contact.path.iterative import Iterative

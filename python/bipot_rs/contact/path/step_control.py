@@ -8,19 +8,18 @@ continues with the same steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.path.load_path import Following
 from bipot_rs.contact.path.load_steps import Totals
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.law.status import Status
 
 # Default of the smallest step, and its lower limit by the rounding of s, over the path.
 _SMALLEST, _LEAST = 1e-3, 1e-12

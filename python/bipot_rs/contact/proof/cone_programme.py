@@ -10,11 +10,11 @@ direction ``y`` with ``G y`` in ``L`` and ``c·y < 0``.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 
 # Steps end here at the latest; 8 to 25 are usual.

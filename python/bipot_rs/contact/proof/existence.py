@@ -6,12 +6,12 @@ witnesses; the core decides whether a witness is a proof.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.proof.existence_by_friction import holds, polygon
 

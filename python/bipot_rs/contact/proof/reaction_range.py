@@ -10,12 +10,12 @@ programme in the plane and one over circular cones in space.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.proof.cone_programme import Programme
 from bipot_rs.contact.proof.existence import contact_scale, dense

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 
 

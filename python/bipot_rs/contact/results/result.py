@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.contact_data import ContactData
 from bipot_rs.contact.results.contact_fields import instants_of, path_fields
@@ -26,8 +28,6 @@ from bipot_rs.contact.results.derivatives import (
     Tangent,
 )
 from bipot_rs.contact.results.error_bound import ErrorBound
-from bipot_rs.contact.law.frames import of_step
-from bipot_rs.contact.presentation import Presentation
 from bipot_rs.contact.results.solution import Step, recover
 from bipot_rs.contact.results.step_record import record_of
 from bipot_rs.files import export, series

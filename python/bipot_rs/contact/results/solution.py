@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.results import error_bound
-from bipot_rs.contact.results import summary
+from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.results import error_bound, summary
 from bipot_rs.contact.results.derivatives import (
     LOST,
     ReducedGradient,
@@ -23,7 +22,6 @@ from bipot_rs.contact.results.derivatives import (
     SolutionDerivatives,
 )
 from bipot_rs.contact.results.error_bound import ErrorBound
-from bipot_rs.contact.law.status import Outcome
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.minimising_sequence import MinimisingSequence

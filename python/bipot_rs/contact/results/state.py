@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, vectors
-from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.law.status import Outcome, Status
+from bipot_rs.contact.results.solution import Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.result import Result

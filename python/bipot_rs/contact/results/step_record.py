@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.validation import floats, frames
-from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.law.status import Outcome, Status
+from bipot_rs.contact.results.solution import Step
 
 # Fields of a step that files do not keep, or not in this form.
 _NOT_WRITTEN = {

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.resultants import resultants
-from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.law.status import STATUS_NAMES
+from bipot_rs.contact.results.solution import Step
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
 # Columns of a cycle of wear.

@@ -15,9 +15,9 @@ import numpy as np
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import NotDifferentiableError
+from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.sensitivity.laws import Point, laws
 from bipot_rs.contact.sensitivity.linear import Change, Linear, right_side
-from bipot_rs.contact.law.status import Status
 
 # Combinations of sides that are all tried to see whether there are several answers, and to
 # find one if the iteration does not: about a millisecond each.

@@ -7,12 +7,12 @@ has the displacements among its unknowns, and nothing of it is factored.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.sensitivity.laws import Laws
 from bipot_rs.contact.sensitivity.response import by_rows

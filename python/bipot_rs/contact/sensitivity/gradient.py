@@ -9,9 +9,9 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.results.derivatives import Cotangents, Gradient
+from bipot_rs.contact.results.solution import BLOCK
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
-from bipot_rs.contact.results.solution import BLOCK
 
 # Entries of K whose products are computed together: their factors stay in the cache.
 _ENTRIES = 1 << 14

@@ -11,9 +11,10 @@ with ``dρ = D⁻¹ (dr_t - dD ρ)``. Both stay well scaled if ``s`` or ``r_n`` 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 

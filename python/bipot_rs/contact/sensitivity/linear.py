@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.sensitivity.borders import Borders
 from bipot_rs.contact.sensitivity.laws import Laws, Point, laws, tangents
 from bipot_rs.contact.sensitivity.response import Response, System, system
-from bipot_rs.contact.law.status import Status
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.borders import borders
 from bipot_rs.contact.sensitivity.displacements import Displacements
 from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import Linear
 from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
 from bipot_rs.contact.sensitivity.response import Condensed, PathResponse
-from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.law.status import Status
 
 # Contacts with a smaller opening, as a share of the largest one, may be on a border.
 _CLOSE = 1e-6

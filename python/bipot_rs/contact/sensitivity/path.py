@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from bipot_rs._lib.records import dataclass
-from bipot_rs.contact.results.derivatives import Cotangents, DataChange, Gradient, Tangent
+from bipot_rs.contact.results.derivatives import (
+    Cotangents,
+    DataChange,
+    Gradient,
+    Tangent,
+)
 from bipot_rs.contact.sensitivity.model import PathModel
 
 # Each load path has a `Differentiable`, but few are differentiated: the methods import the

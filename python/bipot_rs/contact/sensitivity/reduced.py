@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent

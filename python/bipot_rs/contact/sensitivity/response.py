@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.sensitivity.laws import Laws

@@ -8,11 +8,11 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.results.derivatives import DataChange, Tangent
+from bipot_rs.contact.results.solution import BLOCK
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.linear import Change
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import Directions, directions
-from bipot_rs.contact.results.solution import BLOCK
 
 
 class Forward:

@@ -22,6 +22,7 @@ of the body, and slender bodies keep their bending stiffness.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
 from bipot_rs._lib.messages import body_of
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
 from bipot_rs.contact.stiffness.rigid_motions import (

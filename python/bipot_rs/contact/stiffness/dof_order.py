@@ -13,13 +13,13 @@ only its diagonal, are also left out.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import Parts
 

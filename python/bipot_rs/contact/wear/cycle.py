@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.path.load_path import Following
 from bipot_rs.contact.path.load_steps import Gap, Totals

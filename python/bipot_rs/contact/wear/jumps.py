@@ -8,11 +8,10 @@ depth, and ``g3`` after the jump.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.results.solution import Step

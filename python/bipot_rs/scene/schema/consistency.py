@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from bipot_rs._lib.memory import installed
 from bipot_rs._lib.messages import counted, instead
-from bipot_rs._lib.records import dataclass
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.schema.contact import Plane, Ring, Touch
