@@ -183,7 +183,7 @@ bench-full: $(STAMP)
 
 .PHONY: verification
 verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours
-	$(PY) tests/python/cases/verification.py
+	PYTHONPATH=tests/python $(PY) -m cases.verification
 
 # Sphinx is installed when it is first wanted: no test needs it.
 SPHINX := $(VENV)/docs-$(notdir $(STAMP))

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests" / "python" / "support"))
+sys.path.append(str(ROOT / "tests" / "python"))
 
 import problems  # noqa: E402
 import tables  # noqa: E402
 
-from random_problems import random_problem  # noqa: E402
+from support.random_problems import random_problem  # noqa: E402
 
 Array = NDArray[np.float64]
 PAGE = ROOT / "docs" / "paper" / "9-error-bound.md"

@@ -21,8 +21,8 @@ from bipot_rs.theory.implicit_body import ImplicitBody
 from bipot_rs.theory.soils import DruckerPrager, tensor
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests" / "python" / "support"))
-from hollow_sphere import HollowSphere  # noqa: E402
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "python"))
+from support.hollow_sphere import HollowSphere  # noqa: E402
 
 ALPHA, APEX = 0.3, 1 / 0.3
 BLUE, RED, GREEN = "#0072B2", "#D55E00", "#009E73"

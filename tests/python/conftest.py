@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-import slow
+from support import slow
 
 # In CI a failing run must fail again when repeated; elsewhere each run draws new examples.
 # No deadline, because other programs share both machines.

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import analytic
-from places import REFERENCE
+from support.places import REFERENCE
 
 DATA = REFERENCE
 # The tables print 12 significant digits.

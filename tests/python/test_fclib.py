@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-import pressed
 from bipot_rs import fclib
-from bodies import block
-from collection import FILES, datasets, dense, path
-from conditions import violation
+from support import pressed
+from support.bodies import block
+from support.collection import FILES, datasets, dense, path
+from support.conditions import violation
 
 Array = NDArray[np.float64]
 

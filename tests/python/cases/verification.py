@@ -1,6 +1,6 @@
 """Cases with known solutions as rows of numbers, and the page made from them.
 
-Tests assert `Row.holds`; `python tests/python/cases/verification.py` writes
+Tests assert `Row.holds`; `make verification` writes
 `docs/verification.md` from the same rows.
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-import places
+from support import places
 
 PAGE = places.ROOT / "docs" / "verification.md"
 
@@ -161,19 +161,19 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 def page(*, fine: bool, randomised: bool = True) -> str:
     """The page. `fine` adds the meshes that take too long for a test."""
     # Imported here: each of them imports Row from this module.
-    import cases_exact
-    import cases_hard
-    import cases_plane
-    import cases_published
-    import cases_random
-    import cases_space
+    import cases.exact
+    import cases.hard
+    import cases.plane
+    import cases.published
+    import cases.randomised
+    import cases.space
 
     def numbers(cases: dict[str, Callable[[], list[Row]]]) -> list[str]:
         rows = [[i.upper(), *r.cells()] for i, case in cases.items() for r in case()]
         head = ["case", "quantity", "source", "expected", "computed", "difference"]
         return table(head, rows)
 
-    approached = cases_plane.CASES | cases_space.CASES
+    approached = cases.plane.CASES | cases.space.CASES
     refined = [
         [i.upper(), *row]
         for i, case in sorted(approached.items(), key=lambda pair: int(pair[0][1:]))
@@ -184,17 +184,17 @@ def page(*, fine: bool, randomised: bool = True) -> str:
     sections = [
         HEAD,
         "## Answers that the mesh meets exactly\n",
-        *numbers(cases_exact.CASES),
+        *numbers(cases.exact.CASES),
         "\n## Answers that the mesh approaches\n",
         REFINED,
         *table([*head, "error", "order"], refined),
         "\n## Published problems\n",
-        *numbers(cases_published.CASES),
+        *numbers(cases.published.CASES),
         "\n## Hard cases\n",
-        *numbers(cases_hard.CASES),
+        *numbers(cases.hard.CASES),
         "\n## Random classes\n",
         RANDOMISED,
-        *table(cases_random.HEAD, cases_random.rows() if randomised else []),
+        *table(cases.randomised.HEAD, cases.randomised.rows() if randomised else []),
     ]
     return "\n".join(sections) + "\n"
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bars import bar_problem
 from bipot_rs.cli import cost_forecast
 from bipot_rs.cli import progress as telling
 from bipot_rs.scene import assemble, bodies, read
+from support.bars import bar_problem
 
 COUNTS = (
     *("bodies", "n_contact_dofs", "nnz_factor", "flops", "bytes_factor"),

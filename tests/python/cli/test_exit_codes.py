@@ -11,8 +11,8 @@ import bipot_rs as bp
 from bipot_rs.cli.app import app
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.exit_codes import FAULT
-from faulty_scenes import FLOOR, Faulty, block, faulty, late, pair
-from rollers import roller
+from support.faulty_scenes import FLOOR, Faulty, block, faulty, late, pair
+from support.rollers import roller
 
 Bipot = Callable[..., tuple[int, str, str]]
 

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import children
-import pressed
 from bipot_rs import fclib
 from bipot_rs.cli.commands.fclib import Request, Solve
 from bipot_rs.cli.interrupts import Interrupts
-from collection import FILES, path
-from methods import METHODS
+from support import children, pressed
+from support.collection import FILES, path
+from support.methods import METHODS
 
 BIPOT = [sys.executable, "-m", "bipot_rs", "fclib"]
 KEYS = [

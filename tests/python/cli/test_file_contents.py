@@ -14,9 +14,9 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem import paraview
 from bipot_rs.files.fields import FIELDS, LOCAL, OF_CELLS, OF_CONTACTS, OF_NODES
-from matrix_and_tables import written
-from places import DATA
-from runs import bipot
+from support.matrix_and_tables import written
+from support.places import DATA
+from support.runs import bipot
 
 SCENE = ("two_blocks", "--set", "mesh.n=4")
 # Without wear.

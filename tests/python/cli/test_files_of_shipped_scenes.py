@@ -11,7 +11,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.cli.output_folder import RESULT
 from bipot_rs.scene.library import shipped
-from runs import bipot, lines
+from support.runs import bipot, lines
 
 
 @pytest.mark.parametrize("name", shipped())

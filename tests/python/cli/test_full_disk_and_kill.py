@@ -18,10 +18,10 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bars import bar_problem, pulled
 from bipot_rs.cli import output_folder
 from bipot_rs.files import export
-from children import bipot, bipot_with, forked, strays
+from support.bars import bar_problem, pulled
+from support.children import bipot, bipot_with, forked, strays
 
 RUN = (
     *("run", "cyclic_cube", "--set", "mesh.n=2", "--set", "path.steps=4"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bipot_rs.files import export
-from children import bipot, bipot_hit_at_import, bipot_with, child, strays
+from support.children import bipot, bipot_hit_at_import, bipot_with, child, strays
 
 STEPS = 8
 RUN = (

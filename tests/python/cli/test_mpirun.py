@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import many_ranks
 from bipot_rs.cli.output_folder import RESULT, UNFINISHED
-from children import strays
-from many_ranks import Run, bipot
+from support import many_ranks
+from support.children import strays
+from support.many_ranks import Run, bipot
 
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 CLOSE = 1e-10

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bars import bar_problem, pulled
 from bipot_rs.scene import assemble, bodies, read
-from children import bipot, bipot_with
-from comparisons import content
-from rollers import roller
+from support.bars import bar_problem, pulled
+from support.children import bipot, bipot_with
+from support.comparisons import content
+from support.rollers import roller
 
 # Enough contacts for the inverse of W, which a path makes once.
 SCENE = ("run", "cyclic_cube", "--set", "mesh.n=6", "--set", "path.steps=9")

@@ -15,7 +15,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.files import export
-from runs import BIPOT, FILES, LAST_LINE, bipot, lines
+from support.runs import BIPOT, FILES, LAST_LINE, bipot, lines
 
 
 def scene_file(folder: Path, changes: Sequence[tuple[str, str]] = ()) -> Path:

@@ -11,7 +11,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.files import export
 from bipot_rs.plots.error_map import error_map
-from runs import FILES, LAST_LINE, bipot, lines
+from support.runs import FILES, LAST_LINE, bipot, lines
 
 P1 = "--set=mesh.element=P1"
 SMALL = ("run", "sheared_cube", "--set=mesh.n=2", P1)

@@ -17,8 +17,8 @@ from scipy.io import mmwrite
 import bipot_rs as bp
 from bipot_rs.cli import matrix_files
 from bipot_rs.contact.results.tables import FORCES
-from children import bipot, bipot_with
-from matrix_and_tables import AXES, MODELS, labels, written
+from support.children import bipot, bipot_with
+from support.matrix_and_tables import AXES, MODELS, labels, written
 
 
 @pytest.mark.parametrize("name", MODELS)

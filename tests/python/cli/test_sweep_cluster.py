@@ -17,9 +17,9 @@ from bipot_rs.cli.cost_forecast import assembly, size
 from bipot_rs.cli.study.cluster import Cluster
 from bipot_rs.cli.study.row import peak
 from bipot_rs.scene import read
-from comparisons import content
-from dask_workers import row, solved_then_killed, two_workers
-from pushed_study import PUSHED, table
+from support.comparisons import content
+from support.dask_workers import row, solved_then_killed, two_workers
+from support.pushed_study import PUSHED, table
 
 distributed = pytest.importorskip("distributed", exc_type=ImportError)
 # The clusters are shared by the tests of one process.

@@ -9,8 +9,8 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.cli.study.plan import plan
 from bipot_rs.cli.study.row import Row, solve_as
-from comparisons import bits
-from pushed_study import PUSHED, table
+from support.comparisons import bits
+from support.pushed_study import PUSHED, table
 
 Bipot = Callable[..., tuple[int, str, str]]
 STUDY = ("sweep", "push.toml", "--out", "here", "--jobs", "1")

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from bipot_rs.cli.study.part import Part, deal, part
-from comparisons import content
-from pushed_study import PUSHED, table
+from support.comparisons import content
+from support.pushed_study import PUSHED, table
 
 Bipot = Callable[..., tuple[int, str, str]]
 STUDY = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.collection import manifest
-from places import ROOT
+from support.places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
 

@@ -17,7 +17,7 @@ from bipot_rs import collection
 from bipot_rs.collection import manifest, rules
 from bipot_rs.collection.__main__ import main
 from bipot_rs.collection.rules import FILES, RULES
-from places import ROOT
+from support.places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
 NAMES = ["block_2d_3", "block_3d_4_turning", "several_2d_3", "none_2d_6_clamped"]

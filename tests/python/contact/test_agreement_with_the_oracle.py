@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from conditions import violation
-from oracle import Answer, Problem
-from smoothing import follow
+from support.conditions import violation
+from support.oracle import Answer, Problem
+from support.smoothing import follow
 
 Array = NDArray[np.float64]
 MU = 0.25

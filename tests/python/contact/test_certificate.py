@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-import oracle
-from bodies import block
-from methods import METHODS, NEED_SUPPORTS
-from random_problems import KINDS, Given, random_problem
-from signorini_coulomb import Missed, inequalities, judge
+from support import oracle
+from support.bodies import block
+from support.methods import METHODS, NEED_SUPPORTS
+from support.random_problems import KINDS, Given, random_problem
+from support.signorini_coulomb import Missed, inequalities, judge
 
 Array = NDArray[np.float64]
 

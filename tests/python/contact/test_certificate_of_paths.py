@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from methods import METHODS
-from signorini_coulomb import inequalities
+from support.methods import METHODS
+from support.signorini_coulomb import inequalities
 
 Array = NDArray[np.float64]
 # As for a reduced problem, where the same check finds at most ten times the tolerance.

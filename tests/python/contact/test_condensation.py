@@ -14,7 +14,7 @@ from scipy.spatial import Delaunay
 from skfem.helpers import ddot, eye, sym_grad, trace
 
 import bipot_rs as bp
-import twice
+from support import twice
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.contact.messages.diagnosis import misses
-from methods import METHODS
+from support.methods import METHODS
 
 Array = NDArray[np.float64]
 

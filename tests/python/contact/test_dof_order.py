@@ -17,8 +17,8 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.stiffness import dof_order
-from children import bipot
-from orders import CELLS, body, by_component
+from support.children import bipot
+from support.orders import CELLS, body, by_component
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 import bipot_rs as bp
-from methods import METHODS
+from support.methods import METHODS
 
 Array = NDArray[np.float64]
 OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK

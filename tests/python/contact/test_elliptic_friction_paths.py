@@ -11,7 +11,7 @@ from scipy.sparse import diags_array
 
 import bipot_rs as bp
 from bipot_rs import fem, scene
-from children import bipot
+from support.children import bipot
 
 Array = NDArray[np.float64]
 MU = np.array([0.3, 0.06])

@@ -10,8 +10,8 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs.analytic import one_contact_branches
-from contacts import one_node
-from oracle import Problem, answers
+from support.contacts import one_node
+from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
 K = np.array([[2.0, 0.5], [0.5, 1.0]])  # one contact is unique below μ = 2

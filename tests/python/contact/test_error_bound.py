@@ -13,7 +13,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core, scene
-from random_problems import random_problem
+from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
 # With supports and definite W, where a bound can be proved.

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import block
-from oracle import Problem
-from pressed import MU, cube, free, square
-from smoothing import follow
+from support.bodies import block
+from support.oracle import Problem
+from support.pressed import MU, cube, free, square
+from support.smoothing import follow
 
 Array = NDArray[np.float64]
 # Each method stops at its tolerance, so it leaves an error of the size of tol. In "auto",

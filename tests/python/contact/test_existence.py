@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import scene
-from random_problems import KINDS, random_problem
+from support.random_problems import KINDS, random_problem
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs.fclib import GlobalProblem
-from bodies import block
-from collection import FILES, GLOBAL, dense, path
-from conditions import violation
+from support.bodies import block
+from support.collection import FILES, GLOBAL, dense, path
+from support.conditions import violation
 
 Array = NDArray[np.float64]
 

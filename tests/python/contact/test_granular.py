@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from conditions import violation
+from support.conditions import violation
 
 TOL = 1e-10
 

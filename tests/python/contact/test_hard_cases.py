@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import block
-from conditions import violation
-from contacts import K1, SMALL, TOL, one_node
-from oracle import Problem, answers
+from support.bodies import block
+from support.conditions import violation
+from support.contacts import K1, SMALL, TOL, one_node
+from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
 OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK

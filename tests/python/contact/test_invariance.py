@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
-from bodies import Body, block
+from support.bodies import Body, block
 
 Array = NDArray[np.float64]
 MU = 0.3

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bars import BAR, bar_problem, lost, pulled
 from bipot_rs import analytic
-from contacts import K1, SMALL, TOL, one_node
-from methods import METHODS
-from oracle import Problem, answers
+from support.bars import BAR, bar_problem, lost, pulled
+from support.contacts import K1, SMALL, TOL, one_node
+from support.methods import METHODS
+from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP

@@ -13,9 +13,9 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bars import bar_problem, pulled
-from children import forked
-from methods import METHODS
+from support.bars import bar_problem, pulled
+from support.children import forked
+from support.methods import METHODS
 
 
 class _Heap(ctypes.Structure):

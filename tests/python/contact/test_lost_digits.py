@@ -17,8 +17,8 @@ from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import bipot_rs as bp
-from bodies import Body, block
-from conditions import violation
+from support.bodies import Body, block
+from support.conditions import violation
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)

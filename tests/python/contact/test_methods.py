@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from methods import METHODS
-from pressed import cube
+from support.methods import METHODS
+from support.pressed import cube
 
 Array = NDArray[np.float64]
 TOL = 1e-12

@@ -14,7 +14,7 @@ import bipot_rs as bp
 from bipot_rs.contact.law.frames import frames, turned_to
 from bipot_rs.contact.law.slip_check import displaced
 from bipot_rs.theory import functionals, law
-from bodies import Body, block
+from support.bodies import Body, block
 
 TOL = 1e-13
 # Two solutions with η = 1e-13 whose matrices differ by the rounding of rotations.

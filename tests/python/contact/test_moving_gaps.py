@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bodies import Body, block
+from support.bodies import Body, block
 
 TOL = 1e-13
 # Two solutions with η = 1e-13 whose data differ by the rounding of sums.

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from methods import METHODS
+from support.methods import METHODS
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 
 import bipot_rs as bp
 from bipot_rs.contact.messages.rigid_motion_names import describe
-from bodies import Body, block, uniform_shear
+from support.bodies import Body, block, uniform_shear
 
 Array = NDArray[np.float64]
 MU = 0.6

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conditions import violation
-from oracle import OPEN, SLIP, STICK, Problem, answers
-from places import REFERENCE
-from smoothing import follow
+from support.conditions import violation
+from support.oracle import OPEN, SLIP, STICK, Problem, answers
+from support.places import REFERENCE
+from support.smoothing import follow
 
 Array = NDArray[np.float64]
 DATA = REFERENCE

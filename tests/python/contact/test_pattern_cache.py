@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import Body, block, uniform_shear
-from children import forked
+from support.bodies import Body, block, uniform_shear
+from support.children import forked
 
 LIMIT = "BIPOT_PATTERN_CACHE_MB"
 

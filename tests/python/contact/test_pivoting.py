@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from methods import METHODS, NEED_SUPPORTS
+from support.methods import METHODS, NEED_SUPPORTS
 
 
 def strong(seed: int, contacts: int, mu: float) -> bp.ReducedProblem:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from children import forked
-from pressed_in_space import pressed
+from support.children import forked
+from support.pressed_in_space import pressed
 
 # A time limit against hanging: each of these takes a second or two.
 pytestmark = pytest.mark.timeout(60)

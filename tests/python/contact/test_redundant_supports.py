@@ -6,8 +6,8 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem
-from conditions import violation
-from disks import wall
+from support.conditions import violation
+from support.disks import wall
 
 TOL = 1e-10
 

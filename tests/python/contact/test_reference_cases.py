@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bars import BAR, bar_problem, lost, pulled
 from bipot_rs import analytic
-from bodies import block, uniform_shear
-from conditions import violation
-from contacts import SMALL, TOL, one_node
-from places import REFERENCE
+from support.bars import BAR, bar_problem, lost, pulled
+from support.bodies import block, uniform_shear
+from support.conditions import violation
+from support.contacts import SMALL, TOL, one_node
+from support.places import REFERENCE
 
 Array = NDArray[np.float64]
 DATA = REFERENCE

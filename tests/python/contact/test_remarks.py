@@ -17,7 +17,7 @@ from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.messages.remarks import looked_at
-from orders import CELLS, body, by_component
+from support.orders import CELLS, body, by_component
 
 YOUNG = 210e3
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from bipot_rs.cli.progress import Progress
 from bipot_rs.cli.report import closing, print_table
 from bipot_rs.contact.law.resultants import resultants
-from pressed_in_space import pressed
+from support.pressed_in_space import pressed
 
 RANDOM = np.random.default_rng(8)
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import block
+from support.bodies import block
 
 
 def words(problem: bp.ContactProblem) -> list[str]:

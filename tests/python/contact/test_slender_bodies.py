@@ -14,7 +14,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from slender import (
+from support.slender import (
     CELLS,
     HOLDS,
     Array,

@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from disks import wall
+from support.disks import wall
 
 TOL = 1e-10
 

@@ -9,8 +9,8 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from determinate import bars, counted, on_two_nodes, sticking
-from twice import Array
+from support.determinate import bars, counted, on_two_nodes, sticking
+from support.twice import Array
 
 
 def test_statically_determinate_bodies() -> None:

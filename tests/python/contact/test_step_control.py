@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bars import bar_problem
-from comparisons import FIELDS, bits
+from support.bars import bar_problem
+from support.comparisons import FIELDS, bits
 
 
 def spring(mu: float = 0.5, k: float = 4.0) -> bp.ContactProblem:

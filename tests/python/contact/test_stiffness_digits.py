@@ -21,7 +21,7 @@ from scipy.io import mmwrite
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.contact.stiffness.rigid_motions import UNKNOWN, directions
-from children import bipot
+from support.children import bipot
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)

@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import Body, block, uniform_shear
+from support.bodies import Body, block, uniform_shear
 
 BODY = block([4.0, 2.0], [16, 8], 100.0, 0.3)
 FIXED = np.concatenate([BODY.dofs(1, 2.0, k) for k in range(2)])

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from methods import WITHOUT_SUPPORTS
-from verdicts import (
+from support.methods import WITHOUT_SUPPORTS
+from support.verdicts import (
     agree,
     locals_of,
     proofs,

@@ -17,8 +17,8 @@ from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.reading import assemble, read
-from two_blocks import arrays
-from worn import COEFFICIENT, PULL, TOL, pad, spring, worn_pad
+from support.two_blocks import arrays
+from support.worn import COEFFICIENT, PULL, TOL, pad, spring, worn_pad
 
 # Sums of some hundred reactions that are solved to η = 1e-13.
 SAME = 1e-11

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.contact.wear import jumps
-from worn import COEFFICIENT, PULL, spring, worn_pad
+from support.worn import COEFFICIENT, PULL, spring, worn_pad
 
 
 def along(run: Any, depth: np.ndarray, place: np.ndarray) -> np.ndarray:

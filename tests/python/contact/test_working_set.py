@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import Body, block
+from support.bodies import Body, block
 
 # Both solutions satisfy the law to rounding. They may differ by the error of two W's with
 # cond(S) below 1e3, and by η = 1e-13 over the smallest reaction that counts.

@@ -14,7 +14,7 @@ from scipy.io import mmwrite
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.byte_order import MARK, unmarked
-from matrix_and_tables import written
+from support.matrix_and_tables import written
 
 meshio = pytest.importorskip("meshio")
 

@@ -6,7 +6,7 @@ import pytest
 from bipot_rs.files import fields
 from bipot_rs.files.fields import FIELDS, Quantity
 from bipot_rs.files.result_mesh import Cells, ResultMesh
-from places import ROOT
+from support.places import ROOT
 
 UNITS = {"length": "mm", "force": "kN", "stress": "GPa"}
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import smooth_problem
-from smooth_problem import MAPS, Smooth
+from support import smooth_problem
+from support.smooth_problem import MAPS, Smooth
 
 jax = pytest.importorskip(
     "jax", reason="JAX is not installed: pip install 'bipot-rs[jax]'"

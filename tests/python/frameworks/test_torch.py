@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import smooth_problem
+from support import smooth_problem
 
 torch = pytest.importorskip(
     "torch", reason="PyTorch is not installed: pip install 'bipot-rs[torch]'"

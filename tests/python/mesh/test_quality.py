@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import skfem
 
-import places
 from bipot_rs import fem
 from bipot_rs.mesh import elements
+from support import places
 
 SHAPES = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 DATA = places.DATA / "meshes"

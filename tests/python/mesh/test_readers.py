@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import skfem
 
-import places
 from bipot_rs import fem
 from bipot_rs.fem.elasticity import vtk_cells
 from bipot_rs.files.vtu import Grid
 from bipot_rs.mesh import elements, kinds, serendipity
+from support import places
 
 DATA = places.DATA / "meshes"
 # The element of each file, for a box 2 x 1 (x 1) in two volumes.

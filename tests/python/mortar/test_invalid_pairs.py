@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from sheets import line, sheet
+from support.sheets import line, sheet
 
 ONE, OTHER = sheet(4, 2, up=False), sheet(3, 2, up=True)
 

@@ -9,7 +9,7 @@ import skfem
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from sheets import line, rotation, second_order, sheet
+from support.sheets import line, rotation, second_order, sheet
 
 Array = NDArray[np.float64]
 KINDS = (3, 4, 6, 8, 9)

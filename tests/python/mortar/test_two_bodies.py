@@ -11,8 +11,8 @@ from bipot_rs import analytic, fem
 from bipot_rs.discretisation.contact_facets import contact_facets
 from bipot_rs.discretisation.simplices import simplices
 from bipot_rs.fem import contact as meeting
-from halfspace import body, boussinesq, grid, mirrored
-from profiles import Profile
+from support.halfspace import body, boussinesq, grid, mirrored
+from support.profiles import Profile
 
 Array = NDArray[np.float64]
 PLANE, SPACE = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")

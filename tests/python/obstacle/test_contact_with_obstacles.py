@@ -10,7 +10,7 @@ import bipot_rs as bp
 from bipot_rs import analytic, fem, scene
 from bipot_rs import obstacle as ob
 from bipot_rs.discretisation import discretisation_error
-from spheres import icosphere
+from support.spheres import icosphere
 
 TOL = 1e-12
 # Two solutions with η = 1e-12, relative to the smallest force that counts.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from bipot_rs import obstacle as ob
 from bipot_rs.mortar import box_tree
 from bipot_rs.obstacle import facet_tree, triangulated
-from spheres import icosphere
+from support.spheres import icosphere
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

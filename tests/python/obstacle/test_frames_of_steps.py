@@ -10,7 +10,7 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from rollers import roller
+from support.rollers import roller
 
 TOL = 1e-13
 RADIUS, DEPTH, WAY = 50.0, 1.0, 8.0  # mm

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bipot_rs import obstacle as ob
-from spheres import icosphere
+from support.spheres import icosphere
 
 # Rounding of some ten operations on numbers of size 1.
 EXACT = 1e-14

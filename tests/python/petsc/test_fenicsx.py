@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import mpi
-import places
 from bipot_rs.scene import assemble, bodies, read
+from support import mpi, places
 
 RECIPE = places.ROOT / "examples" / "with_fenicsx_parallel.py"
 PYTHON = "/usr/bin/python3"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import mpi
-from pressed_in_space import arrays
+from support import mpi
+from support.pressed_in_space import arrays
 
 EXPECTED = {
     "gap": "ValueError: gap has 15 contacts and B 48 rows",

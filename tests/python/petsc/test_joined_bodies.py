@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import mpi
-import two_blocks
+from support import mpi, two_blocks
 
 TOL = 1e-12
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import mpi
-from body_models import floating, on_springs, sliding_freely
-from models_and_arrays import arguments
-from pressed_in_space import arrays, pressed
+from support import mpi
+from support.body_models import floating, on_springs, sliding_freely
+from support.models_and_arrays import arguments
+from support.pressed_in_space import arrays, pressed
 
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 CLOSE = 1e-10

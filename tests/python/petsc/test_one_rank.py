@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import mpi
-import two_blocks
-from pressed_in_space import arrays
+from support import mpi, two_blocks
+from support.pressed_in_space import arrays
 
 TOL = 1e-12
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import mpi
-from pressed_in_space import arrays
+from support import mpi
+from support.pressed_in_space import arrays
 
 # η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
 TOL, CLOSE = 1e-12, 1e-10

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import mpi
-import two_blocks
-from body_models import floating, on_springs
-from models_and_arrays import arguments
-from pressed_in_space import arrays, pressed
+from support import mpi, two_blocks
+from support.body_models import floating, on_springs
+from support.models_and_arrays import arguments
+from support.pressed_in_space import arrays, pressed
 
 # Linear systems are solved to 1e-11, which the condition of the contacts multiplies.
 CLOSE = 1e-8

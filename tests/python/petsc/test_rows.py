@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-import mpi
-from pressed_in_space import arrays
+from support import mpi
+from support.pressed_in_space import arrays
 
 RANKS = 4
 

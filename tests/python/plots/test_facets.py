@@ -9,7 +9,7 @@ import bipot_rs as bp
 from bipot_rs import fem, plots
 from bipot_rs.fem.contact_surface import contact_facets
 from bipot_rs.plots import triangles
-from layout import overlaps
+from support.layout import overlaps
 
 
 def bowl(cells: int, cell: str) -> fem.Assembly:

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from places import ROOT
+from support.places import ROOT
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from bipot_rs.plots import raster, style, triangles
 from bipot_rs.plots.boundary_facets import skin
 from bipot_rs.plots.space import sharp_edges
 from bipot_rs.plots.surface import span
-from layout import overlaps
+from support.layout import overlaps
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import fem
 from bipot_rs.plots.run_figure import tractions
-from layout import overlaps
+from support.layout import overlaps
 
 
 def contacts(x: NDArray[np.float64], normal: NDArray[np.float64]) -> dict[str, Any]:

@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 
 import bipot_rs as bp
-import places
 from bipot_rs import fem, plots
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import look
-from layout import overlaps
+from support import places
+from support.layout import overlaps
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 

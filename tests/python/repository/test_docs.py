@@ -21,7 +21,7 @@ from skfem.models.elasticity import linear_elasticity
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.cli.app import app
-from places import ROOT
+from support.places import ROOT
 
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from places import ROOT
+from support.places import ROOT
 
 EXTENSIONS = ROOT / "docs" / "_extensions"
 PAGES = [ROOT / "docs/theory.md", *sorted((ROOT / "docs/paper").glob("*-*.md"))]

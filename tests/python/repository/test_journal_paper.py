@@ -10,7 +10,7 @@ import tables
 import whole_job
 import yaml
 
-from places import ROOT
+from support.places import ROOT
 
 PAPER = ROOT / "paper" / "paper.md"
 WORDS = 1000  # of the Journal of Open Source Software

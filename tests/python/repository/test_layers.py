@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from draw_architecture import PICTURE, arrows, imports, layers, picture
-from rust_source import module, naming_violations, tree_violations, uses
+from support.rust_source import module, naming_violations, tree_violations, uses
 
 # From the lowest module, which uses no other, to the highest.
 RUST = (

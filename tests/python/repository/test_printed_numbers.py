@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from places import ROOT
+from support.places import ROOT
 
 PAPER = ROOT / "docs" / "paper"
 NUMBER = re.compile(r"\d+\.?\d*(?:e[-+]?\d+)?")

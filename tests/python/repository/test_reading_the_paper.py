@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import bipot_rs as bp
-from places import ROOT
+from support.places import ROOT
 
 PAGE = ROOT / "docs" / "paper" / "1-reading.md"
 LAST = 87  # the number of the last equation of the paper

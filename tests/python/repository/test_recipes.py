@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import places
 from bipot_rs import _core
 from bipot_rs.scene import assemble, bodies, read
-from children import bipot
+from support import places
+from support.children import bipot
 
 EXAMPLES = places.ROOT / "examples"
 SYSTEM = Path("/usr/bin/python3")

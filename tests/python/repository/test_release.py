@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import release
-from places import ROOT, TESTS
+from support.places import ROOT, TESTS
 
 # Arguments of pytest: files, and what is left out of them.
 LISTED = (TESTS / "quick_tests.txt").read_text(encoding="utf-8").splitlines()

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-import slow
+from support import slow
 
 
 def test_listed_tests_exist(repository: Path) -> None:

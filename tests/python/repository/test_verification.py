@@ -9,22 +9,22 @@ from functools import cache
 
 import pytest
 
-import cases_exact
-import cases_hard
-import cases_plane
-import cases_published
-import cases_space
-import verification
-from places import TESTS
-from verification import PAGE, Row
+import cases.exact
+import cases.hard
+import cases.plane
+import cases.published
+import cases.space
+from cases import verification
+from cases.verification import PAGE, Row
+from support.places import TESTS
 
 # Cases run once for their own test and for the page, in one worker.
 pytestmark = pytest.mark.xdist_group("verification")
-for module in (cases_exact, cases_published, cases_hard, cases_plane, cases_space):
+for module in (cases.exact, cases.published, cases.hard, cases.plane, cases.space):
     module.CASES.update({name: cache(case) for name, case in module.CASES.items()})
 
-NUMBERS = cases_exact.CASES | cases_published.CASES | cases_hard.CASES
-REFINED = cases_plane.CASES | cases_space.CASES
+NUMBERS = cases.exact.CASES | cases.published.CASES | cases.hard.CASES
+REFINED = cases.plane.CASES | cases.space.CASES
 # No other file tests these.
 OWN = {"p1", "p2", "p3", "p4", "p6", "p7", "p8", "h9", "h11", "h18", "h23"}
 
@@ -148,7 +148,7 @@ def test_a_wrong_number_does_not_hold() -> None:
     assert not verification.exact("", "", [1.0, 2.0], [1.0, 2.1], 1e-9).holds()
     assert not verification.exact("", "", [1.0], [float("nan")], 1e-9).holds()
     assert not Row("", "", "held", "lost").holds()
-    (table, *_) = cases_plane.a7()
+    (table, *_) = cases.plane.a7()
     assert table.holds()
     assert not table._replace(error=table.error[::-1]).holds()
     assert not table._replace(order=4.0).holds()

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import scipy
 
-import places
+from support import places
 
 pytestmark = pytest.mark.verify
 SOLVE = """

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from children import bipot, child
+from support.children import bipot, child
 
 # A machine without PETSc, whatever this one has.
 _WITHOUT = """

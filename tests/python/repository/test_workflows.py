@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from places import ROOT
+from support.places import ROOT
 
 yaml = pytest.importorskip("yaml")
 

@@ -13,13 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
-import collection
-from bars import bar_problem, pulled
 from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.scene import SceneError, assemble, bodies, read, shipped, text
-from children import bipot
-from faulty_scenes import ABSURD, NO_TOML
-from fuzzing import altered, document, survives_damage
+from support import collection
+from support.bars import bar_problem, pulled
+from support.children import bipot
+from support.faulty_scenes import ABSURD, NO_TOML
+from support.fuzzing import altered, document, survives_damage
 
 # Small enough to be solved some hundred times.
 SMALL = {"pressed_block": 4, "cattaneo_mindlin": 10, "two_blocks": 4}

@@ -11,8 +11,8 @@ import bipot_rs as bp
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.schema.path import Amplitude
-from children import bipot, bipot_with
-from comparisons import bits, content
+from support.children import bipot, bipot_with
+from support.comparisons import bits, content
 
 SLIDING = ("mesh.n=4", "path.automatic={slip = 0.004, first = 0.5}")
 

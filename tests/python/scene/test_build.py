@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import places
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import Estimator
 from bipot_rs.mesh.elements import KINDS
 from bipot_rs.scene.case import motion_of
-from children import bipot, bipot_with
-from comparisons import bits, content
-from faulty_scenes import PARTS
-from models_and_arrays import datasets, of_arrays, of_models
-from rollers import block, roller
-from spheres import icosphere
+from support import places
+from support.children import bipot, bipot_with
+from support.comparisons import bits, content
+from support.faulty_scenes import PARTS
+from support.models_and_arrays import datasets, of_arrays, of_models
+from support.rollers import block, roller
+from support.spheres import icosphere
 
 MESHES = places.DATA / "meshes"
 EXAMPLES = places.ROOT / "examples" / "scenes"

@@ -17,8 +17,8 @@ from bipot_rs import scene
 from bipot_rs._lib import toml_text
 from bipot_rs.scene import builder
 from bipot_rs.scene.schema.root import Scene
-from children import bipot
-from models_and_arrays import datasets, of_arrays, of_models
+from support.children import bipot
+from support.models_and_arrays import datasets, of_arrays, of_models
 
 
 def blocks(n: int = 3, **path: Any) -> bp.Model:

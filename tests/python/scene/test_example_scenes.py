@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-import places
 from bipot_rs import analytic
 from bipot_rs.fem.stress_recovery import von_mises
+from support import places
 
 SCENES = places.ROOT / "examples" / "scenes"
 # Residuals of 1e-12, times the condition of small elastic bodies, 1e3.

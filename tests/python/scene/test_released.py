@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from pressed_in_space import pressed
+from support.pressed_in_space import pressed
 
 
 def test_the_iterative_engine_solves_without_k() -> None:

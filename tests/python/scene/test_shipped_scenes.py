@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-import places
 from bipot_rs import scene
 from bipot_rs.scene.schema.mesh import Axis
-from faulty_scenes import MISTAKES
+from support import places
+from support.faulty_scenes import MISTAKES
 
 DATA = places.DATA
 LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}

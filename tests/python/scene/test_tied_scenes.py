@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 import bipot_rs as bp
 from bipot_rs import scene
-from children import bipot
-from comparisons import bits
+from support.children import bipot
+from support.comparisons import bits
 
 # Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
 SOLVED = 1e-9

@@ -1,8 +1,8 @@
 """Models of one body, held and loaded in different ways, that every engine can solve."""
 
 import bipot_rs as bp
-from pressed_in_space import pressed
-from rollers import block
+from support.pressed_in_space import pressed
+from support.rollers import block
 
 
 def order_two() -> bp.Model:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from places import TESTS
+from support.places import TESTS
 
 DATA = TESTS.parent / "data" / "fclib"
 

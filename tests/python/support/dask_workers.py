@@ -51,7 +51,7 @@ def two_workers(folder: Path, *, memory: float = 0, failures: int = 0) -> Iterat
     """Address of a scheduler whose workers each declare ``memory``, if it is not zero."""
     script = folder / "cluster.py"
     script.write_text(_CLUSTER)
-    found = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    found = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     process = subprocess.Popen(
         [sys.executable, str(script), str(memory), str(failures)],
         cwd=folder,

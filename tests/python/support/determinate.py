@@ -13,8 +13,8 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from slender import Band, off
-from twice import Array, add, exactly, product
+from support.slender import Band, off
+from support.twice import Array, add, exactly, product
 
 CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
 

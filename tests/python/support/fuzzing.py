@@ -8,7 +8,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from children import forked
+from support.children import forked
 
 # Values that a typing error or an attacker may put into a file.
 _INTEGERS = (0, -1, 10**9, -(10**9), 10**400, True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from mpi import OPEN_MPI, OWN
+from support.mpi import OPEN_MPI, OWN
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 # The lines that Open MPI prints otherwise in a container.

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from conditions import violation
+from support.conditions import violation
 
 Array = NDArray[np.float64]
 # Residual (n, d) of all contacts and its derivatives by r and by v, (n, d, d).

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 import bipot_rs as bp
-from bodies import block
+from support.bodies import block
 
 MU = 0.3
 

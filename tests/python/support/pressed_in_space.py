@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from models_and_arrays import arguments
-from rollers import block
+from support.models_and_arrays import arguments
+from support.rollers import block
 
 Array = NDArray[np.float64]
 

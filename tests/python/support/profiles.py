@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from verification import Refinement
+from cases.verification import Refinement
 
 Array = NDArray[np.float64]
 

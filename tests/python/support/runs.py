@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import children
+from support import children
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 

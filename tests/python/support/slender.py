@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 import bipot_rs as bp
 from bipot_rs import fem
-from twice import Array, Pair, add, exactly, product, two_product, two_sum
+from support.twice import Array, Pair, add, exactly, product, two_product, two_sum
 
 Ints = NDArray[np.int64]
 

@@ -2,7 +2,18 @@
 
 import numpy as np
 
-from oracle import OPEN, SLIP, STICK, Answer, Array, Law, Problem, fails, known, newton
+from support.oracle import (
+    OPEN,
+    SLIP,
+    STICK,
+    Answer,
+    Array,
+    Law,
+    Problem,
+    fails,
+    known,
+    newton,
+)
 
 
 def smooth(p: Problem, eps: float) -> Law:

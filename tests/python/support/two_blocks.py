@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from models_and_arrays import arguments
+from support.models_and_arrays import arguments
 
 
 def two_blocks(contrast: float = 10.0, upper: int = 8, lower: int = 8) -> bp.Model:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 import bipot_rs as bp
-from methods import WITHOUT_SUPPORTS
-from random_problems import Given
+from support.methods import WITHOUT_SUPPORTS
+from support.random_problems import Given
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 import bipot_rs as bp
-from bodies import block
+from support.bodies import block
 
 # Reactions are solved to η = 1e-13.
 TOL = 1e-13

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs.theory.functionals import Functionals, State
-from bodies import block
+from support.bodies import block
 
 Array = NDArray[np.float64]
 SEEDS = range(12)

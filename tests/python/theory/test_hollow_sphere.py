@@ -12,7 +12,7 @@ from bipot_rs.fem.elasticity import nodal_forces
 from bipot_rs.theory.implicit_body import ImplicitBody
 from bipot_rs.theory.limit_load import LimitLoadError
 from bipot_rs.theory.soils import DruckerPrager, tensor
-from hollow_sphere import HollowSphere
+from support.hollow_sphere import HollowSphere
 
 Array = NDArray[np.float64]
 SPHERE = HollowSphere()

@@ -18,7 +18,7 @@ from bipot_rs.theory.inequalities import (
     inequality_75,
     inequality_78,
 )
-from random_problems import random_problem
+from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
 FORMS = (coupled, displacements, alternated)

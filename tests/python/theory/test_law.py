@@ -11,7 +11,7 @@ import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs.theory import law as laws
 from bipot_rs.theory import materials
-from law_pairs import (
+from support.law_pairs import (
     FORCE,
     LENGTH,
     RHO,

@@ -14,8 +14,16 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.theory import convex, materials, soils
-from law_pairs import FORCE, LENGTH, RHO, energy_size, on_the_law, start_state, unit
-from random_problems import random_problem
+from support.law_pairs import (
+    FORCE,
+    LENGTH,
+    RHO,
+    energy_size,
+    on_the_law,
+    start_state,
+    unit,
+)
+from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
 Draw = Callable[[np.random.Generator], Array]

@@ -5,7 +5,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs.contact.path import choice
-from pressed_in_space import arrays
+from support.pressed_in_space import arrays
 
 
 def test_long_paths_and_small_problems_are_direct() -> None:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import _core
-from numpy_engine import NumpyEngine, force_of, variables_of
-from pressed_in_space import pressed
+from support.numpy_engine import NumpyEngine, force_of, variables_of
+from support.pressed_in_space import pressed
 
 Array = NDArray[np.float64]
 SETTINGS = ("newton", 1e-12, None, None)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.contact.errors import NotIterativeError
-from body_models import floating, on_a_ball, on_springs, order_two, warmed
-from pressed_in_space import arrays, pressed
-from rollers import roller
-from runs import bipot
+from support.body_models import floating, on_a_ball, on_springs, order_two, warmed
+from support.pressed_in_space import arrays, pressed
+from support.rollers import roller
+from support.runs import bipot
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from rollers import block
+from support.rollers import block
 
 # As in `test_iterative`.
 CLOSE = 1e-9

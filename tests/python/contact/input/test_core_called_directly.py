@@ -18,7 +18,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
-from numpy_engine import NumpyEngine
+from support.numpy_engine import NumpyEngine
 
 Call = Callable[..., Any]
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bodies import block
+from support.bodies import block
 
 METHODS = ["auto", "gauss_seidel", "uzawa"]
 

@@ -8,7 +8,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from orders import body
+from support.orders import body
 
 
 @pytest.fixture

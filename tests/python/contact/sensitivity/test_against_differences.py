@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from random_paths import (
+from support.random_paths import (
     FIELDS,
     KINDS,
     apart,

@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bars import BAR, bar_problem, pulled
+from support.bars import BAR, bar_problem, pulled
 
 EA, Q = BAR["stiffness"], BAR["limit"]
 NODES, MU = 20, 0.4

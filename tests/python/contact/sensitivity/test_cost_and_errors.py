@@ -12,7 +12,7 @@ import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs.contact.sensitivity import linear_path
 from bipot_rs.contact.sensitivity.response import Condensed
-from random_paths import random_path
+from support.random_paths import random_path
 
 
 @pytest.fixture

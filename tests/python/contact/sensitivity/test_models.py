@@ -8,9 +8,9 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bodies import block
-from body_models import floating, on_a_ball, on_springs
-from random_paths import FIELDS
+from support.bodies import block
+from support.body_models import floating, on_a_ball, on_springs
+from support.random_paths import FIELDS
 
 Solve = Callable[[Any, Any], bp.Result]
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from random_problems import KINDS, random_problem
+from support.random_problems import KINDS, random_problem
 
 TOL = 1e-13
 

@@ -9,11 +9,11 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.contact.path.iterative import Iterative
 from bipot_rs.contact.sensitivity import displacements
-from body_models import floating, on_a_ball, on_springs
-from models_and_arrays import arguments
-from pressed_in_space import pressed
-from random_paths import FIELDS
-from two_blocks import two_blocks
+from support.body_models import floating, on_a_ball, on_springs
+from support.models_and_arrays import arguments
+from support.pressed_in_space import pressed
+from support.random_paths import FIELDS
+from support.two_blocks import two_blocks
 
 
 def forth_and_back(m: bp.Model, far: float = 1.0) -> bp.Model:

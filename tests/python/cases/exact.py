@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bars import bar_problem, lost, pulled
 from bipot_rs import analytic
-from bodies import Body, block, uniform_shear
-from contacts import TOL, one_node
-from places import REFERENCE
-from verification import Row, exact, near, same
+from cases.verification import Row, exact, near, same
+from support.bars import bar_problem, lost, pulled
+from support.bodies import Body, block, uniform_shear
+from support.contacts import TOL, one_node
+from support.places import REFERENCE
 
 Array = NDArray[np.float64]
 DATA = REFERENCE

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import analytic, fem
-from halfspace import body, grid, mirrored
-from profiles import Profile, mean_square, refine
-from verification import Refinement
+from cases.verification import Refinement
+from support.halfspace import body, grid, mirrored
+from support.profiles import Profile, mean_square, refine
 
 Array = NDArray[np.float64]
 NU, MU = 0.3, 0.3

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bars import bar_problem, lost, pulled
 from bipot_rs import analytic, fem
-from bodies import block, uniform_shear
-from cases_exact import a5, a12, a14, incline, nearest, verdict
-from cases_published import pad
-from contacts import K1, TOL, one_node
-from places import TESTS
-from pressed import cube
-from verification import Row, exact, near, same
+from cases.exact import a5, a12, a14, incline, nearest, verdict
+from cases.published import pad
+from cases.verification import Row, exact, near, same
+from support.bars import bar_problem, lost, pulled
+from support.bodies import block, uniform_shear
+from support.contacts import K1, TOL, one_node
+from support.places import TESTS
+from support.pressed import cube
 
 Array = NDArray[np.float64]
 BRANCHES, STATICS, CLOSED = "enumeration", "statics", "closed form"
@@ -329,7 +329,7 @@ def h17() -> list[Row]:
 @cache
 def many() -> dict[str, float]:
     """H18 in a child process."""
-    script = str(TESTS / "support" / "many_candidates.py")
+    script = str(TESTS / "cases" / "many_candidates.py")
     done = subprocess.run(
         [sys.executable, script, "100000"], check=True, capture_output=True, text=True
     )

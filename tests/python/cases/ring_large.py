@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 from skfem.helpers import ddot, eye, grad, mul, trace, transpose
 
-from pressed_ring import LAME, LEVELS, OUTSIDE, SHEAR, mesh
+from cases.pressed_ring import LAME, LEVELS, OUTSIDE, SHEAR, mesh
 
 Array = NDArray[np.float64]
 

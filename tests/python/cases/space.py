@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem
-from halfspace import body, boussinesq, cerutti, grid
-from profiles import Profile, mean_square, refine
-from verification import Refinement
+from cases.verification import Refinement
+from support.halfspace import body, boussinesq, cerutti, grid
+from support.profiles import Profile, mean_square, refine
 
 Array = NDArray[np.float64]
 FAR = 8.0

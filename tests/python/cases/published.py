@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-import pressed_ring
-import ring_large
 from bipot_rs import analytic, fem, scene
-from bodies import block, uniform_shear
-from cases_plane import SIZES, line
-from cases_space import SIZES as SIZES_SPACE
-from cases_space import sphere
-from conditions import violation
-from loaded_pin import loaded
-from places import REFERENCE
-from verification import Row, exact, near, same
+from cases import pressed_ring, ring_large
+from cases.loaded_pin import loaded
+from cases.plane import SIZES, line
+from cases.space import SIZES as SIZES_SPACE
+from cases.space import sphere
+from cases.verification import Row, exact, near, same
+from support.bodies import block, uniform_shear
+from support.conditions import violation
+from support.places import REFERENCE
 
 Array = NDArray[np.float64]
 DATA = REFERENCE

@@ -8,9 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
 
-import determinate
-import slender
-import verdicts
+from support import determinate, slender, verdicts
 
 
 class Class(NamedTuple):

@@ -1,0 +1,1 @@
+"""Problems, oracles and child processes that several tests use."""
