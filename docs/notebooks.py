@@ -1,18 +1,8 @@
-"""Write the tutorials as Jupyter notebooks, and run notebooks.
-
-    python docs/notebooks.py            # docs/tutorials/*.ipynb from the Markdown pages
-    python docs/notebooks.py run DIR    # run them, and write them with their output into DIR
-
-The Markdown pages are the source: edit them, then write the notebooks again. They hold no
-output, and one file has the same bytes on every machine. Running needs nbclient and
-ipykernel (`pip install '.[docs]'`).
-"""
+"""Tutorials as Jupyter notebooks, made from their Markdown pages and run by `make docs`."""
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -64,25 +54,12 @@ def notebook(page: Path) -> dict[str, Any]:
             "metadata": {},
             "source": LINK.sub(beside, source) if kind == "markdown" else source,
         }
-        cell["source"] = cell["source"].splitlines(keepends=True)
         if kind == "code":
             cell |= {"execution_count": None, "outputs": []}
         made.append(cell)
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     about = {"kernelspec": kernel, "language_info": {"name": "python"}}
     return {"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}
-
-
-def text_of(made: dict[str, Any]) -> str:
-    """A notebook as a file."""
-    return json.dumps(made, indent=1, ensure_ascii=False, sort_keys=True) + "\n"
-
-
-def write() -> None:
-    """Write the notebook of every page beside it."""
-    for page in pages():
-        file = page.with_suffix(".ipynb")
-        file.write_text(text_of(notebook(page)), encoding="utf-8")
 
 
 def run(page: Path, folder: Path) -> Path:
@@ -100,7 +77,7 @@ def run(page: Path, folder: Path) -> Path:
     for file in TUTORIALS.iterdir():
         if file.suffix in (".msh", ".inp"):
             shutil.copy(file, folder)
-    made = nbformat.reads(text_of(notebook(page)), as_version=4)
+    made = nbformat.from_dict(notebook(page))
     client = NotebookClient(
         made,
         timeout=600,
@@ -115,18 +92,3 @@ def run(page: Path, folder: Path) -> Path:
         cell.metadata.pop("execution", None)
     nbformat.write(made, there)
     return there
-
-
-def main() -> None:
-    """Write the notebooks, or run them."""
-    if sys.argv[1:2] == ["run"] and len(sys.argv) == 3:
-        for page in pages():
-            run(page, Path(sys.argv[2]))
-    elif len(sys.argv) == 1:
-        write()
-    else:
-        sys.exit(__doc__)
-
-
-if __name__ == "__main__":
-    main()
