@@ -1,4 +1,4 @@
-"""The table of load steps in the terminal, and the closing remarks."""
+"""The table of load steps as text, and the closing remarks."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.cli.plain_text import Paper, on_terminal
 from bipot_rs.cli.progress import settled
+from bipot_rs.cli.text_table import format_table, table_width
 from bipot_rs.contact.law.frames import of_step
 from bipot_rs.contact.messages.remarks import NEVER_CLOSED
 from bipot_rs.contact.results.solution import Step
@@ -60,73 +60,47 @@ def by_surface(
     return found
 
 
-def console() -> Any:
-    """A rich console as wide as the terminal, or `Paper` for a file."""
-    if not on_terminal():
-        return Paper()
-    from rich.console import Console
-
-    return Console(highlight=False, soft_wrap=True)
-
-
-def print_table(
-    console: Any,
+def format_steps(
     rows: Sequence[Mapping[str, Any]],
     *,
     title: str = "",
     unit: str = "",
     more: Sequence[str] = (),
-) -> None:
-    """Print the table of load steps, no wider than the console.
+    width: int | None = None,
+) -> str:
+    """The table of load steps, without the columns that the width has no place for.
 
     Parameters
     ----------
-    console
-        A rich console, or `Paper`, which is as wide as the table.
     rows
         Rows of `contact.tables.row` with those of `forces` and the columns ``more``.
     unit
         Unit of force.
     more
         Further columns.
+    width
+        Largest number of characters of a line; None: no limit.
     """
     names = columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
-    rows = [
+    shown: list[Mapping[str, Any] | None] = [
         {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
         for row in rows
     ]
-    shown: list[Mapping[str, Any] | None] = list(rows)
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3
-        shown = [*rows[:third], None, *rows[-third:]]
-    if isinstance(console, Paper):
-        console.table(title, _heads(names, shown, unit), _cells(names, shown))
-    else:
-        _print_fitted(console, names, shown, title, unit)
-    if len(shown) < len(rows):
-        console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)
-
-
-def _print_fitted(
-    console: Any,
-    names: list[str],
-    shown: Sequence[Mapping[str, Any] | None],
-    title: str,
-    unit: str,
-) -> None:
-    """Print a table without the columns that the console has no place for."""
-    table = _table(names, shown, title, unit)
+        shown = [*shown[:third], None, *shown[-third:]]
     components = [name for name in names if name.startswith(COMPONENTS)]
     for name in filter(names.__contains__, (*_LEAST, *components)):
-        # The full width of the table: rich would shorten cells to fit.
-        free = console.options.update(width=10_000)
-        if console.measure(table, options=free).maximum <= console.width:
+        heads, cells = _heads(names, shown, unit), _cells(names, shown)
+        if width is None or table_width(heads, cells) <= width:
             break
         names.remove(name)
-        table = _table(names, shown, title, unit)
-    console.print(table)
+    text = format_table(_heads(names, shown, unit), _cells(names, shown), title=title)
+    if len(shown) < len(rows):
+        text += f"\nall {len(rows)} load steps are in steps.csv"
+    return text
 
 
 def _heads(
@@ -152,31 +126,6 @@ def _cells(
         ["…" if one is None else _cell(one, column) for column in columns]
         for one in rows
     ]
-
-
-def _table(
-    columns: Sequence[str],
-    rows: Sequence[Mapping[str, Any] | None],
-    title: str,
-    unit: str,
-) -> Any:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(
-        title=title or None,
-        title_justify="left",
-        title_style="bold",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for head in _heads(columns, rows, unit):
-        # rich reads square brackets as markup.
-        table.add_column(head.replace("[", r"\["), justify="right", no_wrap=True)
-    for cells in _cells(columns, rows):
-        table.add_row(*cells)
-    return table
 
 
 def _head(kind: str, unit: str, *, curved: bool) -> str:

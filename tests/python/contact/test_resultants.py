@@ -1,15 +1,13 @@
 """Resultant forces of contact surfaces, and their table and sentences."""
 
-import io
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
-from rich.console import Console
 
 from bipot_rs.cli.progress import Progress
-from bipot_rs.cli.report import closing, print_table
+from bipot_rs.cli.report import closing, format_steps
 from bipot_rs.contact.law.resultants import resultants
 from support.pressed_in_space import pressed
 
@@ -162,9 +160,7 @@ def path(count: int, surfaces: int = 1) -> list[dict[str, object]]:
 
 
 def printed(rows: list[dict[str, object]], width: int) -> list[str]:
-    stream = io.StringIO()
-    print_table(Console(file=stream, width=width), rows, title="A", unit="N")
-    return stream.getvalue().splitlines()
+    return format_steps(rows, title="A", unit="N", width=width).splitlines()
 
 
 @pytest.mark.parametrize("width", [75, 80, 100, 200])

@@ -14,6 +14,7 @@ from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED,
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.runner import Runner
+from bipot_rs.cli.text_table import format_table
 
 UNREADABLE = "unreadable"
 _STATUS = {
@@ -75,7 +76,7 @@ class Solve(Runner):
     def show(self, _: int) -> None:
         """Print the summary."""
         if self.rows:
-            _summary(self.rows)
+            tell(_summary(self.rows), sys.stdout)
 
     def end(self, code: int, message: str) -> int:
         """Report an error of the command itself; the rows report those of files."""
@@ -177,31 +178,25 @@ def _line(row: dict[str, Any], width: int, tol: float) -> str:
     return line
 
 
-def _summary(rows: list[dict[str, Any]]) -> None:
+def _summary(rows: list[dict[str, Any]]) -> str:
     """Counts by outcome, worst residual, median work and seconds."""
     from statistics import median
 
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table()
-    for column in ("outcome", "files", "worst residual", "median work", "seconds"):
-        table.add_column(column, justify="left" if column == "outcome" else "right")
-
-    def add(name: str, some: list[dict[str, Any]]) -> None:
+    def cells(name: str, some: list[dict[str, Any]]) -> list[str]:
         residuals = [row["residual"] for row in some if row["residual"] is not None]
         work = [row["work"] for row in some if row["work"] is not None]
-        table.add_row(
+        return [
             name,
             str(len(some)),
             f"{max(residuals):.1e}" if residuals else "",
             f"{median(work):.0f}" if work else "",
             f"{sum(row['seconds'] for row in some):.2f}",
-        )
+        ]
 
-    for outcome in _STATUS:
-        some = [row for row in rows if row["outcome"] == outcome]
-        if some:
-            add(outcome, some)
-    add("all", rows)
-    Console().print(table)
+    by_outcome = {
+        outcome: [row for row in rows if row["outcome"] == outcome]
+        for outcome in _STATUS
+    }
+    lines = [cells(outcome, some) for outcome, some in by_outcome.items() if some]
+    heads = ("outcome", "files", "worst residual", "median work", "seconds")
+    return format_table(heads, [*lines, cells("all", rows)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replaced
@@ -24,7 +25,7 @@ from bipot_rs.cli.output_folder import (
     replace,
 )
 from bipot_rs.cli.peak_memory import peak_mb
-from bipot_rs.cli.progress import Progress, complain
+from bipot_rs.cli.progress import Progress, complain, tell
 from bipot_rs.cli.ranks import World, launched
 from bipot_rs.cli.shared_runner import PHASES, SharedRunner
 
@@ -519,22 +520,23 @@ class Job(SharedRunner):
 
     def show(self, code: int) -> None:
         """Print the table of load steps, remarks, times and the names of the files."""
-        from bipot_rs.cli.report import closing, console, print_table
+        from bipot_rs.cli.report import closing, format_steps
+        from bipot_rs.cli.text_table import terminal_width
         from bipot_rs.fem.review import review
 
         if not self.reached or code == self.interrupts.status or not self.ranks.first:
             return
         if self.case is None or self.scene is None:
             return
-        rows, screen, model = self._rows(self.case), console(), self.case.model
-        print_table(
-            screen,
+        rows, model = self._rows(self.case), self.case.model
+        table = format_steps(
             rows,
             title=self.scene.title,
             unit=self.scene.units.force,
             more=[name for name in self._extra() if name != "error_kind"],
+            width=terminal_width(),
         )
-        lines = [self.enough] if self.enough else []
+        lines = [table, self.enough] if self.enough else [table]
         known = [error for error in self.errors if error is not None]
         for kind in dict.fromkeys(error.kind for error in known):
             why = dict.fromkeys(r for e in known if e.kind == kind for r in e.reasons)
@@ -561,4 +563,4 @@ class Job(SharedRunner):
             # As on a full disk.
             earlier = "; its files are from an earlier run" if ours(folder) else ""
             lines.append(f"{folder}: nothing was written{earlier}")
-        screen.print("\n".join(lines), markup=False, soft_wrap=True)
+        tell("\n".join(lines), sys.stdout)

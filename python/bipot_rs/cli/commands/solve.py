@@ -17,8 +17,9 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_folder import RESULT, make
 from bipot_rs.cli.progress import Progress, tell
-from bipot_rs.cli.report import closing, console, print_table
+from bipot_rs.cli.report import closing, format_steps
 from bipot_rs.cli.runner import MISTAKES, Runner
+from bipot_rs.cli.text_table import terminal_width
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.tables import COLUMNS, of_surfaces, row
 
@@ -194,7 +195,7 @@ class Solve(Runner):
             return
         rows = [row for row, _ in self.reached]
         if rows:
-            print_table(console(), rows)
+            tell(format_steps(rows, width=terminal_width()), sys.stdout)
         if code != SOLVED:
             return
         remarks = () if self.result is None else self.result.remarks

@@ -5,6 +5,7 @@ The table is written after each row, so that an interrupted sweep can continue.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs.cli.cost_forecast import cores
 from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.output_folder import SWEEP, make
-from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.cli.progress import Progress, complain, line, tell
 from bipot_rs.cli.study.folder import (
     ROWS,
     has_result,
@@ -26,6 +27,7 @@ from bipot_rs.cli.study.part import Part, deal
 from bipot_rs.cli.study.plan import Study, plan, written
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as
 from bipot_rs.cli.study.table import LOST, OUTCOME_OF, OUTCOMES, earlier, write
+from bipot_rs.cli.text_table import format_table
 from bipot_rs.cli.worker_pool import Workers
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.scene.library import shipped
@@ -262,42 +264,30 @@ def show(
 def _print(
     keys: Sequence[str], done: Mapping[int, Mapping[str, Any]], message: str
 ) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 1000
     names = [name for row in done.values() for name in row if "friction_used" in name]
     forces = list(dict.fromkeys(names))
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     # For a curved surface the ratio is one of sums of sizes, see `report.forces`.
     curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
-    heads = [
-        ("Σ|rt|/(Σμrn)" if f"force_x of {surface}" in curved else "Ft/(μFn)")
-        + (f"\n{surface}" if len(forces) > 1 else "")
+    heads_of_forces = [
+        (f"{surface}\n" if len(forces) > 1 else "")
+        + ("Σ|rt|/(Σμrn)" if f"force_x of {surface}" in curved else "Ft/(μFn)")
         for surface in (name.partition(" of ")[2] for name in forces)
     ]
-    shown = [*keys, "outcome", *STATUS_NAMES, "residual", "seconds"]
-    for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
-        table.add_column(name.replace("[", r"\["), justify="right")
-    for k in sorted(done):
-        cells = [*shown[: len(keys) + 4], *forces, *shown[len(keys) + 4 :]]
-        table.add_row(str(k + 1), *(_cell(done[k].get(name)) for name in cells))
-    console.print(table)
-    for k in sorted(done):
-        if done[k].get("message"):
-            text = f"row {k + 1}: {done[k]['message']}"
-            console.print(text, markup=False, soft_wrap=True)
-    console.print(message, markup=False, soft_wrap=True)
+    first, last = [*keys, "outcome", *STATUS_NAMES], ["residual", "seconds"]
+    rows = [
+        [str(k + 1), *(_cell(done[k].get(name)) for name in (*first, *forces, *last))]
+        for k in sorted(done)
+    ]
+    lines = [format_table(["row", *first, *heads_of_forces, *last], rows)]
+    messages = {k: done[k].get("message") for k in sorted(done)}
+    lines += [f"row {k + 1}: {text}" for k, text in messages.items() if text]
+    tell("\n".join([*lines, message]), sys.stdout)
 
 
 def _cell(value: Any) -> str:
     if value is None or value == "":
         return "-"
     try:
-        number = float(value)
+        return f"{float(value):.4g}"
     except ValueError:
-        return str(value).replace("[", r"\[")
-    return f"{number:.4g}"
+        return str(value)
