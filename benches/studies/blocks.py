@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs import analytic, fem
-from bipot_rs.fem.body import Box
+from bipot_rs.fem.bodies.body import Box
 from studies.exact import SLIP, STICK, Array, Case
 from studies.measure import Answer
 

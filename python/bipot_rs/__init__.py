@@ -52,9 +52,9 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.solution import Solution, Step
     from bipot_rs.contact.results.state import State
     from bipot_rs.contact.wear.record import Wear
-    from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
-    from bipot_rs.fem import review as review
+    from bipot_rs.fem.checks import inspection as inspection
+    from bipot_rs.fem.checks import review as review
     from bipot_rs.frameworks import jax as jax
     from bipot_rs.frameworks import torch as torch
     from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
@@ -132,14 +132,14 @@ __getattr__, __dir__ = lazily(
         "discretisation": "bipot_rs.discretisation",
         "fclib": "bipot_rs.fclib",
         "fem": "bipot_rs.fem",
-        "inspection": "bipot_rs.fem.inspection",
+        "inspection": "bipot_rs.fem.checks.inspection",
         "jax": "bipot_rs.frameworks.jax",
         "model": "bipot_rs.scene.builder",
         "obstacle": "bipot_rs.obstacle",
         "paraview": "bipot_rs.fem.paraview",
         "petsc": "bipot_rs.petsc",
         "plots": "bipot_rs.plots",
-        "review": "bipot_rs.fem.review",
+        "review": "bipot_rs.fem.checks.review",
         "scene": "bipot_rs.scene",
         "theory": "bipot_rs.theory",
         "torch": "bipot_rs.frameworks.torch",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.body import Body
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.partition import neighbours
 from bipot_rs.scene.schema.root import Scene
 
@@ -50,7 +50,7 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     The geometry is checked first: the core may find a rigid motion only after its forecast.
     """
     from bipot_rs.contact.errors import FloatingBodyError
-    from bipot_rs.fem.inspection import unheld
+    from bipot_rs.fem.checks.free_bodies import unheld
 
     found: dict[str, Any] = {}
     floating = list(unheld(case.model, rough=True))

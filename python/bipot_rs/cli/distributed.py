@@ -23,8 +23,8 @@ from bipot_rs.contact.path.choice import check_method
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.inspection import unheld
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.checks.free_bodies import unheld
 from bipot_rs.fem.partition import by_coordinates, neighbours
 from bipot_rs.petsc.library import Library, load
 from bipot_rs.petsc.partition import by_graph

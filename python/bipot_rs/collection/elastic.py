@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.collection.load_path import LoadPath
-from bipot_rs.fem.assembling import assemble
-from bipot_rs.fem.assembly import Assembly, Support
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.contact import Contact
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.assembly.assemble import assemble
+from bipot_rs.fem.assembly.assembly import Assembly, Support
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.materials import Material
+from bipot_rs.fem.contact.meeting import Contact
 from bipot_rs.mesh.boxes import box
 
 CELLS = {2: "quadrilateral", 3: "hexahedron"}

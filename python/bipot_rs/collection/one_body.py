@@ -24,9 +24,9 @@ from bipot_rs.collection.load_path import (
     release,
     turning,
 )
-from bipot_rs.fem.assembling import assemble
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.contact import Contact
+from bipot_rs.fem.assembly.assemble import assemble
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.contact.meeting import Contact
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.shapes import Cylinder
 

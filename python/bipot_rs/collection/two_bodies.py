@@ -14,8 +14,8 @@ from bipot_rs.collection.load_path import (
     press_and_shear,
     release,
 )
-from bipot_rs.fem.assembling import assemble
-from bipot_rs.fem.contact import Contact
+from bipot_rs.fem.assembly.assemble import assemble
+from bipot_rs.fem.contact.meeting import Contact
 
 
 def _above(cells: int, layers: int = 5) -> list[Floats]:

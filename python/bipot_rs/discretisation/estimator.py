@@ -39,8 +39,8 @@ from bipot_rs.discretisation.simplices import (
     simplices,
     strain,
 )
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case

@@ -25,7 +25,7 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.bodies.materials import Material
 
 # Two digits of the energy are enough: stop when the last `_LAST` iterations together gain
 # less than the fraction `_ENOUGH`; `_MOST` limits their number.

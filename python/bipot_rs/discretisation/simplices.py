@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.materials import Material
 
 
 def pairs(dim: int) -> list[tuple[int, int]]:

@@ -6,18 +6,18 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.contact.law.frames import frames
-    from bipot_rs.fem.assembling import assemble, build
-    from bipot_rs.fem.assembly import Assembly, Model, Support
-    from bipot_rs.fem.body import Body
-    from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
-    from bipot_rs.fem.contact import Contact, Floating
-    from bipot_rs.fem.elasticity import stiffness
-    from bipot_rs.fem.loads import Load
-    from bipot_rs.fem.materials import Material, Orthotropic
-    from bipot_rs.fem.parameter_gradient import ParameterGradient
-    from bipot_rs.fem.references import Remote
-    from bipot_rs.fem.repetition import Cyclic, Periodic
-    from bipot_rs.fem.stress_recovery import stress, thermal, von_mises
+    from bipot_rs.fem.assembly.assemble import assemble
+    from bipot_rs.fem.assembly.assembly import Assembly, Support
+    from bipot_rs.fem.bodies.body import Body
+    from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
+    from bipot_rs.fem.bodies.elasticity import stiffness
+    from bipot_rs.fem.bodies.loads import Load
+    from bipot_rs.fem.bodies.materials import Material, Orthotropic
+    from bipot_rs.fem.bodies.stress_recovery import stress, thermal, von_mises
+    from bipot_rs.fem.constraints.references import Remote
+    from bipot_rs.fem.constraints.repetition import Cyclic, Periodic
+    from bipot_rs.fem.contact.meeting import Contact, Floating
+    from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
     from bipot_rs.mesh.boxes import FACES, box
     from bipot_rs.mesh.elements import second_order
     from bipot_rs.mesh.quality import check_mesh
@@ -32,7 +32,6 @@ __all__ = [
     "Floating",
     "Load",
     "Material",
-    "Model",
     "Orthotropic",
     "ParameterGradient",
     "Periodic",
@@ -42,7 +41,6 @@ __all__ = [
     "Symmetry",
     "assemble",
     "box",
-    "build",
     "check_mesh",
     "frames",
     "read_mesh",
@@ -60,18 +58,23 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.contact.law.frames": ("frames",),
-        "bipot_rs.fem.assembling": ("assemble", "build"),
-        "bipot_rs.fem.assembly": ("Assembly", "Model", "Support"),
-        "bipot_rs.fem.body": ("Body",),
-        "bipot_rs.fem.boundary": ("Spring", "Symmetry", "surface", "with_surfaces"),
-        "bipot_rs.fem.contact": ("Contact", "Floating"),
-        "bipot_rs.fem.elasticity": ("stiffness",),
-        "bipot_rs.fem.loads": ("Load",),
-        "bipot_rs.fem.materials": ("Material", "Orthotropic"),
-        "bipot_rs.fem.parameter_gradient": ("ParameterGradient",),
-        "bipot_rs.fem.references": ("Remote",),
-        "bipot_rs.fem.repetition": ("Cyclic", "Periodic"),
-        "bipot_rs.fem.stress_recovery": ("stress", "thermal", "von_mises"),
+        "bipot_rs.fem.assembly.assemble": ("assemble",),
+        "bipot_rs.fem.assembly.assembly": ("Assembly", "Support"),
+        "bipot_rs.fem.bodies.body": ("Body",),
+        "bipot_rs.fem.bodies.boundary": (
+            "Spring",
+            "Symmetry",
+            "surface",
+            "with_surfaces",
+        ),
+        "bipot_rs.fem.contact.meeting": ("Contact", "Floating"),
+        "bipot_rs.fem.bodies.elasticity": ("stiffness",),
+        "bipot_rs.fem.bodies.loads": ("Load",),
+        "bipot_rs.fem.bodies.materials": ("Material", "Orthotropic"),
+        "bipot_rs.fem.gradients.parameter_gradient": ("ParameterGradient",),
+        "bipot_rs.fem.constraints.references": ("Remote",),
+        "bipot_rs.fem.constraints.repetition": ("Cyclic", "Periodic"),
+        "bipot_rs.fem.bodies.stress_recovery": ("stress", "thermal", "von_mises"),
         "bipot_rs.mesh.boxes": ("FACES", "box"),
         "bipot_rs.mesh.elements": ("second_order",),
         "bipot_rs.mesh.quality": ("check_mesh",),

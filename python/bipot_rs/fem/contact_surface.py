@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Ints
-from bipot_rs.fem.assembly import Assembly
+from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.files.result_mesh import Cells, ResultMesh
 
 

@@ -15,9 +15,9 @@ from bipot_rs.contact.results.contact_fields import contact_fields as fields_of_
 from bipot_rs.contact.results.contact_fields import instants_of
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step, recover
-from bipot_rs.fem.assembly import Assembly
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
-from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.files.series import Series, indexed, write_series
 
 Fields = dict[str, NDArray[Any]]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.fem.body import Body
+from bipot_rs.fem.bodies.body import Body
 
 
 def by_coordinates(points: Floats, parts: int) -> Ints:

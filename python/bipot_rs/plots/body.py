@@ -19,7 +19,7 @@ from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from bipot_rs.fem.assembly import Assembly
+    from bipot_rs.fem.assembly.assembly import Assembly
     from bipot_rs.scene.case import Case
 
 # Largest drawn displacement and longest arrow, relative to the size of the bodies.

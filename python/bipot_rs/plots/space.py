@@ -19,7 +19,7 @@ from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 from bipot_rs.plots.triangles import alone, corners
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.assembly import Assembly
+    from bipot_rs.fem.assembly.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.fem.assembly import Support
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
-from bipot_rs.fem.contact import Contact, Floating
-from bipot_rs.fem.references import Remote
-from bipot_rs.fem.stress_recovery import Initial, thermal
+from bipot_rs.fem.assembly.assembly import Support
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
+from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
+from bipot_rs.fem.constraints.references import Remote
+from bipot_rs.fem.contact.meeting import Contact, Floating
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.elements import first_order, kind_of, second_order
 from bipot_rs.obstacle.protocol import Obstacle
@@ -26,7 +26,7 @@ from bipot_rs.scene.schema.mesh import Block
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.repetition import Repetition
+    from bipot_rs.fem.constraints.repetition import Repetition
 
 
 def bodies(scene: Scene) -> list[Body]:
@@ -225,7 +225,7 @@ def repetitions(scene: Scene) -> list[Repetition]:
     """Make the cyclic symmetries and the periodicities."""
     if not (scene.cyclic or scene.periodic):
         return []
-    from bipot_rs.fem.repetition import Cyclic, Periodic
+    from bipot_rs.fem.constraints.repetition import Cyclic, Periodic
 
     return [
         *(

@@ -21,10 +21,11 @@ from bipot_rs.contact.path.moving_gaps import MovingGaps, joined, simplified
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.inspection import inspect, unheld
-from bipot_rs.fem.references import reference_named
-from bipot_rs.fem.stress_recovery import Initial, stress
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.stress_recovery import Initial, stress
+from bipot_rs.fem.checks.free_bodies import unheld
+from bipot_rs.fem.checks.inspection import inspect
+from bipot_rs.fem.constraints.references import reference_named
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.scene.schema.contact import Rigid
 from bipot_rs.scene.schema.load import Pressure

@@ -19,9 +19,9 @@ from pydantic import ValidationError
 from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.toml_text import HALF
 from bipot_rs.contact.reduced import refuse_settings
-from bipot_rs.fem import assembling
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.body import Body
+from bipot_rs.fem.assembly import assemble as assembling
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.scene.build import (
     contacts,
     remotes,

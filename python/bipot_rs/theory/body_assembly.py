@@ -17,10 +17,10 @@ from scipy.sparse.linalg import splu
 from bipot_rs._lib.messages import mistyped, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import indices
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.elasticity import stiffness
-from bipot_rs.fem.materials import Material
-from bipot_rs.fem.stress_recovery import slopes_at_points
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.elasticity import stiffness
+from bipot_rs.fem.bodies.materials import Material
+from bipot_rs.fem.bodies.stress_recovery import slopes_at_points
 from bipot_rs.theory.soils import mandel
 
 # Supports stop a motion of order one if it moves them by more: no rounding, no mechanism.

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, integer, loads, number, one_of
-from bipot_rs.fem.body import Body, Field
+from bipot_rs.fem.bodies.body import Body, Field
 from bipot_rs.theory.body_assembly import BodyAssembly
 from bipot_rs.theory.body_step import BodyState, BodyStep, StepSolver, law_of
 from bipot_rs.theory.limit_load import LimitLoadError, StepNotConvergedError, mechanism

@@ -10,7 +10,8 @@ from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.fem import contact, elasticity
+from bipot_rs.fem.bodies import elasticity
+from bipot_rs.fem.contact.meeting import meeting as contact
 
 Floats = NDArray[np.float64]
 CELLS = {

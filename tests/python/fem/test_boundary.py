@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.fem.inspection import inspect
+from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]

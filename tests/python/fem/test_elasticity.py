@@ -15,7 +15,7 @@ from skfem.helpers import ddot, sym_grad
 from skfem.models.elasticity import linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.fem.materials import Elastic
+from bipot_rs.fem.bodies.materials import Elastic
 from bipot_rs.mesh import elements, kinds
 
 KINDS = {kind.vtk: kind for kind in elements.KINDS.values()}

@@ -7,7 +7,7 @@ import pytest
 
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.fem.inspection import inspect, unsupported
+from bipot_rs.fem.checks.inspection import inspect, unsupported
 
 FLOOR = ([0, 0, 0], [0, 0, 1.0])
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bipot_rs import fem
 from bipot_rs.fem import paraview
+from bipot_rs.fem.bodies.stress_recovery import stress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
-from bipot_rs.fem.stress_recovery import stress, von_mises
 
 Floats = NDArray[np.float64]
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

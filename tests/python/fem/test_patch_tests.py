@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.fem.elasticity import vtk_cells
+from bipot_rs.fem.bodies.elasticity import vtk_cells
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 ELEMENTS = {

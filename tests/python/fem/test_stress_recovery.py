@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem
-from bipot_rs.fem import stress_recovery
+from bipot_rs.fem.bodies import stress_recovery
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]

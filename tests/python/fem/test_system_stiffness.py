@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
-from bipot_rs.fem import assembling
+from bipot_rs.fem.assembly.assembly import assemble as assembling
 from bipot_rs.mesh import elements
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

@@ -9,10 +9,10 @@ from scipy import sparse
 from scipy.linalg import null_space, subspace_angles
 
 from bipot_rs import fem
-from bipot_rs.fem.assembly import Support
-from bipot_rs.fem.boundary import Symmetry
-from bipot_rs.fem.references import Remote
-from bipot_rs.fem.ties import Relations, tied
+from bipot_rs.fem.assembly.assembly import Support
+from bipot_rs.fem.bodies.boundary import Symmetry
+from bipot_rs.fem.constraints.references import Remote
+from bipot_rs.fem.constraints.ties import Relations, tied
 
 Floats = NDArray[np.float64]
 STEEL = fem.Material(200.0, 0.3)

@@ -12,8 +12,8 @@ from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.fem.elasticity import vtk_cells
-from bipot_rs.fem.stress_recovery import stress_at_points
+from bipot_rs.fem.bodies.elasticity import vtk_cells
+from bipot_rs.fem.bodies.stress_recovery import stress_at_points
 from bipot_rs.files.vtu import Grid
 from bipot_rs.mesh import elements
 

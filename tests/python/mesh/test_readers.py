@@ -9,7 +9,7 @@ import pytest
 import skfem
 
 from bipot_rs import fem
-from bipot_rs.fem.elasticity import vtk_cells
+from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.files.vtu import Grid
 from bipot_rs.mesh import elements, kinds, serendipity
 from support import places

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import _core, fem
+from bipot_rs import _core
 
 PROMISED = {
     "Status": (),
@@ -121,7 +121,5 @@ print(len(os.listdir("/proc/self/task")) - before)
 
 def test_earlier_names_still_work() -> None:
     assert bp.load is bp.load_result
-    assert fem.Model is fem.Assembly
-    assert fem.build is fem.assemble
     parameter = inspect.getattr_static(bp.Step, "path_parameter")
     assert parameter.fget(SimpleNamespace(s=0.25)) == 0.25

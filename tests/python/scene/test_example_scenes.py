@@ -11,7 +11,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import analytic
-from bipot_rs.fem.stress_recovery import von_mises
+from bipot_rs.fem.bodies.stress_recovery import von_mises
 from support import places
 
 SCENES = places.ROOT / "examples" / "scenes"

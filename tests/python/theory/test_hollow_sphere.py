@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from bipot_rs.fem.elasticity import nodal_forces
+from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.theory.implicit_body import ImplicitBody
 from bipot_rs.theory.limit_load import LimitLoadError
 from bipot_rs.theory.soils import DruckerPrager, tensor

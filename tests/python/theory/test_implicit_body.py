@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import fem
-from bipot_rs.fem.elasticity import nodal_forces, stiffness
+from bipot_rs.fem.bodies.elasticity import nodal_forces, stiffness
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import make_mesh, second_order
 from bipot_rs.theory.body_step import BodyState, BodyStep

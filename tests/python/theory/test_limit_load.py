@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import fem
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.fem.elasticity import nodal_forces
+from bipot_rs.fem.bodies.elasticity import nodal_forces
 from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import second_order
 from bipot_rs.theory.implicit_body import ImplicitBody

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from bipot_rs.fem import materials
+from bipot_rs.fem.bodies import materials
 from bipot_rs.scene.schema.table import OneOrList, Table, Triple, Vector
 
 _Modulus = Annotated[float, Field(gt=0)]

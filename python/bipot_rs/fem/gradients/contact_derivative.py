@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.contact import Contact, both, rigid_obstacle
-from bipot_rs.fem.shape_derivative import AreaVectors
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.contact.meeting import Contact, both, rigid_obstacle
+from bipot_rs.fem.gradients.shape_derivative import AreaVectors
 from bipot_rs.obstacle.curvature import curvature
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.shapes import Plane

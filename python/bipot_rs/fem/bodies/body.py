@@ -16,7 +16,7 @@ from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, shown
-from bipot_rs.fem.materials import Elastic, Material
+from bipot_rs.fem.bodies.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
     cell_nodes,
     cross,

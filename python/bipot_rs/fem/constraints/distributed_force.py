@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.body import Body, Quadrature
-from bipot_rs.fem.elasticity import nodal_forces
-from bipot_rs.fem.references import Remote, rotations, set_of
+from bipot_rs.fem.bodies.body import Body, Quadrature
+from bipot_rs.fem.bodies.elasticity import nodal_forces
+from bipot_rs.fem.constraints.references import Remote, rotations, set_of
 
 # Part of a moment that the extent of the set cannot carry, relative to the moment.
 _LOST = 1e-6

@@ -14,7 +14,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.law.frames import frames, operator
-from bipot_rs.fem.body import Body, Box, Quadrature
+from bipot_rs.fem.bodies.body import Body, Box, Quadrature
 from bipot_rs.mortar.facet_mesh import turned_outward
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle

@@ -24,7 +24,7 @@ from scipy import sparse
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.fem.inclined_supports import Planes
+from bipot_rs.fem.constraints.inclined_supports import Planes
 
 # Coefficients below this, relative to their relation, are rounding: mesh files give
 # coordinates with seven digits.

@@ -226,3 +226,12 @@ def _orthonormal(axes: ArrayLike) -> Floats:
     rows = np.eye(3)
     rows[: len(unit), : len(unit)] = u @ v
     return rows
+
+
+def elasticity(material: Elastic, dim: int) -> Floats:
+    """Elasticity ``(3, 3, 3, 3)``; in plane stress zero out of the plane."""
+    if dim == 3 or not material.plane_stress:
+        return material.tensor(3)
+    law = np.zeros((3, 3, 3, 3))
+    law[:2, :2, :2, :2] = material.tensor(2)
+    return law

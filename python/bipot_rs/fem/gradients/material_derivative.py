@@ -5,16 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.fem.materials import Elastic, Material
-
-
-def elasticity(material: Elastic, dim: int) -> Floats:
-    """Elasticity ``(3, 3, 3, 3)``; in plane stress zero out of the plane."""
-    if dim == 3 or not material.plane_stress:
-        return material.tensor(3)
-    law = np.zeros((3, 3, 3, 3))
-    law[:2, :2, :2, :2] = material.tensor(2)
-    return law
+from bipot_rs.fem.bodies.materials import Material, elasticity
 
 
 def of_young(material: Material, dim: int) -> Floats:

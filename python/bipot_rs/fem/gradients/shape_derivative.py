@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.fem.body import Body
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.mesh.elements import facet_nodes, jacobian
 
 

@@ -10,17 +10,22 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
-from bipot_rs.fem.assembly import Assembly, Support, in_frames, with_points
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.boundary import Spring, Symmetry, plane_of
-from bipot_rs.fem.contact import Contact, body_index, meet, relative_displacement
-from bipot_rs.fem.inclined_supports import Planes, planes
-from bipot_rs.fem.obstacle_path import gaps_of_steps
-from bipot_rs.fem.references import Remote, obstacle_columns, references
-from bipot_rs.fem.ties import tied
+from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
+from bipot_rs.fem.constraints.inclined_supports import Planes, planes
+from bipot_rs.fem.constraints.references import Remote, obstacle_columns, references
+from bipot_rs.fem.constraints.ties import tied
+from bipot_rs.fem.contact.meeting import (
+    Contact,
+    body_index,
+    meet,
+    relative_displacement,
+)
+from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.repetition import Images, Repetition
+    from bipot_rs.fem.constraints.repetition import Images, Repetition
 
 # Entries of a tangential row of B that remain when all its degrees of freedom are
 # prescribed, relative to the row: rounding of the normal.
@@ -47,7 +52,7 @@ def assemble(
         Prescribed displacements; `Assembly.prescribed` takes their values.
     symmetries
         Planes of symmetry in any direction, of which the mesh is one half
-        (`bipot_rs.fem.inclined_supports`).
+        (`bipot_rs.fem.constraints.inclined_supports`).
     springs
         Elastic foundations.
     remotes
@@ -128,7 +133,7 @@ def without_stiffness(
     points = np.concatenate([body.points for body in bodies])
     cuts: list[Images] = []
     if repetitions:
-        from bipot_rs.fem.repetition import images, merged, refuse_floating
+        from bipot_rs.fem.constraints.repetition import images, merged, refuse_floating
 
         cuts = [images(bodies, offset, one) for one in repetitions]
         for one in cuts:
@@ -256,7 +261,3 @@ def _inclined(
             nodes = bodies[b].nodes(symmetry.surface)
             groups.append((offset[b] + bodies[b].dim * nodes, normal))
     return planes(groups, fixed, points)
-
-
-# The name before 0.2, which still works.
-build = assemble

@@ -16,8 +16,8 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.body import Body, Field, Quadrature
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.bodies.body import Body, Field, Quadrature
+from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.mesh.elements import inverse, jacobian
 
 

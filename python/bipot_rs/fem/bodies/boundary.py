@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.fem.body import Body, Box
-from bipot_rs.fem.elasticity import surface_stiffness
-from bipot_rs.fem.materials import Material
+from bipot_rs.fem.bodies.body import Body, Box
+from bipot_rs.fem.bodies.elasticity import surface_stiffness
+from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.mesh.elements import facet_nodes, kind_of
 
 # Tolerance of a plane surface: files give coordinates with seven digits.

@@ -9,7 +9,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.frames import frames, turned_to
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.contact import Contact, Meeting
+from bipot_rs.fem.contact.meeting import Contact, Meeting
 from bipot_rs.obstacle.shapes import Approach
 
 

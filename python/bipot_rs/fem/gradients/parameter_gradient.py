@@ -23,19 +23,23 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.body import Body
-from bipot_rs.fem.boundary import Spring
-from bipot_rs.fem.contact import Contact, body_index
-from bipot_rs.fem.contact_derivative import Meets, of_matching, refuse_moving_nodes
-from bipot_rs.fem.loads import Load
-from bipot_rs.fem.material_derivative import elasticity, of_poisson, of_young
-from bipot_rs.fem.materials import Material
-from bipot_rs.fem.shape_derivative import AreaVectors, stress_of_motion
-from bipot_rs.fem.stress_recovery import (
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.boundary import Spring
+from bipot_rs.fem.bodies.loads import Load
+from bipot_rs.fem.bodies.materials import Material, elasticity
+from bipot_rs.fem.bodies.stress_recovery import (
     initial_strain,
     internal_forces,
     slopes_at_points,
 )
+from bipot_rs.fem.contact.meeting import Contact, body_index
+from bipot_rs.fem.gradients.contact_derivative import (
+    Meets,
+    of_matching,
+    refuse_moving_nodes,
+)
+from bipot_rs.fem.gradients.material_derivative import of_poisson, of_young
+from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motion
 
 
 class Assembled(Protocol):

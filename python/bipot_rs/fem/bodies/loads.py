@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.fem.body import Body, Field
-from bipot_rs.fem.elasticity import nodal_forces
-from bipot_rs.fem.stress_recovery import Initial, initial_forces
+from bipot_rs.fem.bodies.body import Body, Field
+from bipot_rs.fem.bodies.elasticity import nodal_forces
+from bipot_rs.fem.bodies.stress_recovery import Initial, initial_forces
 
 _KINDS = ("traction", "pressure", "force", "strain")
 

@@ -21,32 +21,32 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.boundary import Spring
-from bipot_rs.fem.contact import (
-    Contact,
-    body_index,
-    gaps_onwards,
-)
-from bipot_rs.fem.elasticity import nodal_forces, vtk_cells
-from bipot_rs.fem.inclined_supports import Planes
-from bipot_rs.fem.loads import Load
-from bipot_rs.fem.obstacle_path import frames_of_steps
-from bipot_rs.fem.references import (
+from bipot_rs.fem.assembly.system_stiffness import system_stiffness
+from bipot_rs.fem.bodies.body import Body, Box, Field, Quadrature
+from bipot_rs.fem.bodies.boundary import Spring
+from bipot_rs.fem.bodies.elasticity import nodal_forces, vtk_cells
+from bipot_rs.fem.bodies.loads import Load
+from bipot_rs.fem.bodies.stress_recovery import Initial, initial_forces
+from bipot_rs.fem.constraints.inclined_supports import Planes
+from bipot_rs.fem.constraints.references import (
     Reference,
     Remote,
     prescribed_values,
     reference_named,
     rigid_bodies,
 )
-from bipot_rs.fem.stress_recovery import Initial, initial_forces
-from bipot_rs.fem.system_stiffness import system_stiffness
-from bipot_rs.fem.ties import Ties
+from bipot_rs.fem.constraints.ties import Ties
+from bipot_rs.fem.contact.meeting import (
+    Contact,
+    body_index,
+    gaps_onwards,
+)
+from bipot_rs.fem.contact.obstacle_path import frames_of_steps
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.parameter_gradient import ParameterGradient
-    from bipot_rs.fem.repetition import Images
+    from bipot_rs.fem.constraints.repetition import Images
+    from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
 
 
 @dataclass(frozen=True)
@@ -108,19 +108,19 @@ class Assembly:
         Elastic foundations; K contains their stiffness.
     moving : (steps, n_c, d), bipot_rs.MovingGaps or None
         Gaps of each load step, if obstacles move; see `gaps`.
-    inclined : bipot_rs.fem.inclined_supports.Planes or None
+    inclined : bipot_rs.fem.constraints.inclined_supports.Planes or None
         Planes of symmetry that are not normal to an axis. K, B, the loads made here and
         `problem` include them. A `ContactProblem` made directly needs
         ``inclined.within @ f`` as the load instead of f.
     remotes : tuple of Remote
         As passed to `assemble`.
-    references : tuple of bipot_rs.fem.references.Reference
+    references : tuple of bipot_rs.fem.constraints.references.Reference
         Floating obstacles and rigid sets: their degrees of freedom follow those of the
         nodes.
-    ties : bipot_rs.fem.ties.Ties or None
+    ties : bipot_rs.fem.constraints.ties.Ties or None
         Relations of rigid sets and repetitions. K, B, the loads made here and `problem`
         include them.
-    images : tuple of bipot_rs.fem.repetition.Images
+    images : tuple of bipot_rs.fem.constraints.repetition.Images
         The nodes of the cuts of cyclic symmetries and periodicities.
     """
 
@@ -386,7 +386,7 @@ class Assembly:
             The loads of the path, whose nodal forces change with the parameters. Without
             loads the nodal forces are held constant.
         """
-        from bipot_rs.fem.parameter_gradient import of_gradient
+        from bipot_rs.fem.gradients.parameter_gradient import of_gradient
 
         return of_gradient(self, gradient, loads)
 
@@ -495,7 +495,7 @@ class Assembly:
         strain
             Strain that the body would have without stress: a tensor ``(d, d)`` or
             ``(3, 3)``, a function of the positions, `thermal`, or a mapping from volume
-            names to these (`bipot_rs.fem.stress_recovery`). `stress` takes it as
+            names to these (`bipot_rs.fem.bodies.stress_recovery`). `stress` takes it as
             ``initial``.
         """
         index = body_index(self.bodies, body)
@@ -538,7 +538,7 @@ class Assembly:
         """
         for remote in self.remotes:
             if remote.name == name and remote.distributed:
-                from bipot_rs.fem.distributed_force import distributed_force
+                from bipot_rs.fem.constraints.distributed_force import distributed_force
 
                 index = body_index(self.bodies, remote.body)
                 own = distributed_force(self.bodies[index], remote, force, moment)
@@ -643,7 +643,3 @@ def in_frames(turned: Floats, frame: Floats, B: Any) -> Any:
         (rotation, np.arange(len(frame)), np.arange(len(frame) + 1))
     )
     return sparse.csr_array(blocks.tocsr() @ B)
-
-
-# The name before 0.2, which still works.
-Model = Assembly

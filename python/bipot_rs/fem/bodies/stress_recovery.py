@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.body import Body, Field
-from bipot_rs.fem.elasticity import distinct_cells
-from bipot_rs.fem.material_derivative import elasticity
+from bipot_rs.fem.bodies.body import Body, Field
+from bipot_rs.fem.bodies.elasticity import distinct_cells
+from bipot_rs.fem.bodies.materials import elasticity
 from bipot_rs.mesh.elements import inverse, jacobian
 
 # The six components of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.

@@ -13,9 +13,9 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.slip_check import displaced, distances, farthest
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.fem.assembly import Assembly
-from bipot_rs.fem.inspection import unsupported
-from bipot_rs.fem.stress_recovery import MeanStress
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.stress_recovery import MeanStress
+from bipot_rs.fem.checks.free_bodies import unsupported
 from bipot_rs.obstacle.shapes import Plane
 
 # Largest rotation [rad] and strain that count as small. Equilibrium of the undeformed

@@ -1,0 +1,1 @@
+"""The arrays of (1) and (2) of all bodies, contacts and supports."""

@@ -1,0 +1,1 @@
+"""One elastic body: its mesh, material, stiffness, stress, springs and loads."""

@@ -1,0 +1,1 @@
+"""Warnings before and after solving, a sentence each."""

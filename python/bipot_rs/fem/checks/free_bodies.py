@@ -1,0 +1,255 @@
+"""Bodies that can move freely: rigid motions that no support and no contact stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
+from bipot_rs.fem.contact.meeting import body_index
+from bipot_rs.obstacle.protocol import length
+
+# A rigid motion is free if its constraints are below this, relative to the largest:
+# meshing programs write coordinates with six digits or more.
+_FREE = 1e-6
+
+
+def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
+    """Warnings for bodies with rigid motions that no support or contact stops.
+
+    Bodies in contact with each other are considered together. A contact is assumed to
+    stop motion along its normal and, with friction or if ``rough``, along its tangents. A
+    motion that is free under this assumption is free for any load.
+    """
+    modes, owner = _modes(model)
+    modes, owner = _with_references(model, modes, owner)
+    bare = set(_bare(model))
+    supports = _supporting(model, modes)
+    # Bodies without contact to a rigid obstacle.
+    alone = set(range(len(model.bodies))) - {
+        body_index(model.bodies, contact.body)
+        for contact in model.contacts
+        if contact.against is None
+    }
+    rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
+    rubs = np.ones(len(model.gap), np.bool_) if rough else has_friction(model)
+    felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
+    constraints = np.concatenate([*supports, *felt])
+    count = len(model.bodies)
+    for joined in _meeting(model):
+        members = [b for b in joined if b < count]
+        columns = np.flatnonzero(np.isin(owner, joined))
+        own = constraints[:, columns]
+        # The triangle of QR has the same singular values as the many rows.
+        triangle = np.linalg.qr(np.vstack([own, np.zeros((len(columns),) * 2)]), "r")
+        _, values, V = np.linalg.svd(triangle)
+        free = V[values <= _FREE * values.max()].T
+        if joined != members:
+            of_bodies = owner[columns] < count
+            for k in _alone(free, of_bodies):
+                one = model.references[int(owner[columns[k]]) - count]
+                yield (
+                    f"{one.kind} {one.name!r} can move freely, and no contact holds it: "
+                    "prescribe its motion, or add a contact or friction that stops it"
+                )
+            free, columns = _part(free, of_bodies), columns[of_bodies]
+        if not free.shape[1]:
+            continue
+        several = len(members) > 1
+        names = " and ".join(repr(model.bodies[b].name) for b in members)
+        whole = f"{'bodies' if several else 'body'} {names}"
+        if bare.issuperset(members) and alone.issuperset(members):
+            have = "have" if several else "has"
+            yield f"{whole} can move freely and {have} no support and no spring: add one"
+        else:
+            words = _said(model, members, modes[:, columns], free)
+            yield (
+                f"{whole} can move freely by {'; '.join(words)}: add a support, friction "
+                "or a contact that stops it"
+            )
+
+
+def unsupported(model: Assembly) -> list[str]:
+    """Names of the bodies without support or spring, which only contact can hold."""
+    return [model.bodies[b].name for b in _bare(model)]
+
+
+def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
+    """Displacements of supports and forces of springs by rigid motions, as rows."""
+    found = [modes[_prescribed(model)]]
+    if model.inclined is not None:
+        found.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
+    if model.ties is not None:
+        own = model.ties.dependent
+        found.append(modes[own] - model.ties.within[own] @ modes)
+    return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
+
+
+def _prescribed(model: Assembly) -> Ints:
+    """Degrees of freedom that supports prescribe, without those that follow others."""
+    if model.ties is None:
+        return model.fixed
+    return np.setdiff1d(model.fixed, model.ties.dependent)
+
+
+def _bare(model: Assembly) -> list[int]:
+    held = np.zeros(model.n, np.bool_)
+    held[_prescribed(model)] = True
+    if model.inclined is not None:
+        held[model.inclined.normals.tocoo().row] = True
+    for remote in model.remotes:
+        if remote.components or remote.rotations:
+            held[model.offset[body_index(model.bodies, remote.body)]] = True
+    sprung = {body_index(model.bodies, spring.body) for spring in model.springs}
+    return [
+        b
+        for b, body in enumerate(model.bodies)
+        if b not in sprung
+        and not held[model.offset[b] : model.offset[b] + body.points.size].any()
+    ]
+
+
+def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
+    """Forces of a spring by rigid motions, scaled to size 1."""
+    b = body_index(model.bodies, spring.body)
+    body = model.bodies[b]
+    first = model.offset[b]
+    stiffness = spring_stiffness(body, spring)
+    largest = float(np.abs(stiffness.data).max(initial=0.0))
+    own = modes[first : first + body.points.size]
+    forces = np.asarray(stiffness @ own, np.float64)
+    return forces / largest if largest else 0.0 * forces
+
+
+def _modes(model: Assembly) -> tuple[Floats, Ints]:
+    """Rigid motions of all bodies ``(n, m)``, of equal size, and the body of each."""
+    d, found, owner = model.dim, [], []
+    for b, body in enumerate(model.bodies):
+        arm = body.points - body.points.mean(axis=0)
+        arm /= np.abs(arm).max()
+        fields = [np.tile(unit, (len(arm), 1)) for unit in np.eye(d)]
+        if d == 2:
+            fields.append(np.column_stack([-arm[:, 1], arm[:, 0]]))
+        else:
+            fields += [np.cross(unit, arm) for unit in np.eye(3)]
+        for one in fields:
+            column = np.zeros(model.n)
+            column[model.offset[b] : model.offset[b] + one.size] = one.ravel()
+            found.append(column)
+            owner.append(b)
+    return np.column_stack(found), np.array(owner, dtype=np.int64)
+
+
+def _with_references(
+    model: Assembly, modes: Floats, owner: Ints
+) -> tuple[Floats, Ints]:
+    """The motions with those of reference points, whose owners follow the bodies."""
+    count = len(model.bodies)
+    found, owners = [modes], [owner]
+    for k, one in enumerate(model.references):
+        dofs = np.concatenate([one.dofs, one.turns])
+        columns = np.zeros((model.n, len(dofs)))
+        columns[dofs, np.arange(len(dofs))] = 1.0
+        found.append(columns)
+        owners.append(np.full(len(dofs), count + k, np.int64))
+    return np.concatenate(found, axis=1), np.concatenate(owners)
+
+
+def _part(free: Floats, of_bodies: Bools) -> Floats:
+    """The motions of the bodies alone, orthonormal."""
+    U, size, _ = np.linalg.svd(free[of_bodies], full_matrices=False)
+    return np.asarray(U[:, size > _FREE], np.float64)
+
+
+def _alone(free: Floats, of_bodies: Bools) -> list[int]:
+    """For each free motion of a reference point alone, its largest component."""
+    if not free.shape[1]:
+        return []
+    _, size, V = np.linalg.svd(free[of_bodies], full_matrices=True)
+    still = np.concatenate([size, np.zeros(len(V) - len(size))]) <= _FREE
+    return [int(k) for k in np.argmax(np.abs(free @ V[still].T), axis=0)]
+
+
+def _pairs(model: Assembly) -> Iterator[set[int]]:
+    """Bodies and reference points that contacts and ties connect, two by two."""
+    index = {body.name: b for b, body in enumerate(model.bodies)}
+    count = len(model.bodies)
+    point = {one.name: count + k for k, one in enumerate(model.references)}
+    for contact in model.contacts:
+        if contact.against is not None:
+            yield {index[contact.body], index[contact.against[0]]}
+        elif contact.floating is not None:
+            yield {index[contact.body], point[contact.floating.name]}
+    for remote in model.remotes:
+        if not remote.distributed:
+            yield {index[remote.body], point[remote.name]}
+    for pairs in model.images:
+        ends = [pairs.on[0], pairs.onto[0]]
+        yield set((np.searchsorted(model.offset, ends, side="right") - 1).tolist())
+
+
+def _meeting(model: Assembly) -> list[list[int]]:
+    """Groups of bodies and reference points connected by contacts and ties."""
+    sets = [{b} for b in range(len(model.bodies) + len(model.references))]
+    for pair in _pairs(model):
+        joined = set().union(*(one for one in sets if one & pair))
+        sets = [one for one in sets if not one & pair] + [joined]
+    return sorted(sorted(one) for one in sets)
+
+
+def _said(
+    model: Assembly, members: list[int], modes: Floats, free: Floats
+) -> list[str]:
+    """Describe a space of motions: translations along the axes first, then the rest.
+
+    Motions of each body alone come first, then motions of all together.
+    """
+    d, words = model.dim, []
+    per_body = modes.shape[1] // len(members)
+    rest = free
+    movers = [(list(range(len(members))), "")]
+    if len(members) > 1:
+        alone = enumerate(model.bodies[b].name for b in members)
+        movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
+    for (moving, name), k in product(movers, range(d)):
+        shift = np.zeros(modes.shape[1])
+        shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
+        within = rest @ (rest.T @ shift)
+        if length(shift - within) <= _FREE:
+            words.append(f"translation along {'xyz'[k]}{name}")
+            left = rest - np.outer(shift, shift @ rest)
+            U, size, _ = np.linalg.svd(left, full_matrices=False)
+            rest = U[:, size > 0.5]
+    for amounts in rest.T:
+        parts = []
+        for at, b in enumerate(members):
+            own = np.zeros(len(amounts))
+            own[at * per_body : (at + 1) * per_body] = amounts[
+                at * per_body : (at + 1) * per_body
+            ]
+            first = model.offset[b]
+            field = (modes @ own)[first : first + model.bodies[b].points.size]
+            field = field.reshape(-1, d)
+            if length(field).max() <= _FREE:
+                continue
+            words_of = rigid_motions.describe(
+                field / length(field).max(),
+                np.zeros(len(field)),
+                points=model.bodies[b].points,
+                frame=np.tile(np.eye(d), (len(field), 1, 1)),
+            )
+            whose = f" of body {model.bodies[b].name!r}" if len(members) > 1 else ""
+            parts.append(words_of + whose)
+        words.append(" with ".join(parts))
+    return words
+
+
+def has_friction(model: Assembly) -> Bools:
+    """Which contact nodes have friction."""
+    largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
+    return largest > 0

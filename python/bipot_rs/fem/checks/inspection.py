@@ -1,0 +1,258 @@
+"""Warnings before solving: penetration, orientation, unsupported bodies, units.
+
+None of these is an error: each warning is a sentence that a person must judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.path.moving_gaps import gaps_by_component
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.checks.free_bodies import has_friction, unheld
+from bipot_rs.fem.contact.meeting import outward
+
+# Rounding of meshing programs and files, relative to the size of the model.
+_ROUNDING = 1e-9
+# Displacements above this fraction of the size of the model are not small.
+_SMALL = 0.1
+# Young's moduli in Pa are above the first number, those of metals in MPa in the range.
+# Parts in m are shorter than the first length, parts in mm longer than the second.
+_PASCAL, _MEGAPASCAL = 1e9, (1e4, 1e6)
+_LONG, _SHORT = 10.0, 0.05
+# Mean stresses above this fraction of Young's modulus cause strains that are not small.
+_SOFT = 0.05
+
+
+def inspect(
+    model: Assembly,
+    *,
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+    strained: ArrayLike = 0.0,
+) -> list[str]:
+    """Warnings before solving.
+
+    Parameters
+    ----------
+    model
+        From `fem.assemble`.
+    load, prescribed
+        As in `ContactProblem.solve`. Without them, contacts that cannot close are not
+        reported, and all prescribed displacements count as not zero.
+    strained
+        The part of ``load`` that represents initial strains.
+
+    Returns
+    -------
+    list of str
+        One sentence for each warning: nodes that penetrate at the start; surfaces that
+        face away from their obstacle; contacts too far away to close; contacts without
+        friction because supports prescribe the tangential displacement; bodies that
+        neither supports nor contacts hold, with the free motion; rigid sets whose motion
+        supports on their nodes determine; a Young's modulus, size or loads that seem to use
+        different units.
+    """
+    found = [
+        *_penetrating(model),
+        *_facing_away(model),
+        *_without_friction(model, prescribed),
+        *unheld(model),
+        *_determined(model),
+        *_units(model),
+    ]
+    if load is not None or prescribed is not None:
+        found += _far(model, load, prescribed)
+    if load is not None:
+        found += _overloaded(model, floats("load", load) - floats("strained", strained))
+    return found
+
+
+def _size(model: Assembly) -> float:
+    return float(np.ptp(model.nodes, axis=0).max())
+
+
+def _named(model: Assembly, group: int) -> str:
+    contact = model.contacts[group]
+    return f"surface {contact.surface!r} of body {contact.body!r}"
+
+
+def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
+    """Index of each contact, and the indices of its contact nodes."""
+    for group in range(len(model.contacts)):
+        yield group, np.flatnonzero(model.group == group).astype(np.int64)
+
+
+def _penetrating(model: Assembly) -> Iterator[str]:
+    size = _size(model)
+    for group, at in _groups(model):
+        inside = at[model.gap[at] < -_ROUNDING * size]
+        if inside.size:
+            deepest = inside[np.argmin(model.gap[inside])]
+            depth = -float(model.gap[deepest])
+            yield (
+                f"{inside.size} of the {counted(at.size, 'node')} of "
+                f"{_named(model, group)} start inside what they may touch, the deepest by "
+                f"{depth:g} at {place(model.points[deepest])}, {100 * depth / size:.2g} % "
+                "of the size of the model: the first step pushes them out; this is right "
+                "for an interference fit, otherwise move the body or add a clearance"
+            )
+
+
+def _facing_away(model: Assembly) -> Iterator[str]:
+    # `fem.assemble` refuses two bodies that do not face each other.
+    for group, at in _groups(model):
+        contact = model.contacts[group]
+        here = at[model.contact_dofs[at, 0] >= 0]
+        if contact.against is not None or not here.size:
+            continue
+        index = [body.name for body in model.bodies].index(contact.body)
+        node = (model.contact_dofs[here, 0] - model.offset[index]) // model.dim
+        out = outward(model.bodies[index], contact.surface)[node]
+        if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
+            yield (
+                f"surface {contact.surface!r} of body {contact.body!r} faces away from "
+                f"what it may touch, at all of its {counted(here.size, 'node')}: check that "
+                "the normal of the obstacle points to the body, and that this is the "
+                "right surface"
+            )
+
+
+def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator[str]:
+    lost_ones = ~has_friction(model) & _slides(model, prescribed)
+    for group, at in _groups(model):
+        if not np.any(np.asarray(model.contacts[group].mu) > 0):
+            continue
+        lost = int(np.sum(lost_ones[at]))
+        if lost:
+            yield (
+                f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
+                "no friction, mu = 0: supports prescribe their tangential displacement; "
+                "remove these components of the support if friction should act"
+            )
+
+
+def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
+    """Which contact nodes move along their obstacles by prescribed displacements.
+
+    Where these are zero, as on a plane of symmetry, the lack of friction has no effect.
+    """
+    if prescribed is None:
+        return np.ones(len(model.gap), dtype=np.bool_)
+    values = np.atleast_2d(floats("prescribed", prescribed))
+    moved = np.zeros(model.n)
+    moved[model.fixed] = np.abs(values).max(axis=0, initial=0.0)
+    along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
+    found = along.any(axis=1)
+    if model.moving is not None:
+        found |= gaps_by_component(model.moving)[:, :, 1:].any(axis=(0, 2))
+    return np.asarray(found, np.bool_)
+
+
+def _far(
+    model: Assembly, load: ArrayLike | None, prescribed: ArrayLike | None
+) -> Iterator[str]:
+    size = _size(model)
+    moved = 0.0
+    if prescribed is not None:
+        moved = float(np.abs(floats("prescribed", prescribed)).max(initial=0.0))
+    loaded = load is not None and bool(np.any(floats("load", load) != 0))
+    # Twice: rotations and Poisson's effect may exceed the prescribed displacements.
+    reach = max(_SMALL * size if loaded else 0.0, 2 * moved)
+    for group, at in _groups(model):
+        gap = model.gap[at]
+        if model.moving is not None:
+            distance = gaps_by_component(model.moving)[:, at, 0]
+            gap = np.minimum(gap, distance.min(axis=0))
+        nearest = at[np.argmin(gap)]
+        if gap.min() > max(reach, _ROUNDING * size):
+            yield (
+                f"{_named(model, group)} may never touch: its nearest node, at "
+                f"{place(model.points[nearest])}, stays {gap.min():g} away, "
+                + (
+                    f"{100 * gap.min() / size:.2g} % of the size of the model"
+                    if loaded
+                    else f"and supports move by {moved:g} at most"
+                )
+            )
+
+
+def _units(model: Assembly) -> Iterator[str]:
+    """Young's modulus in Pa with lengths in mm, or in MPa with lengths in m.
+
+    A heuristic: solids have moduli from 1e6 Pa to 1e12 Pa, and parts have sizes from
+    0.05 mm to 10 m. For a bridge, or a grain of sand in mm, the warning is false.
+    """
+    size = _size(model)
+    low, high = _MEGAPASCAL
+    for body in model.bodies:
+        young = _stiffest(body.material)
+        if young is None:
+            continue
+        if young >= _PASCAL and size >= _LONG:
+            guess, other = "Pa with lengths in m", "for lengths in mm use MPa"
+        elif low <= young <= high and size <= _SHORT:
+            guess, other = "MPa with lengths in mm", "for lengths in m use Pa"
+        else:
+            continue
+        yield (
+            f"units may be mixed: Young's modulus {young:g} of body {body.name!r} looks "
+            f"like {guess}, but the size of the model is {size:g}; {other}"
+        )
+
+
+def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
+    """Loads that are large relative to the stiffness, as for a modulus in GPa, loads in MPa.
+
+    Compares Young's modulus with the sum of |nodal force| of a load step over the largest
+    section of the bounding box of the body. Forces in mutual balance count too.
+    """
+    every = np.atleast_2d(load)
+    if model.references:
+        # What a rigid set passes on to supports of its nodes does not load the body.
+        every = every.copy()
+        every[:, model.fixed] = 0.0
+    for body, first in zip(model.bodies, model.offset, strict=True):
+        young = _stiffest(body.material)
+        own = every[:, first : first + body.points.size]
+        forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
+        sides = np.sort(np.ptp(body.points, axis=0))[1:]
+        section = float(np.prod(sides)) * body.depth
+        mean = float(forces.sum(axis=1).max(initial=0.0)) / section
+        if young is not None and mean > _SOFT * young:
+            yield (
+                f"units may be mixed: the loads of body {body.name!r} over its largest "
+                f"section are {mean:.3g}, {100 * mean / young:.2g} % of its Young's modulus "
+                f"{young:g}, but the theory assumes small strains"
+            )
+
+
+def _determined(model: Assembly) -> Iterator[str]:
+    """Rigid sets with components that follow from prescribed displacements of their nodes."""
+    if model.ties is None:
+        return
+    for one in model.references:
+        dofs = np.concatenate([one.dofs, one.turns])
+        rows = model.ties.within[dofs[np.isin(dofs, model.ties.dependent)]]
+        held = int(
+            np.unique(rows.tocoo().row[rows.tocoo().col < model.nodes.size]).size
+        )
+        if held:
+            yield (
+                f"supports on nodes of the rigid set {one.name!r} determine {held} of the "
+                f"{len(dofs)} components of its motion: loads at its point act on these "
+                "supports; exclude the nodes by within if the set should move"
+            )
+
+
+def _stiffest(material: Any) -> float | None:
+    """The largest Young's modulus of a material; None for several materials."""
+    young = getattr(material, "young", None)
+    return None if young is None else float(np.max(young))

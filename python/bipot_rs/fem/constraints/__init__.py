@@ -1,0 +1,1 @@
+"""Linear relations between displacements: inclined supports, rigid sets, repetitions."""

@@ -1,0 +1,1 @@
+"""Where surfaces meet obstacles and each other: gaps, frames, areas and rows of B."""

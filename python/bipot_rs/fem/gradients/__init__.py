@@ -1,0 +1,1 @@
+"""Derivatives with respect to materials, springs, loads, nodes and obstacles."""
