@@ -7,7 +7,8 @@ import pytest
 
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.fem.checks.inspection import inspect, unsupported
+from bipot_rs.fem.checks.free_bodies import unsupported
+from bipot_rs.fem.checks.inspection import inspect
 
 FLOOR = ([0, 0, 0], [0, 0, 1.0])
 
