@@ -11,7 +11,6 @@ from bipot_rs import analytic, fem
 from bipot_rs.discretisation.contact_facets import contact_facets
 from bipot_rs.discretisation.simplices import simplices
 from bipot_rs.fem.contact import meeting
-from bipot_rs.fem.contact import meeting
 from support.halfspace import body, boussinesq, grid, mirrored
 from support.profiles import Profile
 
