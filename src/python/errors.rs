@@ -12,7 +12,7 @@ use crate::panics::Panicked;
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         let text = error.to_string();
-        let dof = place(&error);
+        let motion = of_motion(&error);
         let cell = match error {
             Error::FoldedCell { cell } => Some(cell),
             _ => None,
@@ -58,20 +58,23 @@ impl From<Error> for PyErr {
             // Python adds the name of the body and the place.
             Python::attach(|py| drop(made.value(py).setattr("cell", cell)));
         }
-        if let Some(dof) = dof {
-            // Python adds the name of the body.
-            Python::attach(|py| drop(made.value(py).setattr("dof", dof)));
+        if let Some((kind, dof)) = motion {
+            // Python adds the name of the body, and what few digits may explain.
+            Python::attach(|py| {
+                drop(made.value(py).setattr("kind", kind));
+                drop(made.value(py).setattr("dof", dof));
+            });
         }
         made
     }
 }
 
-/// The degree of freedom of an error.
-fn place(error: &Error) -> Option<usize> {
+/// The kind of an error about what can move, and a degree of freedom that moves.
+fn of_motion(error: &Error) -> Option<(&'static str, usize)> {
     match *error {
-        Error::FloatingBody { dof } | Error::FewDigits { dof } | Error::Indefinite { dof } => {
-            Some(dof)
-        }
+        Error::FloatingBody { dof } => Some(("floating_body", dof)),
+        Error::FewDigits { dof } => Some(("few_digits", dof)),
+        Error::Indefinite { dof } => Some(("indefinite", dof)),
         _ => None,
     }
 }

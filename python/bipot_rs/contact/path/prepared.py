@@ -147,7 +147,7 @@ class Prepared:
                 raise ValueError(f"{error}{cause}") from None
             if dof is None:
                 raise
-            said = str(error) + self._of_digits(str(error), parts, dof)
+            said = str(error) + self._of_digits(error, parts, dof)
             if self._bodies is not None:
                 said = f"{body_of(dof, self._bodies)}: {said}"
             elif said == str(error):
@@ -267,11 +267,12 @@ class Prepared:
             }
         )
 
-    def _of_digits(self, said: str, parts: Parts, dof: int) -> str:
+    def _of_digits(self, error: Exception, parts: Parts, dof: int) -> str:
         """Text to add to an error of the core if few digits of K may be its cause."""
         from bipot_rs.contact.stiffness.digits import OFFER, said_of_indefinite
 
-        if "K is indefinite" in said:
+        kind = getattr(error, "kind", "")
+        if kind == "indefinite":
             return said_of_indefinite(parts, self._fixed, dof, self._digits)
-        few = "K has too few digits" in said and self._digits is None
+        few = kind == "few_digits" and self._digits is None
         return OFFER if few else ""
