@@ -8,14 +8,17 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Communicator
 
 T = TypeVar("T")
 
 
-def agreed(comm: Any, work: Callable[[], T]) -> T:
+def agreed(comm: Communicator, work: Callable[[], T]) -> T:
     """Do some work on this rank, which sends no messages; raise on all ranks or on none.
 
     If it fails on several ranks, all of them raise the error of the first one.
@@ -28,7 +31,7 @@ def agreed(comm: Any, work: Callable[[], T]) -> T:
     first = min(comm.allgather(comm.size if error is None else comm.rank))
     if first == comm.size:
         return made  # type: ignore[return-value]
-    raise comm.bcast(_sendable(error), root=first)
+    raise comm.bcast(_sendable(error), root=first) or RuntimeError
 
 
 def _sendable(error: Exception | None) -> Exception | None:
@@ -39,7 +42,7 @@ def _sendable(error: Exception | None) -> Exception | None:
     return error
 
 
-def same(comm: Any, **arrays: Any) -> None:
+def same(comm: Communicator, **arrays: ArrayLike | None) -> None:
     """Raise ``ValueError`` if an array differs between ranks: contact data must not."""
     for name, array in arrays.items():
         value = b"" if array is None else np.ascontiguousarray(array).tobytes()

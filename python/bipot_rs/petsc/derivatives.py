@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, Communicator, Floats, PetscMat, PetscVec, Vectors
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.results.derivatives import (
     Cotangents,
@@ -23,6 +23,7 @@ from bipot_rs.contact.results.derivatives import (
     Gradient,
     Tangent,
 )
+from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.gradient import Backward
 from bipot_rs.contact.sensitivity.laws import Laws
@@ -63,7 +64,7 @@ class Response:
         self.motions = engine.operator.K.getLocalSize()[0]
         self.diagonal = engine.variables.diagonal
 
-    def stiffness(self) -> Any:
+    def stiffness(self) -> PetscMat:
         """K."""
         return self.engine.operator.K
 
@@ -136,7 +137,7 @@ class _Iterated:
         """The same with the transposed matrix."""
         return np.stack([self._transposed(row) for row in right])
 
-    def _parts(self, right: Floats) -> tuple[Floats, Any]:
+    def _parts(self, right: Floats) -> tuple[Floats, PetscVec]:
         """Right sides of the laws, and those of the rows."""
         laws = math.prod(self.shape)
         own = np.ascontiguousarray(right[:laws].reshape(self.shape))
@@ -178,8 +179,12 @@ class _Iterated:
         return np.concatenate([w.ravel(), b.array_r])
 
     def _solved(
-        self, tangent: _core.ContactTangent, right: Any, *, transposed: bool = False
-    ) -> Any:
+        self,
+        tangent: _core.ContactTangent,
+        right: PetscVec,
+        *,
+        transposed: bool = False,
+    ) -> PetscVec:
         solver = self.engine.solver
         if not solver.prepare(tangent, self.core.statuses):
             raise Stalled
@@ -204,13 +209,13 @@ class Derivatives:
 
     engine: PetscEngine
     model: PathModel
-    loads: Callable[[str, Any], list[Any]]
+    loads: Callable[[str, Vectors], list[PetscVec]]
 
     @property
-    def _comm(self) -> Any:
+    def _comm(self) -> Communicator:
         return self.engine.operator.K.comm.tompi4py()
 
-    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
+    def jvp(self, result: Result, change: DataChange, /) -> Tangent:
         """`Result.jvp`; ``load`` is a Vec or a list of them, ``K`` a Mat."""
 
         def derive(path: LinearPath) -> Tangent:
@@ -242,7 +247,7 @@ class Derivatives:
 
         return self._derived(result, derive)
 
-    def vjp(self, result: Any, given: Cotangents, /) -> Gradient:
+    def vjp(self, result: Result, given: Cotangents, /) -> Gradient:
         """`Result.vjp`; ``displacement`` is a list of Vecs."""
 
         def derive(path: LinearPath) -> Gradient:
@@ -272,7 +277,7 @@ class Derivatives:
 
         return self._derived(result, derive)
 
-    def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
+    def _derived(self, result: Result, derive: Callable[[LinearPath], T]) -> T:
         """What ``derive`` makes of the linearised steps."""
         path = LinearPath(
             self.model, result.steps, result.contacts, Response(self.engine)
@@ -296,12 +301,12 @@ class Derivatives:
             )
         return np.stack([found[min(k, len(found) - 1)] for k in range(steps)])
 
-    def _product(self, K: Any, u: Any) -> Any:
+    def _product(self, K: PetscMat, u: PetscVec) -> PetscVec:
         made = self.engine.operator.zeros()
         K.mult(u, made)
         return made
 
-    def _vectors(self, rows: Floats) -> list[Any]:
+    def _vectors(self, rows: Floats) -> list[PetscVec]:
         return [self.engine.operator.vector(own) for own in rows]
 
 
@@ -310,7 +315,7 @@ class _Adjoint:
     """What the parts of a gradient are computed from. All ranks call these methods."""
 
     problem: Derivatives
-    result: Any
+    result: Result
     found: Backward
     displacement: Floats | None
 
@@ -356,5 +361,5 @@ class _Adjoint:
         return made
 
     @property
-    def _K(self) -> Any:
+    def _K(self) -> PetscMat:
         return self.problem.engine.operator.K

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints, PetscVec
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.path.engine import Asked
 from bipot_rs.contact.path.iterative import StepProblem
@@ -25,41 +26,43 @@ class Verbs:
     Vectors are never changed: each method returns a new one.
     """
 
-    def __init__(self, operator: Operator, solver: LinearSolver, PETSc: Any) -> None:
+    def __init__(
+        self, operator: Operator, solver: LinearSolver, PETSc: ModuleType
+    ) -> None:
         self._operator, self._solver = operator, solver
         self._infinity = PETSc.NormType.NORM_INFINITY
         self._comm = operator.K.comm.tompi4py()
 
-    def product(self, y: Any) -> Any:
+    def product(self, y: PetscVec) -> PetscVec:
         """``A y``."""
         return self._operator.product(y)
 
-    def add(self, y: Any, s: float, x: Any) -> Any:
+    def add(self, y: PetscVec, s: float, x: PetscVec) -> PetscVec:
         """``y + s x``."""
         found = y.copy()
         found.axpy(s, x)
         return found
 
-    def at_places(self, y: Any) -> Floats:
+    def at_places(self, y: PetscVec) -> Floats:
         """Values at the places of the interface."""
         return self._operator.interface.gather(y)
 
-    def norm(self, y: Any) -> float:
+    def norm(self, y: PetscVec) -> float:
         """Euclidean norm."""
         return float(y.norm())
 
-    def largest(self, y: Any) -> float:
+    def largest(self, y: PetscVec) -> float:
         """Largest magnitude."""
         return float(y.norm(self._infinity))
 
-    def imbalance(self, e: Any, forces: Floats) -> float:
+    def imbalance(self, e: PetscVec, forces: Floats) -> float:
         """Norm of ``e`` after forces at the places are subtracted."""
         left = e.copy()
         interface = self._operator.interface
         left.array[interface.rows] -= forces[interface.own]
         return float(left.norm())
 
-    def terms(self, y: Any) -> tuple[float, Floats]:
+    def terms(self, y: PetscVec) -> tuple[float, Floats]:
         """Sizes of the terms of ``A y``: their norm, and those at the places."""
         return self._operator.terms(y)
 
@@ -67,9 +70,9 @@ class Verbs:
         self,
         tangent: _core.ContactTangent,
         statuses: NDArray[np.int8],
-        e: Any,
+        e: PetscVec,
         tol: float,
-    ) -> tuple[Any, int, bool] | None:
+    ) -> tuple[PetscVec, int, bool] | None:
         """A Newton correction with its known part; None without a preconditioner."""
         if not self._solver.prepare(tangent, statuses):
             return None
@@ -79,8 +82,8 @@ class Verbs:
         return x, products, reached
 
     def estimate(
-        self, tangent: _core.ContactTangent, statuses: NDArray[np.int8], e: Any
-    ) -> Any:
+        self, tangent: _core.ContactTangent, statuses: NDArray[np.int8], e: PetscVec
+    ) -> PetscVec | None:
         """The correction by one application of the preconditioner."""
         if not self._solver.prepare(tangent, statuses):
             return None
@@ -109,7 +112,7 @@ class _Inquiry(StepProblem):
 
     reason: str = ""
 
-    def diagnosis(self, step: Any, /) -> str:
+    def diagnosis(self, step: Step, /) -> str:
         """Why the solve failed."""
         if not self.reason:
             return ""
@@ -142,13 +145,13 @@ class PetscEngine:
     solver: LinearSolver
     fixed: NDArray[np.int64]
     shape: tuple[int, int]
-    PETSc: Any
+    PETSc: ModuleType
     gap: Floats | None = None
     record: Record = field(default_factory=Record)
     name = "petsc"
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Mapping[str, object]:
         """Counts so far: Newton steps, iterations, products with K and gathers."""
         return {
             "newton": self.record.newton,
@@ -198,7 +201,7 @@ class PetscEngine:
         """What answers questions about the last step."""
         return _Inquiry(asked, self.record.reason)
 
-    def prescribed_part(self, values: Floats) -> tuple[Any, Any]:
+    def prescribed_part(self, values: Floats) -> tuple[PetscVec, Ints]:
         """Prescribed displacements as a Vec, and the own rows of these."""
         u = self.operator.zeros()
         first, last = u.getOwnershipRange()
@@ -207,7 +210,7 @@ class PetscEngine:
         u.array[rows] = values[ours]
         return u, rows
 
-    def force(self, load: Any, prescribed: Floats) -> Any:
+    def force(self, load: PetscVec, prescribed: Floats) -> PetscVec:
         """``Tᵀ (f - K u_p)`` without the prescribed rows."""
         u, _ = self.prescribed_part(prescribed)
         f = self.operator.zeros()
@@ -217,7 +220,7 @@ class PetscEngine:
         self.operator.forces(f)
         return f
 
-    def displacement(self, y: Any, prescribed: Floats) -> Any:
+    def displacement(self, y: PetscVec, prescribed: Floats) -> PetscVec:
         """All displacements."""
         u = self.operator.displacements(y)
         known, rows = self.prescribed_part(prescribed)
@@ -229,7 +232,10 @@ class PetscPath:
     """A load path in progress."""
 
     def __init__(
-        self, engine: PetscEngine, core: _core.ContactPath, displacement: Any
+        self,
+        engine: PetscEngine,
+        core: _core.ContactPath,
+        displacement: Any,
     ) -> None:
         self.engine = engine
         self._core = core

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Communicator, Floats, Integers, Ints, PetscVec
 
 
 class Interface:
@@ -24,7 +24,9 @@ class Interface:
         Number of gathers so far. Each is one message of ``8 len(dofs)`` bytes to every rank.
     """
 
-    def __init__(self, comm: Any, MPI: Any, dofs: Ints, ranges: Ints) -> None:
+    def __init__(
+        self, comm: Communicator, MPI: ModuleType, dofs: Ints, ranges: Ints
+    ) -> None:
         # Rows of ranks follow each other, and so do the places.
         ends = np.searchsorted(dofs, ranges)
         self.dofs = dofs
@@ -41,18 +43,18 @@ class Interface:
         self.gathers += 1
         return found
 
-    def gather(self, vector: Any) -> Floats:
+    def gather(self, vector: PetscVec) -> Floats:
         """Values of a Vec at all places."""
         return self.gather_own(vector.array_r[self.rows])
 
-    def write(self, values: Floats, vector: Any) -> None:
+    def write(self, values: Floats, vector: PetscVec) -> None:
         """Set the own places of a Vec."""
         vector.array[self.rows] = values[self.own]
 
-    def number(self, dofs: Ints) -> Ints:
+    def number(self, dofs: Integers) -> Ints:
         """Place of each degree of freedom; -1 for one that is no place."""
         if not len(self.dofs):
             return np.full(len(dofs), -1)
-        at = np.searchsorted(self.dofs, dofs)
+        at: Ints = np.searchsorted(self.dofs, dofs)
         at[at == len(self.dofs)] = 0
         return np.where(self.dofs[at] == dofs, at, -1)

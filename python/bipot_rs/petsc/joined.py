@@ -11,12 +11,13 @@ Where most contacts slip or are open, gluing is far from the truth, and ``M`` is
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Ints, PetscVec
 from bipot_rs.petsc import options
 from bipot_rs.petsc.operator import Operator, Springs
 from bipot_rs.petsc.preconditioner import Preconditioner
@@ -40,7 +41,12 @@ class Joined:
     """
 
     def __init__(
-        self, operator: Operator, part: SymmetricPart, contact: Ints, d: int, PETSc: Any
+        self,
+        operator: Operator,
+        part: SymmetricPart,
+        contact: Ints,
+        d: int,
+        PETSc: ModuleType,
     ) -> None:
         self._operator, self._part, self._d = operator, part, d
         self._PETSc = PETSc
@@ -88,7 +94,7 @@ class Joined:
         if self.follows is False and iterations > _SLOW:
             self.slow = True
 
-    def apply(self, _pc: Any, b: Any, x: Any) -> None:
+    def apply(self, _pc: object, b: PetscVec, x: PetscVec) -> None:
         """``x ≈ P⁻¹ b``; PETSc calls it."""
         interface, tangent = self._operator.interface, self._tangent
         assert tangent is not None  # noqa: S101 - set by `prepare`
@@ -105,12 +111,14 @@ class Joined:
         at = interface.gather(x) + self._filter.solve(interface.gather(self._left))
         interface.write(at, x)
 
-    def _residual(self, tangent: _core.ContactTangent, b: Any, x: Any) -> None:
+    def _residual(
+        self, tangent: _core.ContactTangent, b: PetscVec, x: PetscVec
+    ) -> None:
         """``b - P x``."""
         self._operator.masked(tangent, x, self._left, self._springs)
         self._left.aypx(-1.0, b)
 
-    def _clear(self, x: Any) -> None:
+    def _clear(self, x: PetscVec) -> None:
         """Set the places to zero that the hierarchy holds."""
         interface = self._operator.interface
         x.array[self._operator.fixed] = 0.0
@@ -122,7 +130,9 @@ class Joined:
 class _Filter:
     """A factor of ``P_cc``, ``c`` the places that are not held; the same on every rank."""
 
-    def __init__(self, operator: Operator, part: SymmetricPart, PETSc: Any) -> None:
+    def __init__(
+        self, operator: Operator, part: SymmetricPart, PETSc: ModuleType
+    ) -> None:
         comm = operator.K.comm.tompi4py()
         parts = comm.allgather(part.around)
         self._row, self._column, self._values = (

@@ -7,7 +7,8 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 INSTALL = (
     "on Debian or Ubuntu run apt-get install python3-petsc4py python3-mpi4py "
@@ -23,8 +24,8 @@ _DEBIAN = Path("/usr/lib/petscdir")
 class Library(NamedTuple):
     """The modules ``petsc4py.PETSc`` and ``mpi4py.MPI``."""
 
-    PETSc: Any
-    MPI: Any
+    PETSc: ModuleType
+    MPI: ModuleType
 
 
 def load() -> Library:
@@ -62,7 +63,7 @@ def load() -> Library:
     return Library(PETSc, MPI)
 
 
-def _petsc() -> Any:
+def _petsc() -> ModuleType:
     try:
         importlib.import_module("petsc4py")
     except ModuleNotFoundError as error:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs._core as _core
+from bipot_rs._lib.types import PetscVec
 from bipot_rs.petsc import options
 from bipot_rs.petsc.joined import Joined
 from bipot_rs.petsc.one_rank import NAME, NotFactoredError, OneRank
@@ -37,7 +38,7 @@ class LinearSolver:
         part: SymmetricPart,
         joined: Joined | None,
         d: int,
-        PETSc: Any,
+        PETSc: ModuleType,
         fits: bool,
         one_rank: OneRank | None = None,
     ) -> None:
@@ -70,7 +71,7 @@ class LinearSolver:
         pc.setPythonContext(self._alone if joined is None else joined)
         self._ksp.setFromOptions()
 
-    def mult(self, _mat: Any, x: Any, y: Any) -> None:
+    def mult(self, _mat: object, x: PetscVec, y: PetscVec) -> None:
         """``y = J x``, or ``Jᵀ x``; PETSc calls it."""
         assert self._tangent is not None  # noqa: S101 - set by `prepare`
         self._operator.masked(self._tangent, x, y, transposed=self._transposed)
@@ -117,8 +118,8 @@ class LinearSolver:
             self._PETSc.garbage_cleanup(self._operator.K.comm)
 
     def solve(
-        self, b: Any, tol: float, *, transposed: bool = False
-    ) -> tuple[Any, int, bool]:
+        self, b: PetscVec, tol: float, *, transposed: bool = False
+    ) -> tuple[PetscVec, int, bool]:
         """The solution to a relative residual, the products, and whether it was reached."""
         self._transposed = transposed
         x, products, reached = self._solve(b, tol)
@@ -135,7 +136,7 @@ class LinearSolver:
                 products += more
         return x, products, reached
 
-    def _solve(self, b: Any, tol: float) -> tuple[Any, int, bool]:
+    def _solve(self, b: PetscVec, tol: float) -> tuple[PetscVec, int, bool]:
         x = self._operator.zeros()
         if b.norm() == 0.0:
             return x, 0, True
@@ -150,7 +151,7 @@ class LinearSolver:
         reached = self._ksp.getConvergedReason() > 0 and np.isfinite(x.norm())
         return x, products, reached
 
-    def residual(self, b: Any, x: Any, *, transposed: bool = False) -> float:
+    def residual(self, b: PetscVec, x: PetscVec, *, transposed: bool = False) -> float:
         """``‖b - J x‖ / ‖b‖``, or that with ``Jᵀ``."""
         size = float(b.norm())
         self._transposed = transposed
@@ -159,7 +160,7 @@ class LinearSolver:
         left.aypx(-1.0, b)
         return float(left.norm()) / size if size else 0.0
 
-    def apply(self, b: Any) -> Any:
+    def apply(self, b: PetscVec) -> PetscVec:
         """One application of the preconditioner."""
         x = self._operator.zeros()
         shell = self._alone if self._joined is None else self._joined
@@ -192,7 +193,7 @@ class Alone:
     not symmetric.
     """
 
-    def __init__(self, part: SymmetricPart, prefix: str, PETSc: Any) -> None:
+    def __init__(self, part: SymmetricPart, prefix: str, PETSc: ModuleType) -> None:
         self._part = part
         self._inside = Preconditioner(part.P, prefix, PETSc)
 
@@ -209,7 +210,7 @@ class Alone:
         self._part.set(tangent.held, springs)
         self._inside.update()
 
-    def apply(self, _pc: Any, b: Any, x: Any) -> None:
+    def apply(self, _pc: object, b: PetscVec, x: PetscVec) -> None:
         """``x ≈ P⁻¹ b``; PETSc calls it."""
         self._inside.pc.apply(b, x)
 

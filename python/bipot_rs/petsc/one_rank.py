@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 import bipot_rs._core as _core
+from bipot_rs._lib.types import Floats, Integers, PetscVec
 from bipot_rs._lib.validation import csr, indices
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.petsc.operator import Springs
@@ -45,7 +46,9 @@ class OneRank:
         if reason is not None:
             raise NotFactoredError(reason)
 
-    def _factored(self, parts: list[Any]) -> str | None:
+    def _factored(
+        self, parts: Sequence[tuple[Integers, Integers, Floats]]
+    ) -> str | None:
         """Factor the rows of all ranks; the reason if that is not possible."""
         from scipy.sparse import csr_array, vstack
 
@@ -67,7 +70,7 @@ class OneRank:
             return str(error)
         return None
 
-    def apply(self, _pc: Any, b: Any, x: Any) -> None:
+    def apply(self, _pc: object, b: PetscVec, x: PetscVec) -> None:
         """``x = P⁻¹ b``; PETSc calls it."""
         factor = self._factor
         first = self._comm.rank == 0

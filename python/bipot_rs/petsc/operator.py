@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, PetscMat, PetscVec
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.own_rows import OwnRows, scatter
 
@@ -30,11 +30,11 @@ class Operator:
 
     def __init__(
         self,
-        K: Any,
+        K: PetscMat,
         variables: _core.ContactVariables,
         interface: Interface,
         fixed: Ints,
-        PETSc: Any,
+        PETSc: ModuleType,
     ) -> None:
         self.K, self.variables, self.interface, self.fixed = (
             K,
@@ -46,19 +46,19 @@ class Operator:
         self._PETSc = PETSc
         self._u, self._f = K.createVecs()
 
-    def zeros(self) -> Any:
+    def zeros(self) -> PetscVec:
         """A new Vec of zeros."""
         made = self.K.createVecRight()
         made.set(0.0)
         return made
 
-    def vector(self, own: Floats) -> Any:
+    def vector(self, own: Floats) -> PetscVec:
         """A Vec with these values in the own rows."""
         made = self.zeros()
         made.array[:] = own
         return made
 
-    def displacements(self, y: Any) -> Any:
+    def displacements(self, y: PetscVec) -> PetscVec:
         """``u = T y``, with zeros at prescribed degrees of freedom."""
         u = y.copy()
         places = self.interface.gather(y)
@@ -66,7 +66,7 @@ class Operator:
         self.interface.write(places, u)
         return u
 
-    def unknowns(self, u: Any) -> Any:
+    def unknowns(self, u: PetscVec) -> PetscVec:
         """``y = T⁻¹ u``."""
         y = u.copy()
         y.array[self.fixed] = 0.0
@@ -75,14 +75,14 @@ class Operator:
         self.interface.write(places, y)
         return y
 
-    def forces(self, f: Any) -> None:
+    def forces(self, f: PetscVec) -> None:
         """``Tᵀ f`` without the prescribed rows, in place."""
         f.array[self.fixed] = 0.0
         places = self.interface.gather(f)
         self.variables.forces_to_local(places)
         self.interface.write(places, f)
 
-    def product(self, y: Any) -> Any:
+    def product(self, y: PetscVec) -> PetscVec:
         """``A y``."""
         made = self.K.createVecLeft()
         self.K.mult(self.displacements(y), made)
@@ -93,8 +93,8 @@ class Operator:
     def masked(
         self,
         tangent: _core.ContactTangent,
-        x: Any,
-        y: Any,
+        x: PetscVec,
+        y: PetscVec,
         springs: Springs | None = None,
         *,
         transposed: bool = False,
@@ -127,14 +127,14 @@ class Operator:
         tangent.clear(found)
         self.interface.write(found, y)
 
-    def add_known(self, tangent: _core.ContactTangent, x: Any) -> None:
+    def add_known(self, tangent: _core.ContactTangent, x: PetscVec) -> None:
         """Set the held places to their known values."""
         x.array[self.fixed] = 0.0
         places = self.interface.gather(x)
         tangent.clear(places)
         self.interface.write(places + tangent.known, x)
 
-    def right_side(self, tangent: _core.ContactTangent, e: Any) -> Any:
+    def right_side(self, tangent: _core.ContactTangent, e: PetscVec) -> PetscVec:
         """The right side of a Newton step, from ``e = A y - f``."""
         known = self.zeros()
         self.interface.write(tangent.known, known)
@@ -147,7 +147,7 @@ class Operator:
         self.interface.write(places, right)
         return right
 
-    def terms(self, y: Any) -> tuple[float, Floats]:
+    def terms(self, y: PetscVec) -> tuple[float, Floats]:
         """Norm of ``|Tᵀ| |K| |T y|``, and its values at the places.
 
         It reads a copy of the own rows of ``K``.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 PREFIX = "bipot_"
 
@@ -35,15 +35,15 @@ def smoother_is_ours() -> bool:
     return {"mg_levels_ksp_type", "mg_levels_pc_type"} <= _OURS
 
 
-def are_of_the_user(PETSc: Any, name: str) -> bool:
+def are_of_the_user(PETSc: ModuleType, name: str) -> bool:
     """Whether the user has set this option."""
     return name not in _OURS and bool(PETSc.Options(PREFIX).hasName(name))
 
 
-def set_defaults(PETSc: Any) -> dict[str, Any]:
+def set_defaults(PETSc: ModuleType) -> dict[str, str]:
     """Set our options where the user has none; the type of the preconditioner is in them."""
     database = PETSc.Options(PREFIX)
-    known: dict[str, Any] = {}
+    known: dict[str, str] = {}
     for defaults in (KSP, PC, GAMG):
         if defaults is GAMG and known["pc_type"] != "gamg":
             break

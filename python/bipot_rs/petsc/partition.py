@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
-from bipot_rs._lib.types import Ints
+from bipot_rs._lib.types import Communicator, Ints, PetscMat
 from bipot_rs.petsc.library import Library
 
 # Partitioners in the order of preference. A PETSc has those it was built with.
@@ -14,7 +14,7 @@ KINDS = ("ptscotch", "parmetis")
 
 
 def by_graph(
-    library: Library, comm: Any, rows: tuple[Ints, Ints], nodes: int
+    library: Library, comm: Communicator, rows: tuple[Ints, Ints], nodes: int
 ) -> tuple[Ints, str] | None:
     """Part of each node, as many parts as ranks, so that few edges join two parts.
 
@@ -51,7 +51,9 @@ def by_graph(
     return None
 
 
-def _applied(PETSc: Any, graph: Any, kind: str, comm: Any) -> Ints | None:
+def _applied(
+    PETSc: ModuleType, graph: PetscMat, kind: str, comm: Communicator
+) -> Ints | None:
     """Part of each own node by one partitioner; None if PETSc does not have it."""
     partitioning = PETSc.MatPartitioning().create(comm)
     # A missing type is an error of PETSc, which would print a traceback of its own.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
+from bipot_rs._lib.types import PetscMat
 from bipot_rs.petsc import options
 
 # Iterations that estimate the largest eigenvalue, and the interval of Chebyshev polynomials
@@ -22,7 +23,7 @@ class Preconditioner:
     columns.
     """
 
-    def __init__(self, P: Any, prefix: str, PETSc: Any) -> None:
+    def __init__(self, P: PetscMat, prefix: str, PETSc: ModuleType) -> None:
         self._P, self._prefix, self._PETSc = P, prefix, PETSc
         self.pc = PETSc.PC().create(P.comm)
         self.pc.setOptionsPrefix(prefix)

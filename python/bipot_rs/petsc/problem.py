@@ -8,15 +8,25 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import (
+    Communicator,
+    CsrMatrix,
+    Floats,
+    Ints,
+    MatrixLike,
+    PetscMat,
+    PetscVec,
+    Vectors,
+)
 from bipot_rs._lib.validation import (
     RATIO,
     Csr,
+    Settings,
     areas,
     by_component,
     callback,
@@ -38,7 +48,7 @@ from bipot_rs.contact.messages import remarks
 from bipot_rs.contact.path.choice import direct_bytes
 from bipot_rs.contact.path.load_path import state
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.contact.path.step_control import follow, increments
+from bipot_rs.contact.path.step_control import Increments, follow, increments
 from bipot_rs.contact.problem import WITHOUT_FACTOR
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.result import Result as WholeResult
@@ -57,6 +67,9 @@ from bipot_rs.petsc.one_rank import OneRank
 from bipot_rs.petsc.operator import Operator
 from bipot_rs.petsc.result import Following, Result
 from bipot_rs.petsc.symmetric_part import SHIFT, SymmetricPart, transformation
+
+# Load, prescribed displacements and gaps at the end of a step.
+Totals = tuple[PetscVec, Floats, Floats | None]
 
 
 class _Given(NamedTuple):
@@ -79,7 +92,7 @@ class _Parts:
     fixed_rows: Ints
     position: Ints
     # Columns of B by places, with those of prescribed degrees of freedom.
-    contact: Any
+    contact: CsrMatrix
 
 
 class ContactProblem:
@@ -129,8 +142,8 @@ class ContactProblem:
 
     def __init__(
         self,
-        K: Any,
-        B: Any,
+        K: PetscMat,
+        B: PetscMat | MatrixLike,
         *,
         gap: ArrayLike,
         mu: ArrayLike,
@@ -146,12 +159,14 @@ class ContactProblem:
         self._PETSc, self._MPI = library
         K = _matrix(K, library)
         self.comm = K.comm.tompi4py()
-        B = _whole(B, library, self.comm)
-        self._contacts: dict[str, NDArray[Any] | None] = {}
+        whole = _whole(B, library, self.comm)
+        self._contacts: dict[str, Floats | None] = {}
 
         def check() -> _Given:
             integer("gather", gather, least=0)
-            return self._checked(K, B, gap, mu, fixed, coordinates, area, points, frame)
+            return self._checked(
+                K, whole, gap, mu, fixed, coordinates, area, points, frame
+            )
 
         given = agreed(self.comm, check)
         same(
@@ -189,8 +204,8 @@ class ContactProblem:
 
     def _checked(
         self,
-        K: Any,
-        B: Any,
+        K: PetscMat,
+        B: object,
         gap: ArrayLike,
         mu: ArrayLike,
         fixed: ArrayLike | None,
@@ -238,7 +253,7 @@ class ContactProblem:
         at = _coordinates(coordinates, last - first, d)
         return _Given(contact, whole, coefficients, held, at, d)
 
-    def _made(self, K: Any, given: _Given) -> PetscEngine:
+    def _made(self, K: PetscMat, given: _Given) -> PetscEngine:
         """The engine: reads the own rows of ``K`` once, and drops the copy."""
         comm, d = self.comm, given.d
         rows = own_rows.OwnRows.of(K)
@@ -289,7 +304,7 @@ class ContactProblem:
             variables, operator, solver, self._fixed, self._shape[1:], self._PETSc
         )
 
-    def _places(self, K: Any, given: _Given) -> _Parts:
+    def _places(self, K: PetscMat, given: _Given) -> _Parts:
         """The interface: all nodes that a contact touches."""
         from scipy.sparse import csr_array
 
@@ -356,7 +371,7 @@ class ContactProblem:
         joined = Joined(operator, part, contact, d, PETSc) if variables.join else None
         return LinearSolver(operator, part, joined, d, PETSc, fits)
 
-    def _near_null_space(self, operator: Operator, motions: Floats) -> Any:
+    def _near_null_space(self, operator: Operator, motions: Floats) -> object:
         """Rigid motions in the variables of the contacts, zero where prescribed."""
         own = motions.copy()
         own[operator.fixed] = 0.0
@@ -386,7 +401,7 @@ class ContactProblem:
         return f"ContactProblem({dofs}, {summary.places(contacts, d)}, {ranks})"
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Mapping[str, object]:
         """Counts and seconds.
 
         ``engine`` is ``"petsc"``, ``preconditioner`` what the linear systems use, and
@@ -410,7 +425,7 @@ class ContactProblem:
 
     def solve(
         self,
-        load: Any = None,
+        load: Vectors | None = None,
         prescribed: ArrayLike | None = None,
         *,
         tol: float = 1e-10,
@@ -455,7 +470,7 @@ class ContactProblem:
         """
         contacts, d = self._shape[1:]
 
-        def check() -> tuple[Any, Sequence[Any], Floats]:
+        def check() -> tuple[Settings, Sequence[Totals], Floats]:
             limit = iteration_limit(max_iterations, maxiter)
             chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
@@ -484,17 +499,19 @@ class ContactProblem:
             return chosen, steps, motions
 
         chosen, steps, motions = agreed(self.comm, check)
-        same(self.comm, prescribed=motions, gap=gap)
+        same(
+            self.comm, prescribed=motions, gap=None if gap is None else np.asarray(gap)
+        )
         following = self._following(chosen, start, gap)
         for k, asked in enumerate(steps):
-            step = following.advance(*asked)
+            step = following.advance(*asked)  # type: ignore[arg-type]
             if on_step is not None:
                 on_step(k, step)
         return following.result()
 
     def follow(
         self,
-        load: Callable[[float], Any],
+        load: Callable[[float], PetscVec],
         prescribed: Callable[[float], ArrayLike],
         *,
         stops: ArrayLike = 1.0,
@@ -505,8 +522,8 @@ class ContactProblem:
         tol: float = 1e-10,
         max_iterations: int | None = None,
         max_seconds: float | None = None,
-        start: Any = None,
-        on_step: Callable[[int, Any], object] | None = None,
+        start: WholeResult | WholeStep | None = None,
+        on_step: Callable[[int, WholeStep], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
         maxiter: int | None = None,
     ) -> Result:
@@ -524,7 +541,7 @@ class ContactProblem:
         """
         contacts, d = self._shape[1:]
 
-        def check() -> tuple[Any, Any]:
+        def check() -> tuple[Settings, Increments]:
             limit = iteration_limit(max_iterations, maxiter)
             chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
@@ -534,10 +551,10 @@ class ContactProblem:
 
         chosen, plan = agreed(self.comm, check)
 
-        def totals(s: float) -> tuple[Any, Floats, Floats | None]:
+        def totals(s: float) -> tuple[PetscVec, Floats, Floats | None]:
             force, moved = load(s), prescribed(s)
 
-            def one() -> tuple[Any, Floats, Floats | None]:
+            def one() -> tuple[PetscVec, Floats, Floats | None]:
                 (own,) = self._loads(force)
                 (values,) = rows_of_steps("prescribed", moved, len(self._fixed))
                 if gap is None:
@@ -547,10 +564,12 @@ class ContactProblem:
             return agreed(self.comm, one)
 
         following = self._following(chosen, start, gap)
-        made = follow(following, totals, plan, on_step)
+        made = follow(following, totals, plan, on_step)  # type: ignore[arg-type]
         return following.result(message=made.message)
 
-    def _following(self, chosen: Any, start: Any, gap: Any) -> Following:
+    def _following(
+        self, chosen: Settings, start: WholeResult | WholeStep | None, gap: Any
+    ) -> Following:
         contacts, before = self._contacts, self._remarks
         by_component = None if gap is None else callable(gap) or np.ndim(gap) == 3
 
@@ -580,16 +599,18 @@ class ContactProblem:
         following.comm = self.comm
         return following
 
-    def _loads(self, load: Any) -> list[Any]:
+    def _loads(self, load: Vectors | None) -> list[PetscVec]:
         """The load of each step."""
         if load is None:
             return [self._engine.operator.zeros()]
         return self._vectors("load", load)
 
-    def _vectors(self, what: str, vectors: Any) -> list[Any]:
+    def _vectors(self, what: str, vectors: Vectors) -> list[PetscVec]:
         """The Vec of each step, with its layout and its numbers checked."""
         Vec = self._PETSc.Vec
-        found = [vectors] if isinstance(vectors, Vec) else list(vectors)
+        found: list[PetscVec] = (
+            [vectors] if isinstance(vectors, Vec) else list(vectors)  # type: ignore[arg-type]
+        )
         for k, one in enumerate(found):
             if not isinstance(one, Vec):
                 raise TypeError(
@@ -607,7 +628,7 @@ class ContactProblem:
         return found
 
 
-def _matrix(K: Any, library: Library) -> Any:
+def _matrix(K: object, library: Library) -> PetscMat:
     """K in AIJ format."""
     PETSc = library.PETSc
     if not isinstance(K, PETSc.Mat):
@@ -620,10 +641,12 @@ def _matrix(K: Any, library: Library) -> Any:
         raise ValueError(f"K has shape {(rows, columns)}, expected a square matrix")
     if not K.isAssembled():
         raise ValueError("K is not assembled: call K.assemble() first")
-    return K if "aij" in K.getType() and "b" not in K.getType() else K.convert("aij")
+    by_rows = "aij" in K.getType() and "b" not in K.getType()
+    matrix: PetscMat = K if by_rows else K.convert("aij")
+    return matrix
 
 
-def _whole(B: Any, library: Library, comm: Any) -> Any:
+def _whole(B: object, library: Library, comm: Communicator) -> object:
     """B as a matrix of SciPy on every rank."""
     from scipy.sparse import csr_array, vstack
 
@@ -632,10 +655,11 @@ def _whole(B: Any, library: Library, comm: Any) -> Any:
     pointer, column, values = B.getValuesCSR()
     shape = len(pointer) - 1, B.getSize()[1]
     parts = comm.allgather(csr_array((values, column, pointer), shape=shape))
-    return vstack(parts).tocsr()
+    whole: CsrMatrix = vstack(parts).tocsr()
+    return whole
 
 
-def _check_diagonal(K: Any) -> None:
+def _check_diagonal(K: PetscMat) -> None:
     first, _ = K.getOwnershipRange()
     wrong = own_rows.negative_diagonal(K)
     if wrong.any():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Communicator, PetscMat, PetscVec, Vectors
 from bipot_rs.contact.path import load_path
 from bipot_rs.contact.results import result, solution
 from bipot_rs.contact.results.derivatives import Gradient, Tangent
@@ -29,7 +31,7 @@ class Step(solution.Step):
         return cls(**known)
 
     @property
-    def displacement(self) -> Any:
+    def displacement(self) -> PetscVec:  # type: ignore[override]
         """Displacement of all degrees of freedom, a Vec.
 
         Raises
@@ -42,7 +44,7 @@ class Step(solution.Step):
                 "displacement is a Vec, which neither a file nor a pickle holds: use it "
                 "in the program that solved the problem"
             )
-        return self._kept["u"]
+        return self._kept["u"]  # type: ignore[return-value]
 
     def without_vectors(self) -> solution.Step:
         """The step without its Vecs, the same on every rank."""
@@ -50,19 +52,19 @@ class Step(solution.Step):
             self, _kept={}, load=None, prescribed=None, _problem=None, _recover=None
         )
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"_kept": {}, "load": None}
 
 
 class Result(result.Result):
     """The steps of a load path; arrays of contacts are whole on every rank."""
 
-    _comm: Any = None
+    _comm: Communicator | None = None
 
     @property
-    def displacement(self) -> Any:
+    def displacement(self) -> list[PetscVec]:  # type: ignore[override]
         """Displacement of each step, a list of Vecs."""
-        return [step.displacement for step in self.steps]
+        return [step.displacement for step in self.steps]  # type: ignore[misc]
 
     def save(
         self, path: str | os.PathLike[str], *, displacements: bool | None = None
@@ -90,13 +92,13 @@ class Result(result.Result):
         """Write the contacts as a PVD series for ParaView; all ranks call it."""
         self._write_once(lambda: self._whole().write(path))
 
-    def jvp(
+    def jvp(  # type: ignore[override]
         self,
-        load: Any = None,
+        load: Vectors | None = None,
         prescribed: ArrayLike | None = None,
         gap: ArrayLike | None = None,
         mu: ArrayLike | None = None,
-        K: Any = None,
+        K: PetscMat | None = None,
     ) -> Tangent:
         """Directional derivative, as `bipot_rs.Result.jvp`. All ranks call it.
 
@@ -121,12 +123,12 @@ class Result(result.Result):
         TypeError, ValueError, NotDifferentiableError
             As `bipot_rs.Result.jvp`.
         """
-        return super().jvp(load, prescribed, gap, mu, K=K)
+        return super().jvp(load, prescribed, gap, mu, K=K)  # type: ignore[arg-type]
 
-    def vjp(
+    def vjp(  # type: ignore[override]
         self,
         reaction: ArrayLike | None = None,
-        displacement: Any = None,
+        displacement: Vectors | None = None,
         relative_displacement: ArrayLike | None = None,
         slip: ArrayLike | None = None,
     ) -> Gradient:
@@ -150,7 +152,7 @@ class Result(result.Result):
         NotConvergedError, TypeError, ValueError, NotDifferentiableError
             As `jvp`.
         """
-        return super().vjp(reaction, displacement, relative_displacement, slip)
+        return super().vjp(reaction, displacement, relative_displacement, slip)  # type: ignore[arg-type]
 
     def _whole(self) -> WholeResult:
         whole = WholeResult(
@@ -167,21 +169,21 @@ class Result(result.Result):
         whole._mesh = self._mesh
         return whole
 
-    def _write_once(self, work: Any) -> None:
+    def _write_once(self, work: Callable[[], None]) -> None:
         comm = self._comm
         if comm is None:
             work()
         else:
             agreed(comm, lambda: work() if comm.rank == 0 else None)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"_comm": None}
 
 
 class Following(load_path.Following):
     """A load path whose steps are being solved, with Vecs as displacements."""
 
-    comm: Any = None
+    comm: Communicator | None = None
 
     def _made(self, *asked: Any) -> Step:
         return Step.of(super()._made(*asked))

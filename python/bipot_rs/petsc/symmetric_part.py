@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Integers, Ints, PetscMat
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.operator import Springs
 
@@ -33,12 +34,12 @@ class SymmetricPart:
 
     def __init__(
         self,
-        A: Any,
+        A: PetscMat,
         interface: Interface,
         contact: Ints,
         fixed: Ints,
         d: int,
-        PETSc: Any,
+        PETSc: ModuleType,
         shift: float = 0.0,
     ) -> None:
         """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
@@ -140,7 +141,7 @@ class _Entries(NamedTuple):
         )
 
 
-def _around(A: Any, interface: Interface, PETSc: Any) -> _Entries:
+def _around(A: PetscMat, interface: Interface, PETSc: ModuleType) -> _Entries:
     """Entries of the own rows with a place of the interface as row or column.
 
     A copy of all own rows would take as much memory as the matrix.
@@ -166,11 +167,11 @@ def _around(A: Any, interface: Interface, PETSc: Any) -> _Entries:
 
 
 def _entries(
-    A: Any, rows: Ints, columns: Ints | None, PETSc: Any
-) -> tuple[Ints, Ints, Floats]:
+    A: PetscMat, rows: Ints, columns: Ints | None, PETSc: ModuleType
+) -> tuple[Ints, Integers, Floats]:
     """Rows, columns and values of a part of a matrix; each rank names its own ones."""
 
-    def numbers(of: Ints) -> Any:
+    def numbers(of: Ints) -> object:
         return PETSc.IS().createGeneral(of.astype(PETSc.IntType), comm=A.comm)
 
     chosen = None if columns is None else numbers(columns)
@@ -181,13 +182,13 @@ def _entries(
 
 
 def transformation(
-    K: Any,
+    K: PetscMat,
     rows: tuple[Ints, Ints, Floats],
     interface: Interface,
     fixed: Ints,
     d: int,
-    PETSc: Any,
-) -> Any:
+    PETSc: ModuleType,
+) -> PetscMat:
     """``T`` as a matrix of PETSc, with zeros in the rows of prescribed degrees of freedom.
 
     The diagonal is part of its pattern, and so of that of ``Tᵀ K T``.
@@ -216,9 +217,10 @@ def transformation(
     T = coo_array((value, (row, column)), shape=(count, K.getSize()[1])).tocsr()
     T.sort_indices()
     kind = PETSc.IntType
-    return PETSc.Mat().createAIJ(
+    matrix: PetscMat = PETSc.Mat().createAIJ(
         K.getSizes(),
         bsize=d,
         csr=(T.indptr.astype(kind), T.indices.astype(kind), T.data),
         comm=K.comm,
     )
+    return matrix
