@@ -23,7 +23,7 @@ def layers() -> list[str]:
     (contract,) = (
         contract
         for contract in settings["tool"]["importlinter"]["contracts"]
-        if contract["type"] == "layers"
+        if contract["type"] == "layers" and contract["containers"] == ["bipot_rs"]
     )
     return [name for name in contract["layers"] if not name.startswith("__")]
 
@@ -73,7 +73,7 @@ def picture() -> str:
     ]
     for (user, used), count in found:
         start, end = top[user] + BOX / 2 + 5, top[used] + BOX / 2 - 5
-        out = LEFT + WIDE + 16 + 16 * (end - start) / ROW
+        out = LEFT + WIDE + 16 + 16 * abs(end - start) / ROW
         width = 0.6 + 0.35 * min(count, 12) ** 0.5
         lines.append(
             f'<path d="M{LEFT + WIDE},{start:g} C{out:g},{start:g} {out:g},{end:g} '

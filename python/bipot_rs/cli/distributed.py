@@ -22,7 +22,7 @@ from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 from bipot_rs.contact.path.choice import check_method
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Computed, Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.checks.free_bodies import unheld
 from bipot_rs.fem.partition import by_coordinates, neighbours
@@ -272,24 +272,23 @@ class Distributed:
         if start is None or not len(start):
             return None
         *others, last = start.steps
-        u = self._ranks.broadcast(last._kept.get("u"))
-        kept = {} if u is None else {"u": self._vector(u)}
-        whole = _with(last, Step, _kept=kept)
-        found = Result(
+        u = self._ranks.broadcast(last.computed.displacement)
+        vector = None if u is None else self._vector(u)
+        whole = _with(last, Step, computed=Computed(vector))
+        return Result(
             [*others, whole],
             contacts=start.contacts,
             shape=last.reaction.shape,
             success=start.success,
             message=start.message,
+            first_step=start.first_step,
         )
-        found._first = start._first
-        return found
 
 
 def plain(step: Step, displacement: Floats | None) -> Step:
     """A step without the problem and the vectors of PETSc."""
-    kept = {} if displacement is None else {"u": displacement}
-    return _with(step, Step, _kept=kept, load=None, _recover=None, _problem=None)
+    computed = Computed(displacement)
+    return _with(step, Step, computed=computed, load=None, recovery=None, inquiry=None)
 
 
 def _with(step: Step, kind: type[Step], **changed: Any) -> Step:

@@ -195,7 +195,7 @@ class Output:
 
     def result(self, *, complete: bool, attributes: Mapping[str, Any]) -> None:
         """Write result.h5."""
-        from bipot_rs.contact.results.contact_fields import path_fields
+        from bipot_rs.contact.results.contact_fields import make_path_fields
         from bipot_rs.fem.contact_surface import result_mesh
         from bipot_rs.files.export import write_result
 
@@ -212,7 +212,9 @@ class Output:
                 self._steps(),
                 complete=complete,
                 attributes={**labels, **attributes},
-                fields=path_fields(steps, self._contacts(), self._instants(), mesh),
+                fields=make_path_fields(
+                    steps, self._contacts(), self._instants(), mesh
+                ),
                 mesh=mesh,
                 units=self._units(),
             )
@@ -225,11 +227,11 @@ class Output:
         self, start: int = 0, end: int | None = None
     ) -> list[dict[str, float]]:
         """Path parameter of the scene and time of the steps from ``start`` to ``end``."""
-        from bipot_rs.contact.results.contact_fields import instants_of
+        from bipot_rs.contact.results.contact_fields import list_instants
 
         some = self.reached[start:end]
         loads = [row["load"] for row, _ in some]
-        return instants_of([step for _, step in some], loads, start)
+        return list_instants([step for _, step in some], loads, start)
 
     def _contacts(self) -> dict[str, Any]:
         from bipot_rs.fem.contact_surface import surface_labels

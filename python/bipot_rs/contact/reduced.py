@@ -31,6 +31,7 @@ from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
+from bipot_rs.contact.results.core_answer import free_opening, read_fields
 from bipot_rs.contact.results.error_bound import ErrorBound, from_core
 from bipot_rs.contact.results.solution import Solution
 
@@ -479,7 +480,7 @@ class ReducedProblem:
         if self.rigid is not None and len(raw["free_motion"]):
             modes, amounts = self.rigid[0].T, raw["free_motion"]
             direction = rigid_motions.at_contacts(modes, amounts, self.q.shape[1])
-            words = rigid_motions.describe(direction, opening(raw, self.mu))
+            words = rigid_motions.describe(direction, free_opening(raw, self.mu))
         tried = Tried(
             method=method,
             max_seconds=max_seconds,
@@ -491,9 +492,9 @@ class ReducedProblem:
             several=self._has_several,
         )
         return Solution(
-            **solution_fields(raw),
-            _words=words,
-            _problem=_ReducedInquiry(self._core, tried, self._model()),
+            **read_fields(raw),
+            free_motion_text=words,
+            inquiry=_ReducedInquiry(self._core, tried, self._model()),
         )
 
 
@@ -577,45 +578,6 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
             dense[i[own], j[own]] = values[own]
             parts.append((names, dense.ravel(), None))
     return parts
-
-
-def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
-    """Fields of `Solution` in the answer of the core."""
-    taken = (
-        "reaction",
-        "relative_displacement",
-        "status",
-        "residual",
-        "tolerance",
-        "iterations",
-        "work",
-        "history",
-        "bipotential_gap",
-        "seconds",
-    )
-    rigid, free = raw["rigid_motion"], raw["free_motion"]
-    sequence = raw.get("minimising_sequence")
-    if sequence is not None:
-        from bipot_rs.contact.results.minimising_sequence import from_raw
-
-        sequence = from_raw(sequence, raw["reaction"].shape)
-    return {name: raw[name] for name in taken} | {
-        "outcome": Outcome(raw["outcome"]),
-        "rigid_motion": rigid if len(rigid) else None,
-        "stats": {"bytes_beside_W": raw["bytes_beside"]}
-        | {name: raw[name] for name in ("newton", "krylov") if name in raw},
-        "free_motion": free if len(free) else None,
-        "minimising_sequence": sequence,
-        "_statuses_tried": raw["statuses_tried"],
-    }
-
-
-def opening(raw: dict[str, Any], mu: Floats) -> Floats:
-    """Ratio of opening to slip that the free motion contains: mu for a proof, else zero.
-
-    A proof lies in the dual cone; a direction of divergence is a displacement.
-    """
-    return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
 def refuse_settings(method: str, tol: float | str) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.contact_fields import contact_fields as fields_of_contacts
-from bipot_rs.contact.results.contact_fields import instants_of
+from bipot_rs.contact.results.contact_fields import list_instants
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step, recover
 from bipot_rs.fem.assembly.assembly import Assembly
@@ -49,7 +49,7 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
     recover(list(steps))
     instants, units = None, None
     if isinstance(steps, Result):
-        instants, units = steps._instants(), steps.units
+        instants, units = steps.instants(), steps.units
     write_bodies(index, model, steps, instants=instants, units=units)
     contact = index.with_name(f"{index.stem}_contact{index.suffix}")
     write_contact(contact, model, steps, instants=instants, units=units)
@@ -83,7 +83,7 @@ def write_bodies(
     """
     series = BodySeries(path, model, units=units)
     more = of_cells if of_cells is not None else ({} for _ in steps)
-    when = instants_of(steps) if instants is None else instants
+    when = list_instants(steps) if instants is None else instants
     for k, (step, fields) in enumerate(zip(steps, more, strict=True)):
         series.add(step, at_rest(k), fields, when[k])
     series.end()
@@ -184,7 +184,7 @@ def write_contact(
 
     Arguments are those of `write_bodies`.
     """
-    when = instants_of(steps) if instants is None else instants
+    when = list_instants(steps) if instants is None else instants
     fields = (
         {**contact_fields(model, step), **instant}
         for step, instant in zip(steps, when, strict=True)

@@ -188,7 +188,7 @@ class PetscEngine:
             return PetscPath(self, _core.ContactPath(self.variables), None)
         state = at.reaction, at.relative_displacement, at.status
         return PetscPath(
-            self, _core.ContactPath(self.variables, state), at._kept.get("u")
+            self, _core.ContactPath(self.variables, state), at.computed.displacement
         )
 
     def recovery(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +47,7 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact.messages import remarks
 from bipot_rs.contact.path.choice import direct_bytes
-from bipot_rs.contact.path.load_path import state
+from bipot_rs.contact.path.load_path import Following, state
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.path.step_control import Increments, follow, increments
 from bipot_rs.contact.problem import WITHOUT_FACTOR
@@ -65,7 +66,7 @@ from bipot_rs.petsc.linear_solver import LinearSolver
 from bipot_rs.petsc.motions import orthonormal, rigid_motions
 from bipot_rs.petsc.one_rank import OneRank
 from bipot_rs.petsc.operator import Operator
-from bipot_rs.petsc.result import Following, Result
+from bipot_rs.petsc.result import Result, Step
 from bipot_rs.petsc.symmetric_part import SHIFT, SymmetricPart, transformation
 
 # Load, prescribed displacements and gaps at the end of a step.
@@ -507,7 +508,7 @@ class ContactProblem:
             step = following.advance(*asked)  # type: ignore[arg-type]
             if on_step is not None:
                 on_step(k, step)
-        return following.result()
+        return cast("Result", following.result())
 
     def follow(
         self,
@@ -564,8 +565,7 @@ class ContactProblem:
             return agreed(self.comm, one)
 
         following = self._following(chosen, start, gap)
-        made = follow(following, totals, plan, on_step)  # type: ignore[arg-type]
-        return following.result(message=made.message)
+        return cast("Result", follow(following, totals, plan, on_step))  # type: ignore[arg-type]
 
     def _following(
         self, chosen: Settings, start: WholeResult | WholeStep | None, gap: Any
@@ -576,7 +576,7 @@ class ContactProblem:
         def said(steps: Sequence[WholeStep]) -> tuple[str, ...]:
             return (*before, *remarks.of_path(steps, contacts, None))
 
-        following = Following(
+        return Following(
             self._engine,
             contacts,
             self._mu,
@@ -595,9 +595,9 @@ class ContactProblem:
                 ),
                 self._vectors,
             ),
+            make_step=Step,
+            make_result=partial(Result, comm=self.comm),
         )
-        following.comm = self.comm
-        return following
 
     def _loads(self, load: Vectors | None) -> list[PetscVec]:
         """The load of each step."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Communicator, PetscMat, PetscVec, Vectors
-from bipot_rs.contact.path import load_path
 from bipot_rs.contact.results import result, solution
 from bipot_rs.contact.results.derivatives import Gradient, Tangent
 from bipot_rs.contact.results.result import Result as WholeResult
@@ -24,12 +23,6 @@ class Step(solution.Step):
     and a file do not hold it.
     """
 
-    @classmethod
-    def of(cls, step: solution.Step) -> Step:
-        """The same step, with a Vec."""
-        known = {f.name: getattr(step, f.name) for f in fields(step)}
-        return cls(**known)
-
     @property
     def displacement(self) -> PetscVec:  # type: ignore[override]
         """Displacement of all degrees of freedom, a Vec.
@@ -39,27 +32,39 @@ class Step(solution.Step):
         ValueError
             The step was read from a file or came from another process.
         """
-        if "u" not in self._kept:
+        if self.computed.displacement is None:
             raise ValueError(
                 "displacement is a Vec, which neither a file nor a pickle holds: use it "
                 "in the program that solved the problem"
             )
-        return self._kept["u"]  # type: ignore[return-value]
+        return self.computed.displacement  # type: ignore[return-value]
 
     def without_vectors(self) -> solution.Step:
         """The step without its Vecs, the same on every rank."""
         return replace(
-            self, _kept={}, load=None, prescribed=None, _problem=None, _recover=None
+            self,
+            computed=solution.Computed(),
+            load=None,
+            prescribed=None,
+            inquiry=None,
+            recovery=None,
         )
 
     def __getstate__(self) -> dict[str, object]:
-        return super().__getstate__() | {"_kept": {}, "load": None}
+        return super().__getstate__() | {
+            "computed": replace(self.computed, displacement=None),
+            "load": None,
+        }
 
 
 class Result(result.Result):
     """The steps of a load path; arrays of contacts are whole on every rank."""
 
-    _comm: Communicator | None = None
+    def __init__(
+        self, *steps: Any, comm: Communicator | None = None, **keywords: Any
+    ) -> None:
+        super().__init__(*steps, **keywords)
+        self._comm = comm
 
     @property
     def displacement(self) -> list[PetscVec]:  # type: ignore[override]
@@ -155,19 +160,18 @@ class Result(result.Result):
         return super().vjp(reaction, displacement, relative_displacement, slip)  # type: ignore[arg-type]
 
     def _whole(self) -> WholeResult:
-        whole = WholeResult(
+        return WholeResult(
             [Step.without_vectors(step) for step in self.steps],  # type: ignore[arg-type]
             contacts=self.contacts,
-            shape=self._shape,
+            shape=self.shape,
             seconds=self.seconds,
             success=self.success,
             message=self.message,
             units=self.units,
             remarks=self._remarks,
+            first_step=self.first_step,
+            mesh=self.mesh,
         )
-        whole._first = self._first
-        whole._mesh = self._mesh
-        return whole
 
     def _write_once(self, work: Callable[[], None]) -> None:
         comm = self._comm
@@ -178,20 +182,3 @@ class Result(result.Result):
 
     def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"_comm": None}
-
-
-class Following(load_path.Following):
-    """A load path whose steps are being solved, with Vecs as displacements."""
-
-    comm: Communicator | None = None
-
-    def _made(self, *asked: Any) -> Step:
-        return Step.of(super()._made(*asked))
-
-    def result(self, success: bool = True, message: str | None = None) -> Result:
-        """Make the `Result` of the steps so far."""
-        whole = super().result(success, message)
-        made = Result.__new__(Result)
-        vars(made).update(vars(whole))
-        made._comm = self.comm
-        return made

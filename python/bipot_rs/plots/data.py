@@ -192,8 +192,8 @@ def number_of(found: Any, step: int) -> tuple[int, int] | None:
     """Index of a step of a `Result` on the whole path, and its length; None for a step."""
     if not isinstance(found, Result):
         return None
-    count = found._first + len(found)
-    return (step if step < 0 else found._first + step) % count, count
+    count = found.first_step + len(found)
+    return (step if step < 0 else found.first_step + step) % count, count
 
 
 def said_of(found: Any, step: int) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.checks.review import review
 from bipot_rs.fem.contact_surface import result_mesh, surface_labels
-from bipot_rs.files.result_mesh import ResultMesh
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import Case
 from bipot_rs.scene.library import SceneError, folder_of, text
@@ -419,7 +419,7 @@ class Model:
         case = self.assemble()
         first = 0
         if isinstance(start, Result):
-            first = start._first + len(start)
+            first = start.first_step + len(start)
             count = case.scene.path.count() if case.scene else first
             if first > count and not any(step.s is not None for step in start):
                 raise ValueError(
@@ -491,31 +491,24 @@ class ModelResult(Result):
             success=result.success,
             message=result.message,
             remarks=result.remarks,
+            seconds=result.seconds,
+            first_step=first,
+            path_parameters=[
+                case.step_parameter(first + k, step) for k, step in enumerate(result)
+            ],
+            derivatives=result.derivatives,
+            mesh=partial(result_mesh, case.model),
         )
-        # The same mapping: computing displacements adds an entry to it.
-        self.seconds = result.seconds
         if case.scene is not None:
             units = case.scene.units.model_dump().items()
             self.units = {name: unit for name, unit in units if unit}
         self.case = case
-        self._first = first
-        self._model = result._model
         self._reviewed: Remarks | None = None
-
-    @property
-    def mesh(self) -> ResultMesh:
-        """Nodes, cells and degrees of freedom of the bodies."""
-        if self._mesh is None:
-            self._mesh = result_mesh(self.case.model)
-        return self._mesh
 
     @property
     def parameter(self) -> Floats:
         """Path parameter at the end of each step, ``(steps,)``."""
-        return np.array([self._load(k) for k in range(len(self))], np.float64)
-
-    def _load(self, k: int) -> float:
-        return self.case.step_parameter(self._first + k, self.steps[k])
+        return np.array([self.path_parameter(k) for k in range(len(self))], np.float64)
 
     @property
     def remarks(self) -> Remarks:

@@ -155,14 +155,13 @@ def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> N
 
     step = result[0]
     for name in ("unique", "error_estimate", "error", "diagnosis"):
-        monkeypatch.setattr(type(step._problem), name, never)
-    monkeypatch.setattr(type(step._recover), "__call__", never)
+        monkeypatch.setattr(type(step.inquiry), name, never)
+    monkeypatch.setattr(type(step.recovery), "__call__", never)
     for it in (problem, result, step, reduced):
         assert str(it)
         assert repr(it)
         assert it._repr_html_()
-    assert not step._kept
-    assert not step._known
+    assert all(value is None for value in vars(step.computed).values())
 
 
 def test_dissipation_of_a_sliding_block() -> None:

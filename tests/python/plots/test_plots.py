@@ -850,7 +850,7 @@ def test_large_and_small_numbers_can_be_read(line: Any) -> None:
         ]
         contacts = result.contacts | {"x": factor * np.asarray(result.contacts["x"])}
         other = bp.Result(
-            steps, contacts=contacts, shape=result._shape, success=True, message=""
+            steps, contacts=contacts, shape=result.shape, success=True, message=""
         )
         for picture in (plots.tractions, plots.resultants, plots.slip):
             assert overlaps(picture(other, units=UNITS).figure) == []

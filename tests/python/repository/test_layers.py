@@ -165,7 +165,7 @@ PYTHON_NAMES = {
     "meshio": ("mesh.readers",),
     "skfem": ("mesh.kinds", "mesh.serendipity"),
     "h5py": ("files.export", "fclib"),
-    "pandas": ("contact.tables",),
+    "pandas": ("contact.results.tables",),
     "petsc4py": ("petsc.library",),
     "mpi4py": ("petsc.library",),
     "jax": ("frameworks.jax_primitive",),
@@ -194,6 +194,8 @@ def borrowed(tree: Mapping[str, str]) -> list[str]:
             head, _, source = module_path.partition(".")
             if head != "bipot_rs" or source not in own or name == "__init__":
                 continue
+            if not names and not source:
+                found.append(f"{name}: imports bipot_rs, not the module with the name")
             known = own[source] | {"_core"}
             found += [
                 f"{name}: {what} is not defined in {source or 'bipot_rs'}"
@@ -307,6 +309,8 @@ def test_names_come_from_where_they_are_defined(python_tree: dict[str, str]) -> 
     assert borrowed(python_tree) == []
     planted = {"a": "from bipot_rs.b import f", "b": "from bipot_rs.c import f"}
     assert borrowed(planted) == ["a: f is not defined in b"]
+    whole = "a: imports bipot_rs, not the module with the name"
+    assert borrowed({"a": "def f():\n    import bipot_rs", "": ""}) == [whole]
 
 
 def test_picture_of_the_layers_is_up_to_date() -> None:

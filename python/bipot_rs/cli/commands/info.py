@@ -105,7 +105,7 @@ def _result(path: Path) -> dict[str, Any]:
     count = len(result)
     x = contacts.get("x")
     # A problem given as arrays may have no points.
-    contacts_n, d = result._shape if count else (0 if x is None else len(x), 0)
+    contacts_n, d = result.shape if count else (0 if x is None else len(x), 0)
     dim = (d or None) if x is None else x.shape[1]
     found: dict[str, Any] = {
         "kind": "result",
@@ -147,7 +147,7 @@ def _result(path: Path) -> dict[str, Any]:
         )
     if count:
         found["residual"] = float(result.residual.max())
-        kept = result[0]._kept.get("u")
+        kept = result[0].computed.displacement
         found["displacements"] = None if kept is None else len(kept)
         moved = "no" if kept is None else len(kept)
         whole = found["planned"] or count

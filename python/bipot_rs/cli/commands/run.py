@@ -491,11 +491,12 @@ class Job(SharedRunner):
             cells = part_of_cells(case.model, self.distributed.numbering)
             part = Part(self.ranks.number, self.ranks.count, cells)
             series = out.parts(case, part)
+        from bipot_rs.contact.results.solution import Computed
+
         for k, (_, step) in enumerate(self.reached):
-            u = self.ranks.broadcast(step._kept.get("u"))
+            u = self.ranks.broadcast(step.computed.displacement)
             with self._phase("write"):
-                kept = {} if u is None else {"u": u}
-                out.part(series, case, k, replaced(step, _kept=kept))
+                out.part(series, case, k, replaced(step, computed=Computed(u)))
         with self._phase("write"):
             series.end()
 

@@ -153,7 +153,7 @@ class Solve(Runner):
 
     def _write(self, given: Given, result: Result) -> None:
         """Write result.h5, the tables and, where places are known, files for ParaView."""
-        result._mesh = mesh = given.mesh()
+        result.mesh = mesh = given.mesh()
         from bipot_rs.files.csv_tables import write
 
         rows = [row for row, _ in self.reached]
@@ -240,7 +240,7 @@ def _write_nodes(path: Path, mesh: ResultMesh, result: Result) -> None:
 
     steps = (
         {"displacement": mesh.of_nodes(step.displacement), **instant}
-        for step, instant in zip(result, result._instants(), strict=True)
+        for step, instant in zip(result, result.instants(), strict=True)
     )
     write_series(path, mesh.nodes, None, steps, units=result.units)
 

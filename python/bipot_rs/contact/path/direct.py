@@ -155,6 +155,9 @@ class _StepProblem:
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         return diagnose(self._tried(), step, v)
 
+    def derivatives(self) -> None:
+        """None: `Result` differentiates the whole path."""
+
     def _tried(self) -> Tried:
         from bipot_rs.contact.messages.diagnosis import NEAR, Tried
 
@@ -230,7 +233,7 @@ def start(
     if step is None:
         return None
     rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-    if "krylov" in step.stats or step._given:
+    if "krylov" in step.stats or step.from_state:
         # The iterative engine and a `State` have no amounts of rigid motions; they are a
         # start value.
         rigid = np.zeros(motions)

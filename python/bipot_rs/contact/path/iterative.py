@@ -18,9 +18,9 @@ from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.messages.diagnosis import Tried, diagnose
 from bipot_rs.contact.path.engine import Asked, Engine, Path
 from bipot_rs.contact.path.loose import Loose
-from bipot_rs.contact.reduced import solution_fields
+from bipot_rs.contact.results.core_answer import read_fields
 from bipot_rs.contact.results.error_bound import ErrorBound, without
-from bipot_rs.contact.results.solution import Recovery, Solution, Step
+from bipot_rs.contact.results.solution import Computed, Recovery, Solution, Step
 
 
 @dataclass
@@ -99,7 +99,7 @@ class Iterative:
         if at is None:
             return _core.PrimalPath(self.core)
         state = at.reaction, at.relative_displacement, at.status
-        return _core.PrimalPath(self.core, state, at._kept.get("u"))
+        return _core.PrimalPath(self.core, state, at.computed.displacement)
 
     def recovery(
         self, seconds: dict[str, float], gap: Floats, frame: Floats | None
@@ -152,8 +152,10 @@ class IterativePath:
         if raw["outcome"] == "stalled":
             return self._again(raw, load, prescribed, gap, settings)
         if raw["outcome"] == "converged":
-            kept = {"u": raw["displacement"]} if loose.dofs.size else {}
-            self._last = Step(**solution_fields(raw), slip=raw["slip"], _kept=kept)
+            kept = raw["displacement"] if loose.dofs.size else None
+            self._last = Step(
+                **read_fields(raw), slip=raw["slip"], computed=Computed(kept)
+            )
         return raw
 
     def _solved(self, *asked: Any) -> dict[str, Any]:
@@ -169,7 +171,7 @@ class IterativePath:
     def _proximal(self, load: Floats, *asked: Any) -> dict[str, Any]:
         """A step with degrees of freedom without stiffness, from the last state each time."""
         loose, last = self._iterative.loose, self._last
-        known = None if last is None else last._kept.get("u")
+        known = None if last is None else last.computed.displacement
         at = np.zeros(len(loose.dofs)) if known is None else known[loose.dofs]
 
         def step(stretched: Floats) -> dict[str, Any]:
@@ -252,3 +254,6 @@ class StepProblem:
             points=self.asked.named.points,
         )
         return diagnose(tried, step, v)
+
+    def derivatives(self) -> None:
+        """None: `Result` differentiates the whole path."""

@@ -25,10 +25,10 @@ from bipot_rs.contact.path.moving_gaps import (
     gaps_by_component,
     rotation,
 )
-from bipot_rs.contact.reduced import opening, solution_fields
+from bipot_rs.contact.results.core_answer import free_opening, read_fields
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Recovery, Step
+from bipot_rs.contact.results.solution import Computed, Recovery, Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
@@ -69,8 +69,11 @@ class Following:
         remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
         model: PathDerivatives | None = None,
         held: Held | None = None,
+        make_step: Callable[..., Step] = Step,
+        make_result: Callable[..., Result] = Result,
     ) -> None:
         self._engine = engine
+        self._make_step, self._make_result = make_step, make_result
         self._held = held
         self._contacts = contacts
         self._named = Named(mu, contacts["x"], contacts["area"])
@@ -99,8 +102,10 @@ class Following:
         """Set the core to the state after the last step."""
         at = self._reached()
         self._last = None if at is None else at.relative_displacement
-        if self._held is not None and at is not None and "u" in at._kept:
-            at = replace(at, _kept={"u": self._held.unknowns(at._kept["u"])})
+        if self._held is not None and at is not None:
+            u = at.computed.displacement
+            if u is not None:
+                at = replace(at, computed=Computed(self._held.unknowns(u)))
         self.path = self._engine.path(at)
         # Whether `path` is in other frames than those of B.
         self._turned: Floats | None = None
@@ -190,9 +195,9 @@ class Following:
         if self._held is not None:
             u = None if u is None else self._held.displacement(u)
             recovery = _Whole(recovery, self._held)
-        return Step(
-            **solution_fields(raw),
-            _words=self._words(raw, moving),
+        return self._make_step(
+            **read_fields(raw),
+            free_motion_text=self._words(raw, moving),
             slip=raw["slip"],
             **_set_fields(raw.get("working_set")),
             load=load,
@@ -201,8 +206,8 @@ class Following:
             frame=None if moving is None else moving.frame,
             drag=None if moving is None else moving.drag,
             traction=None if area is None else raw["reaction"] / area[:, None],
-            _recover=recovery,
-            _problem=engine.inquiry(
+            recovery=recovery,
+            inquiry=engine.inquiry(
                 Asked(
                     load,
                     prescribed,
@@ -215,8 +220,7 @@ class Following:
                     else Turned(turned, offsets),
                 )
             ),
-            _kept={} if u is None else {"u": u},
-            _known={} if errors is None else {"error_estimate": errors},
+            computed=Computed(displacement=u, error_estimate=errors),
         )
 
     def _add(self, step: Step) -> Step:
@@ -251,23 +255,22 @@ class Following:
     def result(self, success: bool = True, message: str | None = None) -> Result:
         """Make the `Result` of the steps so far."""
         count = counted(len(self.steps), "step")
-        made = Result(
+        known = self._known
+        return self._make_result(
             self.steps,
             contacts=self._contacts,
             shape=self._shape,
             start=self.before,
-            seconds=None,
+            # Filled further when displacements are asked for.
+            seconds=self._seconds,
             success=success,
             message=f"{count} converged" if message is None else message,
             remarks=() if self._remarks is None else self._remarks(self.steps),
+            stiffness_rtol=None if known is None else known.digits.rtol,
+            rigid_motions_off=None if known is None else known.off,
+            first_step=self._first,
+            derivatives=self._model,
         )
-        made._first = self._first
-        made._model = self._model
-        if self._known is not None:
-            made.stiffness_rtol = self._known.digits.rtol
-            made.rigid_motions_off = self._known.off
-        made.seconds = self._seconds  # filled further when displacements are asked for
-        return made
 
     def alone(self, totals: Sequence[Totals]) -> Result:
         """Make the `Result` of steps that are solved now, also if an error ends them."""
@@ -318,7 +321,7 @@ class Following:
         ]
         return motion.describe(
             motion.at_contacts(modes, amounts, d),
-            opening(raw, self._mu),
+            free_opening(raw, self._mu),
             points=self._contacts["x"],
             frame=self._contacts["frame"] if moving is None else moving.frame,
             bodies=meeting,

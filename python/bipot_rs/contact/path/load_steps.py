@@ -256,7 +256,7 @@ def check_case(k: int, case: Any) -> None:
 
 def done(start: Start | None) -> int:
     """Number of steps before the end of ``start``, 0 if it is a single step."""
-    return start._first + len(start) if isinstance(start, Result) else 0
+    return start.first_step + len(start) if isinstance(start, Result) else 0
 
 
 def reached(start: Start | None) -> Step | None:

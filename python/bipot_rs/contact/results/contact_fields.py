@@ -64,7 +64,7 @@ def contact_fields(
     }
 
 
-def path_fields(
+def make_path_fields(
     steps: Sequence[Step],
     contacts: Contacts,
     instants: Sequence[Mapping[str, float]],
@@ -80,11 +80,13 @@ def path_fields(
     steps, contacts
         As in `contact_fields`.
     instants
-        `instants_of` the steps, which are added to the fields.
+        `list_instants` the steps, which are added to the fields.
     mesh
         The mesh, for displacements.
     """
-    moved = mesh is not None and all("u" in step._kept for step in steps)
+    moved = mesh is not None and all(
+        step.computed.displacement is not None for step in steps
+    )
     worn = all(step.wear is not None for step in steps)
 
     def fields(k: int) -> dict[str, Any]:
@@ -98,7 +100,7 @@ def path_fields(
     return fields
 
 
-def instants_of(
+def list_instants(
     steps: Sequence[Step], loads: Sequence[float] | None = None, first: int = 0
 ) -> list[dict[str, float]]:
     """``load`` and ``time`` of each step.

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, SupportsIndex, overload
 
 import numpy as np
@@ -13,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs._lib.validation import integers
+from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import of_step
-from bipot_rs.contact.presentation import Presentation
-from bipot_rs.contact.results import summary
+from bipot_rs.contact.results import pictures, summary, tables
 from bipot_rs.contact.results.contact_data import ContactData
-from bipot_rs.contact.results.contact_fields import instants_of, path_fields
+from bipot_rs.contact.results.contact_fields import list_instants, make_path_fields
 from bipot_rs.contact.results.derivatives import (
     LOST,
     Cotangents,
@@ -37,7 +37,7 @@ from bipot_rs.files.result_mesh import ResultMesh
 OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 
 
-class Result(Presentation, Sequence[Step]):
+class Result(Sequence[Step]):
     """The steps of a load path; ``result[k]`` is step ``k``, and arrays are stacked.
 
     Attributes
@@ -65,10 +65,16 @@ class Result(Presentation, Sequence[Step]):
         empty if not known. May be set.
     mesh
         Nodes, cells and degrees of freedom of the bodies; ``None`` if not known, as for a
-        problem given as arrays.
+        problem given as arrays. May be set.
     stiffness_rtol, rigid_motions_off
         Relative error of the entries of K if it was given, and the error of its rigid
         motions before they were restored; else ``None``.
+    shape
+        ``(n_c, d)``, the numbers of contacts and of their components.
+    first_step
+        Number of steps of the whole path before these.
+    derivatives
+        The problem, for `jvp` and `vjp`; ``None`` if it is not available.
     """
 
     def __init__(
@@ -78,42 +84,52 @@ class Result(Presentation, Sequence[Step]):
         contacts: Mapping[str, NDArray[Any] | None],
         shape: tuple[int, int],
         start: Step | None = None,
-        seconds: Mapping[str, float] | None = None,
+        seconds: dict[str, float] | None = None,
         success: bool,
         message: str,
         units: Mapping[str, str] | None = None,
         remarks: Sequence[str] = (),
+        stiffness_rtol: float | None = None,
+        rigid_motions_off: float | None = None,
+        first_step: int = 0,
+        mesh: ResultMesh | Callable[[], ResultMesh] | None = None,
+        path_parameters: Sequence[float] | None = None,
+        derivatives: PathDerivatives | None = None,
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = ContactData(contacts)
-        self._shape = shape
+        self.shape = shape
         self.start = start
-        self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
-            seconds or {}
+        # Not a copy: the load path adds the time of displacements that are computed later.
+        self.seconds = (
+            {"condense": 0.0, "solve": 0.0, "recover": 0.0}
+            if seconds is None
+            else seconds
         )
         self.success = success
         self.message = message
-        # Number of steps of the path before these.
-        self._first = 0
         self.units = dict(units or {})
-        self._mesh: ResultMesh | None = None
-        # Path parameters of a file.
-        self._loads: tuple[float, ...] | None = None
-        self.stiffness_rtol: float | None = None
-        self.rigid_motions_off: float | None = None
         self._remarks = tuple(remarks)
-        # For derivatives; None for a result without its problem.
-        self._model: PathDerivatives | None = None
-        # Its linearised steps, once they were made.
-        self._linearised: Any = None
+        self.stiffness_rtol = stiffness_rtol
+        self.rigid_motions_off = rigid_motions_off
+        self.first_step = first_step
+        self._mesh = mesh
+        self._path_parameters = path_parameters
+        self.derivatives = derivatives
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_model": None, "_linearised": None}
+        return self.__dict__ | {"derivatives": None}
 
     @property
     def mesh(self) -> ResultMesh | None:
         """Nodes, cells and degrees of freedom of the bodies."""
+        if callable(self._mesh):
+            self._mesh = self._mesh()
         return self._mesh
+
+    @mesh.setter
+    def mesh(self, mesh: ResultMesh | None) -> None:
+        self._mesh = mesh
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -161,30 +177,30 @@ class Result(Presentation, Sequence[Step]):
     @property
     def reaction(self) -> Floats:
         """Nodal contact forces, ``(steps, n_c, d)``."""
-        return self._stack("reaction", (0, *self._shape))
+        return self._stack("reaction", (0, *self.shape))
 
     @property
     def traction(self) -> Floats | None:
         """``reaction / area``, ``(steps, n_c, d)``; ``None`` without areas."""
         if self.contacts.get("area") is None:
             return None
-        return self._stack("traction", (0, *self._shape))
+        return self._stack("traction", (0, *self.shape))
 
     @property
     def relative_displacement(self) -> Floats:
         """Total relative displacement ``B u + gap``, ``(steps, n_c, d)``."""
-        return self._stack("relative_displacement", (0, *self._shape))
+        return self._stack("relative_displacement", (0, *self.shape))
 
     @property
     def slip(self) -> Floats:
         """Slip increment of each step, ``(steps, n_c, d - 1)``."""
-        contacts, d = self._shape
+        contacts, d = self.shape
         return self._stack("slip", (0, contacts, max(d - 1, 0)))
 
     @property
     def status(self) -> NDArray[np.int8]:
         """`Status` of each contact, ``(steps, n_c)``."""
-        return self._stack("status", (0, self._shape[0]), np.int8)
+        return self._stack("status", (0, self.shape[0]), np.int8)
 
     @property
     def displacement(self) -> Floats:
@@ -204,7 +220,7 @@ class Result(Presentation, Sequence[Step]):
         Components are global if the frames of the contacts are known. Otherwise they are
         ``(n, t1[, t2])``, and the sum is a force only if all contacts have the same frame.
         """
-        return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
+        return self.resultants(np.zeros(self.shape[0], np.int64))[:, 0]
 
     def resultants(self, group: NDArray[np.integer[Any]]) -> Floats:
         """`resultant` of each group of contacts, ``(steps, groups, d)``.
@@ -221,7 +237,7 @@ class Result(Presentation, Sequence[Step]):
             ``group`` has the wrong type, shape or values.
         """
         number = integers("group", group)
-        contacts = self._shape[0]
+        contacts = self.shape[0]
         if number.shape != (contacts,):
             raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
         if (number < 0).any():
@@ -370,7 +386,7 @@ class Result(Presentation, Sequence[Step]):
             raise ValueError(
                 f"the result has no steps to differentiate: {self.message}"
             )
-        if self._model is None:
+        if self.derivatives is None:
             raise ValueError(LOST)
         turned = [k for k, step in enumerate(self.steps) if step.frame is not None]
         if turned:
@@ -378,7 +394,7 @@ class Result(Presentation, Sequence[Step]):
                 f"load step {turned[0] + 1} has frames of its own, because an obstacle turns "
                 "or curves: derivatives need the same frames in all steps"
             )
-        return self._model
+        return self.derivatives
 
     def save(
         self, path: str | os.PathLike[str], *, displacements: bool | None = None
@@ -411,11 +427,14 @@ class Result(Presentation, Sequence[Step]):
         export.write_result(
             path,
             self.contacts,
-            [record_of(step, self._load(k)) for k, step in enumerate(self.steps)],
+            [
+                record_of(step, self.path_parameter(k))
+                for k, step in enumerate(self.steps)
+            ],
             complete=self.success,
             attributes={
                 "message": self.message,
-                "first_step": self._first,
+                "first_step": self.first_step,
                 "remarks": json.dumps(self._remarks),
             }
             | {f"seconds_{name}": value for name, value in self.seconds.items()}
@@ -432,30 +451,34 @@ class Result(Presentation, Sequence[Step]):
 
     def _recover(self) -> None:
         """Compute missing displacements of problems that keep their factor, if they fit."""
-        ways = [(step, step._recover) for step in self.steps]
+        ready = [
+            step
+            for step in self.steps
+            if step.recovery is not None and step.recovery.has_factor()
+        ]
         with suppress(MemoryError):
-            recover(
-                [step for step, way in ways if way is not None and way.has_factor()]
-            )
+            recover(ready)
 
-    def _load(self, k: int) -> float:
-        """Path parameter of step ``k`` in a file; its time if no scene has another."""
-        if self._loads is not None:
-            return self._loads[k]
-        return instants_of(self.steps[k : k + 1], first=self._first + k)[0]["load"]
+    def path_parameter(self, k: int) -> float:
+        """Path parameter of step ``k`` in files; its time if no scene has another."""
+        if self._path_parameters is not None:
+            return self._path_parameters[k]
+        return list_instants(self.steps[k : k + 1], first=self.first_step + k)[0][
+            "load"
+        ]
 
-    def _instants(self) -> list[dict[str, float]]:
+    def instants(self) -> list[dict[str, float]]:
         """``load``, the path parameter in files, and ``time`` of each step.
 
         ``time`` is the number of the step from 1, its place `Step.s` on an adaptive path,
         or the number of its cycle.
         """
-        loads = [self._load(k) for k in range(len(self.steps))]
-        return instants_of(self.steps, loads, self._first)
+        parameters = [self.path_parameter(k) for k in range(len(self.steps))]
+        return list_instants(self.steps, parameters, self.first_step)
 
     def _fields(self) -> Callable[[int], dict[str, Any]]:
         """Fields of the contacts in a file, by the index of a step."""
-        return path_fields(self.steps, self.contacts, self._instants(), self.mesh)
+        return make_path_fields(self.steps, self.contacts, self.instants(), self.mesh)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series of points for ParaView.
@@ -485,4 +508,89 @@ class Result(Presentation, Sequence[Step]):
         fields = self._fields()
         series.write_series(
             index, x, None, map(fields, range(len(self.steps))), units=self.units
+        )
+
+    def plot(self, kind: str | None = None, **options: Any) -> Any:
+        """Draw a picture by its name, see `bipot_rs.plots.plot`.
+
+        Parameters
+        ----------
+        kind
+            Name of the picture, as ``bipot plot --kind``: ``"slip"``, ``"deformed"``,
+            ``"pressure_map"``, …. Default: ``"tractions"`` in 2D, in 3D ``"pressure_map"``,
+            or ``"pressure_3d"`` if the surface is not flat.
+        options
+            Arguments of the function of the picture, such as ``step``, ``where``, ``ax``.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            ``result.plot().figure.savefig("a.png")`` writes the picture.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            matplotlib is not installed.
+        TypeError, ValueError
+            A wrong argument; the message names it.
+        """
+        return pictures.draw(self, kind, options)
+
+    def animate(
+        self,
+        path: str | os.PathLike[str],
+        kind: str | None = None,
+        *,
+        steps: ArrayLike | None = None,
+        frames_per_second: float = 4.0,
+        dpi: float = 100.0,
+        **options: Any,
+    ) -> Path:
+        """Write a GIF with one frame for each load step, see `bipot_rs.plots.animate`.
+
+        All frames have the same scales. Arguments as there; those of `plot` are ``kind``
+        and ``options``.
+        """
+        return pictures.animate(
+            self,
+            path,
+            kind,
+            {"steps": steps, "frames_per_second": frames_per_second, "dpi": dpi}
+            | options,
+        )
+
+    def table(self, rows: str = "steps") -> Any:
+        """The numbers of the path as a table: a pandas ``DataFrame`` if pandas is installed.
+
+        Otherwise it is a structured array of NumPy with the same columns: in both
+        ``table["residual"]`` is a column.
+
+        Parameters
+        ----------
+        rows
+            ``"steps"``: a row for each load step. Columns are those of ``steps.csv`` of the
+            command line: ``step`` from 0, ``load``, the load parameter, which is ``step +
+            1`` for a path of arrays; the numbers of contacts ``open``, ``slip`` and
+            ``stick``; ``normal_force``, ``tangential_force`` and ``friction_used`` (NaN if
+            nothing presses), for several surfaces with `` of body.surface``, if the frames
+            of the contacts are known; ``residual``, ``iterations``, ``seconds``; with wear
+            ``cycle``, ``worn_volume`` and ``largest_depth``.
+
+            ``"contacts"``: a row for each contact in each step. Columns are ``step``,
+            ``contact``, ``surface``, ``x``, ``y``, ``z``, ``area``, ``mu``, ``status``
+            (``"open"``, ``"slip"`` or ``"stick"``), and components ``_n``, ``_t1``, ``_t2``
+            of ``reaction``, ``traction``, ``relative_displacement`` and ``slip``, as in
+            `Step`; with wear ``wear``. Columns of unknown data are left out.
+
+        Raises
+        ------
+        ValueError
+            ``rows`` is neither of these.
+        """
+        one_of("rows", rows, ("steps", "contacts"))
+        if rows == "contacts":
+            return tables.make_frame(tables.list_contacts(self.steps, self.contacts))
+        parameters = [self.path_parameter(k) for k in range(len(self.steps))]
+        return tables.make_frame(
+            tables.list_steps(self.steps, parameters, self.contacts)
         )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.contact.results.result import OF_STIFFNESS, Result
+from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.step_record import step_of
 from bipot_rs.files import export
 
@@ -48,30 +48,32 @@ def load_result(path: str | os.PathLike[str]) -> Result:
                 "contacts or displacements"
             )
 
-    def named(prefix: str) -> dict[str, Any]:
+    def with_prefix(prefix: str) -> dict[str, Any]:
         return {
             k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
         }
 
-    found = Result(
+    def optional_number(name: str) -> float | None:
+        return float(attributes[name]) if name in attributes else None
+
+    loads = [record.get("load") for record in records]
+    parameters = [float(load) for load in loads if isinstance(load, int | float)]
+    return Result(
         steps,
         contacts=contacts,
         shape=shape,
-        seconds=named("seconds_"),
-        units=_units(attributes) | named("unit_"),
+        seconds={"condense": 0.0, "solve": 0.0, "recover": 0.0}
+        | with_prefix("seconds_"),
+        units=_units(attributes) | with_prefix("unit_"),
         remarks=_remarks(attributes),
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
+        first_step=int(attributes.get("first_step", 0)),
+        mesh=mesh,
+        path_parameters=parameters if len(parameters) == len(records) else None,
+        stiffness_rtol=optional_number("stiffness_rtol"),
+        rigid_motions_off=optional_number("rigid_motions_off"),
     )
-    found._first = int(attributes.get("first_step", 0))
-    found._mesh = mesh
-    loads = [record.get("load") for record in records]
-    known = tuple(float(load) for load in loads if isinstance(load, int | float))
-    found._loads = known if len(known) == len(records) else None
-    for name in OF_STIFFNESS:
-        if name in attributes:
-            setattr(found, name, float(attributes[name]))
-    return found
 
 
 def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:

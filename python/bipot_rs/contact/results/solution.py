@@ -53,6 +53,28 @@ class Inquiry(Protocol):
     def diagnosis(self, solution: Any, /) -> str:
         """Why the solve failed, in one sentence."""
 
+    def derivatives(self) -> SolutionDerivatives | None:
+        """Derivatives of the solution; None for a step of a load path."""
+
+
+@dataclass(eq=False)
+class Computed:
+    """What was computed of a solution so far; None for what was not asked yet.
+
+    Attributes
+    ----------
+    displacement : (n,)
+        Displacement of all degrees of freedom.
+    unique, error_estimate, error, diagnosis
+        The answers of `Inquiry`.
+    """
+
+    displacement: Floats | None = None
+    unique: str | None = None
+    error_estimate: tuple[float, float] | None = None
+    error: ErrorBound | None = None
+    diagnosis: str | None = None
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Solution:
@@ -100,6 +122,14 @@ class Solution:
     stats
         ``bytes_beside_W``: memory of the solver in addition to ``W``, for its inverse or
         the transpose of an asymmetric ``W``; 0 for neither.
+    computed
+        What was computed on first use so far.
+    inquiry
+        The problem, for what is computed on first use; ``None`` if it is not available:
+        the solution was read from a file or came from another process.
+    free_motion_text, statuses_tried
+        For `message`: the free motion in words, and the number of combinations of statuses
+        that were tried to prove that no solution exists.
     """
 
     reaction: Floats
@@ -117,10 +147,10 @@ class Solution:
     minimising_sequence: MinimisingSequence | None = None
     seconds: float = 0.0
     stats: Mapping[str, int] = field(default_factory=dict)
-    _problem: Inquiry | None = None
-    _known: dict[str, Any] = field(default_factory=dict)
-    _words: str = ""
-    _statuses_tried: int = 0
+    computed: Computed = field(default_factory=Computed)
+    inquiry: Inquiry | None = None
+    free_motion_text: str = ""
+    statuses_tried: int = 0
 
     def __repr__(self) -> str:
         # Not `message`, which may compute a diagnosis.
@@ -136,13 +166,6 @@ class Solution:
 
     def _repr_html_(self) -> str:
         return summary.html(summary.of_solution(self))
-
-    def _ask(self, name: str, unknown: Any) -> Any:
-        if name not in self._known:
-            if self._problem is None or not self.converged:
-                return unknown
-            self._known[name] = getattr(self._problem, name)(self)
-        return self._known[name]
 
     @property
     def error_estimate(self) -> tuple[float, float] | None:
@@ -160,8 +183,10 @@ class Solution:
         solve did not converge, or if the problem is not available: the solution was read
         from a file or came from another process, and this was not computed before.
         """
-        estimate: tuple[float, float] | None = self._ask("error_estimate", None)
-        return estimate
+        computed = self.computed
+        if computed.error_estimate is None and self.inquiry and self.converged:
+            computed.error_estimate = self.inquiry.error_estimate(self)
+        return computed.error_estimate
 
     @property
     def error(self) -> ErrorBound:
@@ -171,12 +196,11 @@ class Solution:
         ``W``. If there is no bound, `ErrorBound.reason` says why; the constitutive part is
         always available.
         """
-        if "error" not in self._known:
-            if self._problem is None:
+        if self.computed.error is None:
+            if self.inquiry is None:
                 return error_bound.without("lost", self.bipotential_gap)
-            self._known["error"] = self._problem.error(self)
-        found: ErrorBound = self._known["error"]
-        return found
+            self.computed.error = self.inquiry.error(self)
+        return self.computed.error
 
     @property
     def unique(self) -> str:
@@ -190,7 +214,11 @@ class Solution:
         problem is not available: the solution was read from a file or came from another
         process, and this was not computed before.
         """
-        return str(self._ask("unique", "unknown"))
+        if self.computed.unique is None:
+            if self.inquiry is None or not self.converged:
+                return "unknown"
+            self.computed.unique = self.inquiry.unique(self)
+        return self.computed.unique
 
     def jvp(
         self,
@@ -254,19 +282,18 @@ class Solution:
         return self._derivatives().vjp(self, reaction, relative_displacement)
 
     def _derivatives(self) -> SolutionDerivatives:
-        if self._problem is None:
+        if self.inquiry is None:
             raise ValueError(LOST)
-        made = getattr(self._problem, "derivatives", None)
-        if made is None:
+        derivatives = self.inquiry.derivatives()
+        if derivatives is None:
             raise ValueError(
                 "this is a step of a load path: use jvp and vjp of its Result"
             )
-        found: SolutionDerivatives = made()
-        return found
+        return derivatives
 
     def __getstate__(self) -> dict[str, Any]:
         # Without the problem, which may be gigabytes.
-        return self.__dict__ | {"_problem": None}
+        return self.__dict__ | {"inquiry": None}
 
     @property
     def converged(self) -> bool:
@@ -284,16 +311,16 @@ class Solution:
         if self.converged:
             return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
-            if self._words:
+            if self.free_motion_text:
                 return (
                     "no solution exists: contact cannot carry the loads, and nothing "
-                    f"stops this motion: {self._words}; add a support that stops it, or "
+                    f"stops this motion: {self.free_motion_text}; add a support that stops it, or "
                     "change the loads so that they do no work on it"
                 )
-            if self._statuses_tried:
+            if self.statuses_tried:
                 contacts = counted(len(self.reaction), "contact")
                 return (
-                    f"no solution exists: all {self._statuses_tried} combinations of "
+                    f"no solution exists: all {self.statuses_tried} combinations of "
                     f"statuses were tried, with each of {contacts} open, sticking, or "
                     "slipping to either side, and none satisfies the contact law; add a "
                     "support, or change mu or the ratio of the loads"
@@ -302,9 +329,9 @@ class Solution:
                 "no solution exists: contacts contradict each other, or a contact "
                 f"penetrates that no reaction can move{self._diagnosis()}"
             )
-        if self._words:
+        if self.free_motion_text:
             return (
-                f"not converged, a body seems to slide away: {self._words}; add a "
+                f"not converged, a body seems to slide away: {self.free_motion_text}; add a "
                 "support that stops it, or change mu or the ratio of the loads "
                 f"({judged})"
             )
@@ -312,11 +339,11 @@ class Solution:
         return self._diagnosis() or f"not converged, {reason} ({judged})"
 
     def _diagnosis(self) -> str:
-        if "diagnosis" not in self._known:
-            if self._problem is None:
+        if self.computed.diagnosis is None:
+            if self.inquiry is None:
                 return ""
-            self._known["diagnosis"] = self._problem.diagnosis(self)
-        return str(self._known["diagnosis"])
+            self.computed.diagnosis = self.inquiry.diagnosis(self)
+        return self.computed.diagnosis
 
 
 class Recovery(Protocol):
@@ -374,6 +401,10 @@ class Step(Solution):
     wear, cycle
         Depth worn off each contact until the end of the step, ``(n_c,)``, and number of the
         cycle (`ContactProblem.wear`); else ``None``.
+    recovery
+        What computes the displacements; ``None`` if the problem is not available.
+    from_state
+        Whether the step stands for a `State`, which has no amplitudes of rigid motions.
     """
 
     slip: Floats
@@ -389,10 +420,8 @@ class Step(Solution):
     working_motion: Floats | None = None
     wear: Floats | None = None
     cycle: int | None = None
-    _recover: Recovery | None = None
-    # Made of a `State`, which has no amplitudes of rigid motions.
-    _given: bool = False
-    _kept: dict[str, Floats] = field(default_factory=dict)
+    recovery: Recovery | None = None
+    from_state: bool = False
 
     @property
     def path_parameter(self) -> float | None:
@@ -420,15 +449,14 @@ class Step(Solution):
             The problem is not available: the step was read from a file or came from
             another process, and the displacement was not computed before.
         """
-        if "u" not in self._kept:
-            if self._recover is None:
-                raise ValueError(
-                    "displacement was not computed before this step was saved or sent to "
-                    "another process: use step.displacement before that, or save with "
-                    "displacements=True"
-                )
-            recover([self])
-        return self._kept["u"]
+        recover([self])
+        if self.computed.displacement is None:
+            raise ValueError(
+                "displacement was not computed before this step was saved or sent to "
+                "another process: use step.displacement before that, or save with "
+                "displacements=True"
+            )
+        return self.computed.displacement
 
     def minimising_displacements(self) -> Floats:
         """Displacements ``u_i`` of `minimising_sequence`, ``(k, n)``.
@@ -445,7 +473,7 @@ class Step(Solution):
                 "this step has no minimising sequence: solve with "
                 'method="minimising_sequence", and with W of all contacts'
             )
-        if self._recover is None:
+        if self.recovery is None:
             raise ValueError(
                 "the problem of this step is not available: compute "
                 "minimising_displacements before the step is sent to another process"
@@ -462,16 +490,16 @@ class Step(Solution):
                 reaction=reaction,
                 relative_displacement=before + v,
                 slip=v[:, 1:],
-                _kept={},
+                computed=Computed(),
             )
             for reaction, v in along
         ]
         recover(steps)
-        found = [step._kept["u"] for step in steps]
+        found = [step.displacement for step in steps]
         return np.stack(found) if found else np.empty((0, self.displacement.size))
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"_recover": None}
+        return super().__getstate__() | {"recovery": None}
 
 
 def recover(steps: Sequence[Step]) -> None:
@@ -479,11 +507,11 @@ def recover(steps: Sequence[Step]) -> None:
 
     One pass over the factor then serves many steps.
     """
-    wanting = [step for step in steps if "u" not in step._kept]
-    for found, of_path in groupby(wanting, key=lambda step: step._recover):
+    without = [step for step in steps if step.computed.displacement is None]
+    for recovery, of_path in groupby(without, key=lambda step: step.recovery):
         rest = list(of_path)
-        while found is not None and rest:
+        while recovery is not None and rest:
             block, rest = rest[:BLOCK], rest[BLOCK:]
-            for step, u in zip(block, found(block), strict=True):
+            for step, u in zip(block, recovery(block), strict=True):
                 # A copy, so that a step does not keep the memory of its block.
-                step._kept["u"] = u.copy() if len(block) > 1 else u
+                step.computed.displacement = u.copy() if len(block) > 1 else u

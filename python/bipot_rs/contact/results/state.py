@@ -110,5 +110,5 @@ class State:
             iterations=0,
             work=0.0,
             slip=np.zeros((len(status), self.reaction.shape[1] - 1)),
-            _given=True,
+            from_state=True,
         )

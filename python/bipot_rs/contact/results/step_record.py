@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,37 +10,47 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.validation import floats, frames
 from bipot_rs.contact.law.status import Outcome, Status
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.solution import Computed, Step
 
-# Fields of a step that files do not keep, or not in this form.
-_NOT_WRITTEN = {
-    "load",
-    "prescribed",
-    "traction",
-    "free_motion",
-    "stats",
-    "minimising_sequence",
-}
+# Fields of a step that a file keeps as they are.
+_WRITTEN = (
+    "reaction",
+    "relative_displacement",
+    "status",
+    "outcome",
+    "residual",
+    "tolerance",
+    "iterations",
+    "work",
+    "rigid_motion",
+    "history",
+    "bipotential_gap",
+    "seconds",
+    "slip",
+    "s",
+    "ahead",
+    "gap",
+    "frame",
+    "drag",
+    "working_set",
+    "working_motion",
+    "wear",
+    "cycle",
+)
 
 
 def record_of(step: Step, load: float) -> dict[str, Any]:
     """What a file keeps of a step; ``load`` is the number that the file gives it."""
-    record = {name: getattr(step, name) for name in _written()}
+    record = {name: getattr(step, name) for name in _WRITTEN}
     record["outcome"] = str(step.outcome)
     record |= step.stats
     record["load"] = load
-    record["displacement"] = step._kept.get("u")
+    record["displacement"] = step.computed.displacement
     # `unique` and `error_estimate` cost a factorisation: only if known already.
-    record["unique"] = step._known.get("unique")
-    estimate = step._known.get("error_estimate")
-    if estimate is not None:
-        record["error_estimate"] = np.asarray(estimate)
+    record["unique"] = step.computed.unique
+    if step.computed.error_estimate is not None:
+        record["error_estimate"] = np.asarray(step.computed.error_estimate)
     return record
-
-
-def _written() -> list[str]:
-    names = (f.name for f in fields(Step) if not f.name.startswith("_"))
-    return [name for name in names if name not in _NOT_WRITTEN]
 
 
 def _check_set(record: Mapping[str, Any], contacts: int) -> None:
@@ -98,16 +107,15 @@ def step_of(
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
-    known = {name: record[name] for name in _written() if name in record}
+    known = {name: record[name] for name in _WRITTEN if name in record}
     known["outcome"] = Outcome(known["outcome"])
     counts = ("bytes_beside_W", "newton", "krylov")
     known["stats"] = {name: int(record[name]) for name in counts if name in record}
-    asked: dict[str, Any] = {}
+    computed = Computed(displacement=record.get("displacement"))
     if "error_estimate" in record:
-        estimate = record["error_estimate"]
-        asked["error_estimate"] = (float(estimate[0]), float(estimate[1]))
+        of_reaction, of_displacement = map(float, record["error_estimate"])
+        computed.error_estimate = of_reaction, of_displacement
     if "unique" in record:
-        asked["unique"] = str(record["unique"])
-    kept = {"u": record["displacement"]} if "displacement" in record else {}
+        computed.unique = str(record["unique"])
     traction = None if area is None else known["reaction"] / area[:, None]
-    return Step(**known, traction=traction, _kept=kept, _known=asked)
+    return Step(**known, traction=traction, computed=computed)

@@ -195,18 +195,17 @@ def of_solution(solution: Any) -> Summary:
         type(solution).__name__,
         counted(solution.iterations, "iteration"),
     )
-    known = solution._known
     # None: not computed yet.
     unique = {
         None: "not checked: see .unique",
         "proved": "yes, proved",
         "unknown": "unknown",
         "others exist": "no",
-    }[known.get("unique")]
+    }[solution.computed.unique]
     if not solution.converged:
         unique = "no solution, only the best point that was reached: see .message"
     residual = f"{solution.residual:.2g}, limit {solution.tolerance:.2g}"
-    estimate = known.get("error_estimate")
+    estimate = solution.computed.error_estimate
     if estimate is not None:
         residual += f"; forward error of r {estimate[0]:.1g}, of v {estimate[1]:.1g}"
     contacts, d = solution.reaction.shape
@@ -235,7 +234,7 @@ def of_result(result: Any) -> Summary:
     title = f"Result: {result.message}"
     times = ", ".join(f"{k} {seconds(v)}" for k, v in result.seconds.items())
     if not len(result):
-        contacts, d = result._shape
+        contacts, d = result.shape
         return title, [("contacts", places(contacts, d)), ("cost", times)]
     last, frame = result[-1], result.contacts.get("frame")
     if frame is not None:

@@ -78,7 +78,7 @@ def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list
     return [*first, *forces, *COLUMNS[5:], *more]
 
 
-def of_steps(
+def list_steps(
     steps: Sequence[Step], loads: Sequence[float], contacts: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
     """Columns of a table with a row for each load step.
@@ -111,7 +111,7 @@ def _forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
 
 
-def of_contacts(
+def list_contacts(
     steps: Sequence[Step], contacts: Mapping[str, Any]
 ) -> dict[str, NDArray[Any]]:
     """Columns of a table with a row for each contact in each load step, step by step."""
@@ -153,7 +153,7 @@ def _axes(d: int) -> list[tuple[int, str]]:
     return list(enumerate("xyz"[:d]))
 
 
-def framed(found: Mapping[str, Any]) -> Any:
+def make_frame(found: Mapping[str, Any]) -> Any:
     """A DataFrame of columns if pandas is installed, else a structured array."""
     try:
         import pandas

@@ -91,7 +91,7 @@ class LinearPath:
 
     def _response(self, iterative: bool) -> PathResponse:
         """The response of the engine that solved the last step."""
-        recovery = self.steps[-1]._recover
+        recovery = self.steps[-1].recovery
         if recovery is None:
             raise ValueError(LOST)
         self.has_factor = recovery.has_factor()

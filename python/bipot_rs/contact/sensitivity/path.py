@@ -22,11 +22,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Differentiable:
-    """The problem of a load path, for the derivatives of its result."""
+    """The problem of a load path, for the derivatives of its result.
+
+    Attributes
+    ----------
+    linearised
+        The steps of the last result that was differentiated, for further derivatives.
+    """
 
     model: PathModel
+    linearised: LinearPath | None = None
 
     def jvp(self, result: Any, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
@@ -43,22 +50,22 @@ class Differentiable:
         )
 
     def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
-        """What ``derive`` makes of the linearised steps, which the result keeps.
+        """What ``derive`` makes of the linearised steps, which are kept.
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
         """
         from bipot_rs.contact.sensitivity.displacements import Stalled
         from bipot_rs.contact.sensitivity.linear_path import LinearPath
 
-        path = result._linearised
-        if path is None:
+        path = self.linearised
+        if path is None or path.steps is not result.steps:
             path = LinearPath(self.model, result.steps, result.contacts)
         try:
             found = derive(path)
         except Stalled:
             path = self._direct(result)
             found = derive(path)
-        result._linearised = path if path.kept else None
+        self.linearised = path if path.kept else None
         return found
 
     def _direct(self, result: Any) -> LinearPath:
