@@ -12,7 +12,7 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import counted
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
-from bipot_rs.fem.partition import neighbours
+from bipot_rs.fem.bodies.node_graph import find_neighbours
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def rank_bytes(model: Assembly, ranks: int) -> float:
     """Forecast of the memory of one rank: its rows of K, and the mesh that all have."""
     nodes = len(model.nodes)
     middle = nodes // 2
-    start, _ = neighbours(model.bodies, middle, min(middle + _SAMPLE, nodes))
+    start, _ = find_neighbours(model.bodies, middle, min(middle + _SAMPLE, nodes))
     row = model.dim * (1 + start[-1] / max(len(start) - 1, 1))
     own = model.n / ranks * row * _ENTRY * _COPIES
     return float(_PROCESS + _MESH * nodes + own)

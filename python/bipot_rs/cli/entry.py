@@ -10,10 +10,16 @@ from io import TextIOWrapper
 
 from bipot_rs.cli import run_arguments
 from bipot_rs.cli.commands.names import PETSC
-from bipot_rs.cli.exit_codes import BAD_INPUT, INTERRUPTED, SOLVED, Ended
+from bipot_rs.cli.exit_codes import (
+    BAD_INPUT,
+    INTERRUPTED,
+    SOLVED,
+    Ended,
+    describe_fault,
+)
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
-from bipot_rs.cli.ranks import fault, hush, launched
+from bipot_rs.petsc.run.ranks import discard_output, read_launcher
 
 # Reads all arguments and carries out their command, as `app.by_typer`.
 Reader = Callable[[Sequence[str], Interrupts], int]
@@ -54,9 +60,9 @@ def call(
         status = INTERRUPTED
         if list(arguments[:1]) == ["run"]:
             asked = PETSC in arguments or f"--engine={PETSC}" in arguments
-            if asked and launched()[0]:
+            if asked and read_launcher()[0]:
                 # Rank 0 reports for all.
-                hush()
+                discard_output()
             # The runner releases the signals when the imports are done.
             interrupts.hold()
         try:
@@ -76,7 +82,7 @@ def call(
         except Exception as error:
             if os.environ.get("BIPOT_TRACEBACK"):
                 raise
-            return end(*fault(error))
+            return end(*describe_fault(error))
         if interrupts.came is not None and not interrupts.reported:
             return end(interrupts.status, "interrupted")
         return status

@@ -8,11 +8,20 @@ FAULT = 70
 
 
 class Ended(Exception):
-    """A command that ends with this status and message, which another rank may have found."""
+    """A command that ends with this status and message."""
 
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)
         self.status = status
+
+
+def describe_fault(error: BaseException) -> tuple[int, str]:
+    """Status and message of an exception that no command expects."""
+    text = " ".join(str(error).split())
+    return FAULT, (
+        f"internal error of bipot, {type(error).__name__}{': ' if text else ''}{text}; "
+        "please report it with the traceback that BIPOT_TRACEBACK=1 prints"
+    )
 
 
 def worst(codes: Iterable[int]) -> int:

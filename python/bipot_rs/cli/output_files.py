@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs.cli.output_folder import RESULT
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
     from bipot_rs.fem.paraview import BodySeries, Part
+    from bipot_rs.petsc.run.distributed import DistributedProblem
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
@@ -45,7 +45,7 @@ def origin(
     name: str,
     settings: Sequence[str],
     scene: Scene | None,
-    problem: ContactProblem | Distributed | None,
+    problem: ContactProblem | DistributedProblem | None,
     message: str,
 ) -> dict[str, Any]:
     """Attributes of a result file: the scene, its settings, the engine, how it ended."""

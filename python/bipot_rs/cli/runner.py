@@ -12,20 +12,21 @@ from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED,
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_files import Reached
 from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.petsc.run.ranks import OtherRankError
 
 if TYPE_CHECKING:
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.results.solution import Step
 
 # Mistakes of the caller. Any other exception is a fault of the program.
-MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended)
+MISTAKES = (ImportError, ValueError, OSError, MemoryError, Ended, OtherRankError)
 
 
 def outcome(error: BaseException) -> tuple[int, str]:
     """Exit status and message of an exception that ends a command."""
     from bipot_rs.contact.errors import BipotError, NotConvergedError
 
-    if isinstance(error, Ended):
+    if isinstance(error, Ended | OtherRankError):
         return error.status, str(error)
     if isinstance(error, NotConvergedError):
         return NOT_CONVERGED, str(error)

@@ -9,10 +9,17 @@ from pathlib import Path
 from time import perf_counter, sleep
 
 from bipot_rs._lib.messages import counted
+from bipot_rs.cli.exit_codes import describe_fault
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_folder import draft_in
-from bipot_rs.cli.ranks import PATIENCE, Ranks, World, fault, hush, launched
 from bipot_rs.cli.runner import Runner, outcome
+from bipot_rs.petsc.run.ranks import (
+    PATIENCE,
+    Ranks,
+    World,
+    discard_output,
+    read_launcher,
+)
 
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 # In these phases the ranks wait for each other in PETSc.
@@ -51,8 +58,8 @@ class SharedRunner(Runner):
         from bipot_rs.cli.cost_forecast import cores
         from bipot_rs.petsc.library import load
 
-        if launched()[0]:
-            hush()
+        if read_launcher()[0]:
+            discard_output()
         # Ranks that share the cores must not each start a thread for every core.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         library = load()
@@ -64,7 +71,7 @@ class SharedRunner(Runner):
             os.environ["BIPOT_NUM_THREADS"] = str(max(own, 1))
         self.shared = True
         if not self.ranks.first:
-            hush()
+            discard_output()
 
     @contextmanager
     def _draft(self, folder: Path) -> Iterator[Path]:
@@ -93,9 +100,9 @@ class SharedRunner(Runner):
         try:
             code = super().run()
         except BaseException as error:
-            self.ranks.end_all(*self._said(error))
+            self.ranks.end_all(self._said(error))
             raise
-        self.ranks.leave(code, self.message)
+        self.ranks.leave((code, self.message))
         return code
 
     def end(self, code: int, message: str) -> int:
@@ -113,7 +120,7 @@ class SharedRunner(Runner):
             return self.failed(error)
         if isinstance(error, self.mistakes):
             return outcome(error)
-        return fault(error)
+        return describe_fault(error)
 
     def _last_words(self, code: int, message: str) -> None:
         """Report an error that this rank alone knows, before it ends all ranks."""
@@ -129,7 +136,7 @@ class SharedRunner(Runner):
         if not self.ranks.first:
             # Rank 0 ends the others, after it has kept its load steps.
             sleep(PATIENCE)
-        self.ranks.end_all(*self.interrupted)
+        self.ranks.end_all(self.interrupted)
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:

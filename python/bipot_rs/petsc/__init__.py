@@ -4,7 +4,20 @@ Contact data are the same on all processes; ``K`` and the displacements are dist
 needs petsc4py and mpi4py, which are imported when a `ContactProblem` is made.
 """
 
-from bipot_rs.petsc.problem import ContactProblem
-from bipot_rs.petsc.result import Result, Step
+from typing import TYPE_CHECKING
+
+from bipot_rs._lib.lazy import lazily
+
+if TYPE_CHECKING:
+    from bipot_rs.petsc.problem import ContactProblem
+    from bipot_rs.petsc.result import Result, Step
 
 __all__ = ["ContactProblem", "Result", "Step"]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "bipot_rs.petsc.problem": ("ContactProblem",),
+        "bipot_rs.petsc.result": ("Result", "Step"),
+    },
+)

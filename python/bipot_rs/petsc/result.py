@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Communicator, PetscMat, PetscVec, Vectors
+from bipot_rs._lib.types import Communicator, Floats, PetscMat, PetscVec, Vectors
 from bipot_rs.contact.results import result, solution
 from bipot_rs.contact.results.derivatives import Gradient, Tangent
 from bipot_rs.contact.results.result import Result as WholeResult
@@ -39,16 +39,12 @@ class Step(solution.Step):
             )
         return self.computed.displacement  # type: ignore[return-value]
 
-    def without_vectors(self) -> solution.Step:
-        """The step without its Vecs, the same on every rank."""
-        return replace(
-            self,
-            computed=solution.Computed(),
-            load=None,
-            prescribed=None,
-            inquiry=None,
-            recovery=None,
-        )
+    def make_whole(self, displacement: Floats | None = None) -> solution.Step:
+        """The step without its Vecs and its problem, with a whole displacement if given."""
+        known = {field.name: getattr(self, field.name) for field in fields(self)}
+        known["computed"] = solution.Computed(displacement)
+        known |= dict.fromkeys(("load", "inquiry", "recovery"))
+        return solution.Step(**known)
 
     def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {
@@ -161,7 +157,7 @@ class Result(result.Result):
 
     def _whole(self) -> WholeResult:
         return WholeResult(
-            [Step.without_vectors(step) for step in self.steps],  # type: ignore[arg-type]
+            [step.make_whole() for step in self.steps],  # type: ignore[attr-defined]
             contacts=self.contacts,
             shape=self.shape,
             seconds=self.seconds,

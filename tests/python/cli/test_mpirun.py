@@ -30,15 +30,16 @@ LONG = ("run", "cyclic_cube", "--set", "mesh.n=3", "--set", "path.steps=6", *PET
 # Makes rank 1 wait in a call of PETSc, or do something else, in the load step with this
 # number: on_step is called on all ranks.
 AT_STEP = """
-import bipot_rs.cli.distributed as it, os, signal, time
-plain = it.plain
+import os, signal, time
+from bipot_rs.petsc.result import Step
+make_whole = Step.make_whole
 count = [0]
 def at(step, u):
     count[0] += 1
     if count[0] == {step}:
         {what}
-    return plain(step, u)
-it.plain = at
+    return make_whole(step, u)
+Step.make_whole = at
 """
 
 
@@ -485,16 +486,17 @@ def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -
 
 
 IN_PETSC = """
-import bipot_rs.cli.distributed as told, bipot_rs.petsc.engine as it
-plain, product, steps = told.plain, it.Verbs.product, [0]
+import bipot_rs.petsc.engine as it
+from bipot_rs.petsc.result import Step
+make_whole, product, steps = Step.make_whole, it.Verbs.product, [0]
 def counted(*given):
     steps[0] += 1
-    return plain(*given)
+    return make_whole(*given)
 def failing(*given):
     if steps[0] == 2:
         raise MemoryError("no memory here")
     return product(*given)
-told.plain, it.Verbs.product = counted, failing
+Step.make_whole, it.Verbs.product = counted, failing
 """
 
 

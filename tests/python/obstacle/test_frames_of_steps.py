@@ -359,12 +359,12 @@ def test_friction_where_a_support_blocks_slip_at_the_start_only(pairing: str) ->
 
 
 def test_engines_and_estimates_that_need_one_frame_refuse() -> None:
-    from bipot_rs.cli.distributed import Distributed
     from bipot_rs.discretisation.estimator import Estimator
+    from bipot_rs.petsc.run.distributed import DistributedProblem
 
     case = roller().assemble()
     with pytest.raises(ValueError, match="which engine='petsc' cannot solve"):
-        Distributed(case, None)  # type: ignore[arg-type]
+        DistributedProblem(case, None)  # type: ignore[arg-type]
     # A plane that turns: its frames differ between steps, but not along the surface.
     plane = ob.Plane([0.0, 0.0], [0.0, -1.0])
     m = bp.Model("Turning plane")

@@ -26,7 +26,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         The assembly does not fit into the free memory.
     """
     from bipot_rs.cli import cost_forecast
-    from bipot_rs.cli.ranks import launched
+    from bipot_rs.petsc.run.ranks import read_launcher
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.reading import assemble, read
 
@@ -43,7 +43,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     title = [scene.title] if scene.title else []
     cost, forecast = [], None
     if several:
-        ranks = launched()[1]
+        ranks = read_launcher()[1]
         cost = [cost_forecast.of_ranks(model, ranks)]
         each = cost_forecast.rank_bytes(model, ranks)
         forecast = {"engine": "petsc", "ranks": ranks, "bytes_rank": each}

@@ -26,18 +26,18 @@ from bipot_rs.cli.output_folder import (
 )
 from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.cli.progress import Progress, complain, tell
-from bipot_rs.cli.ranks import World, launched
 from bipot_rs.cli.shared_runner import PHASES, SharedRunner
+from bipot_rs.petsc.run.ranks import World, read_launcher
 
 if TYPE_CHECKING:
     from bipot_rs.cli.checkpoint import Checkpoint
-    from bipot_rs.cli.distributed import Distributed
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.contact.wear.record import Wear
     from bipot_rs.discretisation.estimator import DiscretisationError, Estimator
+    from bipot_rs.petsc.run.distributed import DistributedProblem
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
@@ -74,7 +74,7 @@ class Job(SharedRunner):
         self.case: Case | None = None
         self.problem: ContactProblem | None = None
         # The same on several ranks.
-        self.distributed: Distributed | None = None
+        self.distributed: DistributedProblem | None = None
         self.checkpoint: Checkpoint | None = None
         self.peaks: list[float] = []
         # Load steps of the whole path; automatic steps have no known number.
@@ -121,7 +121,7 @@ class Job(SharedRunner):
             refuse_settings(method, tol)
             stamp = self._prepared(scene, method, tol)
         files = "reads another scene, or another file that it names, than rank 0"
-        self.ranks.same(stamp, files)
+        self.ranks.check_same(stamp, files)
         with self.ranks.together():
             message = "" if scene.wear is not None else self._earlier(stamp)
         if message:
@@ -154,9 +154,9 @@ class Job(SharedRunner):
             self.count = scene.path.count()
         if self.shared:
             self._check_petsc(method, tol)
-        elif launched()[1] > 1 and not self.as_json:
+        elif read_launcher()[1] > 1 and not self.as_json:
             complain(
-                f"this is one of {launched()[1]} processes, and each solves the whole "
+                f"this is one of {read_launcher()[1]} processes, and each solves the whole "
                 "scene: --engine petsc would share it among them"
             )
         cost_forecast.fits(scene, share=self.ranks.share)
@@ -342,11 +342,11 @@ class Job(SharedRunner):
     def _problem(self, case: Case) -> Any:
         """The problem of the scene, with the engine asked for."""
         if isinstance(self.ranks, World):
-            from bipot_rs.cli.distributed import Distributed
+            from bipot_rs.petsc.run.distributed import DistributedProblem
 
             if self.ranks.first and not self.as_json:
                 self._announce(case)
-            self.distributed = Distributed(case, self.ranks)
+            self.distributed = DistributedProblem(case, self.ranks)
             return self.distributed
         self.problem = case.problem(
             on_forecast=None if self.as_json else self._forecast,
@@ -482,13 +482,12 @@ class Job(SharedRunner):
             with self._phase("write"):
                 out.bodies(case)
             return
-        from bipot_rs.cli.distributed import part_of_cells
         from bipot_rs.fem.paraview import Part
 
         with self._phase("write"):
             if self.distributed is None:
                 return
-            cells = part_of_cells(case.model, self.distributed.numbering)
+            cells = self.distributed.numbering.list_own_cells(case.model)
             part = Part(self.ranks.number, self.ranks.count, cells)
             series = out.parts(case, part)
         from bipot_rs.contact.results.solution import Computed

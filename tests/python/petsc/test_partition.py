@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from bipot_rs import fem
-from bipot_rs.fem.partition import by_coordinates, neighbours
+from bipot_rs.fem.bodies.node_graph import find_neighbours
 from bipot_rs.mesh import elements
+from bipot_rs.petsc.run.partition import divide_by_coordinates
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 5, 8])
 def test_parts_by_coordinates_are_equal_and_connected(parts: int) -> None:
     points = fem.box([np.linspace(0, 3, 13), np.linspace(0, 1, 5)], "quadrilateral").p.T
-    owner = by_coordinates(points, parts)
+    owner = divide_by_coordinates(points, parts)
     counts = np.bincount(owner, minlength=parts)
     assert len(counts) == parts
     # Three cuts at most lead to a part, and each rounds to a whole node.
@@ -28,13 +29,13 @@ def test_parts_by_coordinates_are_equal_and_connected(parts: int) -> None:
 def test_parts_do_not_depend_on_the_order_of_equal_places() -> None:
     """Two bodies have nodes in one place: ties are divided by their number."""
     points = np.repeat(np.arange(4.0)[:, None], 4, axis=0)
-    owner = by_coordinates(points, 3)
-    np.testing.assert_array_equal(owner, by_coordinates(points.copy(), 3))
+    owner = divide_by_coordinates(points, 3)
+    np.testing.assert_array_equal(owner, divide_by_coordinates(points.copy(), 3))
     assert np.bincount(owner).tolist() == [5, 5, 6] or np.ptp(np.bincount(owner)) <= 1
 
 
 def test_more_parts_than_nodes() -> None:
-    owner = by_coordinates(np.arange(6.0).reshape(3, 2), 5)
+    owner = divide_by_coordinates(np.arange(6.0).reshape(3, 2), 5)
     assert sorted(owner) == sorted(set(owner))
 
 
@@ -55,7 +56,7 @@ def test_graph_is_the_pattern_of_the_stiffness(degree: int) -> None:
     found: set[tuple[int, int]] = set()
     # The ranges of three processes; the second one has nodes of both bodies.
     for first, last in ((0, 50), (50, 80), (80, nodes)):
-        indptr, indices = neighbours(bodies, first, last)
+        indptr, indices = find_neighbours(bodies, first, last)
         assert len(indptr) == last - first + 1
         rows = np.repeat(np.arange(first, last), np.diff(indptr))
         found |= set(zip(rows.tolist(), indices.tolist(), strict=True))
@@ -64,6 +65,8 @@ def test_graph_is_the_pattern_of_the_stiffness(degree: int) -> None:
 
 def test_graph_of_no_nodes() -> None:
     mesh = fem.box([np.linspace(0, 1, 4)] * 2, "triangle")
-    indptr, indices = neighbours([fem.Body("a", mesh, fem.Material(1.0, 0.3))], 16, 16)
+    indptr, indices = find_neighbours(
+        [fem.Body("a", mesh, fem.Material(1.0, 0.3))], 16, 16
+    )
     assert indptr.tolist() == [0]
     assert not indices.size

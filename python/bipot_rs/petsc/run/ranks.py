@@ -4,7 +4,7 @@ Each phase of a run ends with an agreement. A rank that fails waits there for th
 all of them raise the same error. Between two agreements a phase may use collective calls of
 PETSc, in which the other ranks wait for ever for one that has failed alone. Therefore a rank
 that fails waits for a few seconds only. Then it reports its error and ends all ranks; load
-steps that were complete are in the result file already (`checkpoint`).
+steps that were complete are in the result file already.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any, TypeVar
-
-from bipot_rs.cli.exit_codes import BAD_INPUT, FAULT, SOLVED, Ended
+from types import ModuleType
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.interrupts import Interrupts
+    from bipot_rs._lib.types import Communicator
 
 T = TypeVar("T")
+# Exit status and message of a command.
+Outcome = tuple[int, str]
 # A rank that fails waits so long for the others [s]: less than the 10 s in which a run must
 # end, and longer than ranks differ in the time of an error that all of them find.
 PATIENCE = 3.0
@@ -35,16 +36,45 @@ _LAUNCHERS = (
 )
 
 
-def launched() -> tuple[int, int]:
+class OtherRankError(Exception):
+    """Another rank has failed, with this exit status and message."""
+
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class Signals(Protocol):
+    """The handlers of SIGINT and SIGTERM of a process, as agreements use them."""
+
+    # Number of the first signal that came.
+    came: int | None
+
+    @property
+    def held(self) -> bool:
+        """Whether signals wait."""
+
+    @property
+    def due(self) -> int | None:
+        """A signal that waits."""
+
+    def waiting(self) -> AbstractContextManager[None]:
+        """Let signals wait in a block."""
+
+    def take(self, number: int, /) -> None:
+        """Note a signal that another process has received."""
+
+
+def read_launcher() -> tuple[int, int]:
     """Number of this process and of all processes, as the launcher gives them."""
     for rank, size in _LAUNCHERS:
-        found = os.environ.get(rank, ""), os.environ.get(size, "")
-        if all(value.isdigit() for value in found):
-            return int(found[0]), int(found[1])
+        numbers = os.environ.get(rank, ""), os.environ.get(size, "")
+        if all(value.isdigit() for value in numbers):
+            return int(numbers[0]), int(numbers[1])
     return 0, 1
 
 
-def hush() -> None:
+def discard_output() -> None:
     """Discard all output of this process; `World.end_all` still reports an error."""
     for name in ("stdout", "stderr"):
         getattr(sys, name).flush()
@@ -94,13 +124,13 @@ class Ranks:
         """The values of all ranks, on all ranks."""
         return [value]
 
-    def same(self, value: Any, message: str) -> None:
+    def check_same(self, value: object, message: str) -> None:
         """Raise ``message`` with the number of a rank whose value is not that of rank 0."""
 
-    def end_all(self, status: int, message: str) -> None:
+    def end_all(self, outcome: Outcome) -> None:
         """End all other ranks; this one alone has none."""
 
-    def leave(self, status: int, message: str) -> None:
+    def leave(self, outcome: Outcome) -> None:
         """Wait until all ranks are done."""
 
 
@@ -111,30 +141,30 @@ class World(Ranks):
     ----------
     MPI
         The module of mpi4py.
-    interrupts
+    signals
         Signals; those that arrive during an agreement wait.
-    said
+    describe
         Exit status and message of an exception.
-    last_words
-        Called by a rank that ends all ranks by itself, with status and message.
+    report
+        Called with status and message by a rank that ends all ranks by itself.
     """
 
     def __init__(
         self,
-        MPI: Any,
-        interrupts: Interrupts,
-        said: Callable[[BaseException], tuple[int, str]],
-        last_words: Callable[[int, str], object],
+        MPI: ModuleType,
+        signals: Signals,
+        describe: Callable[[BaseException], Outcome],
+        report: Callable[[int, str], object],
     ) -> None:
         # For this class and PETSc's set-up alone.
-        self.comm = comm = MPI.COMM_WORLD.Dup()
+        self.comm: Communicator = MPI.COMM_WORLD.Dup()
         # A rank that leaves early must not meet the others at another agreement.
-        self._last = comm.Dup()
-        self.neighbours = comm.Split_type(MPI.COMM_TYPE_SHARED).size
-        self.number, self.count = comm.rank, comm.size
-        self._interrupts = interrupts
-        self._said = said
-        self._last_words = last_words
+        self._last = self.comm.Dup()
+        self.neighbours = self.comm.Split_type(MPI.COMM_TYPE_SHARED).size
+        self.number, self.count = self.comm.rank, self.comm.size
+        self._signals = signals
+        self._describe = describe
+        self._report = report
         # Parts of the work are nested. A rank that fails may meet the others, which are in an
         # inner part, at the agreement of an outer one: they have then agreed on the outer.
         self._depth = 0
@@ -146,119 +176,120 @@ class World(Ranks):
 
         Raises
         ------
-        Ended
+        OtherRankError
             Another rank failed, with its status and message.
         """
-        own: BaseException | None = None
+        failure: BaseException | None = None
         # Signals that wait for a longer time, until files are written, wait here too.
-        raises = not self._interrupts.held
+        raises = not self._signals.held
         self._depth += 1
         try:
-            with self._interrupts.waiting() if held else nullcontext():
+            with self._signals.waiting() if held else nullcontext():
                 try:
                     yield
                 except BaseException as error:  # noqa: BLE001 - raised again
-                    own = error
-                if own is None or not self._agreed(own):
-                    self._agree(own, raises)
+                    failure = error
+                if failure is not None:
+                    self._pass_on(failure)
+                self._agree(failure, raises)
         finally:
             self._depth -= 1
 
-    def _agreed(self, own: BaseException) -> bool:
+    def _pass_on(self, failure: BaseException) -> None:
         """Raise an error that all ranks have agreed on, on its way out of inner parts."""
         if self._settled is None or self._settled > self._depth:
-            return False
+            return
         if self._settled == self._depth:
             self._settled = None
-        raise own
+        raise failure
 
     def broadcast(self, value: T) -> T:
         """The value of rank 0, pickled."""
-        found: T = self.comm.bcast(value, root=0)
-        return found
+        return self.comm.bcast(value, root=0)
 
     def gather(self, value: T) -> list[T]:
         """As `Ranks.gather`."""
-        found: list[T] = self.comm.allgather(value)
-        return found
+        return self.comm.allgather(value)
 
-    def same(self, value: Any, message: str) -> None:
-        """As `Ranks.same`, on all ranks alike."""
+    def check_same(self, value: object, message: str) -> None:
+        """As `Ranks.check_same`, on all ranks alike.
+
+        Raises
+        ------
+        ValueError
+            The value of a rank differs.
+        """
         values = self.comm.allgather(value)
-        other = next((k for k, one in enumerate(values) if one != values[0]), None)
-        if other is not None:
-            raise Ended(BAD_INPUT, f"rank {other} of {self.count} {message}")
+        for rank, other in enumerate(values):
+            if other != values[0]:
+                raise ValueError(f"rank {rank} of {self.count} {message}")
 
-    def leave(self, status: int, message: str) -> None:
+    def leave(self, outcome: Outcome) -> None:
         """As `Ranks.leave`; a rank that has failed alone ends the others."""
-        failed = None if status == SOLVED else Ended(status, message)
-        self._wait(failed, self._last)
+        self._wait(self._last, outcome if outcome[0] else None)
 
-    def end_all(self, status: int, message: str) -> None:
+    def end_all(self, outcome: Outcome) -> None:
         """Report an error that this rank alone knows, and end all ranks."""
         if self.count == 1:
             return
-        # `hush` has replaced the streams of most ranks.
+        # `discard_output` has replaced the streams of most ranks.
         sys.stdout, sys.stderr = (
             sys.__stdout__ or sys.stdout,
             sys.__stderr__ or sys.stderr,
         )
-        self._last_words(status, f"rank {self.number} of {self.count}: {message}")
+        status, message = outcome
+        self._report(status, f"rank {self.number} of {self.count}: {message}")
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         self.comm.Abort(status)
         # Abort of some libraries returns before the process is killed.
         os._exit(status)
 
-    def _agree(self, own: BaseException | None, raises: bool) -> None:
+    def _agree(self, failure: BaseException | None, raises: bool) -> None:
         """Wait for all ranks; raise if one of them failed or was interrupted."""
-        with self._interrupts.waiting():
-            self._wait(own, self.comm, raises)
-            said = None if own is None else self._said(own)
-            kind = None if own is None else type(own).__name__
-            stops = isinstance(own, KeyboardInterrupt)
-            came = self._interrupts.came if stops else None
+        with self._signals.waiting():
+            outcome = None if failure is None else self._describe(failure)
+            self._wait(self.comm, outcome, raises=raises)
+            kind = None if failure is None else type(failure).__name__
+            came = (
+                self._signals.came if isinstance(failure, KeyboardInterrupt) else None
+            )
             if raises:
-                came = came or self._interrupts.due
-            every = self.comm.allgather((said, kind, came, self._depth))
+                came = came or self._signals.due
+            every = self.comm.allgather((outcome, kind, came, self._depth))
         outer = min(depth for *_, depth in every)
         if outer < self._depth:
             self._settled = outer
         signals = [signal for _, _, signal, _ in every if signal is not None]
         if signals:
-            self._interrupts.take(signals[0])
+            self._signals.take(signals[0])
             raise KeyboardInterrupt
-        found = {(kind, depth) for _, kind, _, depth in every}
-        if found == {(None, self._depth)}:
+        ends = {(kind, depth) for _, kind, _, depth in every}
+        if ends == {(None, self._depth)}:
             return
-        if own is not None and len(found) == 1:
+        if failure is not None and len(ends) == 1:
             # All ranks have found the same.
-            raise own
-        failed = ((k, one) for k, (one, *_) in enumerate(every) if one is not None)
-        apart = FAULT, "the ranks are in different parts of the work"
-        rank, (status, message) = next(failed, (self.number, apart))
-        raise Ended(status, f"rank {rank} of {self.count}: {message}") from own
+            raise failure
+        apart = self._describe(
+            RuntimeError("the ranks are in different parts of the work")
+        )
+        outcomes = [(rank, end[0]) for rank, end in enumerate(every) if end[0]]
+        rank, (status, message) = next(iter(outcomes), (self.number, apart))
+        raise OtherRankError(
+            status, f"rank {rank} of {self.count}: {message}"
+        ) from failure
 
-    def _wait(self, own: BaseException | None, comm: Any, raises: bool = False) -> None:
+    def _wait(
+        self, comm: Communicator, outcome: Outcome | None, *, raises: bool = False
+    ) -> None:
         """Wait for all ranks, for ever only if there is nothing to report."""
         arrived = comm.Ibarrier()
         began = time.monotonic()
         while not arrived.Test():
-            due = raises and self._interrupts.due is not None
-            failed = own is not None or due
-            if not failed:
+            if outcome is None and raises and self._signals.due is not None:
+                outcome = self._describe(KeyboardInterrupt())
+            if outcome is None:
                 began = time.monotonic()
             elif time.monotonic() - began > PATIENCE:
-                if own is None:
-                    own = KeyboardInterrupt()
-                self.end_all(*self._said(own))
+                self.end_all(outcome)
             time.sleep(_LOOK)
-
-
-def fault(error: BaseException) -> tuple[int, str]:
-    """Status and message of an exception that no command expects."""
-    text = " ".join(str(error).split())
-    return FAULT, (
-        f"internal error of bipot, {type(error).__name__}{': ' if text else ''}{text}; "
-        "please report it with the traceback that BIPOT_TRACEBACK=1 prints"
-    )

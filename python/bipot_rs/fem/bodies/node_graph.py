@@ -1,4 +1,4 @@
-"""Nodes of a model shared among processes: their graph, and halves by coordinates."""
+"""Nodes that share a cell: the pattern of the stiffness, without assembling it."""
 
 from __future__ import annotations
 
@@ -7,43 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Ints
 from bipot_rs.fem.bodies.body import Body
 
 
-def by_coordinates(points: Floats, parts: int) -> Ints:
-    """Part of each node by recursive bisection, ``(nodes,)`` from 0 to ``parts - 1``.
-
-    Each cut is normal to the axis in which the nodes extend furthest. The numbers of nodes
-    of two parts differ by one at most, or by the number of cuts that led to them.
-
-    Parameters
-    ----------
-    points
-        Positions of the nodes, ``(nodes, d)``.
-    parts
-        Number of parts.
-    """
-    found = np.zeros(len(points), np.int64)
-    waiting = [(np.arange(len(points)), 0, parts)]
-    while waiting:
-        nodes, first, count = waiting.pop()
-        if count == 1 or not nodes.size:
-            found[nodes] = first
-            continue
-        places = points[nodes]
-        axes = np.argsort(-np.ptp(places, axis=0), kind="stable")
-        # Nodes in one plane are divided along the next axes.
-        order = nodes[np.lexsort(places[:, axes[::-1]].T)]
-        half = count // 2
-        cut = round(len(nodes) * half / count)
-        # Ascending, so that equal places are divided in the same way on each process.
-        waiting.append((np.sort(order[:cut]), first, half))
-        waiting.append((np.sort(order[cut:]), first + half, count - half))
-    return found
-
-
-def neighbours(bodies: Sequence[Body], first: int, last: int) -> tuple[Ints, Ints]:
+def find_neighbours(bodies: Sequence[Body], first: int, last: int) -> tuple[Ints, Ints]:
     """Nodes that share a cell with each of the nodes ``first`` to ``last - 1``.
 
     Parameters

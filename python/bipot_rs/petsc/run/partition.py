@@ -1,4 +1,4 @@
-"""The partitioners of PETSc (PT-Scotch, ParMETIS) on a distributed graph."""
+"""Nodes shared among ranks: by a partitioner of PETSc, or in halves by coordinates."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from types import ModuleType
 
 import numpy as np
 
-from bipot_rs._lib.types import Communicator, Ints, PetscMat
+from bipot_rs._lib.types import Communicator, Floats, Ints, PetscMat
 from bipot_rs.petsc.library import Library
 
 # Partitioners in the order of preference. A PETSc has those it was built with.
 KINDS = ("ptscotch", "parmetis")
 
 
-def by_graph(
+def divide_graph(
     library: Library, comm: Communicator, rows: tuple[Ints, Ints], nodes: int
 ) -> tuple[Ints, str] | None:
     """Part of each node, as many parts as ranks, so that few edges join two parts.
@@ -43,7 +43,7 @@ def by_graph(
     )
     try:
         for kind in KINDS:
-            own = _applied(PETSc, graph, kind, comm)
+            own = _apply_partitioner(PETSc, graph, kind, comm)
             if own is not None:
                 return np.concatenate(comm.allgather(own)), kind
     finally:
@@ -51,7 +51,7 @@ def by_graph(
     return None
 
 
-def _applied(
+def _apply_partitioner(
     PETSc: ModuleType, graph: PetscMat, kind: str, comm: Communicator
 ) -> Ints | None:
     """Part of each own node by one partitioner; None if PETSc does not have it."""
@@ -69,3 +69,35 @@ def _applied(
     finally:
         PETSc.Sys.popErrorHandler()
         partitioning.destroy()
+
+
+def divide_by_coordinates(points: Floats, parts: int) -> Ints:
+    """Part of each node by recursive bisection, ``(nodes,)`` from 0 to ``parts - 1``.
+
+    Each cut is normal to the axis in which the nodes extend furthest. The numbers of nodes
+    of two parts differ by one at most, or by the number of cuts that led to them.
+
+    Parameters
+    ----------
+    points
+        Positions of the nodes, ``(nodes, d)``.
+    parts
+        Number of parts.
+    """
+    found = np.zeros(len(points), np.int64)
+    waiting = [(np.arange(len(points)), 0, parts)]
+    while waiting:
+        nodes, first, count = waiting.pop()
+        if count == 1 or not nodes.size:
+            found[nodes] = first
+            continue
+        places = points[nodes]
+        axes = np.argsort(-np.ptp(places, axis=0), kind="stable")
+        # Nodes in one plane are divided along the next axes.
+        order = nodes[np.lexsort(places[:, axes[::-1]].T)]
+        half = count // 2
+        cut = round(len(nodes) * half / count)
+        # Ascending, so that equal places are divided in the same way on each process.
+        waiting.append((np.sort(order[:cut]), first, half))
+        waiting.append((np.sort(order[cut:]), first + half, count - half))
+    return found

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli import ranks
-from bipot_rs.cli.exit_codes import BAD_INPUT, NOT_CONVERGED, Ended
+from bipot_rs.cli.exit_codes import BAD_INPUT, NOT_CONVERGED
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.ranks import World
+from bipot_rs.petsc.run import ranks
+from bipot_rs.petsc.run.ranks import OtherRankError, World
 
 COUNT = 3
 
@@ -126,7 +126,7 @@ def test_an_error_of_one_rank_is_raised_by_all() -> None:
 
     *ends, heard = played(part)
     for end in ends:
-        assert isinstance(end, Ended)
+        assert isinstance(end, OtherRankError)
         assert end.status == BAD_INPUT
         assert str(end) == "rank 1 of 3: no such file"
     assert heard == []
@@ -151,15 +151,15 @@ def test_an_error_in_an_outer_part_meets_the_others_in_an_inner_one() -> None:
 
 def test_all_go_on_after_an_error_in_an_inner_part() -> None:
     def part(world: World) -> str:
-        with pytest.raises(Ended), world.together(), world.together():  # noqa: PT012
+        with pytest.raises(OtherRankError), world.together(), world.together():  # noqa: PT012
             if world.number == 0:
                 raise OSError("first")
-        with pytest.raises(Ended), world.together():  # noqa: PT012
+        with pytest.raises(OtherRankError), world.together():  # noqa: PT012
             if world.number == 0:
                 raise OSError("outer")
             with world.together(), world.together():
                 pass
-        with pytest.raises(Ended), world.together():  # noqa: PT012
+        with pytest.raises(OtherRankError), world.together():  # noqa: PT012
             if world.number == 1:
                 raise OSError("again")
         with world.together():
@@ -182,7 +182,7 @@ def test_a_signal_to_one_rank_stops_all() -> None:
     def part(world: World) -> None:
         with world.together():
             if world.number == 2:
-                world._interrupts._handle(15, None)
+                world._signals._handle(15, None)
 
     *ends, _ = played(part)
     assert [type(end) for end in ends] == [KeyboardInterrupt] * COUNT
@@ -190,7 +190,7 @@ def test_a_signal_to_one_rank_stops_all() -> None:
 
 def test_signals_wait_until_files_are_written() -> None:
     def part(world: World) -> str:
-        signals = world._interrupts
+        signals = world._signals
         signals.hold()
         with world.together():
             if world.number == 2:
@@ -209,7 +209,7 @@ def test_a_signal_during_a_step_stops_all_after_it() -> None:
     def part(world: World) -> None:
         with world.together(held=True):
             if world.number == 1:
-                world._interrupts._handle(2, None)
+                world._signals._handle(2, None)
             done.append(world.number)
 
     *ends, _ = played(part)
@@ -219,7 +219,9 @@ def test_a_signal_during_a_step_stops_all_after_it() -> None:
 
 def test_ranks_with_other_files_are_refused() -> None:
     def part(world: World) -> None:
-        world.same("a" if world.number < 2 else "b", "reads another scene than rank 0")
+        world.check_same(
+            "a" if world.number < 2 else "b", "reads another scene than rank 0"
+        )
 
     *ends, _ = played(part)
     assert {str(end) for end in ends} == {"rank 2 of 3 reads another scene than rank 0"}
@@ -264,18 +266,18 @@ def test_a_rank_that_leaves_early_with_an_error_ends_the_others(
     def part(world: World) -> None:
         if world.number == 0:
             try:
-                world.leave(NOT_CONVERGED, "stalled")
+                world.leave((NOT_CONVERGED, "stalled"))
             finally:
                 gone.set()
         gone.wait(10)
 
     *ends, heard = played(part)
     assert isinstance(ends[0], Killed)
-    assert heard == [(2, "rank 0 of 3: stalled")]
+    assert heard == [(NOT_CONVERGED, "rank 0 of 3: stalled")]
 
 
 def test_all_leave_together() -> None:
-    *ends, heard = played(lambda world: world.leave(NOT_CONVERGED, "stalled"))
+    *ends, heard = played(lambda world: world.leave((NOT_CONVERGED, "stalled")))
     assert ends == [None] * COUNT
     assert heard == []
 
@@ -300,4 +302,4 @@ def test_number_of_this_process(
             monkeypatch.delenv(name, raising=False)
     for name, value in given.items():
         monkeypatch.setenv(name, value)
-    assert ranks.launched() == expected
+    assert ranks.read_launcher() == expected
