@@ -99,7 +99,7 @@ no-petsc:
 mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu), and run the parallel tests
 	$(if $(BIPOT_MPI_PYTHON),,.ci/petsc install)
 	$(if $(BIPOT_MPI_PYTHON),,@$(MAKE) --no-print-directory $(MPI_STAMP))
-	$(PY) -m pytest -m "verify or not verify" tests/python/petsc tests/python/cli/test_mpirun.py
+	$(PY) -m pytest -m "slow or not slow" tests/python/petsc tests/python/cli/test_mpirun.py
 
 # The package is that of .venv: its core fits any Python from 3.11 on.
 $(MPI_STAMP): $(STAMP) .ci/petsc
@@ -113,12 +113,12 @@ $(MPI_STAMP): $(STAMP) .ci/petsc
 .PHONY: verify
 verify: $(STAMP) ## larger random classes and slow tests: before a change of numerics is called done
 	cargo clippy --release --locked --benches -- -Dwarnings
-	$(PY) -m pytest -m verify --timeout 3600
+	$(PY) -m pytest -m slow --timeout 3600
 	@$(MAKE) --no-print-directory frameworks-test
 
 .PHONY: frameworks-test
 frameworks-test: $(FRAMEWORKS_STAMP) ## install JAX and PyTorch if they can be had, and run their tests
-	$(FRAMEWORKS)/bin/python -m pytest -m "verify or not verify" tests/python/frameworks
+	$(FRAMEWORKS)/bin/python -m pytest -m "slow or not slow" tests/python/frameworks
 
 # The tests of what cannot be installed are skipped. The stamp is made when both are there:
 # for an extra that it does not know, pip only prints a warning.

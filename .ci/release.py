@@ -28,7 +28,12 @@ PLACES = ROOT / "out" / "release"
 POLICY, TAG = "manylinux2014", "manylinux_2_17"
 LINUX_TOOLS = ("ziglang>=0.17,<0.18", "auditwheel>=6.4")
 TEST_TOOLS = ("pytest", "pytest-timeout", "hypothesis")
-QUICK = Path("tests", "python", "quick_tests.txt")
+# Folders whose tests mostly need NumPy and SciPy only, and the marker of those that do.
+QUICK = tuple(
+    f"tests/python/{name}"
+    for name in ("contact", "lib", "mortar", "obstacle", "theory", "test_analytic.py")
+)
+MARKED = "not slow and not needs_extra"
 NAME = r"bipot_rs-[\d.]+-cp311-abi3-\w+(\.\w+)*\.whl"
 # What surrounds this process must not enter the wheel: flags for its own processor would
 # end the program on an older one. Nor must tests find another copy of the package.
@@ -105,7 +110,10 @@ def check() -> None:
         say(f"{name}: {versions}")
         _pip(python, *tools)
         done = subprocess.run(
-            [python, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", f"@{QUICK}"],
+            [
+                *(python, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider"),
+                *("-m", MARKED, *QUICK),
+            ],
             cwd=ROOT,
             env=_environment(),
             check=False,

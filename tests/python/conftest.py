@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
-
-from support import slow
 
 # In CI a failing run must fail again when repeated; elsewhere each run draws new examples.
 # No deadline, because other programs share both machines.
@@ -16,13 +16,38 @@ settings.register_profile("home", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "home")
 
 
+class Module(pytest.Module):
+    """A file of tests. If tests with extras are left out, so is a file that imports one."""
+
+    def collect(self) -> Any:
+        """Find the tests."""
+        try:
+            return super().collect()
+        except self.CollectError as error:
+            missing = error.__cause__
+            if (
+                "not needs_extra" in self.config.option.markexpr
+                and isinstance(missing, ModuleNotFoundError)
+                and not str(missing.name).startswith("bipot_rs")
+            ):
+                return []
+            raise
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> Module:
+    """Make files of tests of the class above."""
+    return Module.from_parent(parent, path=module_path)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave slow variants of parametrised tests to `make verify`."""
-    names = slow.listed()
+    """Mark variants of parametrised tests as slow, by patterns of their ids."""
     for item in items:
-        if item.nodeid in names:
-            item.add_marker(pytest.mark.verify)
+        for name, matching in (("slow_variants", True), ("quick_variants", False)):
+            for marker in item.iter_markers(name):
+                variant = item.callspec.id  # type: ignore[attr-defined]
+                if matching == any(fnmatchcase(variant, a) for a in marker.args):
+                    item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")

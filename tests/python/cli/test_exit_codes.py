@@ -71,8 +71,9 @@ SHARE = {"run": 1, "check": 1, "sweep": 8}
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize(
-    "every", [SHARE, pytest.param(1, marks=pytest.mark.verify, id="all")]
+    "every", [SHARE, pytest.param(1, marks=pytest.mark.slow, id="all")]
 )
+@pytest.mark.quick_variants("*-new", "*-scenes", "all-*")
 def test_all_commands_over_faulty_scenes(
     name: str, every: dict[str, int] | int, bipot: Bipot, tmp_path: Path
 ) -> None:

@@ -213,6 +213,7 @@ def test_every_method_is_there(method: str) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("as_json", [True, False])
+@pytest.mark.quick_variants("True-15")
 def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> None:
     # Each takes some milliseconds: the signal comes long before the last.
     process = subprocess.Popen(

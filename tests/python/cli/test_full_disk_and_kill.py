@@ -57,6 +57,7 @@ def files(cwd: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("size", [2000, 4096, 30_000])
+@pytest.mark.slow_variants("30000")
 def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None:
     assert len(earlier["result.h5"]) > 30_000
     run = bipot_with(
@@ -125,6 +126,7 @@ def test_full_disk_under_a_problem(tmp_path: Path) -> None:
         "bipot_rs.files.series:_three",
     ],
 )
+@pytest.mark.quick_variants("bipot_rs.files.series:_three")
 def test_killed_while_writing(
     before: str, earlier: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -160,6 +162,7 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
 
 
 @pytest.mark.parametrize("command", ["solve", "sweep"])
+@pytest.mark.slow_variants("sweep")
 def test_other_commands_remove_drafts_too(
     command: str, tmp_path: Path, bipot_here: Callable[..., int]
 ) -> None:

@@ -159,6 +159,7 @@ def test_while_the_package_loads(
     ("module", "number"),
     [("numpy", INT), ("h5py", TERM), ("skfem", INT), ("pydantic", INT)],
 )
+@pytest.mark.quick_variants("numpy-*")
 def test_while_libraries_load(
     module: str, number: signal.Signals, tmp_path: Path
 ) -> None:

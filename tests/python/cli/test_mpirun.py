@@ -128,6 +128,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.quick_variants("moving obstacle", "springs and loads")
 def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> None:
     file = scene(tmp_path, SCENES[name])
     run = ("run", file, "--tol", "1e-12", "--json")
@@ -157,6 +158,7 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
     ],
     ids=["two blocks", "mortar", "plane"],
 )
+@pytest.mark.quick_variants("mortar")
 def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> None:
     run = ("run", name, *more, "--tol", "1e-12", "--json")
     assert (
@@ -210,7 +212,7 @@ def test_files_of_a_run(tmp_path: Path) -> None:
         assert len(file.readlines()) == 3
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
     """The pieces have the cells and fields of the file that one process writes."""
     run = ("run", "two_blocks", "--set", "mesh.n=4", "--tol", "1e-12")
@@ -362,6 +364,7 @@ def soon(done: Run, status: int, *words: str) -> None:
         (("run", "sheared_cube", "--set", "solver.max_iterations=1", *PETSC), 3, ""),
     ],
 )
+@pytest.mark.quick_variants("*-nothing")
 def test_errors_of_all_ranks(
     arguments: tuple[str, ...], status: int, words: str, tmp_path: Path
 ) -> None:
@@ -406,7 +409,7 @@ def test_a_rank_without_its_mesh(repository: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "here" / RESULT).exists()
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_rank_with_another_file(tmp_path: Path) -> None:
     """As where a file system is not shared."""
     (tmp_path / "other").mkdir()
@@ -429,6 +432,7 @@ it.BodySeries.add = full
 
 
 @pytest.mark.parametrize("rank", [0, 1])
+@pytest.mark.slow_variants("0")
 def test_a_full_disk_on_one_rank(rank: int, tmp_path: Path) -> None:
     done = bipot(2, *LONG, cwd=tmp_path, fault=FULL, at=rank)
     soon(done, 2, f"rank {rank} of 2", "cannot write", os.strerror(27))
@@ -450,7 +454,7 @@ it._digest = full
 """
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
     """The file keeps the steps before, whole."""
     done = bipot(2, *LONG, cwd=tmp_path, fault=FULL_RESULT, at=0)
@@ -461,6 +465,7 @@ def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rank", [0, 1])
+@pytest.mark.slow_variants("0")
 def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
     """The launcher ends the others, and names the rank; complete steps are kept."""
     fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGKILL)")
@@ -476,6 +481,7 @@ def test_a_killed_rank(rank: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rank", [0, 1])
+@pytest.mark.slow_variants("0")
 def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -> None:
     fault = AT_STEP.format(step=3, what="raise MemoryError('no memory here')")
     done = bipot(2, *LONG, "--json", cwd=tmp_path, fault=fault, at=rank)
@@ -500,7 +506,7 @@ Step.make_whole, it.Verbs.product = counted, failing
 """
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("rank", [0, 1])
 def test_an_error_of_one_rank_while_others_wait_in_petsc(
     rank: int, tmp_path: Path
@@ -518,7 +524,7 @@ def test_an_error_of_one_rank_while_others_wait_in_petsc(
     assert not found.success
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
     fault = AT_STEP.format(step=3, what="raise RuntimeError('strange')")
     done = bipot(2, *LONG, cwd=tmp_path, fault=fault)
@@ -526,6 +532,7 @@ def test_a_fault_of_one_rank_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.quick_variants("2")
 def test_a_signal_to_mpirun(number: signal.Signals, tmp_path: Path) -> None:
     slow = AT_STEP.format(step=4, what="time.sleep(100)")
     process = many_ranks.started(2, *LONG, cwd=tmp_path, fault=slow)
@@ -550,7 +557,7 @@ def kept(path: Path) -> int:
     return len(bp.load(path))
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_signal_to_one_rank(tmp_path: Path) -> None:
     """As a scheduler that sends it to the ranks itself: the run ends as interrupted."""
     fault = AT_STEP.format(step=4, what="os.kill(os.getpid(), signal.SIGTERM)")
@@ -580,7 +587,7 @@ def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
     assert "already complete" in ended.lines[-1]["message"]
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_result_of_another_run_stays_until_the_end(tmp_path: Path) -> None:
     first = alone(
         "run", "sheared_cube", "--set", "mesh.n=2", "--out", "here", cwd=tmp_path
@@ -608,7 +615,7 @@ def test_mpirun_without_the_engine(tmp_path: Path) -> None:
     assert "--engine petsc would share it" in done.errors
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_json_of_a_message_is_one_object(tmp_path: Path) -> None:
     done = bipot(2, "run", "nothing", *PETSC, "--json", cwd=tmp_path)
     assert done.status == 2

@@ -32,7 +32,7 @@ def printed(program: str) -> object:
     return json.loads(run.stdout)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_large_parent_is_not_counted() -> None:
     peak = printed(LARGE)
     assert isinstance(peak, float)

@@ -249,6 +249,7 @@ def test_a_complete_run_is_not_resumed(whole: Path) -> None:
         (["--method", "uzawa"], "method 'auto', this run uses 'uzawa'"),
     ],
 )
+@pytest.mark.slow_variants("*-09")
 def test_another_run_is_refused(arguments: list[str], words: str, broken: Path) -> None:
     before = (broken / "result.h5").read_bytes()
     run = bipot(
@@ -283,6 +284,7 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
 
 
 @pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])
+@pytest.mark.quick_variants("scene.build:bodies")
 def test_a_file_without_contacts_is_resumed(
     place: str, whole: Path, tmp_path: Path
 ) -> None:

@@ -349,6 +349,7 @@ SOLVE = ("run", "pressed_block", "--set", "mesh.n=4")
         (("--help",), "> >(exec true)", 2),
     ],
 )
+@pytest.mark.quick_variants("arguments5-*", "arguments6-*")
 def test_closed_or_full_standard_streams(
     arguments: tuple[str, ...], closed: str, status: int, tmp_path: Path
 ) -> None:

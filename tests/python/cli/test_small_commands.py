@@ -28,6 +28,7 @@ SMALL = ("--set", "mesh.n=4")
 
 
 @pytest.mark.parametrize("name", templates())
+@pytest.mark.slow_variants("block")
 def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
     status, out, _ = bipot("new", "mine", "--template", name)
     files = "mine.toml and mine.inp" if name == "mesh" else "mine.toml"
@@ -398,7 +399,7 @@ FEW = ("slip", "pressure_3d", "resultants", "convergence")
 
 @pytest.mark.parametrize(
     "drawn_kinds",
-    [FEW, pytest.param(tuple(kinds()), marks=pytest.mark.verify, id="all")],
+    [FEW, pytest.param(tuple(kinds()), marks=pytest.mark.slow, id="all")],
 )
 def test_plot_draws_each_kind(drawn_kinds: tuple[str, ...], bipot: Any) -> None:
     """All kinds for a run in three dimensions, all different; no maps in the plane."""

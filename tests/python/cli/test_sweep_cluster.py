@@ -61,7 +61,7 @@ def test_rows_are_those_of_this_machine(
         assert one == other
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_workers_without_memory(
     plain: str, tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
 ) -> None:
@@ -80,6 +80,7 @@ def test_workers_without_memory(
 
 
 @pytest.mark.parametrize("which", ["strict", "plain"])
+@pytest.mark.slow_variants("plain")
 def test_a_killed_row_loses_itself_alone(
     which: str, request: pytest.FixtureRequest
 ) -> None:
@@ -97,7 +98,7 @@ def test_a_killed_row_loses_itself_alone(
     assert sorted(found) == list(range(13))
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_result_lost_with_its_worker_is_computed_again(
     strict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,7 +131,7 @@ def test_a_row_larger_than_any_worker_is_not_waited_for(strict: str) -> None:
     assert [found[k][0] for k in (0, 2, 3)] == [0, 2, 3]
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_the_forecast_of_a_row_chooses_its_worker(
     tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
 ) -> None:
@@ -182,7 +183,7 @@ def test_ctrl_c_keeps_finished_rows_and_cancels_the_others(
         assert sum(map(len, client.processing().values())) <= 2
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_scheduler_that_goes(tmp_path: Path) -> None:
     with two_workers(tmp_path) as address:
         cluster = Cluster(address, lambda _: None)

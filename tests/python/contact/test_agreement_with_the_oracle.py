@@ -44,6 +44,7 @@ def definite(contacts: int, dim: int, seed: int) -> tuple[Array, Array, Answer]:
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("contacts", [1, 4, 12])
+@pytest.mark.quick_variants("1-2-uzawa")
 def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
     seen: set[int] = set()
     for seed in range(8):
@@ -66,6 +67,7 @@ def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.quick_variants("2-auto")
 def test_held_by_contact_alone(dim: int, method: str) -> None:
     for seed in range(6):
         rng = np.random.default_rng([seed, dim])

@@ -73,6 +73,15 @@ def relative(given: Given, u: Array, before: Array) -> Array:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.slow_variants(
+    "alternating_principles",
+    "auto",
+    "gauss_seidel",
+    "nesterov",
+    "newton",
+    "stress_principle",
+    "uzawa",
+)
 def test_steps_of_random_paths(method: str) -> None:
     judged = 0
     for seed in range(50):

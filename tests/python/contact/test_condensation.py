@@ -111,6 +111,7 @@ def held(shape: str, material: str, rng: np.random.Generator) -> Held:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.quick_variants("*-linear tetrahedra", "steel-quadratic tetrahedra")
 def test_open_contacts(shape: str, material: str) -> None:
     rng = np.random.default_rng(1)
     body = held(shape, material, rng)
@@ -148,6 +149,7 @@ def test_open_contacts(shape: str, material: str) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.quick_variants("*-linear tetrahedra")
 def test_sticking_contacts(shape: str, material: str) -> None:
     """If every contact sticks, contacts act as supports with known displacements."""
     rng = np.random.default_rng(2)

@@ -281,6 +281,7 @@ def test_newton_without_a_step() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.slow_variants("auto")
 def test_a_stalled_residual_is_not_called_falling(method: str) -> None:
     W, q = redundant()
     solution = bp.ReducedProblem(W, q, 0.3).solve(method, 1e-14, max_iterations=8000)

@@ -61,6 +61,7 @@ def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
+@pytest.mark.slow_variants("*-3-2")
 def test_supports_and_few_digits_are_not_a_wrong_order(
     cell: str, d: int, order: int
 ) -> None:
@@ -259,6 +260,7 @@ def test_orders_of_files(files: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("supports", [False, True])
+@pytest.mark.quick_variants("True")
 def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
     write, run = files
     rows = np.random.default_rng(5).permutation(25)
@@ -312,7 +314,7 @@ def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
     assert "names its degrees of freedom by node" in run.stderr
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(200))
 def test_any_body_in_any_order(seed: int) -> None:
     """Curved and graded bodies of every cell type, rotated and shuffled at random."""

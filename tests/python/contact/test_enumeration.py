@@ -89,13 +89,14 @@ def random_problem(rng: np.random.Generator, rigid: bool) -> bp.ReducedProblem:
 
 
 @pytest.mark.parametrize("rigid", [False, True])
+@pytest.mark.quick_variants("True")
 def test_answers_are_those_of_the_oracle(rigid: bool) -> None:
     counts = compare_with_oracle(7, 15, rigid)
     # Definite problems with several solutions, and floating ones with none.
     assert (0 if rigid else 3) in counts
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True])
 def test_answers_are_those_of_the_oracle_on_many_problems(rigid: bool) -> None:
     assert len(set(compare_with_oracle(8, 400, rigid))) > 2

@@ -110,7 +110,7 @@ def test_bound_holds() -> None:
     assert np.quantile(RATIOS, 0.9) < 10
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_bound_holds_ten_thousand_times() -> None:
     assert never_beaten(range(22, 250)) > 10_000
 

@@ -42,6 +42,7 @@ def within_three(solution: Any, r: Array, v: Array) -> None:
 @pytest.mark.parametrize("tol", [1e-4, 1e-8])
 @pytest.mark.parametrize("method", SLOW)
 @pytest.mark.parametrize("problem", [cube, square, free])
+@pytest.mark.slow_variants("*cube*")
 def test_the_estimate_is_right_to_a_factor_of_three(
     problem: Callable[[], bp.ReducedProblem], method: str, tol: float
 ) -> None:

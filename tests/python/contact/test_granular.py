@@ -28,8 +28,9 @@ def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Soluti
 
 @pytest.mark.parametrize("staggered", [False, True])
 @pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(k, marks=pytest.mark.verify) for k in (0, 2))]
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 2))]
 )
+@pytest.mark.slow_variants("1-True")
 def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
     """Sweeps, Newton's method or proximal points alone need up to 40,000 iterations or stall."""
     rng = np.random.default_rng(seed)
@@ -40,6 +41,7 @@ def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_a_packing_of_eighty_balls(d: int) -> None:
     packing = grains.packing("packing", d, 80, np.random.default_rng(d), mu=0.4)
     solution = solved(packing)
@@ -56,19 +58,19 @@ def test_threads_change_no_bit() -> None:
     assert one.iterations == two.iterations
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_nine_in_ten_packings_within_twenty_seconds() -> None:
     found = [solved(grains.packings(seed), seconds=20.0) for seed in range(50)]
     assert sum(s.converged and s.residual <= TOL for s in found) >= 45
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_nine_in_ten_walls_within_twenty_seconds() -> None:
     found = [solved(grains.walls(seed), seconds=20.0) for seed in range(50)]
     assert sum(s.converged and s.residual <= TOL for s in found) >= 45
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_heaps_converge_or_report_that_they_do_not() -> None:
     """Heaps with little friction flow apart and are not solved in that time."""
     found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
@@ -78,7 +80,7 @@ def test_heaps_converge_or_report_that_they_do_not() -> None:
     assert sum(solution.converged for solution in found) >= 6
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_time_limit_ends_a_path() -> None:
     W, q = grains.heaps(11).step()
     problem = bp.ReducedProblem(W, q, 0.3)

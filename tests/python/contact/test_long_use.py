@@ -128,13 +128,13 @@ def test_load_steps() -> None:
     growth(Endless().step, 50, 150)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_ten_thousand_small_problems() -> None:
     growth(random_problem, 1000, 10_000)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_thousand_load_steps() -> None:
     growth(Endless().step, 100, 1000)

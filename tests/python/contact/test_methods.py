@@ -148,6 +148,7 @@ print(beside, max(late))
     ("n", "pull", "method", "inverse"),
     [(26, 0.12, "newton", 8 * 2028**2), (32, 0.4, "auto", 0)],
 )
+@pytest.mark.slow_variants("*-0")
 def test_ctrl_c_ends_a_large_solve(
     n: int, pull: float, method: str, inverse: int
 ) -> None:

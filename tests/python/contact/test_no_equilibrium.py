@@ -48,6 +48,7 @@ def in_dual_cone(direction: Array | None, mu: Array | float) -> bool:
 @pytest.mark.parametrize(
     "shear", [[1.0], [-1.0], [1.0, 0.0], [0.0, -1.0], [0.8, -0.6]], ids=str
 )
+@pytest.mark.slow_variants("[[]1.0, 0.0]")
 def test_a1_on_both_sides_of_the_limit(shear: list[float]) -> None:
     dim = len(shear) + 1
     body = block((3, 2, 1) if dim == 3 else (3, 1), (4, 3, 2)[:dim], 10.0, 0.0)
@@ -288,6 +289,7 @@ def best_work(load: Array, generators: Array) -> float:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_against_linear_programming(dim: int) -> None:
     """Cones with flat sides: exact in the plane, inner and outer bounds in space."""
     rng = np.random.default_rng(dim)

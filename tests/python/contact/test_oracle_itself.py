@@ -89,6 +89,7 @@ def test_slip_of_an_anisotropic_contact(
 @pytest.mark.parametrize(
     ("contacts", "dim", "seeds"), [(1, 2, 20), (3, 2, 10), (1, 3, 20), (2, 3, 3)]
 )
+@pytest.mark.quick_variants("1-2-*")
 def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
     seen: set[int] = set()
     for seed in range(seeds):

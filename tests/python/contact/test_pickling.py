@@ -100,6 +100,7 @@ CASES = [supported, held_by_contact, two_tangents]
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.quick_variants("two_tangents")
 def test_a_problem_in_another_process(case: Any) -> None:
     problem, load, prescribed = case()
     done = subprocess.run(

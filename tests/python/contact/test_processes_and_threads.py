@@ -152,6 +152,7 @@ def test_threads_that_share_a_problem(expected: bytes) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 @pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
+@pytest.mark.quick_variants("fork")
 def test_pool_of_processes(method: str, expected: bytes) -> None:
     context = multiprocessing.get_context(method)
     with ProcessPoolExecutor(2, mp_context=context) as pool:

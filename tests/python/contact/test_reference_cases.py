@@ -259,6 +259,7 @@ def test_a11_bar_cycles_do_not_drift() -> None:
 
 
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
+@pytest.mark.slow_variants("direct")
 def test_h22_rotating_load_step_by_step(engine: str) -> None:
     k, limit, force, turns = 2.0, 0.5, 0.8, 3
     errors = []

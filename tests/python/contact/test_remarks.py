@@ -57,6 +57,7 @@ def turned_round(B: Any, d: int, contacts: Any = slice(None)) -> Any:
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
+@pytest.mark.slow_variants("hexahedron-3-2")
 def test_normals(cell: str, d: int, order: int) -> None:
     one = body(cell, d, order, cells=2)
     for supports in (held(d), []):
@@ -150,11 +151,12 @@ def any_face(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(16))
+@pytest.mark.slow_variants("13", "15", "5", "7")
 def test_normals_of_any_face(seed: int) -> None:
     any_face(seed)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(16, 216))
 def test_normals_of_many_faces(seed: int) -> None:
     any_face(seed)

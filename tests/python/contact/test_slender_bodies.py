@@ -35,6 +35,7 @@ from support.slender import (
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("how", list(HOLDS))
 @pytest.mark.parametrize("slenderness", [10, 100, 500, 1000])
+@pytest.mark.quick_variants("10-rolling-*")
 def test_a_strip_that_is_held(how: str, slenderness: int, coordinates: bool) -> None:
     body = strip((1000.0, 1000.0 / slenderness), (40, 1))
     model = fem.assemble([body], [floor(body, 0.0)], supports(how, 2))
@@ -44,6 +45,7 @@ def test_a_strip_that_is_held(how: str, slenderness: int, coordinates: bool) -> 
 
 @pytest.mark.parametrize("second", [True, False])
 @pytest.mark.parametrize("cell", CELLS[2] + CELLS[3])
+@pytest.mark.slow_variants("hexahedron-True", "quadrilateral-True")
 def test_cells_of_a_strip(cell: str, second: bool) -> None:
     dim = 2 if cell in CELLS[2] else 3
     size = (1000.0, 2.0) if dim == 2 else (1000.0, 20.0, 2.0)
@@ -59,6 +61,7 @@ def test_cells_of_a_strip(cell: str, second: bool) -> None:
 
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("slenderness", [50, 500])
+@pytest.mark.slow_variants("500-False")
 def test_a_curved_leaf(slenderness: int, coordinates: bool) -> None:
     """A leaf spring with its ends on the floor, one of them held, and a crown of 50 mm."""
     body = strip((1000.0, 1000.0 / slenderness), (40, 1), rise=50.0)
@@ -82,6 +85,7 @@ def test_a_plate(slenderness: int) -> None:
 
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("height", [2.0, 1.0, 0.5])
+@pytest.mark.quick_variants("2.0-*")
 def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
     """A fine mesh with a lifting traction only: agrees with beam theory to the theory's error."""
     body = strip((1000.0, height), (160, 2))
@@ -147,6 +151,7 @@ def test_a_stiffness_without_digits_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("height", [5.0, 2.0, 1.0])
+@pytest.mark.slow_variants("5.0")
 def test_the_estimate_includes_the_error_of_K(height: float) -> None:
     """Half a unit in the last place of K changes the solution as the estimate predicts."""
     body = strip((1000.0, height), (40, 1))
@@ -192,7 +197,7 @@ def test_slender_bodies_at_random() -> None:
     assert held(range(20))["solved"] >= 18
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_many_slender_bodies_at_random() -> None:
     assert held(range(20, 420))["solved"] >= 380
 
@@ -254,7 +259,7 @@ def test_a_bimetal_strip() -> None:
     bimetal_is_solved(2.0, "roll")
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["clamped", "both", "roll"])
 @pytest.mark.parametrize("height", [1.0, 2.0, 5.0])
 def test_bimetal_strips(height: float, how: str) -> None:

@@ -17,7 +17,7 @@ def test_statically_determinate_bodies() -> None:
     assert sticking(range(60))["solved"] == 60
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_many_statically_determinate_bodies() -> None:
     assert sticking(range(60, 1260))["solved"] == 1200
 
@@ -26,7 +26,7 @@ def test_supports_of_flat_blocks_are_counted() -> None:
     assert sum(counted(range(200)).values()) == 200
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_supports_of_many_flat_blocks_are_counted() -> None:
     assert sum(counted(range(200, 4200)).values()) == 4000
 
@@ -35,7 +35,7 @@ def test_two_nodes_do_not_hold_a_body_in_space() -> None:
     assert on_two_nodes(range(200))["refused"] == 200
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_two_nodes_never_hold_a_body_in_space() -> None:
     assert on_two_nodes(range(200, 20_200))["refused"] == 20_000
 

@@ -144,6 +144,7 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
 @pytest.mark.parametrize(
     "cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 )
+@pytest.mark.slow_variants("hexahedron-floating-6", "hexahedron-held-6")
 def test_few_digits_give_few_digits(cell: str, held: bool, digits: int) -> None:
     agree(case(cell, held), digits, cell)
 
@@ -448,6 +449,7 @@ def test_wrong_arguments(change: dict[str, Any], kind: type, words: str) -> None
 
 @pytest.mark.parametrize("claimed", [9, 10, 12])
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.quick_variants("*-9", "quadrilateral-*")
 def test_fewer_digits_than_given(cell: str, claimed: int) -> None:
     given = case(cell, False)
     with pytest.raises(ValueError, match="typically by") as refused:
@@ -674,17 +676,19 @@ def check_wrong_places(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
+@pytest.mark.slow_variants("17")
 def test_random_blocks_with_wrong_arguments(seed: int) -> None:
     check_too_many_digits(1000 + seed)
     check_wrong_places(2000 + seed)
 
 
 @pytest.mark.parametrize("seed", range(20))
+@pytest.mark.slow_variants("10", "13")
 def test_random_blocks(seed: int) -> None:
     check_random(seed)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_many_random_blocks() -> None:
     for seed in range(100, 600):
         check_random(seed)

@@ -72,17 +72,18 @@ def test_verdicts_agree() -> None:
     assert counts["bound local"] > 80
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_verdicts_agree_twenty_thousand_times() -> None:
     agree(range(500, 20_500))
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.quick_variants("0", "5")
 def test_verdicts_agree_on_sliders(seed: int) -> None:
     assert sliders(range(10 * seed, 10 * seed + 10))["absent"] >= 1
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_verdicts_agree_on_a_thousand_sliders() -> None:
     sliders(range(60, 1060))
 
@@ -93,7 +94,7 @@ def test_a_motion_is_reported_only_as_a_proof() -> None:
     assert counts["statuses"] > 15
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a_motion_is_reported_only_as_a_proof_ten_thousand_times() -> None:
     proofs(range(400, 10_400))
 
@@ -219,7 +220,7 @@ def test_local_verdicts_hold() -> None:
     assert locals_of(range(120))["bound local"] > 100
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_local_verdicts_hold_ten_thousand_times() -> None:
     assert locals_of(range(120, 12_000))["bound local"] > 10_000
 

@@ -207,6 +207,7 @@ def rolling(dim: int) -> tuple[bp.ContactProblem, np.ndarray]:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_a_continued_path_has_the_same_bits(dim: int, tmp_path: Path) -> None:
     problem, gaps = rolling(dim)
     through = problem.solve(gap=gaps)

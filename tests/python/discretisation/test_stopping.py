@@ -12,6 +12,7 @@ from bipot_rs.discretisation.stopping import LOOSEST, TIGHTEST, tolerance
 @pytest.mark.parametrize(
     ("name", "n"), [("sheared_cube", 3), ("two_blocks", 4), ("cattaneo_mindlin", 5)]
 )
+@pytest.mark.quick_variants("*-3-auto", "*-3-gauss_seidel", "*-3-nesterov")
 def test_solver_error_is_below_the_mesh_error(name: str, n: int, method: str) -> None:
     case, exact = bench.solved(name, [f"mesh.n={n}"])
     problem, estimator = case.model.problem(), Estimator(case)

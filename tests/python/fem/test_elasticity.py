@@ -103,6 +103,7 @@ def scaled(difference: Any, K: Any) -> float:
 @pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])
 @pytest.mark.parametrize("moved", [0.0, 1.0])
 @pytest.mark.parametrize("vtk", KINDS)
+@pytest.mark.slow_variants("*hexahedron27*")
 def test_stiffness_is_that_of_scikit_fem(
     vtk: str, moved: float, material: Elastic
 ) -> None:
@@ -222,6 +223,7 @@ print(json.dumps([bits.hexdigest(), 1024 * peak / size]))
 
 
 @pytest.mark.parametrize("moved", [0.0, 1.0])
+@pytest.mark.slow_variants("1.0")
 def test_bits_do_not_depend_on_threads_and_memory_is_that_of_the_matrix(
     moved: float,
 ) -> None:

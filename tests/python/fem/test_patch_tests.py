@@ -152,6 +152,7 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
         ("hexahedron", (4, 8, 16)),
     ],
 )
+@pytest.mark.slow_variants("*-sizes2", "*-sizes3")
 def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
     """Linear elements: mean square error of order 2 for a smooth solution."""
     dim = CELLS[cell]

@@ -82,7 +82,7 @@ def test_datasets_say_what_they_hold(tmp_path: Path) -> None:
         np.testing.assert_array_equal(file["fields/time"][()], [1.0, 2.0])
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     steps = [{"load": float(k)} for k in range(10_001)]
     export.write_result(tmp_path / "a.h5", {}, steps, complete=True)

@@ -25,9 +25,7 @@ def arguments(single: bool) -> list[Any]:
     return list(map(jnp.asarray, smooth_problem.arguments(single)))
 
 
-@pytest.mark.parametrize(
-    "single", [True, pytest.param(False, marks=pytest.mark.verify)]
-)
+@pytest.mark.parametrize("single", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_both_modes_agree_with_differences(single: bool) -> None:
     def f(*given: Any) -> Any:
         return bp.jax.solve(Smooth(), *given)  # type: ignore[arg-type]

@@ -53,6 +53,7 @@ def rigid_motions(points: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("vtk", SECOND)
+@pytest.mark.slow_variants("hexahedron27")
 def test_stiffness_is_that_of_scikit_fem(vtk: str) -> None:
     mesh = grid(vtk, 2, bent=0.1)
     K = fem.stiffness(fem.Body("it", mesh, MATERIAL))

@@ -95,6 +95,7 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
 
 
 @pytest.mark.parametrize("kind", ["T6", "Q8"])
+@pytest.mark.slow_variants("T6")
 def test_hertz_turned_and_in_other_units(kind: str) -> None:
     """A rigid ball on a quarter of a block: equal to the unrotated result, close to Hertz's."""
     cell, few = KINDS[kind]

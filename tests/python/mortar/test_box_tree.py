@@ -54,6 +54,7 @@ def all_pairs(boxes: tuple[Array, Array, Ints]) -> set[tuple[int, int]]:
 
 
 @pytest.mark.parametrize("at_once", [7, box_tree.AT_ONCE])
+@pytest.mark.slow_variants("7")
 def test_pairs_are_those_of_comparing_all(
     at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,7 +69,7 @@ def test_pairs_are_those_of_comparing_all(
     assert met > 10_000
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_pairs_are_those_of_comparing_all_for_many_boxes() -> None:
     rng = np.random.default_rng(6)
     for _ in range(3000):
@@ -77,6 +78,7 @@ def test_pairs_are_those_of_comparing_all_for_many_boxes() -> None:
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.slow_variants("3")
 def test_boxes_compared_grow_as_their_number(d: int, compared: list[int]) -> None:
     """Boxes that fill space: eight times as many, with a bounded number of comparisons each."""
     rng = np.random.default_rng(d)

@@ -404,6 +404,7 @@ def cap(
 @pytest.mark.parametrize(
     ("slave", "master"), [(4, 4), (3, 4), (4, 3), (6, 9), (8, 6), (9, 8)]
 )
+@pytest.mark.quick_variants("3-*", "4-*")
 def test_gaps_between_spheres(slave: int, master: int) -> None:
     errors = []
     for n in (4, 8, 16):
@@ -434,6 +435,7 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
 
 @pytest.mark.parametrize("nodes", [0, 3, 4, 6, 9])
 @pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.slow_variants("*-9", "False-4")
 def test_a_coarse_facet_on_a_fine_mesh(
     nodes: int, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -474,7 +476,7 @@ def test_a_coarse_facet_on_a_fine_mesh(
         assert sum(boxes) <= 600 * facets
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_layers_are_found_among_many_facets() -> None:
     """One facet below a fine mesh: inside, at its edge, and covering only part of a facet."""
     slave = sheet(4, 1, up=False, low=-0.5, high=1.5)

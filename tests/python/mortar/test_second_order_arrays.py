@@ -105,6 +105,7 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("above", "below"), PAIRS)
+@pytest.mark.slow_variants("*quadrilateral9*")
 def test_patch(above: str, below: str) -> None:
     """Uniform stress -P along z, sides free, ends guided: u linear, all nodes stick."""
     up, low = part(above, 2, 1.0, 1), part(below, 3, -1.0, 2)

@@ -123,6 +123,7 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
+@pytest.mark.quick_variants("Q4")
 def test_a_sphere_by_mortar(kind: str) -> None:
     """The gap is a mean distance, so forces are similar on cells of all kinds.
 
@@ -178,6 +179,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
+@pytest.mark.slow_variants("Q8")
 def test_clearances_at_nodes(kind: str) -> None:
     """For a body, a plane and a moving plane: a linear clearance is reproduced."""
     bodies = [

@@ -208,6 +208,7 @@ def two(
 @pytest.mark.parametrize(
     ("ratio", "slave"), [(1.37, "upper"), (1.37, "lower"), (0.77, "upper")]
 )
+@pytest.mark.quick_variants("1.37-upper")
 def test_hertz(ratio: float, slave: str) -> None:
     """Cylinders, a = 1: order 1 in the mean square, 2 for the width, as for matching meshes.
 
@@ -283,6 +284,7 @@ def sheared(h: float, slave: str) -> Profile:
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.slow_variants("upper")
 def test_cattaneo_mindlin(slave: str) -> None:
     """Order 1, as above; the radius of the stick zone adds a second edge."""
     for h in (0.2, 0.1, 0.05):

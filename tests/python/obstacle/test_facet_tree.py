@@ -103,12 +103,13 @@ def compare(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("at_once", [5, box_tree.AT_ONCE])
+@pytest.mark.slow_variants("5")
 def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(box_tree, "AT_ONCE", at_once)
     compare(1, 8 if at_once == 5 else 60)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_the_nearest_of_all_for_many_surfaces() -> None:
     compare(2, 2000)
 
@@ -116,6 +117,7 @@ def test_the_nearest_of_all_for_many_surfaces() -> None:
 @pytest.mark.parametrize(
     ("off", "nodes"), [(0.3, 1500), (1e-2, 20_000), (1e-3, 70_000)]
 )
+@pytest.mark.quick_variants("0.3-*")
 def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None:
     """All facets are equally far except for `off`, so only a part of them is compared."""
     x, facets = icosphere(6)

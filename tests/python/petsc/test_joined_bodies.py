@@ -22,7 +22,7 @@ SAME = 1e-11
         pytest.param(10.0, 8, 8, id="matching, stiff upper"),
         pytest.param(0.1, 8, 8, id="matching, soft upper"),
         pytest.param(10.0, 6, 8, id="mortar"),
-        pytest.param(10.0, 16, 16, id="larger", marks=pytest.mark.verify),
+        pytest.param(10.0, 16, 16, id="larger", marks=pytest.mark.slow),
     ],
 )
 def test_two_blocks(contrast: float, upper: int, lower: int, tmp_path: Path) -> None:

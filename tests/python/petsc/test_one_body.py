@@ -38,7 +38,7 @@ def of(model: bp.Model) -> tuple[dict[str, Any], dict[str, Any]]:
     return arguments(case.model), loads
 
 
-@pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.verify)])
+@pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.slow)])
 def test_a_block_in_space(n: int, tmp_path: Path) -> None:
     known, prescribed = arrays(n)
     given = known | {"prescribed": prescribed, "tol": TOL}

@@ -37,6 +37,7 @@ def block() -> tuple[dict[str, Any], Any]:
         ),
     ],
 )
+@pytest.mark.quick_variants("*True*", "*gamg*")
 def test_options_of_the_user(
     options: str, name: str, replaced: bool, block: Any, tmp_path: Path
 ) -> None:

@@ -825,6 +825,17 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.quick_variants(
+    "band",
+    "by friction",
+    "by gap",
+    "by name",
+    "pressure by cycle",
+    "slip",
+    "status in space",
+    "wear",
+    "zones",
+)
 def test_parts_of_a_picture_do_not_overlap(
     name: str, request: pytest.FixtureRequest
 ) -> None:
@@ -857,6 +868,7 @@ def test_large_and_small_numbers_can_be_read(line: Any) -> None:
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-5, 2e4])
+@pytest.mark.quick_variants("1.0")
 def test_bodies_in_space_of_any_size_can_be_read(size: float) -> None:
     grid = np.linspace(0, size, 3)
     body = fem.Body("it", fem.box([grid] * 3, "hexahedron"), fem.Material(10.0, 0.3))

@@ -102,6 +102,7 @@ def test_each_surface_has_its_lines(clamped: Any) -> None:
 @pytest.mark.parametrize(
     "draw", [plots.slip, plots.status_map, plots.resultants, plots.deformed]
 )
+@pytest.mark.slow_variants("deformed")
 def test_pictures_of_two_surfaces_can_be_read(
     clamped: Any, draw: Callable[..., Any]
 ) -> None:
@@ -274,6 +275,7 @@ def test_margins_are_as_wide_as_arrows(clamped: Any) -> None:
 
 
 @pytest.mark.parametrize("height", [0.05, 0.4, 3.0])
+@pytest.mark.quick_variants("0.4")
 def test_short_axes_of_space_can_be_read(height: float) -> None:
     body = fem.Body(
         "it",

@@ -144,6 +144,13 @@ def with_meshes(page: Path, folder: Path) -> None:
     [p for p in PAGES if blocks(p.read_text(encoding="utf-8"))],
     ids=lambda p: p.relative_to(ROOT).as_posix(),
 )
+@pytest.mark.slow_variants(
+    "*-error.md",
+    "*-gmsh.md",
+    "*model.md*",
+    "docs/tutorials/fretting.md",
+    "docs/tutorials/identification.md",
+)
 def test_python_blocks_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

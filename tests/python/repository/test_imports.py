@@ -76,6 +76,7 @@ def loaded(code: str, folder: Path) -> set[str]:
         "second_order",
     ],
 )
+@pytest.mark.slow_variants("arrays", "check", "json", "new", "scene", "table")
 def test_loads_only_what_it_uses(
     code: str, used: tuple[str, ...], tmp_path: Path
 ) -> None:

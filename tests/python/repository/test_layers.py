@@ -282,6 +282,7 @@ def test_python_layers(repository: Path) -> None:
         ("helpers.py", "", "not listed as layers"),
     ],
 )
+@pytest.mark.slow_variants("*helpers.py*", "*mesh/elements.py*")
 def test_python_layers_see_a_violation(
     file: str, text: str, said: str, repository: Path, tmp_path: Path
 ) -> None:

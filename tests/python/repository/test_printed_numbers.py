@@ -68,7 +68,7 @@ STOPS = (
 @pytest.mark.parametrize(
     ("name", "n"),
     [
-        pytest.param(*s, marks=[pytest.mark.verify] * (s[0] != "pressed_block"))
+        pytest.param(*s, marks=[pytest.mark.slow] * (s[0] != "pressed_block"))
         for s in STOPS
     ],
 )
@@ -110,7 +110,7 @@ def test_the_first_rows_of_the_effectivities() -> None:
             effectivity_is_printed(*case)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_all_rows_of_the_effectivities(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     cases = list(effectivities())
@@ -131,7 +131,7 @@ SETS = (
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(s, marks=[pytest.mark.verify] * (s != "random")) for s in SETS],
+    [pytest.param(s, marks=[pytest.mark.slow] * (s != "random")) for s in SETS],
 )
 def test_the_table_of_bounds_over_errors(name: str) -> None:
     bench = script("error_bound")
@@ -143,7 +143,7 @@ def test_the_table_of_bounds_over_errors(name: str) -> None:
         assert same(a, b, share=0.1, least=2.0), (shown, fresh)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_the_table_of_the_largest_friction() -> None:
     bench = script("error_bound")
     fresh = [bench.limit_of_body(*body) for body in bench.BODIES]
@@ -181,8 +181,8 @@ def test_the_curves_of_the_bound() -> None:
     ("name", "n", "methods"),
     [
         ("sheared_cube", 6, ("auto",)),
-        pytest.param("sheared_cube", 6, None, marks=pytest.mark.verify),
-        pytest.param("cattaneo_mindlin", 10, None, marks=pytest.mark.verify),
+        pytest.param("sheared_cube", 6, None, marks=pytest.mark.slow),
+        pytest.param("cattaneo_mindlin", 10, None, marks=pytest.mark.slow),
     ],
 )
 def test_the_curves_of_the_stop_rule(

@@ -43,6 +43,7 @@ def refined(name: str, *, fine: bool = False) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(NUMBERS) - OWN))
+@pytest.mark.slow_variants("a1", "a12", "h19", "h22")
 def test_numbers(name: str) -> None:
     check(name)
 
@@ -59,7 +60,7 @@ def test_a9_cattaneo_mindlin_line() -> None:
     refined("a9")
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_a10_mindlin_sphere() -> None:
     refined("a10")
 
@@ -112,13 +113,13 @@ def test_h23_limit_of_stick_and_slip() -> None:
     check("h23")
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(REFINED))
 def test_finer_meshes(name: str) -> None:
     refined(name, fine=True)
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_the_page_has_every_line() -> None:
     """All but the lines of the finest meshes and of random problems, in order."""
     written = iter(PAGE.read_text(encoding="utf-8").splitlines())
@@ -126,7 +127,7 @@ def test_the_page_has_every_line() -> None:
     assert missing == []
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_the_page_is_what_the_cases_make() -> None:
     assert PAGE.read_text(encoding="utf-8") == verification.page(fine=True)
 

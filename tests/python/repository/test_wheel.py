@@ -20,7 +20,7 @@ import scipy
 
 from support import places
 
-pytestmark = pytest.mark.verify
+pytestmark = pytest.mark.slow
 SOLVE = """
 import sys
 sys.path.insert(0, {site!r})

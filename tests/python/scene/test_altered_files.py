@@ -72,6 +72,7 @@ def check_scene(path: Path, table: dict[str, Any]) -> str:
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", shipped())
+@pytest.mark.quick_variants("drawn_sheet", "pushed_punch", "raous_plate", "twisted_pad")
 def test_altered_scenes(name: str, tmp_path: Path) -> None:
     @settings(
         max_examples=60,
@@ -93,6 +94,7 @@ def test_altered_scenes(name: str, tmp_path: Path) -> None:
     ("arguments", "words"),
     ABSURD,
 )
+@pytest.mark.slow_variants("*arguments10*", "arguments8-*")
 def test_sizes_beyond_memory_are_refused(
     arguments: list[str], words: str, tmp_path: Path
 ) -> None:
@@ -147,6 +149,7 @@ def test_damaged_results(tmp_path: Path) -> None:
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", ["d2_fcp00031", "rods_2_3c"])
+@pytest.mark.slow_variants("rods_2_3c")
 def test_damaged_problems(name: str, tmp_path: Path) -> None:
     path = tmp_path / "problem.hdf5"
     path.write_bytes(collection.path(name).read_bytes())

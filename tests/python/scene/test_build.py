@@ -62,6 +62,7 @@ def mortar() -> bp.Model:
 
 
 @pytest.mark.parametrize("made", [roller, of_file, mortar], ids=lambda f: f.__name__)
+@pytest.mark.slow_variants("roller")
 def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     m = made()
     (tmp_path / "there").mkdir()
@@ -198,6 +199,7 @@ def test_another_mesh_in_the_file_is_not_resumed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_spheres_and_files_are_one_shape(dim: int, tmp_path: Path) -> None:
     """A ball by its radius and by facets of size h agree to h²; it does not rotate."""
     meshio = pytest.importorskip("meshio")

@@ -47,10 +47,11 @@ def traction_error(r: Floats, reference: Floats, area: Floats) -> Floats:
         ("sheared_cube", 15),
         ("two_blocks", 8),
         ("two_blocks", 16),
-        pytest.param("pressed_block", 128, marks=pytest.mark.verify),
-        pytest.param("two_blocks", 24, marks=pytest.mark.verify),
+        pytest.param("pressed_block", 128, marks=pytest.mark.slow),
+        pytest.param("two_blocks", 24, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow_variants("*-15", "two_blocks-16")
 def test_reference(name: str, n: int) -> None:
     reference = np.load(DATA / f"{LETTER[name]}_{n}.npz")
     case, result = solve(name, f"mesh.n={n}")
@@ -71,6 +72,7 @@ def test_reference(name: str, n: int) -> None:
     ("name", "n"),
     [("cattaneo_mindlin", 5), ("cattaneo_mindlin", 10), ("cyclic_cube", 5)],
 )
+@pytest.mark.quick_variants("cattaneo_mindlin-5")
 def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> None:
     """Independent code from the mesh on: SciPy's factorisation, a Newton method."""
     case, result = solve(name, f"mesh.n={n}")

@@ -90,7 +90,7 @@ def test_order_of_convergence() -> None:
     assert fine[0] < 0.03
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_order_on_a_finer_mesh() -> None:
     displacement, stress = np.log2(errors(4) / errors(8))
     assert displacement > 1.8

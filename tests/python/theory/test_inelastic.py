@@ -112,6 +112,7 @@ def solved(seed: int) -> Displaced:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.quick_variants("3")
 def test_plastic_truss_with_friction(seed: int) -> None:
     g, found = given(seed), solved(seed)
     assert found.converged

@@ -102,6 +102,7 @@ def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_the_three_agree_on_pairs(d: int) -> None:
     rng = np.random.default_rng(6)
     for _ in range(100):

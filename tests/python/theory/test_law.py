@@ -252,6 +252,7 @@ def common_step(step: bp.Step) -> float:
 
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
+@pytest.mark.slow_variants("*-found4")
 def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
     """In every form, each step starts from the state at the end of the step before."""
     result = solved(name, n)
@@ -284,6 +285,7 @@ def left_of_the_law(
 
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
+@pytest.mark.slow_variants("*-found4")
 def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
     """(8), (11), (12) and the duals at the solutions, compared with any admissible field."""
     del found

@@ -166,7 +166,7 @@ def test_strip_footing() -> None:
     assert 1.0 < footing(4) / prandtl() < 1.08
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_strip_footing_under_refinement() -> None:
     over = [footing(n) / prandtl() - 1 for n in (4, 8)]
     # At least of first order in the size of the cells at the edge.

@@ -298,6 +298,7 @@ def samples_of(case: Case, count: int) -> tuple[list[Array], list[Array]]:
     )
 
 
+@pytest.mark.slow_variants("*soil*", "coulomb 3D", "elastic", "frictionless 3D")
 def test_explicit_laws_of_the_duals(case: Case) -> None:
     """(16): x ∈ ∂_z b_l*(y, y), and (18): y ∈ ∂_u b_r*(x, x), by the inequality at samples.
 
@@ -383,6 +384,7 @@ def sampled(values: Array, ends: Array) -> tuple[NDArray[np.bool_], Array]:
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
     rng = np.random.default_rng(30)
     n = 200
@@ -816,6 +818,7 @@ def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], A
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("kind", ["held", "graded", "frictionless"])
+@pytest.mark.slow_variants("*-3", "*held*")
 def test_uzawa_has_the_solution_as_fixed_point(kind: str, d: int) -> None:
     """(45), (46) with (54), from any start state: the fixed point is the solver's reactions."""
     for seed in range(3):
@@ -841,6 +844,7 @@ def test_uzawa_has_the_solution_as_fixed_point(kind: str, d: int) -> None:
 
 
 @pytest.mark.parametrize("kind", ["coulomb", "tresca"])
+@pytest.mark.quick_variants("tresca")
 def test_uzawa_contracts(kind: str) -> None:
     """By max|1 - r λ(W)| for an explicit material, with r μ|W_t| added for Coulomb's."""
     rng = np.random.default_rng(55)

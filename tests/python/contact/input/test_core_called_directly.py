@@ -499,6 +499,7 @@ def numbers(x: Any) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize("method", ["auto", "newton", "gauss_seidel", "nesterov"])
+@pytest.mark.slow_variants("gauss_seidel")
 def test_numbers_at_the_ends_of_doubles(method: str) -> None:
     """Entries of any size give no panic, no NaN and no wrong solution."""
     rng, refused = np.random.default_rng(17), 0

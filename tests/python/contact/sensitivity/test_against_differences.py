@@ -65,7 +65,7 @@ def test_random_paths() -> None:
     assert skipped <= 0.1 * compared
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 @pytest.mark.parametrize("part", range(12))
 def test_ten_thousand_random_paths(part: int) -> None:
     compared, skipped = judged(range(1000 * (part + 1), 1000 * (part + 2)))
