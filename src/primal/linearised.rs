@@ -22,7 +22,7 @@ use crate::primal::frames::Frames;
 use crate::primal::linearised_laws::LinearisedLaws;
 use crate::primal::local::Local;
 use crate::primal::problem::Primal;
-use crate::solver::newton::tangent_system::ClosedLaw;
+use crate::solver::derivatives::tangent_system::ClosedLaw;
 
 /// Relative residual of each linear system.
 const WANTED: f64 = 1e-13;

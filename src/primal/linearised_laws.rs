@@ -9,7 +9,7 @@ use crate::linalg::small::{Block, Vector};
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::tangent::{Sliding, Tangent};
-use crate::solver::newton::tangent_system::ClosedLaw;
+use crate::solver::derivatives::tangent_system::ClosedLaw;
 
 /// Compliance that the multiplier `M` adds to a law, relative to that of its contact: a contact
 /// that hardly slips has no stiffer spring than its inverse. The equations stay exact.

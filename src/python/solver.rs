@@ -22,7 +22,7 @@ use crate::reduced::existence::{balances, is_contradiction, is_unresisted};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
-use crate::solver::principles::minimising_sequence::Sequence;
+use crate::solver::paper::principles::minimising_sequence::Sequence;
 use crate::solver::{self, Method, Settings, Solution, Start};
 
 /// Nodes in one task: few enough for balance, many enough for the cost of a task.

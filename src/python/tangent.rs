@@ -14,8 +14,8 @@ use crate::python::problem::{AnyProblem, PyCondensed};
 use crate::python::solver::{AnyReduced, PyReduced};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
-use crate::solver::newton::tangent_stiffness_form::TangentStiffnessForm;
-use crate::solver::newton::tangent_system::{ClosedLaw, Factored, TangentSystem};
+use crate::solver::derivatives::tangent_stiffness_form::TangentStiffnessForm;
+use crate::solver::derivatives::tangent_system::{ClosedLaw, Factored, TangentSystem};
 
 enum AnyView {
     Two(View<2>),

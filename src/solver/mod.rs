@@ -2,24 +2,20 @@
 
 pub mod anderson;
 pub mod auto;
+pub mod derivatives;
 pub mod enumerate;
 mod fallback;
 pub mod farkas;
 pub mod gauss_seidel;
 pub mod interior;
 pub mod monitor;
-pub mod multipliers;
 pub mod newton;
 pub mod outcome;
-pub mod perturbed_lagrangian;
-pub mod pivoting;
-pub mod principles;
+pub mod paper;
 pub mod proximal;
-pub mod return_mapping;
 pub mod settings;
 pub mod solution;
 pub mod solve;
-pub mod uzawa;
 
 pub use crate::solver::outcome::Outcome;
 pub use crate::solver::settings::{Method, Settings, Start};

@@ -10,7 +10,7 @@ use crate::reduced::residual::Certificate;
 use crate::solver::monitor::Monitor;
 use crate::solver::newton::refine;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::minimising_sequence::Sequence;
+use crate::solver::paper::principles::minimising_sequence::Sequence;
 use crate::solver::settings::Settings;
 
 /// The solution, or the best point, in the numbering of the caller.

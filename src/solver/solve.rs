@@ -15,16 +15,15 @@ use crate::solver::gauss_seidel;
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::newton::newton;
 use crate::solver::outcome::Outcome;
-use crate::solver::perturbed_lagrangian;
-use crate::solver::pivoting;
-use crate::solver::principles::alternating_principles;
-use crate::solver::principles::displacement_principle;
-use crate::solver::principles::minimising_sequence::{self, Sequence};
-use crate::solver::principles::stress_principle;
-use crate::solver::return_mapping;
+use crate::solver::paper::multipliers::{self, LAGRANGIAN, RETURN};
+use crate::solver::paper::pivoting;
+use crate::solver::paper::principles::alternating_principles;
+use crate::solver::paper::principles::displacement_principle;
+use crate::solver::paper::principles::minimising_sequence::{self, Sequence};
+use crate::solver::paper::principles::stress_principle;
+use crate::solver::paper::uzawa::{self, Variant};
 use crate::solver::settings::{Method, Settings, Start};
 use crate::solver::solution::{Solution, finish};
-use crate::solver::uzawa::{self, Variant};
 
 /// Solves the reduced problem.
 ///
@@ -80,8 +79,8 @@ pub fn solve_watched<const D: usize>(
         Method::UzawaTwoProjection => {
             uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
         }
-        Method::ReturnMapping => return_mapping::run(problem, start, &mut monitor)?,
-        Method::PerturbedLagrangian => perturbed_lagrangian::run(problem, start, &mut monitor)?,
+        Method::ReturnMapping => multipliers::run(problem, RETURN, start, &mut monitor)?,
+        Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, &mut monitor)?,
         Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
         Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
         Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,

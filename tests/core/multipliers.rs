@@ -13,9 +13,8 @@ use bipot_rs::linalg::small::Block;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, NewtonEnd, run_near};
-use bipot_rs::solver::{
-    Method, Outcome, Settings, Start, certified, multipliers::regularised, return_mapping, solve,
-};
+use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
+use bipot_rs::solver::{Method, Outcome, Settings, Start, certified, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BOTH: [Method; 2] = [Method::ReturnMapping, Method::PerturbedLagrangian];
@@ -31,10 +30,12 @@ fn settings(tol: f64) -> Settings {
 
 /// The problem of one penalty and multipliers, by the name of the method.
 fn near<const D: usize>(method: Method, penalty: f64, multipliers: Vec<[f64; D]>) -> Near<D> {
-    match method {
-        Method::ReturnMapping => return_mapping::regularised(penalty, multipliers),
-        _ => regularised(penalty, multipliers),
-    }
+    let step = if method == Method::ReturnMapping {
+        RETURN
+    } else {
+        LAGRANGIAN
+    };
+    regularise(step, penalty, multipliers)
 }
 
 /// The reactions of the penalty law, without multipliers; Newton's method starts from `start`.

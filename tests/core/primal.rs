@@ -23,7 +23,7 @@ use bipot_rs::primal::local::Local;
 use bipot_rs::primal::path::{PrimalPath, PrimalStep};
 use bipot_rs::primal::problem::Primal;
 use bipot_rs::reduced::memory::Budget;
-use bipot_rs::solver::newton::tangent_system::ClosedLaw;
+use bipot_rs::solver::derivatives::tangent_system::ClosedLaw;
 use bipot_rs::solver::{Outcome, Settings};
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};

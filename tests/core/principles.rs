@@ -14,9 +14,9 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::principles::convex::{Least, PrinciplePoint, least};
-use bipot_rs::solver::principles::minimising_sequence::Sequence;
-use bipot_rs::solver::principles::{
+use bipot_rs::solver::paper::principles::convex::{Least, PrinciplePoint, least};
+use bipot_rs::solver::paper::principles::minimising_sequence::Sequence;
+use bipot_rs::solver::paper::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
 use bipot_rs::solver::{Method, Outcome, Settings, Solution, Start, enumerate, solve};

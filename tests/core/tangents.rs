@@ -11,8 +11,8 @@ use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
-use bipot_rs::solver::newton::tangent_stiffness_form::TangentStiffnessForm;
-use bipot_rs::solver::newton::tangent_system::{ClosedLaw, Factored, TangentSystem};
+use bipot_rs::solver::derivatives::tangent_stiffness_form::TangentStiffnessForm;
+use bipot_rs::solver::derivatives::tangent_system::{ClosedLaw, Factored, TangentSystem};
 use bipot_rs::solver::{Method, Solution};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 

@@ -5,5 +5,3 @@ pub mod linearisation;
 pub mod newton;
 pub mod refine;
 pub mod stiffness_form;
-pub mod tangent_stiffness_form;
-pub mod tangent_system;

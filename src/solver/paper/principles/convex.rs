@@ -13,8 +13,8 @@ use crate::reduced::residual::{merit, residual};
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::newton::{self, Near, NewtonEnd};
 use crate::solver::outcome::Outcome;
+use crate::solver::paper::uzawa::{self, Burst};
 use crate::solver::settings::Start;
-use crate::solver::uzawa::{self, Burst};
 
 /// Steps with momentum after the first failure of Newton; the number doubles after each further
 /// failure.

@@ -9,7 +9,7 @@ use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::convex::{Least, enough, iterate, least};
+use crate::solver::paper::principles::convex::{Least, enough, iterate, least};
 use crate::solver::settings::Start;
 
 /// The laws of contact with the tangential reactions of `r` fixed.

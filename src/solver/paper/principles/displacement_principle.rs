@@ -10,7 +10,7 @@ use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::convex::iterate_frozen;
+use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
 /// The laws of a pass, with friction limits from the pressures of `r`.

@@ -6,7 +6,7 @@
 //! contacts, and all of open ones, whose rows say `dr = 0`. One step of refinement with `W`
 //! corrects the error of its inverse.
 //!
-//! [`TangentSystem`]: crate::solver::newton::tangent_system::TangentSystem
+//! [`TangentSystem`]: crate::solver::derivatives::tangent_system::TangentSystem
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -18,7 +18,7 @@ use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Scaling;
-use crate::solver::newton::tangent_system::{ClosedLaw, Conditioned, Factored};
+use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, Factored};
 
 /// The form pays if it has at most this share of the unknowns of the other: both make a matrix,
 /// and this one multiplies by `W` and its inverse.

@@ -18,9 +18,9 @@ use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::convex::{Least, PrinciplePoint, iterate, least};
-use crate::solver::principles::displacement_principle;
-use crate::solver::principles::stress_principle;
+use crate::solver::paper::principles::convex::{Least, PrinciplePoint, iterate, least};
+use crate::solver::paper::principles::displacement_principle;
+use crate::solver::paper::principles::stress_principle;
 use crate::solver::settings::Start;
 
 /// Largest merit of a step relative to the squared error of the whole. `B` is of second order

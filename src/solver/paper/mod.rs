@@ -1,0 +1,7 @@
+//! The methods of the paper, and those that it is compared with. The default method needs none of
+//! them, except projections as its last resort.
+
+pub mod multipliers;
+pub mod pivoting;
+pub mod principles;
+pub mod uzawa;
