@@ -31,6 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
 import tables
+from collection import manifest, write
 from fclib import LARGEST_DENSE, SICONOS, TARGETS, ScaledProblem, siconos_answer
 from fclib_figure import PROGRAMS, profile
 from plot_style import light_grid, pyplot
@@ -39,8 +40,6 @@ from speed_against_error import METHODS, NEED_SUPPORTS, available
 from timing import repeated
 
 import bipot_rs as bp
-from bipot_rs import collection
-from bipot_rs.collection import manifest
 
 SHEET = "load_paths.csv"
 COLUMNS = tables.columns(
@@ -267,7 +266,7 @@ def collect(args):
     """Rows of all files, which are written first if they are missing."""
     data = args.data or problems.folder() / "collection"
     if not (data / manifest.NAME).exists():
-        collection.generate(data)
+        write.generate(data)
     rows = [
         row for row in manifest.read(data) if row.contacts <= (args.largest or np.inf)
     ]

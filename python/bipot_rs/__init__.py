@@ -20,7 +20,6 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs import analytic as analytic
-    from bipot_rs import collection as collection
     from bipot_rs import discretisation as discretisation
     from bipot_rs import fclib, plots
     from bipot_rs import fem as fem
@@ -128,7 +127,6 @@ __getattr__, __dir__ = lazily(
     },
     {
         "analytic": "bipot_rs.analytic",
-        "collection": "bipot_rs.collection",
         "discretisation": "bipot_rs.discretisation",
         "fclib": "bipot_rs.fclib",
         "fem": "bipot_rs.fem",

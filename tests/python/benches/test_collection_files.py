@@ -11,12 +11,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from collection import manifest, rules
+from collection.__main__ import main
+from collection.catalogue import PATHS
+from collection.checks import check
+from collection.rules import FILES, RULES
+from collection.steps import steps
+from collection.write import generate
 
 import bipot_rs as bp
-from bipot_rs import collection
-from bipot_rs.collection import manifest, rules
-from bipot_rs.collection.__main__ import main
-from bipot_rs.collection.rules import FILES, RULES
 from support.places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
@@ -29,7 +32,7 @@ NAMES += ["block_3d_9_release"]
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("collection")
-    collection.generate(folder, NAMES)
+    generate(folder, NAMES)
     return folder
 
 
@@ -38,10 +41,11 @@ def test_two_runs_write_the_same_bytes(written: Path, tmp_path: Path) -> None:
     threads = dict.fromkeys(
         ("BIPOT_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "2"
     )
-    command = [sys.executable, "-m", "bipot_rs.collection", str(tmp_path / "again")]
+    command = [sys.executable, "-m", "collection", str(tmp_path / "again")]
     run = subprocess.run(
         [*command, "--only", ",".join(NAMES)],
         env=os.environ | threads,
+        cwd=ROOT / "benches",
         capture_output=True,
         text=True,
         check=True,
@@ -75,7 +79,7 @@ def test_stored_files_are_those_of_the_generator(written: Path) -> None:
 
 @pytest.mark.parametrize("folder", ["stored", "written"])
 def test_the_check_passes(folder: str, written: Path) -> None:
-    found = collection.check(DATA if folder == "stored" else written)
+    found = check(DATA if folder == "stored" else written)
     assert found
     assert [one for one in found if one.faults] == []
     # Numbers are rounded to 1.1e-16; conditions are below 100.
@@ -186,7 +190,7 @@ def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) ->
         shutil.copy(written / row.file, tmp_path)
     with h5py.File(tmp_path / f"{name}.hdf5", "r+") as file:
         change(file)
-    wrong = [one for one in collection.check(tmp_path) if one.faults]
+    wrong = [one for one in check(tmp_path) if one.faults]
     assert [one.file for one in wrong] == [f"{name}.hdf5"]
     assert said in "; ".join(wrong[0].faults)
 
@@ -196,7 +200,7 @@ def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
     shutil.copytree(written, folder)
     (folder / "block_2d_3-0004.hdf5").write_bytes(b"not HDF5")
     (folder / "block_2d_3-0005.hdf5").unlink()
-    wrong = {one.file: one.faults for one in collection.check(folder) if one.faults}
+    wrong = {one.file: one.faults for one in check(folder) if one.faults}
     assert set(wrong) == {"block_2d_3-0004.hdf5", "block_2d_3-0005.hdf5"}
     assert "cannot be read as HDF5" in wrong["block_2d_3-0004.hdf5"][0]
 
@@ -217,7 +221,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(["--check", str(tmp_path)]) == 2
     assert "MANIFEST.csv is not a file" in capsys.readouterr().err
     with pytest.raises(TypeError, match="names is"):
-        collection.generate(folder, "several_2d_3")
+        generate(folder, "several_2d_3")
     for wrong in ([], ["--check", "--only", "several_2d_3", folder]):
         with pytest.raises(SystemExit) as ended:
             main(wrong)
@@ -226,9 +230,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 def test_a_reader_that_stops_reading_is_no_error() -> None:
     """As ``| head``: the program ends, and prints no traceback."""
-    command = [sys.executable, "-m", "bipot_rs.collection", "--list"]
+    command = [sys.executable, "-m", "collection", "--list"]
     ends = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, **ends) as program:  # type: ignore[call-overload]
+    with subprocess.Popen(command, cwd=ROOT / "benches", **ends) as program:  # type: ignore[call-overload]
         program.stdout.close()
         assert program.wait(60) == 1
         assert program.stderr.read() == b""
@@ -243,13 +247,13 @@ def test_the_manifest_is_checked(written: Path, tmp_path: Path) -> None:
     ):
         (tmp_path / "MANIFEST.csv").write_text(wrong, encoding="utf-8")
         with pytest.raises(ValueError, match=said):
-            collection.check(tmp_path)
+            check(tmp_path)
 
 
 def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:
     page = (ROOT / "docs" / "collection.md").read_text(encoding="utf-8")
     assert page.endswith(FILES + "\n" + RULES)
-    for name, entry in collection.PATHS.items():
+    for name, entry in PATHS.items():
         assert f"\n| {name} | {entry.family} | {entry.about} |\n" in page
     stored = (DATA / "README.md").read_text(encoding="utf-8")
     assert stored == rules.page(manifest.read(DATA))
@@ -260,8 +264,6 @@ def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:
 
 def test_a_path_without_its_answer_is_an_error() -> None:
     """A load that the contacts cannot carry, without a proof."""
-    from bipot_rs.collection.steps import steps
-
-    path = replace(collection.PATHS["none_2d_13_sliding"].make(), proof=None)
+    path = replace(PATHS["none_2d_13_sliding"].make(), proof=None)
     with pytest.raises(bp.NotConvergedError):
         list(steps(path))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from bipot_rs.collection.load_path import LoadPath
+from collection.load_path import LoadPath
 
 
 class Entry(NamedTuple):

@@ -15,9 +15,9 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.doubled import Pair, add, exactly, minus, product
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.reduced import ReducedProblem
+from collection.doubled import Pair, add, exactly, minus, product
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.elastic import (
+from bipot_rs.fem.assembly.assemble import assemble
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.contact.meeting import Contact
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.shapes import Cylinder
+from collection.elastic import (
     block,
     free_on_floor,
     grid,
@@ -14,8 +19,8 @@ from bipot_rs.collection.elastic import (
     moved,
     on_floor,
 )
-from bipot_rs.collection.entry import entries
-from bipot_rs.collection.load_path import (
+from collection.entry import entries
+from collection.load_path import (
     LoadPath,
     Proof,
     cycles,
@@ -24,11 +29,6 @@ from bipot_rs.collection.load_path import (
     release,
     turning,
 )
-from bipot_rs.fem.assembly.assemble import assemble
-from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.contact.meeting import Contact
-from bipot_rs.obstacle.motion import Motion
-from bipot_rs.obstacle.shapes import Cylinder
 
 # Parts of the friction limit that the load reaches step by step.
 NEAR = 1 - 10.0 ** -np.arange(1, 7)

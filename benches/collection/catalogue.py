@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bipot_rs.collection import one_body, rigid_paths, two_bodies
-from bipot_rs.collection.entry import Entry
+from collection import one_body, rigid_paths, two_bodies
+from collection.entry import Entry
 
 PATHS: dict[str, Entry] = one_body.ENTRIES | two_bodies.ENTRIES | rigid_paths.ENTRIES

@@ -14,7 +14,7 @@ from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.collection.load_path import LoadPath, Proof
+from collection.load_path import LoadPath, Proof
 
 
 class RigidSet(NamedTuple):

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from bipot_rs._lib.messages import meant, mistyped
-from bipot_rs.collection import manifest, rules
-from bipot_rs.collection.catalogue import PATHS
-from bipot_rs.collection.entry import Entry
-from bipot_rs.collection.load_path import LoadPath
-from bipot_rs.collection.manifest import Row
-from bipot_rs.collection.reference import Reference
-from bipot_rs.collection.steps import Step, steps
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.law.status import Status
 from bipot_rs.fclib import Vectors
 from bipot_rs.fclib import write as write_file
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.export import library
+from collection import manifest, rules
+from collection.catalogue import PATHS
+from collection.entry import Entry
+from collection.load_path import LoadPath
+from collection.manifest import Row
+from collection.reference import Reference
+from collection.steps import Step, steps
 
 
 def generate(

@@ -14,9 +14,6 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.load_path import LoadPath, Proof
-from bipot_rs.collection.reference import Reference, refine
-from bipot_rs.collection.system import System, system
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.path.moving_gaps import MovingGaps
@@ -24,6 +21,9 @@ from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.solution import Solution
 from bipot_rs.fclib import Vectors
+from collection.load_path import LoadPath, Proof
+from collection.reference import Reference, refine
+from collection.system import System, system
 
 Problem = ReducedProblem | GlobalProblem
 # Residual of the approximate answers: their statuses are then right unless a contact is

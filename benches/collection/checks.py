@@ -19,11 +19,11 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.collection import manifest
-from bipot_rs.collection.manifest import Row
-from bipot_rs.collection.system import System, system
 from bipot_rs.fclib import Vectors, read, read_guesses, read_solution
 from bipot_rs.files.drafts import place
+from collection import manifest
+from collection.manifest import Row
+from collection.system import System, system
 
 Long = NDArray[np.longdouble]
 # What the references promise, relative to the largest reaction or displacement.

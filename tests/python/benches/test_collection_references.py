@@ -6,14 +6,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import reference_solution
+from collection.catalogue import PATHS
+from collection.reference import CONVERGED, refine
+from collection.steps import steps
+from collection.system import system
 from numpy.typing import NDArray
 from problems import Problem
 
 import bipot_rs as bp
-from bipot_rs.collection.catalogue import PATHS
-from bipot_rs.collection.reference import CONVERGED, refine
-from bipot_rs.collection.steps import steps
-from bipot_rs.collection.system import system
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.entry import entries
-from bipot_rs.collection.load_path import LoadPath, Proof
-from bipot_rs.collection.rigid import RigidSet, arch, lattice, path
+from collection.entry import entries
+from collection.load_path import LoadPath, Proof
+from collection.rigid import RigidSet, arch, lattice, path
 
 _TO_AND_FRO = np.array([0.0, 0.6, -0.4, 0.8])
 

@@ -78,7 +78,7 @@ def read(folder: Path) -> list[Row]:
     if not path.is_file():
         raise FileNotFoundError(
             f"{path} is not a file: write the collection with "
-            f"`python -m bipot_rs.collection {folder}`"
+            f"`python -m collection {folder}`"
         )
     with path.open(newline="", encoding="utf-8-sig") as file:
         table = csv.reader(file)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.elastic import block, floor, grid, loaded, moved, pair
-from bipot_rs.collection.entry import entries
-from bipot_rs.collection.load_path import (
+from bipot_rs.fem.assembly.assemble import assemble
+from bipot_rs.fem.contact.meeting import Contact
+from collection.elastic import block, floor, grid, loaded, moved, pair
+from collection.entry import entries
+from collection.load_path import (
     LoadPath,
     cycles,
     legs,
     press_and_shear,
     release,
 )
-from bipot_rs.fem.assembly.assemble import assemble
-from bipot_rs.fem.contact.meeting import Contact
 
 
 def _above(cells: int, layers: int = 5) -> list[Floats]:

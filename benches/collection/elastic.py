@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.load_path import LoadPath
 from bipot_rs.fem.assembly.assemble import assemble
 from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.fem.contact.meeting import Contact
 from bipot_rs.mesh.boxes import box
+from collection.load_path import LoadPath
 
 CELLS = {2: "quadrilateral", 3: "hexahedron"}
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bipot_rs.collection.catalogue import PATHS
-from bipot_rs.collection.manifest import Row
+from collection.catalogue import PATHS
+from collection.manifest import Row
 
 FILES = """\
 ## What a file holds
@@ -77,8 +77,8 @@ def page(rows: Sequence[Row]) -> str:
         "# Load paths of quasi-static frictional contact",
         "",
         f"{len(paths)} load paths, {len(rows)} files, {sizes} contacts.",
-        "`python -m bipot_rs.collection DIR` writes all;",
-        "`python -m bipot_rs.collection --check DIR` checks every answer without a solver.",
+        "`python -m collection DIR` writes all;",
+        "`python -m collection --check DIR` checks every answer without a solver.",
         "`MANIFEST.csv` describes each file.",
         "",
         "| path | family | d | contacts | steps | answers | form | what happens |",

@@ -1,4 +1,4 @@
-"""``python -m bipot_rs.collection DIR``: write the collection, or check one."""
+"""``python -m collection DIR`` in the folder ``benches``: write the collection, or check one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from bipot_rs.collection.catalogue import PATHS
-from bipot_rs.collection.checks import Checked, check, summary
-from bipot_rs.collection.manifest import Row
-from bipot_rs.collection.write import generate
+from collection.catalogue import PATHS
+from collection.checks import Checked, check, summary
+from collection.manifest import Row
+from collection.write import generate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,9 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0; 1 if a file is wrong; 2 for a wrong argument, or a folder that cannot be read or
         written.
     """
-    parser = argparse.ArgumentParser(
-        prog="python -m bipot_rs.collection", description=__doc__
-    )
+    parser = argparse.ArgumentParser(prog="python -m collection", description=__doc__)
     parser.add_argument(
         "folder", nargs="?", metavar="DIR", help="folder of the collection"
     )
@@ -48,13 +46,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except (OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
 
 
 def _print(text: str) -> None:
-    print(text, flush=True)  # noqa: T201
+    print(text, flush=True)
 
 
 def _tell(one: Checked) -> None:

@@ -4,10 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from collection.doubled import Pair, add, exactly, minus, product, times
 from numpy.typing import NDArray
 from scipy import sparse
-
-from bipot_rs.collection.doubled import Pair, add, exactly, minus, product, times
 
 Array = NDArray[np.float64]
 # Two roundings of the lower part for each operation.

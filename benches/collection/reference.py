@@ -23,9 +23,9 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.collection.doubled import Pair, add, exactly, minus, times
-from bipot_rs.collection.system import System
 from bipot_rs.contact.law.status import Status
+from collection.doubled import Pair, add, exactly, minus, times
+from collection.system import System
 
 Statuses = NDArray[np.int8]
 # Last correction of Newton's method and violation of an inequality, relative to the largest

@@ -5,8 +5,8 @@ from pathlib import Path
 import load_paths
 import numpy as np
 import pytest
+from collection import manifest
 
-from bipot_rs.collection import manifest
 from support.places import ROOT
 
 DATA = ROOT / "tests" / "data" / "collection"
