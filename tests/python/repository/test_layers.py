@@ -100,7 +100,13 @@ RUST_SIBLINGS = {
         "fallback",
         "solve",
     ),
-    "solver/newton": ("linearisation", "compliance_form", "stiffness_form", "newton", "refine"),
+    "solver/newton": (
+        "linearisation",
+        "compliance_form",
+        "stiffness_form",
+        "newton",
+        "refine",
+    ),
     "solver/derivatives": ("tangent_system", "tangent_stiffness_form"),
     "solver/paper": ("pivoting uzawa", "principles", "multipliers"),
     "solver/paper/principles": (
