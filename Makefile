@@ -85,6 +85,7 @@ python-lint: $(STAMP)
 .PHONY: types
 types: $(STAMP)
 	$(PY) -m mypy
+	$(PY) -m mypy tests/types/public_names.py
 	$(PY) -m mypy.stubtest bipot_rs._core
 
 .PHONY: python-test

@@ -137,7 +137,7 @@ def found_in_rust(number: int) -> str:
     return failed and f"cargo test: {failed}"
 
 
-def found_in_python(number: int, where: str = "") -> str:
+def found_in_python(number: int, where: str = "", marked: str = "not slow") -> str:
     """The first Python test below the folder ``where`` that fails; nothing if all pass.
 
     The tests of the repository itself, such as of its layers, see the switches.
@@ -145,17 +145,20 @@ def found_in_python(number: int, where: str = "") -> str:
     pytest = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
     folder = f"tests/python/{where}"
     which = [folder, "--ignore=tests/python/repository"]
-    tests = run([*pytest, "-n", "2", "--dist", "loadgroup", *which], number)
+    which += ["-m", marked, "-n", "2", "--dist", "loadgroup"]
+    tests = run([*pytest, *which], number)
     return first(r"^(?:FAILED|ERROR) (\S+)", *tests)
 
 
 def found_by(number: int, file: str) -> str:
-    """The first test that fails with this fault: where the fault is, then elsewhere."""
-    if file.endswith(".rs"):
-        return found_in_rust(number) or found_in_python(number)
-    # Tests mirror the package.
-    near = found_in_python(number, Path(file).parts[2])
-    return near or found_in_python(number) or found_in_rust(number)
+    """The first test that fails with this fault: where the fault is, elsewhere, then slow ones."""
+    looks = [lambda: found_in_rust(number), lambda: found_in_python(number)]
+    if not file.endswith(".rs"):
+        looks.reverse()
+        # Tests mirror the package.
+        looks.insert(0, lambda: found_in_python(number, Path(file).parts[2]))
+    looks.append(lambda: found_in_python(number, marked="slow"))
+    return next(filter(None, (look() for look in looks)), "")
 
 
 def main() -> int:

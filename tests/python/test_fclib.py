@@ -151,6 +151,7 @@ def test_matrices_come_back_bit_for_bit(data: st.DataObject) -> None:
 
 @settings(max_examples=25)
 @given(data=st.data())
+@pytest.mark.slow
 def test_problems_come_back_bit_for_bit(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -36,6 +36,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_two_runs_write_the_same_bytes(written: Path, tmp_path: Path) -> None:
     """Another process, with another number of threads."""
     threads = dict.fromkeys(
@@ -57,6 +58,7 @@ def test_two_runs_write_the_same_bytes(written: Path, tmp_path: Path) -> None:
     assert run.stdout.count("contacts") == len(files) - 2
 
 
+@pytest.mark.slow
 def test_stored_files_are_those_of_the_generator(written: Path) -> None:
     """Other machines may round W and q in the last digits; references follow them."""
     stored = sorted(DATA.glob("*.hdf5"))
@@ -195,6 +197,7 @@ def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) ->
     assert said in "; ".join(wrong[0].faults)
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(written, folder)

@@ -88,6 +88,7 @@ def test_without_statuses_near_there_is_no_reference() -> None:
         "pair_3d_49_mortar",
     ],
 )
+@pytest.mark.slow_variants("pair_3d_49_mortar")
 def test_an_independent_program_agrees(name: str) -> None:
     """The reference of the benches: other equations, statuses by projection, longdouble."""
     compared = 0
@@ -195,6 +196,16 @@ SMALL = [name for name in PATHS if contacts(name) <= 300]
 
 
 @pytest.mark.parametrize("name", SMALL)
+@pytest.mark.slow_variants(
+    "block_3d_121",
+    "block_3d_256_turning",
+    "hertz_3d_169",
+    "pair_3d_100_release",
+    "pair_3d_49_mortar",
+    "pair_3d_81",
+    "rough_2d_257",
+    "twist_3d_49",
+)
 def test_the_first_steps_of_a_path_have_references(name: str) -> None:
     found = [step for step, _ in zip(steps(PATHS[name].make()), range(3), strict=False)]
     assert all(step.answers or step.proof is not None for step in found)

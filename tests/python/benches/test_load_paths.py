@@ -63,6 +63,7 @@ def test_one_unsolved_file_costs_the_path(lines: list[dict[str, object]]) -> Non
     assert np.isinf(found).sum() == 1
 
 
+@pytest.mark.slow
 def test_the_profiles_are_drawn(lines: list[dict[str, object]], tmp_path: Path) -> None:
     load_paths.draw(lines, tmp_path / "profiles.png")
     assert (tmp_path / "profiles.png").stat().st_size > 10_000

@@ -253,6 +253,7 @@ def test_a_reader_that_closes_the_pipe() -> None:
     process.stderr.close()
 
 
+@pytest.mark.slow
 def test_scene_is_written_as_fclib_files(tmp_path: Path) -> None:
     """Each load step can be solved from its file alone."""
     run = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube", "--set=mesh.n=3"]

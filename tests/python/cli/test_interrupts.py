@@ -142,6 +142,7 @@ def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
         ("bipot_rs._core", RUN),
     ],
 )
+@pytest.mark.quick_variants("typer-*")
 def test_while_the_package_loads(
     module: str, arguments: list[str], tmp_path: Path
 ) -> None:

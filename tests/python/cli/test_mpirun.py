@@ -129,6 +129,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.quick_variants("moving obstacle", "springs and loads")
+@pytest.mark.quick_variants("moving obstacle")
 def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> None:
     file = scene(tmp_path, SCENES[name])
     run = ("run", file, "--tol", "1e-12", "--json")

@@ -114,6 +114,7 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
     )
 
 
+@pytest.mark.slow
 def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
     cwd = broken.parent
     assert interrupted(7, "--resume", cwd=cwd).returncode == 130
@@ -183,6 +184,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("automatic", [None, {"slip": 0.01, "first": 0.5}])
+@pytest.mark.slow
 def test_a_path_with_frames_of_each_step_is_resumed_to_the_same_files(
     automatic: Any, tmp_path: Path
 ) -> None:
@@ -208,6 +210,7 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
     assert "without --resume" in again.stderr
 
 
+@pytest.mark.slow
 def test_a_new_run_reports_an_unfinished_one(broken: Path) -> None:
     looked = bipot("info", "here", cwd=broken.parent)
     assert "4 load steps of 9, every residual" in looked.stdout

@@ -112,6 +112,7 @@ def test_result_file_is_a_result(tmp_path: Path) -> None:
     assert total[0] > 0 > total[1]
 
 
+@pytest.mark.slow
 def test_a_later_run_replaces_the_files_of_an_earlier_one(tmp_path: Path) -> None:
     arguments = ("run", "cyclic_cube", "--set", "mesh.n=2", "--out", "here")
     bipot(*arguments, "--plot", cwd=tmp_path)
@@ -288,6 +289,7 @@ def test_help_is_quick_to_import(tmp_path: Path) -> None:
     assert run.stderr.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_a_run_imports_everything_before_its_phases(tmp_path: Path) -> None:
     """A signal cannot leave half a module, and no phase is charged for imports."""
     code = """

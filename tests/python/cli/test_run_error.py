@@ -17,6 +17,7 @@ P1 = "--set=mesh.element=P1"
 SMALL = ("run", "sheared_cube", "--set=mesh.n=2", P1)
 
 
+@pytest.mark.slow
 def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
     run = bipot(*SMALL, "--error", "--plot", "--out=here", cwd=tmp_path)
     out = tmp_path / "here"

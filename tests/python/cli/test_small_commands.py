@@ -372,6 +372,7 @@ x = { value = 5.0, amplitude = "drag" }
     )
 
 
+@pytest.mark.slow
 def test_plot_draws_what_run_draws(bipot: Any) -> None:
     assert bipot("run", "sheared_cube", *SMALL, "--plot")[0] == 0
     folder = Path("out/sheared_cube")
@@ -401,6 +402,7 @@ FEW = ("slip", "pressure_3d", "resultants", "convergence")
     "drawn_kinds",
     [FEW, pytest.param(tuple(kinds()), marks=pytest.mark.slow, id="all")],
 )
+@pytest.mark.slow
 def test_plot_draws_each_kind(drawn_kinds: tuple[str, ...], bipot: Any) -> None:
     """All kinds for a run in three dimensions, all different; no maps in the plane."""
     assert bipot("run", "sheared_cube", *SMALL)[0] == 0

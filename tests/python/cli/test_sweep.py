@@ -201,6 +201,7 @@ def test_a_scheduler_needs_dask(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None:
     command = [
         *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
@@ -261,6 +262,7 @@ def work(k: int) -> Any:
     return os.getpid(), os.environ["BIPOT_NUM_THREADS"]
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_reported_and_replaced() -> None:
     with Workers(work, 1) as workers:
         found = dict(workers.map([(k,) for k in range(6)]))
@@ -295,6 +297,7 @@ def test_leaving_ends_the_workers() -> None:
     assert time.monotonic() - started < 30
 
 
+@pytest.mark.slow
 def test_rows_of_another_sweep_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

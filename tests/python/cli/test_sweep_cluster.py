@@ -43,6 +43,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_this_machine(
     strict: str, tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
 ) -> None:
@@ -152,6 +153,7 @@ def test_the_forecast_of_a_row_chooses_its_worker(
     )
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_finished_rows_and_cancels_the_others(
     strict: str, tmp_path: Path
 ) -> None:
@@ -204,6 +206,7 @@ def test_a_scheduler_that_goes(tmp_path: Path) -> None:
         ("127.0.0.1:9", "no dask scheduler answers within 0.5 s"),
     ],
 )
+@pytest.mark.slow_variants("nonsense-*")
 def test_wrong_addresses(
     address: str,
     why: str,
@@ -221,6 +224,7 @@ def test_wrong_addresses(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_scheduler_file(
     tmp_path: Path, bipot: Callable[..., tuple[int, str, str]]
 ) -> None:

@@ -55,6 +55,7 @@ def test_a_row_that_fails_at_step_4_keeps_its_three_steps(bipot: Bipot) -> None:
 
 
 @pytest.mark.usefixtures("scene")
+@pytest.mark.slow
 def test_kept_steps_are_those_of_a_single_run_which_can_go_on(bipot: Bipot) -> None:
     chosen = ("--set", "contact.0.mu=0.3")
     bipot(*STUDY, *chosen)
@@ -80,6 +81,7 @@ def test_a_row_without_a_solved_step_has_no_file(bipot: Bipot) -> None:
 
 
 @pytest.mark.usefixtures("scene")
+@pytest.mark.slow
 def test_results_of_all_rows(bipot: Bipot) -> None:
     settings = ("--set", "contact.0.mu=0.3,0.5")
     bipot(*STUDY, *settings)
@@ -93,6 +95,7 @@ def test_results_of_all_rows(bipot: Bipot) -> None:
 
 
 @pytest.mark.usefixtures("scene")
+@pytest.mark.slow
 def test_results_follow_their_rows_to_new_numbers(bipot: Bipot) -> None:
     bipot(*STUDY, "--set", "contact.0.mu=0.1,0.3", "--results")
     before = Path("here/rows/0001/result.h5").read_bytes()
@@ -140,6 +143,7 @@ def test_a_worker_with_another_scene_does_not_solve_it(
     assert "its worker cannot read the scene" in str(solve_as(row, digest))
 
 
+@pytest.mark.slow
 def test_a_study_of_another_scene_resumes_nothing(scene: Path, bipot: Bipot) -> None:
     settings = ("--set", "contact.0.mu=0.3", "--results")
     bipot(*STUDY, *settings)

@@ -66,6 +66,7 @@ def parts(array: Path, tmp_path: Path) -> Path:
     return tmp_path / "parts"
 
 
+@pytest.mark.slow
 def test_joined_parts_are_the_files_of_one_sweep(
     array: Path, parts: Path, bipot: Bipot
 ) -> None:
@@ -84,6 +85,7 @@ def test_joined_parts_are_the_files_of_one_sweep(
     assert files(Path("there")) == one
 
 
+@pytest.mark.slow
 def test_parts_divide_the_rows(array: Path) -> None:
     numbers = [
         [int(row["row"]) for row in table(array / "parts" / f"part-{k}-of-3")]
@@ -125,6 +127,7 @@ def test_wrong_parts(text: str, why: str) -> None:
     assert part(" 2/ 4") == Part(2, 4)
 
 
+@pytest.mark.slow
 def test_missing_rows_are_marked_and_resumed(
     array: Path, parts: Path, bipot: Bipot
 ) -> None:

@@ -20,6 +20,8 @@ from bipot_rs.contact.stiffness import dof_order
 from support.children import bipot
 from support.orders import CELLS, body, by_component
 
+pytestmark = pytest.mark.needs_extra
+
 Floats = NDArray[np.float64]
 
 

@@ -13,6 +13,8 @@ import bipot_rs as bp
 from bipot_rs import fem, scene
 from support.children import bipot
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 MU = np.array([0.3, 0.06])
 GRAIN = ["contact.0.mu=[0.3, 0.06]", "contact.0.axis=[1.0, 1.0, 0.0]"]
@@ -340,6 +342,7 @@ def test_scenes_with_an_axis_along_the_normal() -> None:
         fem.frames([[0.0, 1.0]], [1.0, 0.0])
 
 
+@pytest.mark.slow
 def test_from_the_command_line(tmp_path: Path) -> None:
     sets = [word for s in ("mesh.n=3", *GRAIN) for word in ("--set", s)]
     asked = ("sheared_cube", *sets, "--out", "out", "--json", "--plot")

@@ -587,6 +587,7 @@ def sharpness_of(seed: int) -> list[float]:
     return sharpness
 
 
+@pytest.mark.slow
 def test_missing_energy_bounds_the_error() -> None:
     """½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B at admissible pairs, and how sharp it is.
 

@@ -380,6 +380,7 @@ def test_compliance_that_no_theorem_covers() -> None:
         )
 
 
+@pytest.mark.needs_extra
 def test_the_scenes_have_answers() -> None:
     for name, n in (("pressed_block", 8), ("two_blocks", 4), ("sheared_cube", 3)):
         whole = scene.read(name, [f"mesh.n={n}"])

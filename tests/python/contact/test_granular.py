@@ -42,6 +42,7 @@ def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.slow_variants("3")
+@pytest.mark.slow
 def test_a_packing_of_eighty_balls(d: int) -> None:
     packing = grains.packing("packing", d, 80, np.random.default_rng(d), mu=0.4)
     solution = solved(packing)

@@ -187,6 +187,7 @@ def test_h26_a_step_without_a_change_of_load_changes_nothing(
         np.testing.assert_allclose(result.slip[k], 0, atol=SMALL)
 
 
+@pytest.mark.slow
 def test_every_step_of_random_paths_is_a_solution() -> None:
     rng = np.random.default_rng(11)
     for _ in range(10):

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP
 
 
+@pytest.mark.slow
 def test_h19_a_thousand_cycles_do_not_drift() -> None:
     cycles = 1000
     problem, load = bar_problem()

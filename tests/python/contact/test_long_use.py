@@ -17,6 +17,8 @@ from support.bars import bar_problem, pulled
 from support.children import forked
 from support.methods import METHODS
 
+pytestmark = pytest.mark.needs_extra
+
 
 class _Heap(ctypes.Structure):
     """`struct mallinfo2` of glibc: `uordblks` bytes in use, `hblkhd` bytes mapped."""
@@ -120,10 +122,12 @@ class Endless:
         _ = self.last.displacement
 
 
+@pytest.mark.slow
 def test_small_problems() -> None:
     growth(random_problem, 300, 900)
 
 
+@pytest.mark.slow
 def test_load_steps() -> None:
     growth(Endless().step, 50, 150)
 
@@ -144,6 +148,7 @@ class Own(Exception):
     """An exception raised by a callback."""
 
 
+@pytest.mark.slow
 def test_callbacks_that_raise() -> None:
     problem, load = bar_problem(6)
 

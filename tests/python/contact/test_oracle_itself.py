@@ -104,6 +104,7 @@ def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
     assert seen == {OPEN, SLIP, STICK}
 
 
+@pytest.mark.slow
 def test_many_contacts() -> None:
     for seed in range(3):
         problem = random_problem(seed, 25, 3)

@@ -18,6 +18,8 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 
+pytestmark = pytest.mark.needs_extra
+
 # Read the pickle, compute the requested results, send them back.
 CHILD = """
 import pickle, sys

@@ -17,7 +17,7 @@ from support.children import forked
 from support.pressed_in_space import pressed
 
 # A time limit against hanging: each of these takes a second or two.
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [pytest.mark.timeout(60), pytest.mark.needs_extra]
 
 
 def cube(cells: int = 5, num_threads: int | None = None) -> bp.ContactProblem:
@@ -78,6 +78,7 @@ def test_child_of_a_child_of_a_child(expected: bytes) -> None:
 
 
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
+@pytest.mark.slow_variants("direct")
 def test_a_forked_child_with_a_large_matrix(engine: str) -> None:
     """What is done in parallel for large arrays only: K has 980,000 entries."""
     case = pressed(15).assemble()
@@ -105,6 +106,7 @@ def test_a_problem_made_before_the_fork(expected: bytes) -> None:
     assert forked(child).returncode == 0
 
 
+@pytest.mark.slow
 def test_forks_while_threads_solve(expected: bytes) -> None:
     """A fork copies the locks that other threads hold, but not those threads."""
     done = threading.Event()

@@ -20,6 +20,7 @@ SEEDS = (0, 8, 10, 22, 26, 50, 55, 82, 93, 103, 137)
 @pytest.mark.parametrize(
     "seeds", [SEEDS[::3], pytest.param(SEEDS, marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
     """All but one converge: near a stall the last bit of W, which depends on the BLAS,
     decides which one does not. An unsolved problem must not be reported as solved."""

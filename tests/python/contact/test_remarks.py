@@ -19,6 +19,8 @@ from bipot_rs._lib.validation import csr
 from bipot_rs.contact.messages.remarks import looked_at
 from support.orders import CELLS, body, by_component
 
+pytestmark = pytest.mark.needs_extra
+
 YOUNG = 210e3
 
 

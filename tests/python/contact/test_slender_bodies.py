@@ -31,6 +31,8 @@ from support.slender import (
     weight,
 )
 
+pytestmark = pytest.mark.needs_extra
+
 
 @pytest.mark.parametrize("coordinates", [True, False])
 @pytest.mark.parametrize("how", list(HOLDS))
@@ -136,6 +138,7 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
     assert abs(moment) <= 1e-12 * whole * 1000.0
 
 
+@pytest.mark.slow
 def test_a_stiffness_without_digits_is_an_error() -> None:
     """Cells with aspect ratio 100, in a strip that is 5000 heights long."""
     body = strip((1000.0, 0.2), (160, 2))
@@ -192,6 +195,7 @@ def _symmetric(row: Any, col: Any, value: Any, n: int) -> Any:
     return (upper + strict.T).tocsr()
 
 
+@pytest.mark.slow
 def test_slender_bodies_at_random() -> None:
     # The most slender bodies with many cells may be refused: K has no digits for them.
     assert held(range(20))["solved"] >= 18

@@ -146,6 +146,7 @@ def test_steps_of_a_billionth_and_less() -> None:
             assert x.error_v <= 1e-14 / x.parameter
 
 
+@pytest.mark.slow
 def test_contacts_from_none_to_many() -> None:
     plane, islands, space = [0, 1, 2, 3, 30, 200], [3], [2, 6]
     found = []

@@ -13,6 +13,7 @@ from support.determinate import bars, counted, on_two_nodes, sticking
 from support.twice import Array
 
 
+@pytest.mark.slow
 def test_statically_determinate_bodies() -> None:
     assert sticking(range(60))["solved"] == 60
 
@@ -22,6 +23,7 @@ def test_many_statically_determinate_bodies() -> None:
     assert sticking(range(60, 1260))["solved"] == 1200
 
 
+@pytest.mark.slow
 def test_supports_of_flat_blocks_are_counted() -> None:
     assert sum(counted(range(200)).values()) == 200
 
@@ -41,6 +43,7 @@ def test_two_nodes_never_hold_a_body_in_space() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])
+@pytest.mark.needs_extra
 def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
     """One corner held in one direction, contact at the other: W is only rounding."""
     mesh: Any = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "triangle")

@@ -23,6 +23,8 @@ from bipot_rs import fem
 from bipot_rs.contact.stiffness.rigid_motions import UNKNOWN, directions
 from support.children import bipot
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
 # Times τ: the energy above, and friction, through which errors of u change r.
@@ -145,6 +147,7 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
     "cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 )
 @pytest.mark.slow_variants("hexahedron-floating-6", "hexahedron-held-6")
+@pytest.mark.slow_variants("hexahedron-held-8")
 def test_few_digits_give_few_digits(cell: str, held: bool, digits: int) -> None:
     agree(case(cell, held), digits, cell)
 
@@ -171,6 +174,7 @@ def test_a_slender_body_keeps_its_bending(held: bool) -> None:
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
+@pytest.mark.slow_variants("8")
 def test_entries_move_within_their_digits(digits: int) -> None:
     given = case("hexahedron", False)
     given.K.eliminate_zeros()
@@ -221,6 +225,7 @@ def test_a_large_indefinite_stiffness() -> None:
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 @pytest.mark.parametrize("negative", [6e-15, 3e-13])
+@pytest.mark.slow_variants("*-13-hexahedron")
 def test_a_condensed_stiffness(cell: str, negative: float) -> None:
     """A dense superelement whose rigid motions have slightly negative eigenvalues."""
     given = case(cell, False, cells=3)
@@ -450,6 +455,7 @@ def test_wrong_arguments(change: dict[str, Any], kind: type, words: str) -> None
 @pytest.mark.parametrize("claimed", [9, 10, 12])
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 @pytest.mark.quick_variants("*-9", "quadrilateral-*")
+@pytest.mark.slow_variants("hexahedron-*")
 def test_fewer_digits_than_given(cell: str, claimed: int) -> None:
     given = case(cell, False)
     with pytest.raises(ValueError, match="typically by") as refused:
@@ -677,6 +683,7 @@ def check_wrong_places(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.slow_variants("17")
+@pytest.mark.slow_variants("15")
 def test_random_blocks_with_wrong_arguments(seed: int) -> None:
     check_too_many_digits(1000 + seed)
     check_wrong_places(2000 + seed)
@@ -684,6 +691,7 @@ def test_random_blocks_with_wrong_arguments(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.slow_variants("10", "13")
+@pytest.mark.slow_variants("15")
 def test_random_blocks(seed: int) -> None:
     check_random(seed)
 

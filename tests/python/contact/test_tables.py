@@ -11,6 +11,8 @@ import pytest
 
 import bipot_rs as bp
 
+pytestmark = pytest.mark.needs_extra
+
 NAMES = np.array(["open", "slip", "stick"])
 
 

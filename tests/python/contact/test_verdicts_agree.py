@@ -88,6 +88,7 @@ def test_verdicts_agree_on_a_thousand_sliders() -> None:
     sliders(range(60, 1060))
 
 
+@pytest.mark.slow
 def test_a_motion_is_reported_only_as_a_proof() -> None:
     counts = proofs(range(400))
     assert counts["motion"] > 40
@@ -108,6 +109,7 @@ def refused(problem: bp.ContactProblem, load: Array) -> bp.BipotError | None:
     return None
 
 
+@pytest.mark.slow
 def test_the_direction_of_an_error_proves() -> None:
     """The same for bodies given by K: K d = 0 shows that the motion d is rigid."""
     told = Counter[str]()

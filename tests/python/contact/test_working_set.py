@@ -74,6 +74,7 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 15)])
+@pytest.mark.slow_variants("3-*")
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
     fixed = top(body)
@@ -99,6 +100,7 @@ def test_the_gaps_choose_the_first_set() -> None:
 
 
 @pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 14)])
+@pytest.mark.slow
 def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
     # In space, contacts are numbered row by row. The contacts that hold the body must not
     # lie on a diagonal, about which only rounding would hold it.
@@ -127,6 +129,7 @@ def test_all_candidates_are_used_if_nearly_all_close() -> None:
     agree(grown, whole)
 
 
+@pytest.mark.slow
 def test_two_bodies_and_a_state_to_start_from() -> None:
     upper, gap = indented(2, 320, radius=1.0)
     n = upper.K.shape[0]
@@ -153,6 +156,7 @@ def test_two_bodies_and_a_state_to_start_from() -> None:
     agree(*results)
 
 
+@pytest.mark.slow
 def test_bits_do_not_depend_on_threads() -> None:
     body, gap = indented(3, 15, radius=1.0)
     fixed = top(body)

@@ -285,6 +285,7 @@ def test_complementary_energy_is_dual(dim: int, poisson: float) -> None:
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("held", ["nothing", "bottom", "a roller", "two sides"])
 @pytest.mark.quick_variants("*-2", "*bottom*")
+@pytest.mark.slow_variants("*-3")
 def test_self_stresses_span_the_null_space(dim: int, held: str) -> None:
     """They span the null space of the balances of forces and torques of all cells.
 

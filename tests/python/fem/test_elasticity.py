@@ -224,6 +224,7 @@ print(json.dumps([bits.hexdigest(), 1024 * peak / size]))
 
 @pytest.mark.parametrize("moved", [0.0, 1.0])
 @pytest.mark.slow_variants("1.0")
+@pytest.mark.slow
 def test_bits_do_not_depend_on_threads_and_memory_is_that_of_the_matrix(
     moved: float,
 ) -> None:

@@ -102,6 +102,7 @@ def test_files_of_another_program(form: str, tmp_path: Path, bipot: Any) -> None
     assert after.reaction.tobytes() == before.reaction.tobytes()
 
 
+@pytest.mark.slow
 def test_tables_of_sweeps(bipot: Any) -> None:
     sweep = (
         "sweep",
@@ -135,6 +136,7 @@ def test_temporary_copies_are_removed(tmp_path: Path) -> None:
     assert not source.parent.exists()
 
 
+@pytest.mark.slow
 def test_every_text_is_read_without_the_mark(repository: Path) -> None:
     # These read files of the package or the system, which have no mark.
     own = {"new.py", "versions.py", "memory.py", "peak_memory.py"}

@@ -25,6 +25,7 @@ except ModuleNotFoundError as error:
 
 
 @pytest.mark.parametrize(("library", "name"), [("jax", "jax"), ("torch", "torch")])
+@pytest.mark.slow
 def test_a_missing_library_is_named_with_its_extra(library: str, name: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", _WITHOUT, library], capture_output=True, text=True

@@ -1,8 +1,11 @@
 """An object with many arrays is shown on a screen: not their numbers, but their shapes."""
 
 import numpy as np
+import pytest
 
 import bipot_rs as bp
+
+pytestmark = pytest.mark.needs_extra
 
 
 def shown() -> list[object]:

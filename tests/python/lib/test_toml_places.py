@@ -90,6 +90,7 @@ TABLES = st.recursive(
 
 
 @given(st.dictionaries(st.text(max_size=4), TABLES, max_size=4))
+@pytest.mark.slow
 def test_any_table(table: dict[str, Any]) -> None:
     try:
         source = text(table)

@@ -8,6 +8,8 @@ import pytest
 from bipot_rs import analytic, fem
 from bipot_rs import obstacle as ob
 
+pytestmark = pytest.mark.needs_extra
+
 E, NU, P = 1000.0, 0.3, 2.0
 # Some thousand second-order unknowns: their condition, 1e4, times rounding.
 PATCH = 1e-11

@@ -14,6 +14,8 @@ from bipot_rs.fem.contact import meeting
 from support.halfspace import body, boussinesq, grid, mirrored
 from support.profiles import Profile
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 PLANE, SPACE = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 MIXED = [(a, b) for cells in (PLANE, SPACE) for a in cells for b in cells]

@@ -12,6 +12,8 @@ from bipot_rs import obstacle as ob
 from bipot_rs.discretisation import discretisation_error
 from support.spheres import icosphere
 
+pytestmark = pytest.mark.needs_extra
+
 TOL = 1e-12
 # Two solutions with η = 1e-12, relative to the smallest force that counts.
 SAME = 1e-9

@@ -12,6 +12,8 @@ from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from support.rollers import roller
 
+pytestmark = pytest.mark.needs_extra
+
 TOL = 1e-13
 RADIUS, DEPTH, WAY = 50.0, 1.0, 8.0  # mm
 

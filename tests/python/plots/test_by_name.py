@@ -144,6 +144,7 @@ def test_wrong_arguments_of_pictures_by_name(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_gif_has_a_frame_for_each_step(
     flat: Any, seen: list[Any], tmp_path: Path
 ) -> None:
@@ -213,6 +214,7 @@ def test_frames_of_bodies_show_growing_displacements(
         assert longest / whole == pytest.approx(force / last, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_step_without_values_has_the_bar_of_the_others(
     seen: list[Any], tmp_path: Path
 ) -> None:
@@ -258,6 +260,7 @@ def test_an_earlier_file_survives_a_failure(
     assert list(tmp_path.iterdir()) == [target]
 
 
+@pytest.mark.slow
 def test_pyplot_is_not_imported(tmp_path: Path) -> None:
     code = (
         "import sys, numpy as np, bipot_rs as bp; "

@@ -327,6 +327,7 @@ def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
 @pytest.mark.parametrize("areas", [True, False])
 @pytest.mark.parametrize("stretch", [1.0, 3.0, 40.0])
 @pytest.mark.parametrize("hole", [False, True])
+@pytest.mark.slow_variants("True-3.0-True")
 def test_only_holes_are_blank(stretch: float, hole: bool, areas: bool) -> None:
     """Without facets, by the areas of the contacts, or by the points alone."""
     found, contacts = sheet(stretch, hole)
@@ -373,6 +374,7 @@ def colours_of(ax: Any) -> Any:
     return np.unique(drawn.reshape(-1, 3), axis=0)
 
 
+@pytest.mark.slow
 def test_maps_of_graded_cells_are_whole_and_in_the_colours_of_the_bar() -> None:
     """Cells of an aspect ratio up to 111, with facets, with areas, and without both."""
     found, contacts = graded()
@@ -836,6 +838,7 @@ PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
     "wear",
     "zones",
 )
+@pytest.mark.slow_variants("by gap")
 def test_parts_of_a_picture_do_not_overlap(
     name: str, request: pytest.FixtureRequest
 ) -> None:
@@ -851,6 +854,7 @@ def test_every_picture_is_looked_at() -> None:
     assert drawn == set(plots.__all__) - {"animate"}
 
 
+@pytest.mark.slow
 def test_large_and_small_numbers_can_be_read(line: Any) -> None:
     """In pascals and metres, and in meganewtons and kilometres."""
     _, result = line
@@ -905,6 +909,7 @@ def test_given_axes_are_used(line: Any, cube: Any) -> None:
         plots.surface3d(*cube, ax=left)
 
 
+@pytest.mark.slow
 def test_no_state_is_left() -> None:
     code = (
         "import sys, bipot_rs as bp; early = 'bipot_rs.plots' in sys.modules; "

@@ -96,6 +96,7 @@ def test_surfaces_that_are_not_one_plane(
     assert "pressure [MPa]" in texts
 
 
+@pytest.mark.slow
 def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     out = np.random.default_rng(1).normal(size=(200, 3))
     out /= np.linalg.norm(out, axis=1, keepdims=True)
@@ -106,6 +107,7 @@ def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert overlaps(figure) == []
 
 
+@pytest.mark.slow
 def test_each_plane_surface_has_its_own_maps(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -151,6 +153,7 @@ def test_no_steps(tmp_path: Path) -> None:
         tractions(tmp_path / "a.png", plane, [])
 
 
+@pytest.mark.slow
 def test_pyplot_stays_out(tmp_path: Path) -> None:
     code = (
         "import sys, numpy as np; from bipot_rs.plots.run_figure import tractions; "

@@ -319,6 +319,7 @@ def test_quantity_that_is_zero_everywhere() -> None:
         assert not ax.child_axes
 
 
+@pytest.mark.slow
 def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     clamp().to_toml("clamp.toml")
     setting = ("--set", "contact.1.mu=0.25")
@@ -370,6 +371,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
 
 
+@pytest.mark.slow
 def test_the_command_draws_the_contact_zone_and_animations(bipot: Any) -> None:
     clamp().to_toml("clamp.toml")
     assert bipot("run", "clamp.toml", "--json")[0] == 0
@@ -442,6 +444,7 @@ def test_a_sweep_names_what_is_used_of_friction(
     assert "Σ|rt|/(Σμrn)" in heads
 
 
+@pytest.mark.slow
 def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
     """The message uses the words of the command line."""
     m = bp.Model("A block in a corner")

@@ -132,6 +132,7 @@ def answers() -> dict[str, commands.Run]:
     }
 
 
+@pytest.mark.slow
 def test_results_of_programs_have_one_form(answers: dict[str, commands.Run]) -> None:
     for run in answers.values():
         assert run.dofs == 3 * 5**3
@@ -151,6 +152,7 @@ def test_programs_agree(answers: dict[str, commands.Run]) -> None:
     assert wrong == 0
 
 
+@pytest.mark.slow
 def test_a_wrong_answer_is_marked(answers: dict[str, commands.Run]) -> None:
     ours, peer = answers["ours"], answers["peer"]
     reference = {key: getattr(ours, key) for key in ("x", "area", "mu", "R", "v")}

@@ -151,6 +151,19 @@ def with_meshes(page: Path, folder: Path) -> None:
     "docs/tutorials/fretting.md",
     "docs/tutorials/identification.md",
 )
+@pytest.mark.slow_variants(
+    "*-3d.md",
+    "*-results.md",
+    "*-study.md",
+    "*body.md*",
+    "docs/collection.md",
+    "docs/gallery.md",
+    "docs/published.md",
+    "docs/tutorials/punch_shape.md",
+    "docs/tutorials/sensitivities.md",
+    "docs/tutorials/uncertainty.md",
+    "docs/tutorials/wear.md",
+)
 def test_python_blocks_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

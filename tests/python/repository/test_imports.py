@@ -85,6 +85,7 @@ def test_loads_only_what_it_uses(
     assert {name for name in HEAVY if name in found} == set(used)
 
 
+@pytest.mark.slow
 def test_modules_are_attributes_of_the_package(tmp_path: Path) -> None:
     code = (
         "import bipot_rs as bp\nfound = bp.{0}\nassert found.__name__ == 'bipot_rs.{1}'"
@@ -105,6 +106,7 @@ def test_help_loads_no_more_modules_than_sparse_matrices(tmp_path: Path) -> None
     assert len(found) <= len(loaded(LEAST, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_run_loads_few_modules_beside_sparse_matrices(tmp_path: Path) -> None:
     """Each module takes about 0.5 ms: see benches/import_time.py for the time of a process."""
     run = PROCESS.format(["run", "pressed_block", "--set", "mesh.n=4"])
@@ -122,10 +124,12 @@ def test_a_run_loads_few_modules_beside_sparse_matrices(tmp_path: Path) -> None:
     assert "bipot_rs.contact.sensitivity.linear_path" not in ours
 
 
+@pytest.mark.slow
 def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
     assert "scipy.spatial" not in loaded(COMMAND.format(RUN), tmp_path)
 
 
+@pytest.mark.slow
 def test_check_of_imports_sees_matplotlib(tmp_path: Path) -> None:
     """The check above would notice these names."""
     assert "matplotlib" in loaded(COMMAND.format([*RUN, "--plot"]), tmp_path)

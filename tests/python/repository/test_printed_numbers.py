@@ -185,6 +185,7 @@ def test_the_curves_of_the_bound() -> None:
         pytest.param("cattaneo_mindlin", 10, None, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_the_curves_of_the_stop_rule(
     name: str, n: int, methods: tuple[str, ...] | None
 ) -> None:

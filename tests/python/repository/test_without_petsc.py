@@ -30,6 +30,9 @@ sys.exit(main())
         "import bipot_rs.cli.commands.run, bipot_rs.scene, bipot_rs.fem",
     ],
 )
+@pytest.mark.slow_variants(
+    "import bipot_rs; [[]getattr(bipot_rs, name) for name in dir(bipot_rs)]"
+)
 def test_the_ordinary_package_never_imports_petsc(work: str) -> None:
     script = (
         f"import sys\n{work}\nnames = {{name.partition('.')[0] for name in sys.modules}}\n"

@@ -73,6 +73,7 @@ def check_scene(path: Path, table: dict[str, Any]) -> str:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", shipped())
 @pytest.mark.quick_variants("drawn_sheet", "pushed_punch", "raous_plate", "twisted_pad")
+@pytest.mark.slow_variants("drawn_sheet", "twisted_pad")
 def test_altered_scenes(name: str, tmp_path: Path) -> None:
     @settings(
         max_examples=60,

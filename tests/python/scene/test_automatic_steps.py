@@ -150,6 +150,7 @@ def test_mistakes(setting: str, words: str) -> None:
     assert words in str(refused.value)
 
 
+@pytest.mark.slow
 def test_the_error_of_the_mesh(tmp_path: Path) -> None:
     """For steps in between it equals that of the same load points; also by the command."""
     p1 = (*SLIDING, "mesh.element=P1", "mesh.n=2")

@@ -144,6 +144,7 @@ def test_automatic_steps_of_an_obstacle() -> None:
     np.testing.assert_allclose(np.abs(quarter[:, 1]), 0.005, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_automatic_steps_of_an_obstacle_by_mortar() -> None:
     """Divided, equal to the same load points; undivided, equal to the load steps."""
     changes = {"contact.0.pairing": "mortar", "body.block.order": 2}
@@ -156,6 +157,7 @@ def test_automatic_steps_of_an_obstacle_by_mortar() -> None:
     assert bits(result, again)
 
 
+@pytest.mark.slow
 def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
     for automatic in (None, {"slip": 0.004}):
         where = tmp_path / str(automatic is None)

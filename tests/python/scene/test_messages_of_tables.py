@@ -140,6 +140,7 @@ def messages(table: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("name", ["whole", "pressed_block", "two_blocks"])
+@pytest.mark.quick_variants("pressed_block")
 def test_no_message_is_one_of_pydantic(name: str) -> None:
     kinds = set()
     for table in changed(tables()[name]):

@@ -72,6 +72,7 @@ def test_a_pushed_punch() -> None:
 
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
 @pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad"])
+@pytest.mark.slow_variants("pushed_punch-iterative")
 def test_resumed_and_automatic_paths(name: str, engine: str, tmp_path: Path) -> None:
     m = bp.Model.from_toml(name).with_(**{"mesh.n": 4 if name == "twisted_pad" else 20})
     m.solver(engine=engine, tol=1e-11)
@@ -109,6 +110,7 @@ def coarse(name: str) -> bp.Model:
 
 
 @pytest.mark.parametrize("name", ["pushed_punch", "twisted_pad", "gripped"])
+@pytest.mark.slow_variants("pushed_punch")
 def test_run_writes_the_files_of_the_model(name: str, tmp_path: Path) -> None:
     m = coarse(name)
     m.to_toml(tmp_path / "it.toml")

@@ -98,6 +98,7 @@ def test_a_model_wears() -> None:
         m.solve()
 
 
+@pytest.mark.slow
 def test_a_run_writes_a_row_and_a_field_for_each_cycle(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -249,6 +249,7 @@ def test_the_solution_minimises_over_admissible_fields(name: str, n: int) -> Non
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.slow_variants("3")
+@pytest.mark.slow
 def test_the_solution_minimises_on_random_bodies(d: int) -> None:
     for seed in SEEDS:
         rng = np.random.default_rng([1, seed])

@@ -14,6 +14,8 @@ from bipot_rs.theory.limit_load import LimitLoadError
 from bipot_rs.theory.soils import DruckerPrager, tensor
 from support.hollow_sphere import HollowSphere
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 SPHERE = HollowSphere()
 PRESSURE = 0.85 * SPHERE.limit
@@ -102,6 +104,7 @@ def test_steps_do_not_change_the_end() -> None:
     assert errors(2, 4) == pytest.approx(errors(2), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_pressure_above_the_limit_is_refused() -> None:
     structure, force = loaded(2)
     # Coarse cells lock, so that the limit of the mesh is above that of the closed form.

@@ -18,6 +18,8 @@ from bipot_rs.theory.implicit_body import ImplicitBody
 from bipot_rs.theory.limit_load import StepNotConvergedError
 from bipot_rs.theory.soils import DruckerPrager, mandel, tensor
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 SOIL = DruckerPrager(0.5, 0.2, 1.0)
 E, NU = 100.0, 0.3

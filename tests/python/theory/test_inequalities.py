@@ -248,6 +248,7 @@ def test_operators_are_inverse_and_monotone() -> None:
         ("cyclic_cube", 3),
     ],
 )
+@pytest.mark.needs_extra
 def test_every_step_of_a_scene_satisfies_them(name: str, n: int) -> None:
     whole = scene.read(name, [f"mesh.n={n}"])
     case = scene.assemble(whole, scene.bodies(whole))

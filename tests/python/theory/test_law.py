@@ -253,6 +253,7 @@ def common_step(step: bp.Step) -> float:
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
 @pytest.mark.slow_variants("*-found4")
+@pytest.mark.needs_extra
 def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
     """In every form, each step starts from the state at the end of the step before."""
     result = solved(name, n)
@@ -286,6 +287,7 @@ def left_of_the_law(
 
 @pytest.mark.parametrize(("name", "n", "found"), SCENES)
 @pytest.mark.slow_variants("*-found4")
+@pytest.mark.needs_extra
 def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
     """(8), (11), (12) and the duals at the solutions, compared with any admissible field."""
     del found
@@ -323,6 +325,7 @@ def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
 
 
 @pytest.mark.parametrize("name", ["pressed_block", "sheared_cube", "two_blocks"])
+@pytest.mark.needs_extra
 def test_scenes_without_friction_are_explicit(name: str) -> None:
     read = scene.read(name, ["mesh.n=4", "contact.0.mu=0.0"])
     case = scene.assemble(read, scene.bodies(read))
@@ -339,6 +342,7 @@ def test_scenes_without_friction_are_explicit(name: str) -> None:
         assert np.abs(materials.fenchel_gap(explicit, x, y)).max() <= slack
 
 
+@pytest.mark.needs_extra
 def test_body_of_a_scene_is_an_explicit_material() -> None:
     """(64): ½ uᵀK u and its dual; their gap at the solution is the residual of equilibrium."""
     read = scene.read("sheared_cube", ["mesh.n=3"])
@@ -365,6 +369,7 @@ def test_body_of_a_scene_is_an_explicit_material() -> None:
         )
 
 
+@pytest.mark.needs_extra
 def test_a_spoiled_step_of_a_scene_is_seen() -> None:
     result = solved("cyclic_cube", 4)
     k = int((result.status == bp.Status.SLIP).sum(axis=1)[1:].argmax()) + 1

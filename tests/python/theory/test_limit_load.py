@@ -16,6 +16,8 @@ from bipot_rs.theory.implicit_body import ImplicitBody
 from bipot_rs.theory.limit_load import LimitLoadError, StepNotConvergedError
 from bipot_rs.theory.soils import DruckerPrager, tensor
 
+pytestmark = pytest.mark.needs_extra
+
 Array = NDArray[np.float64]
 ALPHA, APEX = 0.5, 1.0
 
@@ -68,6 +70,7 @@ def test_mechanism_of_plane_compression(beta: float, unit: float) -> None:
     assert (1 + 3e-6) * limit * load @ d > spent * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_mechanism_in_space() -> None:
     structure, load = block(0.2, dim=3)
     # Compression without lateral pressure: √(2/3) q = α (a + q/3).

@@ -49,6 +49,7 @@ class Case:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow_variants("3")
 def test_the_answers_of_the_direct_engine(dim: int) -> None:
     case = Case(pressed(4 if dim == 3 else 8, dim=dim))
     engine, path = case.engine(), _core.ContactPath(case.variables)

@@ -9,6 +9,8 @@ import pytest
 import bipot_rs as bp
 from support.rollers import block
 
+pytestmark = pytest.mark.needs_extra
+
 # As in `test_iterative`.
 CLOSE = 1e-9
 

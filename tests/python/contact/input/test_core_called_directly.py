@@ -20,6 +20,8 @@ import bipot_rs as bp
 from bipot_rs import _core
 from support.numpy_engine import NumpyEngine
 
+pytestmark = pytest.mark.needs_extra
+
 Call = Callable[..., Any]
 
 EYE = (np.arange(5), np.arange(4), np.ones(4))
@@ -420,6 +422,7 @@ def chain(n: int) -> Any:
     ).tocsr()
 
 
+@pytest.mark.slow
 def test_a_dense_W_of_a_hundred_thousand_contacts() -> None:
     """One body, every unknown in contact: S and W have 2e5 rows, 320 GB each."""
     n = 200_000

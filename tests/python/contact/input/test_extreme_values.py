@@ -223,6 +223,7 @@ def test_loads_much_smaller_than_reactions(load: float) -> None:
     assert abs(solution.reaction[:, 1].sum() + load) <= 1e-15
 
 
+@pytest.mark.slow
 def test_a_diverged_body_is_not_a_solution() -> None:
     """A body held in y only is pulled along x by more than friction can carry.
 

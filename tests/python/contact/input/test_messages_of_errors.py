@@ -361,6 +361,8 @@ class TestStiffness:
         assert caught.value.result is None
 
 
+@pytest.mark.slow
+@pytest.mark.needs_extra
 def test_terabytes_raise_before_they_are_allocated() -> None:
     # 4e5 rows of W take 1.3 TB. The stiffness itself is small.
     n = 400_000

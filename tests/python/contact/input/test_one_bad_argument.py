@@ -215,6 +215,7 @@ def refused(call: Callable[[], Any], argument: str, *said: str) -> None:
     contacts=st.integers(1, 4),
     where=st.floats(0, 1),
 )
+@pytest.mark.slow
 def test_a_spoiled_array(
     argument: str,
     spoil: Callable[[Array, float], Spoiled],
@@ -421,6 +422,7 @@ def test_a_state_of_another_problem() -> None:
     refused(lambda: _reduced(two).solve(start=held), "start", "2 rigid motions")
 
 
+@pytest.mark.needs_extra
 def test_paths() -> None:
     result = _problem(good(2, 2, 7)).solve(good(2, 2, 7).load)
     for bad in (3.0, None, ["x.h5"], np.ones(2)):
@@ -539,6 +541,7 @@ def _bodies() -> tuple[fem.Body, fem.Assembly]:
     return body, fem.assemble([body], [contact], [support])
 
 
+@pytest.mark.needs_extra
 def test_finite_elements() -> None:
     body, model = _bodies()
     plane = ([0.0, 0.0], [0.0, 1.0])
@@ -577,6 +580,7 @@ def test_finite_elements() -> None:
     refused(lambda: fem.box([[0.0, 1.0]] * 2, "pentagon"), "cell", "pentagon")
 
 
+@pytest.mark.needs_extra
 def test_files_and_pictures(tmp_path: Any) -> None:
     _, model = _bodies()
     known = {"x": model.points, "area": model.area, "mu": model.mu}

@@ -11,6 +11,8 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fclib, scene
 
+pytestmark = pytest.mark.needs_extra
+
 K, B = 1000.0 * np.eye(4), np.eye(4)
 CONTACTS: dict[str, Any] = {"gap": [0.0, 0.0], "mu": 0.3}
 LOAD = [-10.0, 2.0, -10.0, 5.0]

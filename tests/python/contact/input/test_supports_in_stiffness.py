@@ -10,6 +10,8 @@ import bipot_rs as bp
 from bipot_rs import fem
 from support.orders import body
 
+pytestmark = pytest.mark.needs_extra
+
 
 @pytest.fixture
 def block() -> dict[str, Any]:

@@ -10,6 +10,8 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs._lib.types import Floats
 
+pytestmark = pytest.mark.needs_extra
+
 YOUNG = 3000.0  # MPa, of the stiffness that is factored
 
 

@@ -9,6 +9,8 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import scene
 
+pytestmark = pytest.mark.needs_extra
+
 P, MU, STIFF = 10.0, 0.3, 1e3
 
 
