@@ -166,18 +166,12 @@ bench-full: $(STAMP)
 	$(PY) benches/several.py
 	$(PY) benches/iterations.py
 	$(PY) benches/beside_petsc.py
-	$(PY) benches/skipped_work.py
-	$(PY) benches/criterion_tables.py
-	$(PY) benches/assembly.py
-	$(PY) benches/memory_and_time.py
 	$(PY) benches/import_time.py
-	$(PY) benches/kernels_and_numpy.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
 	$(PY) benches/load_paths.py
 	$(PY) benches/sensitivities.py
 	$(PY) benches/identification.py
-	$(PY) benches/solvers_and_peers.py
 	$(PY) benches/stability.py
 	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))
 	$(PY) benches/ratios.py

@@ -31,9 +31,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fclib_figure
 import numpy as np
 import tables
-from peers.sweep import project
+from peers.siconos_process import find
 from scipy.sparse import csr_array
-from solvers_and_peers import find
 from speed_against_error import METHODS, available
 from timing import repeated
 
@@ -46,6 +45,17 @@ COLUMNS = tables.columns(
     "file | family | form | contacts | dim | program | target | solved | "
     "seconds | work | iterations | eta"
 )
+
+
+def project(tau, mu):
+    """Projection of each row of ``tau (n_c, d)`` onto Coulomb's cone, closed form (12)."""
+    n, t = tau[:, 0], np.linalg.norm(tau[:, 1:], axis=1)
+    normal = (n + mu * t) / (1 + mu**2)
+    scale = np.divide(mu * normal, t, out=np.zeros_like(t), where=t > 0)
+    slips = np.column_stack([normal, scale[:, None] * tau[:, 1:]])
+    projected = np.where((t <= mu * n)[:, None], tau, slips)
+    projected[mu * t <= -n] = 0.0
+    return projected
 
 
 class ScaledProblem:

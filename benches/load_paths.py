@@ -34,8 +34,8 @@ import tables
 from collection import manifest, write
 from fclib import LARGEST_DENSE, SICONOS, TARGETS, ScaledProblem, siconos_answer
 from fclib_figure import PROGRAMS, profile
+from peers.siconos_process import find
 from plot_style import light_grid, pyplot
-from solvers_and_peers import find
 from speed_against_error import METHODS, NEED_SUPPORTS, available
 from timing import repeated
 

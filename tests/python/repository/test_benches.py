@@ -10,7 +10,6 @@ from types import ModuleType
 
 import beside_petsc
 import compare_tractions
-import criterion_tables
 import fclib
 import iterations
 import iterative_file
@@ -66,9 +65,6 @@ def test_a_row_of_another_length_is_refused() -> None:
 def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
     """Each table of a page is between two markers that its program names."""
     text = (repository / page).read_text(encoding="utf-8")
-    beyond = re.sub(r"(?s)<!-- (.*?), written by .*?<!-- end of \1 -->", "", text)
-    if page.startswith("benches"):
-        assert "|---" not in beyond
     found = re.findall(r"<!-- (.*), written by (\S+) -->", text)
     assert found
     for name, program in found:
@@ -82,32 +78,6 @@ def test_make_bench_runs_all_that_write(repository: Path) -> None:
     recipe = recipe.split("\n\n")[0]
     for program in set(re.findall(r", written by (\S+) -->", page)):
         assert f"$(PY) {program}" in recipe
-
-
-def test_rates_from_the_files_of_criterion(tmp_path: Path) -> None:
-    """A million elements in 10 ms are 100 M/s; each set of sizes has its own table."""
-    for group, function, value, counted, ns in (
-        ("project", "threads", "1", {"Elements": 1_000_000}, 1e7),
-        ("project", "threads", "2", {"Elements": 1_000_000}, 5e6),
-        ("product", None, "900", {"Bytes": 2**30}, 5e8),
-    ):
-        folder = tmp_path / group / str(function) / value / "new"
-        folder.mkdir(parents=True)
-        entry = {"group_id": group, "function_id": function, "value_str": value}
-        entry["throughput"] = counted
-        (folder / "benchmark.json").write_text(json.dumps(entry))
-        median = {"median": {"point_estimate": ns}}
-        (folder / "estimates.json").write_text(json.dumps(median))
-    pages = criterion_tables.pivoted(criterion_tables.samples(tmp_path))
-    assert pages.split("\n\n") == [
-        tables.table(("bench, unit", "function", "900"), [("product, GiB/s", "", "2")]),
-        tables.table(
-            ("bench, unit", "function", "1", "2"),
-            [("project, M/s", "threads", "100", "200")],
-        ),
-    ]
-    with pytest.raises(SystemExit, match="no rates of criterion"):
-        criterion_tables.samples(tmp_path / "empty")
 
 
 def test_the_csv_file_gives_the_table(repository: Path) -> None:
@@ -308,12 +278,6 @@ def test_print_writes_no_files(
     monkeypatch.setattr(sys, "argv", ["bench", "--methods", "auto", "--print", *asked])
     bench.main()
     assert list(results.iterdir()) == []
-
-
-def test_the_error_bound_finds_the_problems_of_the_tests(repository: Path) -> None:
-    """Without the path of pytest, which has the folder of these problems."""
-    script = str(repository / "benches" / "error_bound.py")
-    subprocess.run([sys.executable, script, "--help"], check=True, capture_output=True)
 
 
 def test_exponents_are_slopes() -> None:

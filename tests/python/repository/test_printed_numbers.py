@@ -119,40 +119,6 @@ def test_all_rows_of_the_effectivities(monkeypatch: pytest.MonkeyPatch) -> None:
         effectivity_is_printed(*case)
 
 
-SETS = (
-    "tests: held",
-    "tests: graded",
-    "tests: frictionless",
-    "random",
-    "held",
-    "two bodies",
-)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(s, marks=[pytest.mark.slow] * (s != "random")) for s in SETS],
-)
-def test_the_table_of_bounds_over_errors(name: str) -> None:
-    bench = script("error_bound")
-    assert tuple(bench.SETS) == SETS
-    fresh = bench.sharp(name, bench.SEEDS)
-    shown = row(rows("9-error-bound.md", "bound over error"), name)
-    assert shown[1] == fresh[1]
-    for a, b in zip(shown[2:], fresh[2:], strict=True):
-        assert same(a, b, share=0.1, least=2.0), (shown, fresh)
-
-
-@pytest.mark.slow
-def test_the_table_of_the_largest_friction() -> None:
-    bench = script("error_bound")
-    fresh = [bench.limit_of_body(*body) for body in bench.BODIES]
-    fresh += [bench.limit_at_random(d, bench.SEEDS) for d in (2, 3)]
-    printed = rows("9-error-bound.md", "largest friction")
-    for a, b in zip(printed, fresh, strict=True):
-        assert all(same(x, y, share=0.03) for x, y in zip(a, b, strict=True)), (a, b)
-
-
 @pytest.mark.parametrize("picture", PICTURES)
 def test_pictures_match_their_tables(picture: str) -> None:
     path = PAPER / picture
