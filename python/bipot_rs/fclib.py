@@ -27,7 +27,7 @@ from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
-from bipot_rs.contact.path.moving_gaps import gap_of
+from bipot_rs.contact.path.moving_gaps import read_gap
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.result import Result
@@ -274,7 +274,9 @@ def write_path(
                 "the loads of the result are unknown, since it was read from a file: pass "
                 "the result that solve returned"
             )
-        reduced = problem.reduced(step.load, step.prescribed, before, gap=gap_of(step))
+        reduced = problem.reduced(
+            step.load, step.prescribed, before, gap=read_gap(step)
+        )
         u = np.column_stack([step.relative_displacement[:, 0], step.slip])
         path = base.with_name(f"{base.name}-{k:04d}.hdf5")
         title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"

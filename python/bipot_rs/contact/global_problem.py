@@ -208,7 +208,7 @@ class _Symmetric:
 
     def velocity(self, r: Floats, amounts: Floats) -> Floats:
         state = self._f, np.empty(0), r, amounts
-        u: Floats = self._problem._core.displacements([state])[0]
+        u: Floats = self._problem.stiffness.core.displacements([state])[0]
         return u
 
 

@@ -2,84 +2,47 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
-    RATIO,
     Csr,
-    areas,
-    by_component,
+    Settings,
     callback,
-    choice_of_dimension,
-    contact_array,
     csr,
-    floats,
-    frames,
-    friction,
-    indices,
-    integer,
     iteration_limit,
     matrices,
-    one_of,
-    places,
     settings,
-    threads,
 )
 from bipot_rs.contact.errors import NoEquilibriumError
-from bipot_rs.contact.messages import remarks
-from bipot_rs.contact.messages import rigid_motion_names as motion
+from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path import choice
-from bipot_rs.contact.path.direct import DirectPath
-from bipot_rs.contact.path.load_path import NO_FRAME, Following, state, with_frames
-from bipot_rs.contact.path.load_steps import Held, Loading, Totals, check_case
-from bipot_rs.contact.path.moving_gaps import (
-    MovingGaps,
-    carried,
-    gaps_by_component,
-    rotation,
-)
-from bipot_rs.contact.path.prepared import Given
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.engine import Engine
+from bipot_rs.contact.path.load_path import PathProblem, PathSolver
+from bipot_rs.contact.path.load_steps import Held, Loading
+from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.path.prepared import PreparedStiffness, StiffnessOptions
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.stiffness import dof_order
-from bipot_rs.contact.wear.wearing import Wearing
+from bipot_rs.contact.sensitivity.model import PathModel
+from bipot_rs.contact.sensitivity.path import Differentiable
 
 if TYPE_CHECKING:
     from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.results.state import Start
-    from bipot_rs.contact.stiffness.digits import Digits
+    from bipot_rs.contact.wear.record import Wear
 
 
-# Entries of `ContactProblem.stats` that only a factor has.
-WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
-    (
-        "nnz_factor",
-        "flops",
-        "bytes_factor",
-        "bytes_compliance",
-        "bytes_peak",
-        "cond_S",
-        "ordering",
-        "orderings",
-        "working_set",
-        "bodies",
-        "islands",
-    )
-) | {"rigid_motions": 0, "factor_kept": False}
-
-
-class ContactProblem(Wearing):
+class ContactProblem:
     """Bodies, contacts and supports, condensed onto the contact set once.
 
     The problem is ``K u = f + Bᵀ r``, ``v = B u + gap``, with the laws of Signorini and
@@ -204,9 +167,6 @@ class ContactProblem(Wearing):
     array([   0., 1500.])
     """
 
-    # Inclined supports, rigid sets and cyclic symmetries, which change every load.
-    _held: Held | None = None
-
     def __init__(
         self,
         K: Any,
@@ -229,101 +189,41 @@ class ContactProblem(Wearing):
         bodies: Mapping[str, int] | None = None,
         stiffness_rtol: float | None = None,
         engine: str = "auto",
+        _held: Held | None = None,
+        _steps: int | None = None,
     ) -> None:
-        stiffness, contact = matrices(K, B)
+        # `fem` has supports that K and B do not contain, and knows the number of steps.
+        stiffness, operator = matrices(K, B)
         n = stiffness.shape[0]
-        offsets = floats("gap", gap)
-        if offsets.ndim not in (1, 2):
-            raise ValueError(
-                f"gap has shape {offsets.shape}, expected (n_c,) or (n_c, d)"
-            )
-        contacts = len(offsets)
-        d = choice_of_dimension(dim, contacts, contact.shape[0], offsets)
-        whole = by_component(offsets, d) if offsets.ndim == 1 else offsets
-        if num_threads is not None:
-            num_threads = threads(num_threads)
-        bases = frames(frame, contacts, d)
-        coefficients = friction(mu, contacts, d, ratio=RATIO)
-        self._contacts: dict[str, NDArray[Any] | None] = {
-            "x": contact_array("points", points, contacts, d),
-            "normal": None if bases is None else bases[:, 0, :].copy(),
-            "frame": bases,
-            "area": areas(area, contacts),
-            "gap": offsets,
-            "mu": coefficients,
-        }
-        self._mu = coefficients
-        self._fixed = indices("fixed", fixed, n)
-        self._shape = (n, contacts, d)
-        self._loading = Loading.of(
-            n,
-            len(self._fixed),
-            contacts,
-            d,
-            loads,
-            gaps,
-            held=self._held,
-            framed=bases is not None,
+        self.contacts = Contacts.check(
+            operator, gap=gap, mu=mu, dim=dim, area=area, points=points, frame=frame
         )
-        self._gaps_by_component = not (
-            gaps is None or isinstance(gaps, MovingGaps)
-        ) and (np.ndim(gaps) == 3)
-        self._bodies = _named(bodies, n)
-        self._where = _of_components(coordinates, places(coordinates, n), d)
-        self._contact = contact
-        limit = memory_limit
-        if limit is not None:
-            limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
-        if working_set is not None and not isinstance(working_set, bool):
-            raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
-        at = places(coordinates, n)
-        self._digits: Digits | None = None
-        if stiffness_rtol is not None:
-            from bipot_rs.contact.stiffness.digits import checked
-
-            self._digits = checked(stiffness_rtol, at, d, self._bodies)
-        self._given = Given(
-            contact.parts,
-            whole,
-            coefficients,
-            self._fixed,
-            num_threads,
-            at,
-            self._loading.loads,
-            limit,
-            working_set,
+        options = StiffnessOptions.check(
+            n,
+            self.contacts.d,
+            fixed=fixed,
+            num_threads=num_threads,
+            coordinates=coordinates,
+            memory_limit=memory_limit,
+            working_set=working_set,
+            bodies=bodies,
+            stiffness_rtol=stiffness_rtol,
+            engine=engine,
+            steps=_steps,
+        )
+        self.loading = Loading.check(
+            n, len(options.fixed), self.contacts, loads, gaps, _held
         )
         callback("on_forecast", on_forecast)
-        self._asked = one_of("engine", engine, choice.ENGINES)
-        restored, known = self._with_digits(stiffness)
-        self._remarks, self._strength = self._looked_at(restored, whole)
-        self._prepare(restored.parts, None, on_forecast)
-        self._known = known
-
-    @classmethod
-    def _on_inclined_supports(
-        cls,
-        held: Held | None,
-        K: Any,
-        B: Any,
-        *,
-        steps: int | None = None,
-        **given: Any,
-    ) -> ContactProblem:
-        """Make a problem with nodes on supports inclined to the axes.
-
-        ``steps`` is the number of load steps, if it is known, for the choice of the engine.
-        """
-        problem = cls.__new__(cls)
-        problem._held = held
-        problem._steps = steps
-        problem.__init__(K, B, **given)  # type: ignore[misc]
-        return problem
+        restored, digits = options.restore(stiffness)
+        self.remarks = self._examine(restored, options)
+        self.stiffness = PreparedStiffness(
+            restored, digits, self.contacts, options, self.loading.loads, on_forecast
+        )
 
     def __repr__(self) -> str:
-        n, contacts, d = self._shape
-        dofs = counted(n, "degree") + " of freedom"
-        return f"ContactProblem({dofs}, {summary.places(contacts, d)})"
+        dofs = counted(self.loading.n, "degree") + " of freedom"
+        return f"ContactProblem({dofs}, {summary.places(*self.contacts.shape)})"
 
     def __str__(self) -> str:
         return summary.text(self._summary())
@@ -332,9 +232,12 @@ class ContactProblem(Wearing):
         return summary.html(self._summary())
 
     def _summary(self) -> summary.Summary:
-        fixed = len(self._fixed)
         return summary.of_problem(
-            self._shape, fixed, self._contacts, self.stats, self._remarks
+            (self.loading.n, *self.contacts.shape),
+            self.loading.fixed,
+            self.contacts.arrays(),
+            self.stats,
+            self.remarks.at_start,
         )
 
     @property
@@ -349,7 +252,7 @@ class ContactProblem(Wearing):
         MemoryError
             The dense ``W`` does not fit into memory.
         """
-        return self._core.compliance()
+        return self.stiffness.core.compliance()
 
     @property
     def stats(self) -> Mapping[str, Any]:
@@ -375,27 +278,7 @@ class ContactProblem(Wearing):
         a rigid motion ``z``, relative to the sum of the absolute values of its terms,
         before the rigid motions were restored.
         """
-        name, why = self._chosen
-        known = {
-            "engine": name,
-            "engine_reason": why,
-            "seconds_condense": self._seconds,
-        }
-        if self._condensed is not None:
-            known = dict(self._condensed.stats) | known
-        else:
-            n, contacts, d = self._shape
-            known = WITHOUT_FACTOR | {"n": n, "n_contact_dofs": d * contacts} | known
-        if self._iterative is not None:
-            record = self._iterative.record
-            known |= self._iterative.stats
-            if record.replaced:
-                known["engine_reason"] = (
-                    f"the iterative engine stalled: {record.replaced}"
-                )
-        if self._known is None:
-            return known
-        return known | {"rigid_motions_off": self._known.off}
+        return self.stiffness.stats
 
     @property
     def rigid_motions(self) -> tuple[str, ...]:
@@ -405,14 +288,7 @@ class ContactProblem(Wearing):
         ``n, t1[, t2]`` of the contacts. A body without a name is identified by the degree
         of freedom that moves most.
         """
-        contacts, d = self._shape[1:]
-        return motion.left_free(
-            self._core.modes().reshape(-1, contacts, d),
-            self.stats["rigid_motion_bodies"],
-            self.stats["rigid_motion_dofs"],
-            self._contacts["frame"],
-            self._bodies,
-        )
+        return self.stiffness.name_rigid_motions()
 
     def reduced(
         self,
@@ -446,50 +322,11 @@ class ContactProblem(Wearing):
         MemoryError
             ``W`` of all contacts does not fit into memory.
         """
-        _, contacts, d = self._shape
-        loads, core = self._loading.one(load, prescribed), self._core
-        before = state(start, contacts, d)
-        if gap is not None or (before is not None and before.frame is not None):
-            core, before = self._placed(core, before, gap)
-        q, modes, force = core.free_part(*loads)
-        if before is not None:
-            q[:, 1:] -= before.relative_displacement[:, 1:]
-        rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
-        blocks = core.sparse_compliance()
-        if blocks is None:
-            return ReducedProblem(core.compliance(), q, self._mu, rigid=rigid)
-        from scipy.sparse import bsr_array
+        from bipot_rs.contact.path.one_step import reduce_step
 
-        first, columns, values = blocks
-        entries = values.reshape(-1, d, d), columns, first
-        W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
-        return ReducedProblem(W, q, self._mu, rigid=rigid)
-
-    def _placed(
-        self,
-        core: _core.Condensed,
-        before: Step | None,
-        gap: ArrayLike | MovingGaps | None,
-    ) -> tuple[_core.Condensed, Step | None]:
-        """The condensed bodies and the state before a step, in the frames of the step."""
-        base = self._contacts["frame"]
-        own = before is not None and before.frame is not None
-        placed = None if gap is None else self._loading.gap(gap)
-        if base is None:
-            if own:
-                raise ValueError(NO_FRAME)
-            # `Loading` refuses moving gaps without these frames.
-            return core if placed is None else core.with_gap(
-                gaps_by_component(placed)
-            ), before
-        frame = placed.frame if isinstance(placed, MovingGaps) else base
-        if frame is not base:
-            core = core.rotated(rotation(frame, base))
-        if before is not None and (own or frame is not base):
-            before = carried(before, frame, base, self._given.gap[:, 0])
-        if placed is not None:
-            core = core.with_gap(gaps_by_component(placed))
-        return core, before
+        loads = self.loading.read_step(load, prescribed)
+        W, q, rigid = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
+        return ReducedProblem(W, q, self.contacts.mu, rigid=rigid)
 
     def existence(
         self,
@@ -540,19 +377,15 @@ class ContactProblem(Wearing):
             reduced = self.reduced(load, prescribed, start, gap=gap)
         except NoEquilibriumError as error:
             return Existence(verdict="none", reason=str(error))
-        found = reduced.existence(exhaust=exhaust)
-        if found.motion is None or reduced.rigid is None:
-            return found
-        R = reduced.rigid[0]
-        fit = np.linalg.lstsq(R, found.motion.ravel(), rcond=None)[0]
-        amounts = np.asarray(fit, np.float64)
-        n, contacts, d = self._shape
-        still = np.zeros(n), np.zeros(len(self._fixed)), np.zeros((contacts, d))
-        (moved,) = self._core.displacements([(*still, amounts)])
-        whole = np.asarray(moved, np.float64)
-        if self._held is not None:
-            whole = self._held.displacement(whole)
-        return replace(found, displacement=whole)
+        existence = reduced.existence(exhaust=exhaust)
+        if existence.motion is None or reduced.rigid is None:
+            return existence
+        R, motion = reduced.rigid[0], existence.motion.ravel()
+        amounts = np.asarray(np.linalg.lstsq(R, motion, rcond=None)[0], np.float64)
+        moved = self.stiffness.move_rigidly(amounts)
+        if self.loading.held is not None:
+            moved = self.loading.held.displacement(moved)
+        return replace(existence, displacement=moved)
 
     def solve(
         self,
@@ -643,16 +476,16 @@ class ContactProblem(Wearing):
         True
         """
         limit = iteration_limit(max_iterations, maxiter)
-        chosen = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
-        steps = self._loading.totals(load, prescribed, gap, start)
-        engine = self._engine(len(steps), method)
-        following = self._following(engine, self._mu, chosen, start, gap)
-        for k, asked in enumerate(steps):
-            step = following.advance(*asked)
+        steps = self.loading.list_totals(load, prescribed, gap, start)
+        engine = self.stiffness.choose_engine(len(steps), method)
+        path = self._begin_path(engine, checked, start, gap)
+        for k, totals in enumerate(steps):
+            step = path.advance(*totals)
             if on_step is not None:
                 on_step(k, step)
-        return following.result()
+        return path.result()
 
     def follow(
         self,
@@ -727,17 +560,21 @@ class ContactProblem(Wearing):
         >>> result.slip[:, 0, 0].round(9)  # of each step
         array([0.001, 0.001])
         """
-        from bipot_rs.contact.path.step_control import follow, increments
+        from bipot_rs.contact.path.step_control import (
+            check_increments,
+            solve_adaptively,
+        )
 
         limit = iteration_limit(max_iterations, maxiter)
-        chosen = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, limit, max_seconds)
         callback("on_step", on_step)
         callback("gap", gap)
-        plan = increments(stops, first, largest, smallest, slip)
-        loads = self._loading.along(load, prescribed, gap, plan.stops[-1])
-        engine = self._engine(choice.ADAPTIVE_STEPS * len(plan.stops), method)
-        following = self._following(engine, self._mu, chosen, start, gap)
-        return follow(following, loads, plan, on_step)
+        plan = check_increments(stops, first, largest, smallest, slip)
+        totals = self.loading.make_totals(load, prescribed, gap, plan.stops[-1])
+        expected = choice.ADAPTIVE_STEPS * len(plan.stops)
+        engine = self.stiffness.choose_engine(expected, method)
+        path = self._begin_path(engine, checked, start, gap)
+        return solve_adaptively(path, totals, plan, on_step)
 
     def solve_many(
         self,
@@ -786,49 +623,125 @@ class ContactProblem(Wearing):
         [10. -1.]
         [10. -5.]
         """
+        from bipot_rs.contact.path.cases import Case, solve_cases
+
         limit = iteration_limit(max_iterations, maxiter)
-        chosen = settings(method, tol, limit, max_seconds)
-        paths: list[Following] = []
-        totals: list[list[Totals]] = []
-        if not isinstance(cases, Iterable):
-            raise TypeError(
-                f"cases is a {type(cases).__name__}, expected a list of mappings, one for "
-                "each path"
-            )
-        cases = list(cases)
-        for k, case in enumerate(cases):
-            check_case(k, case)
-            try:
-                start = case.get("start")
-                load, prescribed, gap = map(case.get, ("load", "prescribed", "gap"))
-                totals.append(self._loading.totals(load, prescribed, gap, start))
-            except (TypeError, ValueError) as error:
-                raise type(error)(f"case {k}: {error}") from None
-        engine = self._engine(sum(map(len, totals)), method)
-        for k, case in enumerate(cases):
-            own, mu = engine, self._mu
-            try:
-                if case.get("mu") is not None:
-                    mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
-                    own = own.with_mu(mu)
-                start, gap = case.get("start"), case.get("gap")
-                paths.append(self._following(own, mu, chosen, start, gap))
-            except (TypeError, ValueError) as error:
-                raise type(error)(f"case {k}: {error}") from None
-        made = [path.path for path in paths]
-        direct = [path.core for path in made if isinstance(path, DirectPath)]
-        if len(direct) < len(made) or any(map(with_frames, paths, totals)):
-            # Each linear system uses all threads; frames change from step to step.
-            return [
-                path.alone(asked) for path, asked in zip(paths, totals, strict=True)
-            ]
-        plain = [
-            [(f, u, None if g is None else gaps_by_component(g)) for f, u, g in steps]
-            for steps in totals
-        ]
-        followed = _core.follow(direct, plain, *chosen)
-        parts = zip(paths, totals, followed, strict=True)
-        return [path.through(asked, done) for path, asked, done in parts]
+        checked = settings(method, tol, limit, max_seconds)
+
+        def begin_paths(steps: int) -> Callable[[Case], PathSolver]:
+            engine = self.stiffness.choose_engine(steps, method)
+
+            def begin(case: Case) -> PathSolver:
+                start, gap, mu = case.get("start"), case.get("gap"), case.get("mu")
+                return self._begin_path(engine, checked, start, gap, mu)
+
+            return begin
+
+        return solve_cases(cases, self.loading, begin_paths, checked)
+
+    def wear(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        *,
+        coefficient: ArrayLike,
+        cycles: int,
+        jump: bool = True,
+        rtol: float = 0.01,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Wear | Start | None = None,
+        on_cycle: Callable[[int, Step], object] | None = None,
+        gap: ArrayLike | MovingGaps | None = None,
+        maxiter: int | None = None,
+    ) -> Wear:
+        """Repeat a load path, and wear the contacts by Archard's law.
+
+        After each load step the gap of each contact grows by ``k p ‖slip‖`` with the
+        pressure ``p = r_n / area``, equation (28). The slip history continues from cycle to
+        cycle. Only gaps change: nothing is factored again. ``area`` must be known.
+
+        The depth that a cycle wears off changes slowly, so that cycles may be jumped over
+        by Heun's method: see section 16 of ``docs/theory.md`` for its estimate of the error,
+        and for the bound of jumps beyond which pressures would oscillate.
+
+        Parameters
+        ----------
+        load, prescribed, gap
+            One cycle, as in `solve`. With `MovingGaps` each step wears along its own normal;
+            the bound of jumps uses the frames of B.
+        coefficient
+            Wear coefficient ``k``, depth per pressure and slip [1/stress], a number or
+            ``(n_c,)``: Archard's dimensionless coefficient divided by the hardness. For two
+            worn bodies it is the sum of theirs.
+        cycles
+            Number of cycles.
+        jump
+            Whether cycles may be jumped over. Otherwise every cycle is solved.
+        rtol
+            Allowed error of the depth by jumps, relative to the largest depth.
+        method, tol, max_iterations, max_seconds
+            As in `solve`.
+        start
+            State before the first cycle: a `Result`, a step or a `State` that presses the
+            bodies, which wears nothing, or a `Wear` to continue, whose cycles and depths are
+            counted on.
+            `solve` continues from ``wear.result`` with ``gap`` plus ``wear.depth[-1]``.
+        on_cycle
+            Called as ``on_cycle(number, step)`` with the last step of each cycle that was
+            solved; ``step.wear`` is the depth.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong, or the areas are not known; the message names it.
+        NoEquilibriumError, NotConvergedError
+            A load step of a cycle failed. ``.result`` holds the steps of this cycle before
+            it, and ``.wear`` the cycles before. If this happens in a trial, the jump is
+            rejected instead.
+
+        Examples
+        --------
+        A point on two springs is held 10 mm below a surface and pulled along it by 4 mm to
+        and fro. The pressure decays with the depth that is worn off:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> K, B = 1e3 * np.eye(2), np.array([[1.0, 0.0], [0.0, 1.0]])
+        >>> problem = bp.ContactProblem(K, B, gap=[-0.01], mu=0.0, area=[1e-4])
+        >>> pull = np.array([[0.0, 4.0], [0.0, -4.0]])
+        >>> wear = problem.wear(pull, coefficient=2.5e-8, cycles=400, jump=False)
+        >>> wear.pressure[[0, 199, 399], 0].round(-1)  # Pa
+        array([99900., 45030., 20220.])
+        >>> jumped = problem.wear(pull, coefficient=2.5e-8, cycles=400, rtol=1e-3)
+        >>> jumped.paths < 120, bool(abs(jumped.depth[-1] / wear.depth[-1] - 1) < 1e-3)
+        (True, True)
+        """
+        from bipot_rs.contact.wear.arguments import check_wear
+        from bipot_rs.contact.wear.cycle import Cycles
+        from bipot_rs.contact.wear.jumps import CycleSolver
+        from bipot_rs.contact.wear.stability import Stability
+
+        limit = iteration_limit(max_iterations, maxiter)
+        checked = settings(method, tol, limit, max_seconds)
+        callback("on_cycle", on_cycle)
+        arguments = check_wear(self.contacts, coefficient, cycles, jump, rtol, start)
+        totals = self.loading.list_totals(load, prescribed, gap)
+        engine = self.stiffness.choose_engine(arguments.cycles * len(totals), method)
+        stability = Stability(
+            self.stiffness.matrix(),
+            self.contacts.operator,
+            self.stiffness.options.fixed,
+            self.contacts.d,
+        )
+
+        def begin(at: Step | None) -> PathSolver:
+            return self._begin_path(engine, checked, at)
+
+        cycles_of_path = Cycles(begin, totals, arguments)
+        return CycleSolver(cycles_of_path, stability, on_cycle).solve()
 
     def update(self, K: Any) -> None:
         """Replace the stiffness in place, for other materials or thicknesses.
@@ -861,76 +774,64 @@ class ContactProblem(Wearing):
         >>> before.displacement[0, 0], after.displacement[0, 0]
         (np.float64(0.001), np.float64(0.0005))
         """
-        stiffness = csr("K", K)
-        n = self._shape[0]
+        stiffness, n = csr("K", K), self.loading.n
         if stiffness.shape != (n, n):
             raise ValueError(
                 f"K has shape {stiffness.shape}, expected ({n}, {n}) as before, including "
                 "the prescribed degrees of freedom"
             )
-        if self._loading.held is not None:
+        if self.loading.held is not None:
             from scipy.sparse import csr_array
 
-            stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
-        restored, known = self._with_digits(stiffness)
-        found = self._looked_at(restored, self._given.gap)
-        self._prepare(restored.parts, self._condensed)
-        self._known = known
-        self._remarks, self._strength = found
+            stiffness = csr("K", self.loading.held.stiffness(csr_array(K)))
+        restored, digits = self.stiffness.options.restore(stiffness)
+        remarks = self._examine(restored, self.stiffness.options)
+        self.stiffness.update(restored, digits)
+        self.remarks = remarks
 
-    def _looked_at(
-        self, stiffness: Csr, gap: Floats
-    ) -> tuple[tuple[str, ...], remarks.Strength | None]:
-        """Remarks on the arguments, and the stiffness of the bodies if it is known."""
-        places, d = self._where, self._shape[2]
-        outward, known, said = None, None, []
-        # K with inclined supports has no rigid motions to compare with.
-        if self._held is None:
-            misplaced = dof_order.unlike(
-                stiffness.parts, self._contact.parts, places, d
-            )
-            if misplaced is not None:
-                warnings.warn(misplaced, stacklevel=3)
-                said.append(misplaced)
-            elif places is not None:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    found = remarks.looked_at(stiffness, places, d)
-                if found is not None:
-                    outward, known = found
-        said += remarks.at_start(
-            self._contact,
-            gap,
-            points=self._contacts["x"],
-            places=places,
-            outward=outward,
+    def _examine(self, stiffness: Csr, options: StiffnessOptions) -> ProblemRemarks:
+        """Warnings about the arrays."""
+        contacts = self.contacts
+        return examine_arrays(
+            contacts.operator,
+            contacts.gap_by_component,
+            contacts.x,
+            # With inclined supports it has no rigid motions to compare with.
+            stiffness if self.loading.held is None else None,
+            options.places,
+            stacklevel=3,
         )
-        return tuple(said), known
 
-
-def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:
-    """Coordinates ``(n, d)`` of degrees of freedom; None if they are in another dimension."""
-    if found is None or (d == 3 and np.shape(given)[1] == 2):
-        return None
-    if d == 2 and np.ptp(found[:, 2]) > 0:
-        return None
-    return np.ascontiguousarray(found[:, :d])
-
-
-def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:
-    """Check the names of bodies and their first degrees of freedom."""
-    if bodies is None:
-        return None
-    if not isinstance(bodies, Mapping):
-        raise TypeError(
-            f"bodies is a {type(bodies).__name__}, expected a mapping from each name to "
-            "the first degree of freedom of the body"
+    def _begin_path(
+        self,
+        engine: Engine,
+        checked: Settings,
+        start: Start | None,
+        gap: ArrayLike | MovingGaps | Callable[[float], object] | None = None,
+        mu: ArrayLike | None = None,
+    ) -> PathSolver:
+        """Begin a load path; ``mu`` replaces the friction coefficients of the problem."""
+        contacts, loading, options = (
+            self.contacts,
+            self.loading,
+            self.stiffness.options,
         )
-    found = {
-        str(name): integer(f"bodies[{name!r}]", first, least=0, most=max(n - 1, 0))
-        for name, first in bodies.items()
-    }
-    if len(set(found.values())) < len(found):
-        raise ValueError(
-            f"bodies is {found}, expected a different first degree of freedom for each"
+        if mu is not None:
+            contacts = replace(contacts, mu=contacts.check_mu(mu))
+            engine = engine.with_mu(contacts.mu)
+        problem = PathProblem(
+            contacts,
+            self.remarks,
+            self.stiffness.seconds,
+            options.bodies,
+            self.stiffness.restored,
+            loading.held,
         )
-    return found
+        model = PathModel(
+            contacts.operator.matrix,
+            options.fixed,
+            contacts.gap.shape,
+            loading.are_by_component(gap),
+            loading.held,
+        )
+        return PathSolver(engine, problem, checked, start, Differentiable(model))

@@ -85,7 +85,7 @@ class Host:
     @property
     def made(self) -> Solved:
         """Shapes of the results."""
-        n, n_c, d = self.problem._shape
+        n, (n_c, d) = self.problem.loading.n, self.problem.contacts.shape
         steps = self.steps
         every = (steps, n_c, d)
         return Solved(every, (steps, n), every, (steps, n_c, d - 1))
@@ -173,7 +173,7 @@ class Host:
 
     def _spread(self, name: str, value: Floats) -> Floats:
         """A direction for each step and contact, from one shaped as the argument."""
-        n_c, d = self.problem._shape[1:]
+        n_c, d = self.problem.contacts.shape
         if name == "mu":
             whole = value.shape if value.ndim == 2 else (n_c,)
             return np.broadcast_to(value, whole).copy()

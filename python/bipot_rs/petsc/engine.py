@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, PetscVec
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.path.engine import Asked
-from bipot_rs.contact.path.iterative import StepProblem
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.engine import StepData
+from bipot_rs.contact.path.iterative import UncondensedStep
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.petsc.linear_solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
@@ -107,7 +108,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class _Inquiry(StepProblem):
+class _Inquiry(UncondensedStep):
     """Answers about a step, and why it stalled."""
 
     reason: str = ""
@@ -191,15 +192,13 @@ class PetscEngine:
             self, _core.ContactPath(self.variables, state), at.computed.displacement
         )
 
-    def recovery(
-        self, _seconds: dict[str, float], _gap: Floats, _frame: Floats | None, /
-    ) -> _Recovery:
+    def recovery(self, _seconds: dict[str, float], _contacts: Contacts, /) -> _Recovery:
         """Steps of this engine have their displacements already."""
         return _Recovery()
 
-    def inquiry(self, asked: Asked) -> StepProblem:
+    def inquiry(self, data: StepData) -> UncondensedStep:
         """What answers questions about the last step."""
-        return _Inquiry(asked, self.record.reason)
+        return _Inquiry(data, self.record.reason)
 
     def prescribed_part(self, values: Floats) -> tuple[PetscVec, Ints]:
         """Prescribed displacements as a Vec, and the own rows of these."""
@@ -276,5 +275,6 @@ class _Recovery:
         """Nothing is condensed."""
         raise ValueError("engine='petsc' does not condense: use engine='direct'")
 
-    def __call__(self, _steps: Sequence[Step]) -> Floats:
+    def recover(self, _steps: Sequence[Step]) -> Floats:
+        """Nothing: a step without displacements was read from a file."""
         raise ValueError("the displacements of this step are not available")

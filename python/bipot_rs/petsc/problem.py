@@ -25,18 +25,10 @@ from bipot_rs._lib.types import (
     Vectors,
 )
 from bipot_rs._lib.validation import (
-    RATIO,
-    Csr,
     Settings,
-    areas,
-    by_component,
     callback,
-    choice_of_dimension,
-    contact_array,
     csr,
     floats,
-    frames,
-    friction,
     gaps,
     indices,
     integer,
@@ -45,12 +37,17 @@ from bipot_rs._lib.validation import (
     settings,
     together,
 )
-from bipot_rs.contact.messages import remarks
+from bipot_rs.contact.messages.remarks import examine_arrays
 from bipot_rs.contact.path.choice import direct_bytes
-from bipot_rs.contact.path.load_path import Following, state
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.load_path import PathProblem, PathSolver, find_start
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.contact.path.step_control import Increments, follow, increments
-from bipot_rs.contact.problem import WITHOUT_FACTOR
+from bipot_rs.contact.path.prepared import WITHOUT_FACTOR
+from bipot_rs.contact.path.step_control import (
+    Increments,
+    check_increments,
+    solve_adaptively,
+)
 from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.result import Result as WholeResult
 from bipot_rs.contact.results.solution import Step as WholeStep
@@ -76,12 +73,9 @@ Totals = tuple[PetscVec, Floats, Floats | None]
 class _Given(NamedTuple):
     """Checked arguments, the same on every rank but for the coordinates."""
 
-    contact: Csr
-    gap: Floats
-    mu: Floats
+    contacts: Contacts
     fixed: Ints
     coordinates: Floats | None
-    d: int
 
 
 @dataclass(frozen=True)
@@ -161,7 +155,6 @@ class ContactProblem:
         K = _matrix(K, library)
         self.comm = K.comm.tompi4py()
         whole = _whole(B, library, self.comm)
-        self._contacts: dict[str, Floats | None] = {}
 
         def check() -> _Given:
             integer("gather", gather, least=0)
@@ -170,14 +163,15 @@ class ContactProblem:
             )
 
         given = agreed(self.comm, check)
+        contacts = given.contacts
         same(
             self.comm,
-            B=np.concatenate([part.ravel() for part in given.contact.parts]),
-            gap=given.gap,
-            mu=given.mu,
+            B=np.concatenate([part.ravel() for part in contacts.operator.parts]),
+            gap=contacts.gap_by_component,
+            mu=contacts.mu,
             fixed=given.fixed,
-            area=self._contacts["area"],
-            points=self._contacts["x"],
+            area=contacts.area,
+            points=contacts.x,
             gather=np.array(gather),
         )
         if len(set(self.comm.allgather(given.coordinates is None))) > 1:
@@ -186,22 +180,22 @@ class ContactProblem:
             )
         n = K.getSize()[0]
         self._fixed = given.fixed
-        self._shape = n, len(given.gap), given.d
-        self._mu = given.mu
-        self._own_contact = given.contact.matrix[:, slice(*K.getOwnershipRange())]
+        self._shape = n, *contacts.shape
+        self._own_contact = contacts.operator.matrix[:, slice(*K.getOwnershipRange())]
         self._rows = K.getLocalSize()[0]
         self._gathered = n <= gather
         self._engine = self._made(K, given)
-        self._remarks = tuple(
-            remarks.at_start(
-                given.contact,
-                given.gap,
-                points=self._contacts["x"],
-                places=None,
-                outward=None,
-            )
+        remarks = examine_arrays(
+            contacts.operator, contacts.gap_by_component, contacts.x
         )
         self._seconds = time.perf_counter() - began
+        self._path_problem = PathProblem(
+            contacts,
+            remarks,
+            self._seconds,
+            make_step=Step,
+            make_result=partial(Result, comm=self.comm),
+        )
 
     def _checked(
         self,
@@ -223,26 +217,12 @@ class ContactProblem:
                 f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
                 "as K has rows"
             )
-        offsets = floats("gap", gap)
-        if offsets.ndim not in (1, 2):
-            raise ValueError(
-                f"gap has shape {offsets.shape}, expected (n_c,) or (n_c, d)"
-            )
-        contacts = len(offsets)
-        if not contacts:
+        if np.size(gap) == 0:
             raise ValueError("gap has no contacts, and engine='petsc' needs some")
-        d = choice_of_dimension(None, contacts, contact.shape[0], offsets)
-        whole = by_component(offsets, d) if offsets.ndim == 1 else offsets
-        bases = frames(frame, contacts, d)
-        coefficients = friction(mu, contacts, d, ratio=RATIO)
-        self._contacts = {
-            "x": contact_array("points", points, contacts, d),
-            "normal": None if bases is None else bases[:, 0, :].copy(),
-            "frame": bases,
-            "area": areas(area, contacts),
-            "gap": offsets,
-            "mu": coefficients,
-        }
+        contacts = Contacts.check(
+            contact, gap=gap, mu=mu, area=area, points=points, frame=frame
+        )
+        d = contacts.d
         first, last = K.getOwnershipRange()
         if first % d or last % d:
             raise ValueError(
@@ -252,11 +232,11 @@ class ContactProblem:
             )
         held = indices("fixed", fixed, n)
         at = _coordinates(coordinates, last - first, d)
-        return _Given(contact, whole, coefficients, held, at, d)
+        return _Given(contacts, held, at)
 
     def _made(self, K: PetscMat, given: _Given) -> PetscEngine:
         """The engine: reads the own rows of ``K`` once, and drops the copy."""
-        comm, d = self.comm, given.d
+        comm, d = self.comm, given.contacts.d
         rows = own_rows.OwnRows.of(K)
         agreed(comm, rows.check_finite)
         agreed(comm, lambda: _check_diagonal(K))
@@ -290,8 +270,8 @@ class ContactProblem:
             comm,
             lambda: _core.ContactVariables(
                 (contact_parts.indptr, contact_parts.indices, contact_parts.data),
-                given.gap,
-                given.mu,
+                given.contacts.gap_by_component,
+                given.contacts.mu,
                 parts.position,
                 len(self._fixed),
                 blocks,
@@ -309,7 +289,7 @@ class ContactProblem:
         """The interface: all nodes that a contact touches."""
         from scipy.sparse import csr_array
 
-        d, matrix = given.d, given.contact.matrix
+        d, matrix = given.contacts.d, given.contacts.operator.matrix
         used = np.unique(matrix.indices[matrix.data != 0])
         nodes = np.unique(used // d)
         dofs = (d * nodes[:, None] + np.arange(d)).ravel()
@@ -475,7 +455,7 @@ class ContactProblem:
             limit = iteration_limit(max_iterations, maxiter)
             chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
-            before = state(start, contacts, d)
+            before = find_start(start, (contacts, d))
             turned = before is not None and before.frame is not None
             if isinstance(gap, MovingGaps) or turned:
                 raise ValueError(NO_FRAMES)
@@ -547,8 +527,8 @@ class ContactProblem:
             chosen = settings("newton", tol, limit, max_seconds)
             callback("on_step", on_step)
             callback("gap", gap)
-            state(start, contacts, d)
-            return chosen, increments(stops, first, largest, smallest, slip)
+            find_start(start, (contacts, d))
+            return chosen, check_increments(stops, first, largest, smallest, slip)
 
         chosen, plan = agreed(self.comm, check)
 
@@ -565,38 +545,24 @@ class ContactProblem:
             return agreed(self.comm, one)
 
         following = self._following(chosen, start, gap)
-        return cast("Result", follow(following, totals, plan, on_step))  # type: ignore[arg-type]
+        return cast("Result", solve_adaptively(following, totals, plan, on_step))  # type: ignore[arg-type]
 
     def _following(
         self, chosen: Settings, start: WholeResult | WholeStep | None, gap: Any
-    ) -> Following:
-        contacts, before = self._contacts, self._remarks
+    ) -> PathSolver:
         by_component = None if gap is None else callable(gap) or np.ndim(gap) == 3
-
-        def said(steps: Sequence[WholeStep]) -> tuple[str, ...]:
-            return (*before, *remarks.of_path(steps, contacts, None))
-
-        return Following(
+        model = PathModel(
+            self._own_contact,
+            self._fixed,
+            self._path_problem.contacts.gap.shape,
+            by_component,
+        )
+        return PathSolver(
             self._engine,
-            contacts,
-            self._mu,
-            self._shape[1:],
+            self._path_problem,
             chosen,
             start,
-            condense=self._seconds,
-            remarks=said,
-            model=Derivatives(
-                self._engine,
-                PathModel(
-                    self._own_contact,
-                    self._fixed,
-                    np.shape(np.asarray(contacts["gap"])),
-                    by_component,
-                ),
-                self._vectors,
-            ),
-            make_step=Step,
-            make_result=partial(Result, comm=self.comm),
+            Derivatives(self._engine, model, self._vectors),
         )
 
     def _loads(self, load: Vectors | None) -> list[PetscVec]:

@@ -16,8 +16,8 @@ from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.law.frames import of_step
 from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
-from bipot_rs.contact.path.load_steps import Totals, differing, reached
-from bipot_rs.contact.path.moving_gaps import MovingGaps, joined, simplified
+from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
+from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames, join_steps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -327,7 +327,7 @@ class Case:
 
     def _check_start(self, start: Result | Step | None, first: int) -> None:
         """Refuse a start whose last loads are not those of this path."""
-        last = reached(start)
+        last = last_step(start)
         if last is None or not first:
             return
         nothing = np.zeros(self.model.n)
@@ -336,7 +336,7 @@ class Case:
             "prescribed": self.prescribed[first - 1],
             "gap": None if self.gaps is None else self.gaps[first - 1],
         }
-        other = differing(last, own)
+        other = find_difference(last, own)
         if other is not None:
             raise ValueError(
                 f"start belongs to another path: its {other} is not that of load step "
@@ -656,4 +656,4 @@ def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | MovingGaps | Non
             ended = model.placed_between(before, motions)
         if ended is not None:
             found.append(ended)
-    return simplified(joined(found), model.frame)
+    return drop_equal_frames(join_steps(found), model.frame)

@@ -69,9 +69,10 @@ def explicit_path(
         A wrong argument; rigid motions without support; closed contacts with a singular
         compliance.
     """
-    n, contacts, d = problem._shape
-    steps = steps_of(load, prescribed, n, len(problem._fixed))
-    first = problem.reduced(np.zeros(n), np.zeros(len(problem._fixed)))
+    n, fixed = problem.loading.n, problem.loading.fixed
+    contacts, d = problem.contacts.shape
+    steps = steps_of(load, prescribed, n, fixed)
+    first = problem.reduced(np.zeros(n), np.zeros(fixed))
     mu = coulomb(first.mu, contacts)
     if first.rigid is not None:
         raise ValueError(

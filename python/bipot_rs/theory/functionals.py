@@ -96,24 +96,24 @@ class Functionals:
     ) -> None:
         if not isinstance(problem, ContactProblem):
             raise mistyped("problem", problem, "a ContactProblem")
-        n, contacts, d = problem._shape
-        fixed = problem._fixed
+        n, fixed = problem.loading.n, problem.stiffness.options.fixed
+        contacts, d = problem.contacts.shape
         stiffness = csr("K", K)
         if stiffness.shape != (n, n):
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
         self._problem = problem
-        self._core = problem._core
+        self._core = problem.stiffness.core
         self._stiffness = stiffness.matrix
         self._contact = _matrix(problem)
         self._fixed = fixed
-        self._by, self._mu = _core.isotropic(problem._mu, d)
+        self._by, self._mu = _core.isotropic(problem.contacts.mu, d)
         self._shape = (contacts, d)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
         moved = np.zeros(len(fixed))
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
-        gap: Floats = problem._given.gap
+        gap: Floats = problem.contacts.gap_by_component
         # Relative displacements are differences of displacements, those of the start
         # included: these set the size of rounding.
         self._reach = np.abs(gap).max(initial=0.0)
@@ -196,7 +196,7 @@ class Functionals:
                     reaction=before.reaction, displacement=u0, load=before.load
                 )
             else:
-                gap = problem._given.gap.copy()
+                gap = problem.contacts.gap_by_component.copy()
                 moved = (_matrix(problem) @ u0).reshape(gap.shape)
                 gap[:, 1:] = -moved[:, 1:]
                 start = State(
@@ -409,8 +409,4 @@ class Functionals:
 
 def _matrix(problem: ContactProblem) -> Any:
     """``B`` of a problem."""
-    from scipy.sparse import csr_array
-
-    n, contacts, d = problem._shape
-    first, columns, values = problem._given.contact
-    return csr_array((values, columns, first), shape=(contacts * d, n))
+    return problem.contacts.operator.matrix

@@ -211,14 +211,14 @@ def test_displacements_that_cannot_be_found(
     m.contact("block.bottom", plane=FLOOR, mu=0.3)
     m.path(go=[0.0, 1.0, 2.0])
     m.to_toml("it.toml")
-    found = direct._Recovery.__call__
+    found = direct.DirectRecovery.recover
 
     def lost(self: Any, steps: Any) -> Any:
         if any(step.prescribed.max() > 0.015 for step in steps):
             raise bp.NotConvergedError("the compliance W has too few digits")
         return found(self, steps)
 
-    monkeypatch.setattr(direct._Recovery, "__call__", lost)
+    monkeypatch.setattr(direct.DirectRecovery, "recover", lost)
     status, out, err = bipot("run", "it.toml", "--json")
     assert (status, err) == (3, "")
     last = json.loads(out.splitlines()[-1])

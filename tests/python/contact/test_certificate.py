@@ -380,7 +380,7 @@ def test_displacements_agree_with_the_relative_displacements(off: float) -> None
     state = np.zeros(n), moved, step.reaction, np.empty(0)
     gap, slip = np.zeros_like(step.reaction), np.zeros_like(step.reaction)
     slip[:, 1:] = step.slip
-    core, v = problem._core, step.relative_displacement
+    core, v = problem.stiffness.core, step.relative_displacement
     u = core.displacements([state], [(v, gap, slip)])
     # K u = f + Bᵀ r at the free degrees of freedom, row by row, to a few roundings.
     left = body.K @ u[0] - body.B.T @ step.reaction.ravel()

@@ -16,7 +16,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
 from bipot_rs._lib.validation import csr
-from bipot_rs.contact.messages.remarks import looked_at
+from bipot_rs.contact.messages.remarks import measure_bodies
 from support.orders import CELLS, body, by_component
 
 pytestmark = pytest.mark.needs_extra
@@ -71,7 +71,7 @@ def test_normals(cell: str, d: int, order: int) -> None:
         assert "remark" not in str(result)
         wrong = turned_round(model.B, d)
         problem = bp.ContactProblem(model.K, wrong, **options)
-        (said,) = problem._remarks
+        (said,) = problem.remarks.at_start
         # At a corner the outward direction lies between three faces, with areas 1 to 2.
         least = count if (cell, d) != ("tetrahedron", 3) else count - 4
         told = re.fullmatch(
@@ -91,7 +91,7 @@ def test_normals(cell: str, d: int, order: int) -> None:
             assert result.success
         (first, *_) = bp.ContactProblem(
             model.K, turned_round(model.B, d, [1]), **options
-        )._remarks
+        ).remarks.at_start
         assert first.startswith(f"the normals of 1 of the {count} contacts")
         assert "first at contact 1:" in first
     # Also with the other order of components.
@@ -99,8 +99,8 @@ def test_normals(cell: str, d: int, order: int) -> None:
     options["coordinates"] = np.tile(model.nodes, (d, 1))
     options["fixed"] = np.flatnonzero(np.isin(turned, model.fixed))
     K = model.K[turned][:, turned]
-    assert bp.ContactProblem(K, model.B[:, turned], **options)._remarks == ()
-    (first,) = bp.ContactProblem(K, wrong[:, turned], **options)._remarks
+    assert bp.ContactProblem(K, model.B[:, turned], **options).remarks.at_start == ()
+    (first,) = bp.ContactProblem(K, wrong[:, turned], **options).remarks.at_start
     assert first == said
 
 
@@ -144,7 +144,7 @@ def any_face(seed: int) -> None:
         mu=0.3,
         coordinates=np.repeat(x, d, axis=0),
     )
-    told = [said for said in problem._remarks if "normals" in said]
+    told = [said for said in problem.remarks.at_start if "normals" in said]
     assert len(told) == wrong.any()
     for said in told:
         count = f"of {wrong.sum()} of the {len(at)} contact"
@@ -171,8 +171,10 @@ def test_a_ball_next_to_an_edge_gives_no_remark(radius: float, at: float) -> Non
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
     model, options = given(one, contact, [fem.Support("a", "bottom", (0, 1, 2))])
-    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
-    (said,) = bp.ContactProblem(model.K, turned_round(model.B, 3), **options)._remarks
+    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
+    (said,) = bp.ContactProblem(
+        model.K, turned_round(model.B, 3), **options
+    ).remarks.at_start
     assert "point out of the body" in said
 
 
@@ -191,9 +193,9 @@ def test_normals_in_a_coarse_hole(thickness: float) -> None:
     one = ring(4, 2, thickness)
     hole = fem.Contact("a", "left", 0.1, obstacle=ob.Cylinder([0, 0], 0.99))
     model, options = given(one, hole)
-    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
+    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
     wrong = turned_round(model.B, 2)
-    (said,) = bp.ContactProblem(model.K, wrong, **options)._remarks
+    (said,) = bp.ContactProblem(model.K, wrong, **options).remarks.at_start
     # At the ends of the arc the surface turns: the outward direction is between two faces.
     assert re.match("the normals of [35] of the 5 contacts point out", said)
 
@@ -211,11 +213,13 @@ def test_normals_of_pairs(pairing: str) -> None:
     ]
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"), pairing=pairing)
     model, options = given(bodies[0], pair, held(2), bodies[1])
-    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
+    assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
     # Exchanging both bodies and normals changes nothing; reversing the normals alone does.
-    both = bp.ContactProblem(model.K, -model.B, **options)._remarks
+    both = bp.ContactProblem(model.K, -model.B, **options).remarks.at_start
     assert ["point out of the body" in said for said in both] == [True]
-    (said,) = bp.ContactProblem(model.K, turned_round(model.B, 2), **options)._remarks
+    (said,) = bp.ContactProblem(
+        model.K, turned_round(model.B, 2), **options
+    ).remarks.at_start
     assert "the normals of 4 of the 4 contacts" in said
 
 
@@ -231,10 +235,13 @@ def test_penetration() -> None:
     # Without coordinates; with rounding only; and with sizes known from the gaps only.
     eye: dict[str, Any] = {"mu": 0.3}
     plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
-    assert plain._remarks[0].startswith("1 of the 2 contacts penetrate at")
-    assert "contact 0, by 1e-06: the first" in plain._remarks[0]
+    assert plain.remarks.at_start[0].startswith("1 of the 2 contacts penetrate at")
+    assert "contact 0, by 1e-06: the first" in plain.remarks.at_start[0]
     for gap in ([-1e-16, 1.0], [0.0, 0.0]):
-        assert bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye)._remarks == ()
+        assert (
+            bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye).remarks.at_start
+            == ()
+        )
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
@@ -252,7 +259,7 @@ def test_loads_in_inconsistent_units(
         model, options = given(one, contact, held(d))
         problem = bp.ContactProblem(model.K, model.B, **options)
         unit = model.traction("a", "right", np.eye(d)[0])
-        strength = problem._strength
+        strength = problem.remarks.strength
         assert strength is not None
         share = np.abs(unit).sum() / strength.force[0]
         # E over 2.5 G lies between 2 and 3.
@@ -293,19 +300,18 @@ def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     whole = sparse.csr_array(fem.assemble([one], []).K)
     places = np.repeat(one.points, 3, axis=0)
     top = places[:, 2] == 1.0
-    bare = looked_at(csr("K", whole), places, 3)
-    held = looked_at(
+    bare = measure_bodies(csr("K", whole), places, 3)
+    held = measure_bodies(
         csr("K", whole + sparse.diags_array(whole.diagonal() * top)), places, 3
     )
-    assert bare is not None
-    assert held is not None
+    assert bare[0] is not None
     assert bare[0][top].any()
     assert not held[0][top].any()
     np.testing.assert_array_equal(held[0][~top], bare[0][~top])
     # Shears of the rows that are left: less than those of all.
     assert 0 < held[1].force[0] < bare[1].force[0]
     springs = whole + sparse.diags_array(whole.diagonal())
-    nothing = looked_at(csr("K", springs), places, 3)
+    nothing = measure_bodies(csr("K", springs), places, 3)
     assert nothing is not None
     assert np.isnan(nothing[1].force).all()
 

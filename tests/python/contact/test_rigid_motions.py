@@ -83,7 +83,7 @@ def test_messages_name_bodies() -> None:
         "body 'upper'",
         "body 'lower'",
     }
-    load = np.zeros(two_blocks(True)._shape[0])
+    load = np.zeros(two_blocks(True).loading.n)
     load[len(load) // 2 + 1 :: 2] = 1.0  # # the second block is lifted
     with pytest.raises(bp.NoEquilibriumError, match="motion: body 'lower', con"):
         two_blocks(True).solve(load)

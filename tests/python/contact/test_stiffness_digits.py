@@ -102,7 +102,7 @@ def rigid(at: Array, dim: int) -> Array:
 
 def used(problem: bp.ContactProblem) -> Any:
     """The stiffness that was condensed, with both triangles."""
-    pointer, column, value = problem._core.stiffness()
+    pointer, column, value = problem.stiffness.core.stiffness()
     low = sparse.tril(sparse.csr_array((value, column, pointer)))
     return sparse.csr_array(low + sparse.triu(low.T, 1))
 

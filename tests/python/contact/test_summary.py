@@ -156,7 +156,7 @@ def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> N
     step = result[0]
     for name in ("unique", "error_estimate", "error", "diagnosis"):
         monkeypatch.setattr(type(step.inquiry), name, never)
-    monkeypatch.setattr(type(step.recovery), "__call__", never)
+    monkeypatch.setattr(type(step.recovery), "recover", never)
     for it in (problem, result, step, reduced):
         assert str(it)
         assert repr(it)

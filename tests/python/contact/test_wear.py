@@ -12,7 +12,7 @@ import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.law.status import Outcome
-from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies
@@ -136,7 +136,7 @@ def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) 
                 return 0
             return int(min(over, run._end - run._state.cycle - 1))
 
-        monkeypatch.setattr(jumps.Run, "_over", length)
+        monkeypatch.setattr(jumps.CycleSolver, "_choose_jump", length)
         if problem == "spring":
             wear = spring().wear(PULL, coefficient=2.5e-8, cycles=262, rtol=0.9)
         else:
@@ -166,9 +166,9 @@ def test_results_do_not_depend_on_units() -> None:
     scaled = bp.ContactProblem(
         body.K * (force / length),
         body.B,
-        gap=problem._contacts["gap"] * length,
+        gap=problem.contacts.gap * length,
         mu=0.3,
-        fixed=problem._fixed,
+        fixed=problem.stiffness.options.fixed,
         area=body.area * length,
     )
     k = COEFFICIENT
@@ -229,7 +229,7 @@ def test_a_start_presses_without_wear() -> None:
 def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
     body, problem, cycle = pad()
     steps = 0
-    attempt = Following.attempt
+    attempt = PathSolver.attempt
 
     def counted(self: Any, *asked: Any) -> Any:
         nonlocal steps
@@ -239,7 +239,7 @@ def test_a_cycle_costs_one_load_path(monkeypatch: pytest.MonkeyPatch) -> None:
     def condensed(*_: Any) -> None:
         raise AssertionError("wear must not condense again")
 
-    monkeypatch.setattr(Following, "attempt", counted)
+    monkeypatch.setattr(PathSolver, "attempt", counted)
     monkeypatch.setattr(_core, "Condensed", condensed)
     for jump in (False, True):
         steps = 0
@@ -260,7 +260,7 @@ def sliding() -> tuple[Any, Any]:
     body, problem, cycle = pad(n=8)
     flat = bp.ContactProblem(
         body.K, body.B, gap=np.zeros_like(body.area), mu=0.3,
-        fixed=problem._fixed, area=body.area,
+        fixed=problem.stiffness.options.fixed, area=body.area,
     )  # fmt: skip
     return flat, cycle * [
         [20.0 if k < cycle.shape[1] // 2 else 1.0 for k in range(cycle.shape[1])]
@@ -279,7 +279,7 @@ def test_longer_jumps_would_let_pressures_oscillate(
     flat, cycle = sliding()
     given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 600, "tol": TOL}
     # The estimate of the error is switched off.
-    monkeypatch.setattr(jumps.Run, "_limits", lambda *_: (np.inf, 0.0))
+    monkeypatch.setattr(jumps.CycleSolver, "_limits", lambda *_: (np.inf, 0.0))
     stable = flat.wear(**given)
     longest = max(j.cycles for j in stable.jumps)
     assert 0.5 * stable.longest < longest < 2 * stable.longest
@@ -300,10 +300,12 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
         problem = pad(
             3 if kind == "space" else 2, {"space": 3, "many": 40}.get(kind, 8)
         )[1]
-        d = problem._shape[2]
-    weights = np.random.default_rng(1).uniform(0.5, 1.0, problem._shape[1])
-    parts = problem._core.stiffness()
-    found = Stability(parts, problem._contact, problem._fixed, d).rate(weights)
+        d = problem.contacts.d
+    weights = np.random.default_rng(1).uniform(0.5, 1.0, problem.contacts.count)
+    parts = problem.stiffness.core.stiffness()
+    found = Stability(
+        parts, problem.contacts.operator, problem.stiffness.options.fixed, d
+    ).rate(weights)
     S = np.linalg.inv(problem.compliance[::d, ::d])
     exact = np.linalg.eigvals(weights[:, None] * S).real.max()
     # An upper bound, which moves only the nodes of the contacts: what it adds is the energy
@@ -371,8 +373,9 @@ def test_a_hertz_contact_wears_to_its_stick_zone() -> None:
 def test_friction_by_direction_and_three_dimensions() -> None:
     body, problem, cycle = pad(3, 3)
     two = bp.ContactProblem(
-        body.K, body.B, gap=problem._contacts["gap"],
-        mu=np.tile([0.3, 0.2], (len(body.area), 1)), fixed=problem._fixed, area=body.area,
+        body.K, body.B, gap=problem.contacts.gap,
+        mu=np.tile([0.3, 0.2], (len(body.area), 1)), area=body.area,
+        fixed=problem.stiffness.options.fixed,
     )  # fmt: skip
     k = np.linspace(1e-5, 2e-5, len(body.area))
     for own in (problem, two):
@@ -388,7 +391,7 @@ def test_other_engines_and_arguments_of_the_problem() -> None:
     body, problem, cycle = pad(3, 3)
     given = {"coefficient": 1e-4, "cycles": 12}
     known = problem.wear(prescribed=cycle, **given, tol=TOL)
-    gap, fixed = problem._contacts["gap"], problem._fixed
+    gap, fixed = problem.contacts.gap, problem.stiffness.options.fixed
     own = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
     nothing = np.zeros(body.K.shape[0])
     for more, loads in (
@@ -411,7 +414,7 @@ def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
     """Let load steps with these numbers end without convergence."""
     from dataclasses import replace
 
-    attempt, steps = Following.attempt, 0
+    attempt, steps = PathSolver.attempt, 0
 
     def failing(self: Any, *asked: Any) -> Any:
         nonlocal steps
@@ -419,7 +422,7 @@ def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
         found = attempt(self, *asked)
         return replace(found, outcome=Outcome.STALLED) if steps in numbers else found
 
-    monkeypatch.setattr(Following, "attempt", failing)
+    monkeypatch.setattr(PathSolver, "attempt", failing)
 
 
 def test_a_step_that_fails_keeps_the_cycles_before(
@@ -522,7 +525,7 @@ def test_files_keep_the_depth(tmp_path: Path) -> None:
 def test_a_path_continues_on_worn_contacts() -> None:
     _, problem, cycle = pad()
     wear = worn_pad(cycles=3)
-    gap = problem._contacts["gap"] + wear.depth[-1]
+    gap = problem.contacts.gap + wear.depth[-1]
     path = problem.solve(prescribed=cycle, gap=gap, start=wear.result, tol=TOL)
     # What the next cycle does, but for its own wear, a hundredth of that of all.
     following = worn_pad(cycles=1, start=wear).result

@@ -30,7 +30,7 @@ def along(run: Any, depth: np.ndarray, place: np.ndarray) -> np.ndarray:
     way = np.divide(
         result.slip, slip[..., None], where=slip[..., None] > 0, out=0 * result.slip
     )
-    factor = cycles.coefficient / cycles.area
+    factor = cycles.arguments.coefficient / cycles.arguments.area
     for _ in range(len(result)):
         tangent = result.jvp(gap=direction)
         slid = (way * tangent.slip).sum(axis=2)
@@ -44,7 +44,7 @@ def compared(
     monkeypatch: pytest.MonkeyPatch, solve: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both estimates of each jump over its true error, where every cycle is solved."""
-    trial, rows = jumps.Run._trial, []
+    trial, rows = jumps.CycleSolver._try_jump, []
 
     def measured(run: Any, over: int) -> Any:
         found, state = trial(run, over), run._state
@@ -65,7 +65,7 @@ def compared(
         rows.append([over, abs(exact).max() / true, found.estimate.max() / true])
         return found
 
-    monkeypatch.setattr(jumps.Run, "_trial", measured)
+    monkeypatch.setattr(jumps.CycleSolver, "_try_jump", measured)
     solve()
     # Jumps over a few cycles have errors of the first cycles, whose history differs.
     table = np.array([row for row in rows if row[0] >= 6])

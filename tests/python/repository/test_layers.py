@@ -92,6 +92,17 @@ def test_python_layers() -> None:
     assert run.returncode == 0, run.stdout
 
 
+def test_the_package_itself_is_imported_by_nobody() -> None:
+    """But for `_core`: the linter takes imports of the package for those of `_core`."""
+    whole = [
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for module, names in imports(path.read_text(encoding="utf-8"))
+        if module == "bipot_rs" and not names
+    ]
+    assert whole == []
+
+
 def test_few_modules_name_a_library() -> None:
     found = [
         f"{path.relative_to(PACKAGE).as_posix()}: {module}"

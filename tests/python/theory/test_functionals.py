@@ -205,7 +205,7 @@ def test_at_the_steps_of_a_scene_it_vanishes(
 def test_the_solution_minimises_over_admissible_fields(name: str, n: int) -> None:
     K, problem, result = solved(name, n)
     rng = np.random.default_rng(3)
-    modes = problem._core.modes().T
+    modes = problem.stiffness.core.modes().T
     moved, pressed = 0, 0
     for k in steps(result):
         f = Functionals.of_step(problem, K, result, k)
@@ -234,7 +234,7 @@ def test_the_solution_minimises_over_admissible_fields(name: str, n: int) -> Non
                 assert value >= least - rounding
             # (28b): reactions in the cone, in balance where a body is free.
             new = t0 + r + size * np.abs(t0 + r).max() * rng.normal(size=r.shape)
-            new, _ = bp.project(new, problem._mu)
+            new, _ = bp.project(new, problem.contacts.mu)
             if modes.size:
                 scale = (t0 + r).ravel() @ modes[:, 0] / (new.ravel() @ modes[:, 0])
                 new *= abs(scale)

@@ -8,12 +8,11 @@ bodies: for a dilation they point outwards, and for a shear their work gives the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
@@ -58,15 +57,36 @@ class Strength:
     force: Floats
 
 
-def at_start(
+@dataclass(frozen=True)
+class ProblemRemarks:
+    """Warnings about a problem.
+
+    Attributes
+    ----------
+    at_start
+        Those about its arrays, before any load.
+    strength
+        Stiffness of the bodies, for warnings about loads; None if it is not known.
+    """
+
+    at_start: tuple[str, ...]
+    strength: Strength | None = None
+
+    def add_path(self, steps: Sequence[Step], points: Floats | None) -> tuple[str, ...]:
+        """These, and the warnings about the load steps of a path."""
+        return (*self.at_start, *_list_of_path(steps, points, self.strength))
+
+
+def examine_arrays(
     contact: Csr,
     gap: Floats,
+    points: Floats | None = None,
+    stiffness: Csr | None = None,
+    places: Floats | None = None,
     *,
-    points: Floats | None,
-    places: Floats | None,
-    outward: Floats | None,
-) -> Iterator[str]:
-    """Warnings about the arrays, before any load.
+    stacklevel: int = 2,
+) -> ProblemRemarks:
+    """Look for what seems wrong in the arrays of a problem.
 
     Parameters
     ----------
@@ -76,15 +96,31 @@ def at_start(
         Gaps by component.
     points, places
         Coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``.
-    outward : (n,) or None
-        Forces of `looked_at`.
+    stiffness
+        K, if it has the rigid motions of its bodies.
+    stacklevel
+        As for `warnings.warn`, which is called if K has its degrees of freedom in another
+        order than ``places`` or the contacts.
     """
-    yield from _penetrating(gap[:, 0], points, places)
+    texts: list[str] = []
+    outward, strength = None, None
+    if stiffness is not None:
+        misplaced = dof_order.unlike(
+            stiffness.parts, contact.parts, places, gap.shape[1]
+        )
+        if misplaced is not None:
+            warnings.warn(misplaced, stacklevel=stacklevel + 1)
+            texts.append(misplaced)
+        elif places is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                outward, strength = measure_bodies(stiffness, places, gap.shape[1])
+    texts += _find_penetration(gap[:, 0], points, places)
     if outward is not None and len(gap):
-        yield from _into(contact, gap, outward, places)
+        texts += _find_wrong_normals(contact, gap, outward, places)
+    return ProblemRemarks(tuple(texts), strength)
 
 
-def _penetrating(
+def _find_penetration(
     gap: Floats, points: Floats | None, places: Floats | None
 ) -> Iterator[str]:
     known = points if places is None else places
@@ -113,7 +149,9 @@ def _penetrating(
     )
 
 
-def looked_at(stiffness: Csr, places: Floats, d: int) -> tuple[Floats, Strength] | None:
+def measure_bodies(
+    stiffness: Csr, places: Floats, d: int
+) -> tuple[Floats, Strength] | tuple[None, None]:
     """Surfaces and stiffness of the bodies, from the coordinates and K.
 
     Returns
@@ -124,11 +162,11 @@ def looked_at(stiffness: Csr, places: Floats, d: int) -> tuple[Floats, Strength]
     strength
         Stiffness of each body.
 
-    None if the coordinates do not show the order of the degrees of freedom.
+    None for both if the coordinates do not show the order of the degrees of freedom.
     """
     order = dof_order.told_by(places, d)
     if order is None or not len(places):
-        return None
+        return None, None
     x = places - places.mean(axis=0)
     side = float(np.abs(x).max(initial=0.0)) or 1.0
     x /= side
@@ -143,7 +181,7 @@ def looked_at(stiffness: Csr, places: Floats, d: int) -> tuple[Floats, Strength]
     return outward, Strength(body, force)
 
 
-def _into(
+def _find_wrong_normals(
     contact: Csr, gap: Floats, outward: Floats, places: Floats | None
 ) -> Iterator[str]:
     """Warn of normals that point out of the body with the contact."""
@@ -175,31 +213,29 @@ def _into(
         )
 
 
-def of_path(
-    steps: Sequence[Step],
-    contacts: Mapping[str, NDArray[Any] | None],
-    known: Strength | None,
+def _list_of_path(
+    steps: Sequence[Step], points: Floats | None, strength: Strength | None
 ) -> Iterator[str]:
     """Warnings about the load steps of a path."""
     if not steps:
         return
     if len(steps[0].status) and not any(step.status.any() for step in steps):
         yield NEVER_CLOSED
-    if known is not None:
-        yield from _overloaded(steps, known)
-    elif contacts.get("x") is not None:
-        yield from _beyond(steps, np.asarray(contacts["x"]))
+    if strength is not None:
+        yield from _find_overload(steps, strength)
+    elif points is not None:
+        yield from _find_long_slip(steps, points)
 
 
-def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
-    share = np.zeros(len(known.force))
+def _find_overload(steps: Sequence[Step], strength: Strength) -> Iterator[str]:
+    share = np.zeros(len(strength.force))
     for step in steps:
         if step.load is not None:
-            force = np.bincount(known.body, np.abs(step.load), len(share))
-            share = np.fmax(share, force / known.force)
+            force = np.bincount(strength.body, np.abs(step.load), len(share))
+            share = np.fmax(share, force / strength.force)
     most = int(np.argmax(share)) if len(share) else 0
     if len(share) and share[most] > _SOFT:
-        dof = int(np.argmax(known.body == most))
+        dof = int(np.argmax(strength.body == most))
         yield (
             "check the units: the loads on the body of degree of freedom "
             f"{dof} would strain its largest section by {100 * share[most]:.2g} %, but the "
@@ -207,7 +243,7 @@ def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
         )
 
 
-def _beyond(steps: Sequence[Step], x: Floats) -> Iterator[str]:
+def _find_long_slip(steps: Sequence[Step], x: Floats) -> Iterator[str]:
     size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
     moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
     if size > 0 and moved > _FAR * size:

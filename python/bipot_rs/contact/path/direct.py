@@ -14,8 +14,9 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.path.engine import Asked
-from bipot_rs.contact.path.moving_gaps import rotated, rotation
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.engine import StepData
+from bipot_rs.contact.path.moving_gaps import find_rotation, rotate
 from bipot_rs.contact.results.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.results.solution import Solution, Step
 
@@ -58,22 +59,20 @@ class Direct:
 
     def path(self, at: Step | None) -> DirectPath:
         """A load path that starts from a step, or from the unloaded bodies."""
-        stand = start(at, self.core.stats["rigid_motions"])
+        stand = _read_start(at, self.core.stats["rigid_motions"])
         path = _core.Path(self.core, stand, _working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
             # An earlier step made the inverse of W, and counted this work.
             self.core.make_inverse()
         return DirectPath(self, path)
 
-    def recovery(
-        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
-    ) -> _Recovery:
+    def recovery(self, seconds: dict[str, float], contacts: Contacts) -> DirectRecovery:
         """What computes the displacements of steps."""
-        return _Recovery(self.core, seconds, gap, frame)
+        return DirectRecovery(self.core, seconds, contacts)
 
-    def inquiry(self, asked: Asked) -> _StepProblem:
+    def inquiry(self, data: StepData) -> CondensedStep:
         """What answers questions about a step."""
-        return _StepProblem(self.core, asked)
+        return CondensedStep(self.core, data)
 
 
 @dataclass(frozen=True)
@@ -95,23 +94,23 @@ class DirectPath:
 
 
 @dataclass(frozen=True)
-class _StepProblem:
+class CondensedStep:
     """The problem of a step, for the properties of its solution that are computed on use."""
 
-    kept: _core.Condensed
-    asked: Asked
+    bodies: _core.Condensed
+    data: StepData
 
     @property
     def core(self) -> _core.Condensed:
         """The condensed bodies with the frames and gaps of the step."""
-        turned = self.asked.turned
-        if turned is None:
-            return self.kept
-        return self.kept.rotated(turned.rotation).with_gap(turned.gap)
+        frames = self.data.frames
+        if frames is None:
+            return self.bodies
+        return self.bodies.rotated(frames.rotation).with_gap(frames.gap)
 
     @property
     def _loads(self) -> tuple[Floats, Floats, Floats | None]:
-        return self.asked.load, self.asked.prescribed, self.asked.before
+        return self.data.load, self.data.prescribed, self.data.before
 
     def unique(self, step: Solution, /) -> str:
         """Whether the solution is unique."""
@@ -124,13 +123,13 @@ class _StepProblem:
             return None  # the estimate needs the factor of K
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
         found = _core.forward_errors_of_step(core, *self._loads, step.reaction, motion)
-        if found is None or self.asked.known is None:
+        restored = self.data.restored
+        if found is None or restored is None:
             return found
         # Add the effect of the error of K.
-        known = self.asked.known
-        digits = known.digits
+        digits = restored.digits
         factor = digits.amplification(core.stiffness(), step.displacement)
-        unknown = max(digits.rtol, known.off) * factor
+        unknown = max(digits.rtol, restored.off) * factor
         return found[0] + unknown, found[1] + unknown
 
     def error(self, step: Any, /) -> ErrorBound:
@@ -145,7 +144,7 @@ class _StepProblem:
         )
         if raw is None:
             return without("working set", step.bipotential_gap)
-        return from_core(raw, self.asked.named.area)
+        return from_core(raw, self.data.contacts.area)
 
     def diagnosis(self, step: Any, /) -> str:
         """Why the solve failed."""
@@ -167,19 +166,19 @@ class _StepProblem:
             return step.residual <= NEAR and self.unique(step) == "others exist"
 
         return Tried(
-            method=self.asked.settings.method,
-            max_seconds=self.asked.settings.max_seconds,
-            mu=self.asked.named.mu,
+            method=self.data.settings.method,
+            max_seconds=self.data.settings.max_seconds,
+            mu=self.data.contacts.mu,
             W=lambda: _compliance(core),
             modes=lambda: core.modes().T,
             several=several,
             condition=lambda: float(core.stats["cond_S"]),
-            points=self.asked.named.points,
+            points=self.data.contacts.x,
         )
 
 
 @dataclass(frozen=True, eq=False)
-class _Recovery:
+class DirectRecovery:
     """Computes displacements of steps.
 
     Steps refer to this and not to their path: a path refers to the step that it started
@@ -188,8 +187,7 @@ class _Recovery:
 
     core: _core.Condensed
     seconds: dict[str, float]
-    gap: Floats
-    frame: Floats | None = None
+    contacts: Contacts
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
@@ -202,23 +200,24 @@ class _Recovery:
         """The condensed bodies, for derivatives."""
         return self.core
 
-    def __call__(self, steps: Sequence[Step]) -> Floats:
+    def recover(self, steps: Sequence[Step]) -> Floats:
+        """Compute the displacements, a row for each step."""
         began = time.perf_counter()
-        none = np.empty(0)
+        none, contacts = np.empty(0), self.contacts
         states, confirmed = [], []
         for step in steps:
             if step.load is None or step.prescribed is None:
                 continue
             amounts = none if step.rigid_motion is None else step.rigid_motion
-            gap = self.gap if step.gap is None else step.gap
+            gap = contacts.gap_by_component if step.gap is None else step.gap
             slip = np.zeros_like(step.relative_displacement)
             slip[:, 1:] = step.slip
             reaction, v = step.reaction, step.relative_displacement
-            if step.frame is not None and self.frame is not None:
+            if step.frame is not None and contacts.frame is not None:
                 # The factor belongs to B, whose rows are in the frames of the problem.
-                back = rotation(self.frame, step.frame)
-                reaction, v = rotated(back, reaction), rotated(back, v)
-                gap, slip = rotated(back, gap), rotated(back, slip)
+                back = find_rotation(contacts.frame, step.frame)
+                reaction, v = rotate(back, reaction), rotate(back, v)
+                gap, slip = rotate(back, gap), rotate(back, slip)
             states.append((step.load, step.prescribed, reaction, amounts))
             confirmed.append((v, gap, slip))
         u = self.core.displacements(states, confirmed)
@@ -226,7 +225,7 @@ class _Recovery:
         return u
 
 
-def start(
+def _read_start(
     step: Step | None, motions: int
 ) -> tuple[Floats, Floats, NDArray[np.int8], Floats] | None:
     """The state of a step as the core takes it."""

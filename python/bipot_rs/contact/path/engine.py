@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Known:
+class RestoredDigits:
     """Relative error of K, and the error of its rigid motions before they were restored."""
 
     digits: Digits
@@ -23,16 +24,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Named:
-    """Friction, positions and areas of the contacts, for messages and tractions."""
-
-    mu: Floats
-    points: Floats | None
-    area: Floats | None
-
-
-@dataclass(frozen=True)
-class Turned:
+class StepFrames:
     """A step in other frames than those of B: Q by rows, and gaps by component."""
 
     rotation: Floats
@@ -40,7 +32,7 @@ class Turned:
 
 
 @dataclass(frozen=True)
-class Asked:
+class StepData:
     """One load step, for questions about its solution.
 
     Attributes
@@ -49,9 +41,11 @@ class Asked:
         Totals.
     before
         Relative displacement after the step before; None for the unloaded bodies.
-    known
+    contacts
+        The contacts, with the friction of the path.
+    restored
         Relative error of K, if it is not rounding.
-    turned
+    frames
         Frames and gaps of the step, if these are not those of the engine.
     """
 
@@ -59,12 +53,12 @@ class Asked:
     prescribed: Floats
     before: Floats | None
     settings: Settings
-    named: Named
-    known: Known | None = None
-    turned: Turned | None = None
+    contacts: Contacts
+    restored: RestoredDigits | None = None
+    frames: StepFrames | None = None
 
 
-class Path(Protocol):
+class EnginePath(Protocol):
     """A load path in progress."""
 
     @property
@@ -108,13 +102,11 @@ class Engine(Protocol):
     def replacement(self) -> Engine:
         """The engine that solves what this one cannot; itself if there is none."""
 
-    def path(self, at: Step | None, /) -> Path:
+    def path(self, at: Step | None, /) -> EnginePath:
         """A load path that starts from a step, or from the unloaded bodies."""
 
-    def recovery(
-        self, seconds: dict[str, float], gap: Floats, frame: Floats | None, /
-    ) -> Recovery:
-        """What computes the displacements of steps; ``frame`` is that of B."""
+    def recovery(self, seconds: dict[str, float], contacts: Contacts, /) -> Recovery:
+        """What computes the displacements of steps, and adds the time to ``seconds``."""
 
-    def inquiry(self, asked: Asked, /) -> Inquiry:
+    def inquiry(self, data: StepData, /) -> Inquiry:
         """What answers questions about the solution of a step."""

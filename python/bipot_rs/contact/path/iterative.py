@@ -16,7 +16,8 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.messages.diagnosis import Tried, diagnose
-from bipot_rs.contact.path.engine import Asked, Engine, Path
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.loose import Loose
 from bipot_rs.contact.results.core_answer import read_fields
 from bipot_rs.contact.results.error_bound import ErrorBound, without
@@ -24,7 +25,7 @@ from bipot_rs.contact.results.solution import Computed, Recovery, Solution, Step
 
 
 @dataclass
-class Record:
+class IterationRecord:
     """What the engine did, of all load paths of a problem."""
 
     newton: int = 0
@@ -52,7 +53,7 @@ class Iterative:
     shape: tuple[int, int]
     gap: Floats | None = None
     mu: Floats | None = None
-    record: Record = field(default_factory=Record)
+    record: IterationRecord = field(default_factory=IterationRecord)
     loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
     rotation: Floats | None = None
     name = "iterative"
@@ -102,14 +103,14 @@ class Iterative:
         return _core.PrimalPath(self.core, state, at.computed.displacement)
 
     def recovery(
-        self, seconds: dict[str, float], gap: Floats, frame: Floats | None
-    ) -> _Recovery:
+        self, seconds: dict[str, float], contacts: Contacts
+    ) -> IterativeRecovery:
         """What computes the displacements of steps."""
-        return _Recovery(self, seconds, gap, frame)
+        return IterativeRecovery(self, seconds, contacts)
 
-    def inquiry(self, asked: Asked) -> StepProblem:
+    def inquiry(self, data: StepData) -> UncondensedStep:
         """What answers questions about a step."""
-        return StepProblem(asked)
+        return UncondensedStep(data)
 
     def replacement(self) -> Engine:
         """The direct engine with the same friction and frames."""
@@ -131,7 +132,7 @@ class IterativePath:
         self.engine: Engine = engine
         self._iterative = engine
         self._core = core
-        self._other: Path | None = None
+        self._other: EnginePath | None = None
         self._last = at
 
     def step(
@@ -194,13 +195,12 @@ class IterativePath:
 
 
 @dataclass(frozen=True, eq=False)
-class _Recovery:
+class IterativeRecovery:
     """Steps of this engine have their displacements already."""
 
     engine: Iterative
     seconds: dict[str, float]
-    gap: Floats
-    frame: Floats | None = None
+    contacts: Contacts
 
     def has_factor(self) -> bool:
         """Displacements are always available."""
@@ -214,19 +214,20 @@ class _Recovery:
         """The bodies as the direct engine condenses them, if derivatives stall."""
         return self._direct().condensed()
 
-    def __call__(self, steps: Sequence[Step]) -> Floats:
-        return self._direct()(steps)
+    def recover(self, steps: Sequence[Step]) -> Floats:
+        """Compute the displacements of steps that have none, by the direct engine."""
+        return self._direct().recover(steps)
 
     def _direct(self) -> Recovery:
         direct = self.engine.replacement()
-        return direct.recovery(self.seconds, self.gap, self.frame)
+        return direct.recovery(self.seconds, self.contacts)
 
 
 @dataclass(frozen=True)
-class StepProblem:
+class UncondensedStep:
     """Answers about a step; proofs and bounds need ``W``, which this engine does not form."""
 
-    asked: Asked
+    data: StepData
 
     def unique(self, _step: Solution, /) -> str:
         """Whether the solution is unique."""
@@ -245,13 +246,13 @@ class StepProblem:
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         d = v.shape[1]
         tried = Tried(
-            method=self.asked.settings.method,
-            max_seconds=self.asked.settings.max_seconds,
-            mu=self.asked.named.mu,
+            method=self.data.settings.method,
+            max_seconds=self.data.settings.max_seconds,
+            mu=self.data.contacts.mu,
             W=lambda: None,
             modes=lambda: np.empty((d * len(v), 0)),
             several=lambda _step: False,
-            points=self.asked.named.points,
+            points=self.data.contacts.x,
         )
         return diagnose(tried, step, v)
 

@@ -8,22 +8,29 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import Settings, by_component
+from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
-from bipot_rs.contact.path.engine import Asked, Engine, Known, Named, Turned
-from bipot_rs.contact.path.load_steps import Gap, Held, Totals, done, reached
+from bipot_rs.contact.messages.remarks import ProblemRemarks
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.engine import Engine, RestoredDigits, StepData, StepFrames
+from bipot_rs.contact.path.load_steps import (
+    Gap,
+    Held,
+    Totals,
+    count_steps,
+    last_step,
+)
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
-    carried,
-    gaps_by_component,
-    rotation,
+    carry_step,
+    find_rotation,
+    list_components,
 )
 from bipot_rs.contact.results.core_answer import free_opening, read_fields
 from bipot_rs.contact.results.derivatives import PathDerivatives
@@ -39,11 +46,54 @@ NO_FRAME = (
     "ContactProblem"
 )
 
-Contacts = Mapping[str, NDArray[Any] | None]
+
+@dataclass(frozen=True, eq=False)
+class PathProblem:
+    """What the load paths of a problem share.
+
+    Attributes
+    ----------
+    contacts
+        The contacts, with the friction of the path.
+    remarks
+        Warnings about the problem, to which those about a path are added.
+    seconds
+        Time of the condensation.
+    bodies
+        Names of the bodies, each with its first degree of freedom.
+    restored
+        Relative error of K, if it is not rounding.
+    held
+        Inclined supports, rigid sets and cyclic symmetries.
+    make_step, make_result
+        `Step` and `Result`, or others with the same arguments.
+    """
+
+    contacts: Contacts
+    remarks: ProblemRemarks
+    seconds: float
+    bodies: Mapping[str, int] | None = None
+    restored: RestoredDigits | None = None
+    held: Held | None = None
+    make_step: Callable[..., Step] = Step
+    make_result: Callable[..., Result] = Result
 
 
-class Following:
+class PathSolver:
     """A load path whose steps are being solved.
+
+    Parameters
+    ----------
+    engine
+        Solves the steps.
+    problem
+        What all paths of the problem share.
+    settings
+        Settings of the solver.
+    start
+        Where the path continues from.
+    derivatives
+        For the derivatives of the result.
 
     Attributes
     ----------
@@ -58,54 +108,33 @@ class Following:
     def __init__(
         self,
         engine: Engine,
-        contacts: Contacts,
-        mu: Floats,
-        shape: tuple[int, int],
+        problem: PathProblem,
         settings: Settings,
         start: Start | None,
-        condense: float,
-        bodies: Mapping[str, int] | None = None,
-        known: Known | None = None,
-        remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
-        model: PathDerivatives | None = None,
-        held: Held | None = None,
-        make_step: Callable[..., Step] = Step,
-        make_result: Callable[..., Result] = Result,
+        derivatives: PathDerivatives | None = None,
     ) -> None:
-        self._engine = engine
-        self._make_step, self._make_result = make_step, make_result
-        self._held = held
-        self._contacts = contacts
-        self._named = Named(mu, contacts["x"], contacts["area"])
-        self._shape = shape
+        self._engine, self._problem = engine, problem
+        self._contacts = problem.contacts
         self._settings = settings
-        # Names, each with the first degree of freedom of the body.
-        self._bodies = bodies
-        self._known = known
-        self._remarks = remarks
-        self._model = model
-        self.before = state(start, *shape)
+        self._derivatives = derivatives
+        self.before = find_start(start, self._contacts.shape)
         framed = self.before is not None and self.before.frame is not None
-        if framed and contacts["frame"] is None:
+        if framed and self._contacts.frame is None:
             raise ValueError(NO_FRAME)
-        self._first = done(start)
+        self._first = count_steps(start)
         self.steps: list[Step] = []
         self.rewind()
-        self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
-        offsets = np.asarray(contacts["gap"])
-        if offsets.ndim == 1:
-            offsets = by_component(offsets, shape[1])
-        self._offsets = offsets
-        self._mu = mu
+        self._seconds = {"condense": problem.seconds, "solve": 0.0, "recover": 0.0}
 
     def rewind(self) -> None:
         """Set the core to the state after the last step."""
         at = self._reached()
         self._last = None if at is None else at.relative_displacement
-        if self._held is not None and at is not None:
+        held = self._problem.held
+        if held is not None and at is not None:
             u = at.computed.displacement
             if u is not None:
-                at = replace(at, computed=Computed(self._held.unknowns(u)))
+                at = replace(at, computed=Computed(held.unknowns(u)))
         self.path = self._engine.path(at)
         # Whether `path` is in other frames than those of B.
         self._turned: Floats | None = None
@@ -122,8 +151,8 @@ class Following:
         (n_c, d, d) or None
             Gaps by component of the step, if it has frames.
         """
-        at, base = self._reached(), self._contacts["frame"]
-        offsets = None if gap is None else gaps_by_component(gap)
+        at, base = self._reached(), self._contacts.frame
+        offsets = None if gap is None else list_components(gap)
         if base is None:
             return offsets
         frame = gap.frame if isinstance(gap, MovingGaps) else base
@@ -132,10 +161,11 @@ class Following:
         if turned or not np.array_equal(own, base) or self._turned is not None:
             engine, self._turned = self._engine, None
             if turned:
-                self._turned = rotation(frame, base)
+                self._turned = find_rotation(frame, base)
                 engine = engine.rotated(self._turned)
             if at is not None:
-                at = carried(at, frame, base, self._offsets[:, 0])
+                start = self._contacts.gap_by_component[:, 0]
+                at = carry_step(at, frame, base, start)
             self.path = engine.path(at)
             self._last = None if at is None else at.relative_displacement
         return offsets
@@ -149,7 +179,7 @@ class Following:
         try:
             step = self.attempt(load, prescribed, gap)
         except NoEquilibriumError as error:
-            raise self.ended(error) from None
+            raise self.make_end(error) from None
         return self._add(step)
 
     def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
@@ -169,9 +199,9 @@ class Following:
         if self.path.engine.name != self._engine.name:
             # The direct engine replaced the iterative one, for the rest of the path.
             self._engine = self._engine.replacement()
-        return self._made(raw, load, prescribed, gap)
+        return self._make_step(raw, load, prescribed, gap)
 
-    def _made(
+    def _make_step(
         self,
         raw: dict[str, Any],
         load: Floats,
@@ -179,8 +209,7 @@ class Following:
         gap: Gap | None = None,
     ) -> Step:
         """Make a `Step` from the answer of the core."""
-        area = self._contacts["area"]
-        offsets = None if gap is None else gaps_by_component(gap)
+        offsets = None if gap is None else list_components(gap)
         engine, turned = self.path.engine, self._turned
         if turned is not None:
             # A step keeps no rotated W: it is made again for questions about the step.
@@ -189,44 +218,40 @@ class Following:
             engine = engine.with_gap(offsets)
         moving = gap if isinstance(gap, MovingGaps) else None
         u, errors = raw.get("displacement"), raw.get("error_estimate")
-        recovery = engine.recovery(
-            self._seconds, self._offsets, self._contacts["frame"]
+        recovery = engine.recovery(self._seconds, self._contacts)
+        problem = self._problem
+        if problem.held is not None:
+            u = None if u is None else problem.held.displacement(u)
+            recovery = HeldRecovery(recovery, problem.held)
+        data = StepData(
+            load,
+            prescribed,
+            self._last,
+            self._settings,
+            self._contacts,
+            problem.restored,
+            None if turned is None or offsets is None else StepFrames(turned, offsets),
         )
-        if self._held is not None:
-            u = None if u is None else self._held.displacement(u)
-            recovery = _Whole(recovery, self._held)
-        return self._make_step(
+        return problem.make_step(
             **read_fields(raw),
-            free_motion_text=self._words(raw, moving),
+            free_motion_text=self._describe_motion(raw, moving),
             slip=raw["slip"],
-            **_set_fields(raw.get("working_set")),
+            **_read_working_set(raw.get("working_set")),
             load=load,
             prescribed=prescribed,
             gap=offsets,
             frame=None if moving is None else moving.frame,
             drag=None if moving is None else moving.drag,
-            traction=None if area is None else raw["reaction"] / area[:, None],
+            traction=self._contacts.tractions(raw["reaction"]),
             recovery=recovery,
-            inquiry=engine.inquiry(
-                Asked(
-                    load,
-                    prescribed,
-                    self._last,
-                    self._settings,
-                    self._named,
-                    self._known,
-                    None
-                    if turned is None or offsets is None
-                    else Turned(turned, offsets),
-                )
-            ),
+            inquiry=engine.inquiry(data),
             computed=Computed(displacement=u, error_estimate=errors),
         )
 
     def _add(self, step: Step) -> Step:
         """Accept a step; raise if it did not converge."""
         if not step.converged:
-            raise self.failure(step)
+            raise self.make_failure(step)
         self.accept(step)
         return step
 
@@ -235,19 +260,19 @@ class Following:
         self.steps.append(step)
         self._last = step.relative_displacement
 
-    def failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
+    def make_failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
         """Make the error of a step that did not converge."""
         message = f"load step {len(self.steps) + 1}: {step.message}"
         none = step.outcome is Outcome.NO_EQUILIBRIUM
         direction = None
         if step.free_motion is not None:
-            modes, d = self.path.engine.modes(), self._shape[1]
+            modes, d = self.path.engine.modes(), self._contacts.d
             direction = motion.at_contacts(modes, step.free_motion, d)
         return (NoEquilibriumError if none else NotConvergedError)(
             message, self.result(False, message), direction
         )
 
-    def ended(self, error: Exception) -> NoEquilibriumError:
+    def make_end(self, error: Exception) -> NoEquilibriumError:
         """Make the error of a step without a solution, with the steps before it."""
         message = f"load step {len(self.steps) + 1}: {error}"
         return NoEquilibriumError(message, self.result(False, message))
@@ -255,24 +280,24 @@ class Following:
     def result(self, success: bool = True, message: str | None = None) -> Result:
         """Make the `Result` of the steps so far."""
         count = counted(len(self.steps), "step")
-        known = self._known
-        return self._make_result(
+        problem, restored = self._problem, self._problem.restored
+        return problem.make_result(
             self.steps,
-            contacts=self._contacts,
-            shape=self._shape,
+            contacts=self._contacts.arrays(),
+            shape=self._contacts.shape,
             start=self.before,
             # Filled further when displacements are asked for.
             seconds=self._seconds,
             success=success,
             message=f"{count} converged" if message is None else message,
-            remarks=() if self._remarks is None else self._remarks(self.steps),
-            stiffness_rtol=None if known is None else known.digits.rtol,
-            rigid_motions_off=None if known is None else known.off,
+            remarks=problem.remarks.add_path(self.steps, self._contacts.x),
+            stiffness_rtol=None if restored is None else restored.digits.rtol,
+            rigid_motions_off=None if restored is None else restored.off,
             first_step=self._first,
-            derivatives=self._model,
+            derivatives=self._derivatives,
         )
 
-    def alone(self, totals: Sequence[Totals]) -> Result:
+    def solve_all(self, totals: Sequence[Totals]) -> Result:
         """Make the `Result` of steps that are solved now, also if an error ends them."""
         try:
             for asked in totals:
@@ -281,31 +306,31 @@ class Following:
             return self.result(False, str(failed))
         return self.result()
 
-    def through(
+    def take_all(
         self,
         totals: Sequence[Totals],
-        followed: tuple[Sequence[dict[str, Any]], Exception | None],
+        answers: tuple[Sequence[dict[str, Any]], Exception | None],
     ) -> Result:
         """Make the `Result` of steps that the core solved, also if an error ended them."""
-        raws, error = followed
+        raws, error = answers
         try:
             for raw, asked in zip(raws, totals, strict=False):
                 self._seconds["solve"] += raw["seconds"]
-                self._add(self._made(raw, *asked))
+                self._add(self._make_step(raw, *asked))
             if isinstance(error, NoEquilibriumError):
-                raise self.ended(error)
+                raise self.make_end(error)
             if error is not None:
                 raise error
         except (NoEquilibriumError, NotConvergedError, ValueError) as failed:
             return self.result(False, str(failed))
         return self.result()
 
-    def _words(self, raw: dict[str, Any], moving: MovingGaps | None) -> str:
+    def _describe_motion(self, raw: dict[str, Any], moving: MovingGaps | None) -> str:
         """Describe the free motion of each body."""
         amounts = raw["free_motion"]
         if not len(amounts):
             return ""
-        contacts, d = self._shape
+        contacts, d = self._contacts.shape
         engine = self.path.engine
         modes = engine.modes()
         felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
@@ -314,22 +339,22 @@ class Following:
         # A body without a name is identified by its most moved degree of freedom.
         names: dict[int, str] = {}
         for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
-            names.setdefault(body, body_of(dof, self._bodies))
+            names.setdefault(body, body_of(dof, self._problem.bodies))
         meeting = [
             tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
             for i in range(contacts)
         ]
         return motion.describe(
             motion.at_contacts(modes, amounts, d),
-            free_opening(raw, self._mu),
-            points=self._contacts["x"],
-            frame=self._contacts["frame"] if moving is None else moving.frame,
+            free_opening(raw, self._contacts.mu),
+            points=self._contacts.x,
+            frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,
         )
 
 
 @dataclass(frozen=True, eq=False)
-class _Whole:
+class HeldRecovery:
     """Displacements of all degrees of freedom, from those that the engine solves for."""
 
     recovery: Recovery
@@ -347,28 +372,30 @@ class _Whole:
         """As `Recovery`."""
         return self.recovery.condensed()
 
-    def __call__(self, steps: Sequence[Step], /) -> Floats:
-        return np.stack([self.held.displacement(y) for y in self.recovery(steps)])
+    def recover(self, steps: Sequence[Step], /) -> Floats:
+        """As `Recovery`."""
+        own = self.recovery.recover(steps)
+        return np.stack([self.held.displacement(y) for y in own])
 
 
-def with_frames(path: Following, totals: Sequence[Totals]) -> bool:
+def has_frames(path: PathSolver, totals: Sequence[Totals]) -> bool:
     """Whether a step of a path, or the step before it, has frames of its own."""
     at = path.before
     own = at is not None and at.frame is not None
     return own or any(isinstance(gap, MovingGaps) for _, _, gap in totals)
 
 
-def state(start: Start | None, contacts: int, d: int) -> Step | None:
-    """The step to continue from, with its shape checked."""
-    step = reached(start)
-    if step is not None and step.reaction.shape != (contacts, d):
+def find_start(start: Start | None, shape: tuple[int, int]) -> Step | None:
+    """The step to continue from; its reactions must have the shape ``(n_c, d)``."""
+    step = last_step(start)
+    if step is not None and step.reaction.shape != shape:
         raise ValueError(
-            f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
+            f"start has reactions of shape {step.reaction.shape}, expected {shape}"
         )
     return step
 
 
-def _set_fields(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
+def _read_working_set(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
     if raw is None:
         return {}
     members, motion = raw

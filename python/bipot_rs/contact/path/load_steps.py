@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats, together
+from bipot_rs._lib.validation import floats, rows_of_steps, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
-from bipot_rs._lib.validation import loads as steps_of
-from bipot_rs.contact.path.moving_gaps import MovingGaps, checked
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.state import State
@@ -53,7 +53,7 @@ class Held(Protocol):
         """The solution of (1), from the displacements of all degrees of freedom."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loading:
     """Checks the totals of each step, and holds the loads and gaps of the problem.
 
@@ -61,58 +61,73 @@ class Loading:
     ----------
     n, fixed
         Number of degrees of freedom, and of the prescribed ones.
-    contacts, d
-        Number of contacts and of their components.
+    contacts
+        The contacts.
     loads
         ``loads`` of the problem: load and prescribed displacements of each step.
     gaps : (steps, n_c, d), MovingGaps or None
         ``gaps`` of the problem.
+    gaps_by_component
+        Whether these were given by component; None without them.
     held
-        Nodes on inclined supports.
-    framed
-        Whether the frames of the contacts are known, which `MovingGaps` need.
+        Inclined supports, rigid sets and cyclic symmetries.
+    read_forces
+        Checks the load of a path, and lists that of each step. Loads of PETSc are no arrays.
     """
 
     n: int
     fixed: int
-    contacts: int
-    d: int
+    contacts: Contacts
     loads: list[Loads] | None = None
     gaps: Gap | None = None
+    gaps_by_component: bool | None = None
     held: Held | None = None
-    framed: bool = False
+    read_forces: Callable[[Any], Sequence[Floats]] | None = None
 
     @classmethod
-    def of(
+    def check(
         cls,
         n: int,
         fixed: int,
-        contacts: int,
-        d: int,
-        loads: Any,
-        gaps: ArrayLike | MovingGaps | None,
+        contacts: Contacts,
+        loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
+        gaps: ArrayLike | MovingGaps | None = None,
         held: Held | None = None,
-        framed: bool = False,
     ) -> Loading:
         """Check the loads and gaps of a `ContactProblem`."""
-        known = None
+        bare = cls(n, fixed, contacts, held=held)
+        of_steps = None
         if loads is not None:
-            given = loads if isinstance(loads, tuple) else (loads, None)
-            if len(given) != 2:
+            pair = loads if isinstance(loads, tuple) else (loads, None)
+            if len(pair) != 2:
                 raise ValueError(
-                    f"loads is a tuple of {len(given)}, expected an array or "
+                    f"loads is a tuple of {len(pair)}, expected an array or "
                     "(load, prescribed)"
                 )
-            known = [_kept(held, one) for one in steps_of(*given, n, fixed)]
-        moving = None
-        if gaps is not None:
-            moving = _gaps(gaps, contacts, d, framed)
-        if known is not None and moving is not None:
+            of_steps = bare._read_loads(*pair)
+        moving = None if gaps is None else bare._read_gaps(gaps)
+        if of_steps is not None and moving is not None:
             # Raises unless both have the same number of steps, or one of them has one.
-            together("gaps", list(moving), "loads", known, lambda *both: both)
-        return cls(n, fixed, contacts, d, known, moving, held, framed)
+            together("gaps", list(moving), "loads", of_steps, lambda *both: both)
+        by_component = bare.are_by_component(gaps)
+        return replace(
+            bare, loads=of_steps, gaps=moving, gaps_by_component=by_component
+        )
 
-    def one(self, load: ArrayLike | None, prescribed: ArrayLike | None) -> Loads:
+    def are_by_component(
+        self, gap: ArrayLike | MovingGaps | Callable[[float], object] | None
+    ) -> bool | None:
+        """Whether the gaps of a path are by component; None without gaps of steps.
+
+        ``gap`` are those of `ContactProblem.solve`; None for those of the problem.
+        """
+        if gap is None:
+            return self.gaps_by_component
+        if isinstance(gap, MovingGaps):
+            return False
+        return callable(gap) or np.ndim(gap) == 3
+
+    def read_step(self, load: ArrayLike | None, prescribed: ArrayLike | None) -> Loads:
         """Loads and prescribed displacements of one step."""
         if self.loads is not None and load is None and prescribed is None:
             if len(self.loads) == 1:
@@ -121,23 +136,65 @@ class Loading:
                 f"load is missing: the loads of this problem have {len(self.loads)} steps, "
                 "so give the load of this step"
             )
-        steps = steps_of(load, prescribed, self.n, self.fixed)
+        steps = self._read_loads(load, prescribed)
         if len(steps) != 1:
             raise ValueError(
                 f"load and prescribed have {counted(len(steps), 'step')}, expected one"
             )
-        return _kept(self.held, steps[0])
+        return steps[0]
 
-    def gap(self, value: ArrayLike | MovingGaps) -> Gap:
+    def read_gap(self, value: ArrayLike | MovingGaps, what: str = "gap") -> Gap:
         """Gaps of one step by component, ``(n_c, d)``, or with frames."""
-        return _gap(value, self.contacts, self.d, self.framed)
+        if not isinstance(value, MovingGaps):
+            return gap_of_step(value, *self.contacts.shape, what)
+        self._check_frames(value)
+        if value.gap.ndim != 1:
+            raise ValueError(
+                f"{what} has the moving gaps of {counted(len(value), 'step')}, expected "
+                "those of one, moving[k]"
+            )
+        return value
 
-    def totals(
+    def _read_gaps(self, value: ArrayLike | MovingGaps) -> Gap:
+        """Gaps of each step."""
+        if not isinstance(value, MovingGaps):
+            return gaps_of_steps(value, *self.contacts.shape)
+        self._check_frames(value)
+        if value.gap.ndim == 1:
+            return MovingGaps(value.gap[None], value.frame[None], value.drag[None])
+        return value
+
+    def _check_frames(self, moving: MovingGaps) -> None:
+        if self.contacts.frame is None:
+            raise ValueError(
+                "gap has frames of each step, but the frames of B are not known: pass "
+                "frame= to ContactProblem"
+            )
+        moving.check_shape(*self.contacts.shape)
+
+    def _read_loads(self, load: Any, prescribed: ArrayLike | None) -> list[Loads]:
+        """Load and prescribed displacements of each step."""
+        if self.read_forces is None:
+            forces: Sequence[Floats] = list(rows_of_steps("load", load, self.n))
+        else:
+            forces = self.read_forces(load)
+        motions = list(rows_of_steps("prescribed", prescribed, self.fixed))
+        pairs = together("prescribed", motions, "load", forces, lambda u, f: (f, u))
+        return [self._without_reactions(*pair) for pair in pairs]
+
+    def _without_reactions(self, force: Floats, moved: Floats) -> Loads:
+        """Loads of one step, without the reactions of inclined supports."""
+        if self.held is None:
+            return force, moved
+        self.held.prescribed(moved)
+        return self.held.load(force), moved
+
+    def list_totals(
         self,
         load: ArrayLike | None,
         prescribed: ArrayLike | None,
         gap: ArrayLike | MovingGaps | None,
-        start: Start | None,
+        start: Start | None = None,
     ) -> list[Totals]:
         """Totals of each step: those given, else those of the problem after ``start``.
 
@@ -146,37 +203,34 @@ class Loading:
         TypeError, ValueError
             An argument is wrong, or ``start`` does not determine the next step.
         """
-        own = load is None and prescribed is None
-        loads = self.loads if own else None
+        own_loads = load is None and prescribed is None
+        loads = self.loads if own_loads else None
         gaps = self.gaps if gap is None else None
         count = max(len(loads or ()), 0 if gaps is None else len(gaps))
-        given = not own or gap is not None
+        is_given = not own_loads or gap is not None
         first = 0
         # A single row of the problem is used in all steps.
-        if start is not None and count > (1 if given else 0):
-            first = _done(start, count, given)
-            _same_path(start, first, loads, gaps)
-        forces = steps_of(load, prescribed, self.n, self.fixed)
-        forces = (
-            loads if loads is not None else [_kept(self.held, one) for one in forces]
-        )
+        if start is not None and count > (1 if is_given else 0):
+            first = _count_finished(start, count, is_given)
+            _check_same_path(start, first, loads, gaps)
+        forces = self._read_loads(load, prescribed) if loads is None else loads
         offsets: list[Gap] | None = None
         if gap is not None:
-            offsets = list(_gaps(gap, self.contacts, self.d, self.framed))
+            offsets = list(self._read_gaps(gap))
         elif gaps is not None:
             offsets = list(gaps)
         if first:
             # Arguments hold the following steps only, the problem holds all steps.
-            forces = _behind(first, count, forces, "load", loads is None)
+            forces = _drop_finished(first, count, forces, "load", loads is None)
             if offsets is not None:
-                offsets = _behind(first, count, offsets, "gap", gaps is None)
+                offsets = _drop_finished(first, count, offsets, "gap", gaps is None)
         if offsets is None:
             return [(f, u, None) for f, u in forces]
         return together(
             "gap", offsets, "the load path", forces, lambda g, loads: (*loads, g)
         )
 
-    def along(
+    def make_totals(
         self,
         load: ArrayLike | Callable[[float], ArrayLike] | None,
         prescribed: ArrayLike | Callable[[float], ArrayLike] | None,
@@ -190,76 +244,30 @@ class Loading:
                 f"{counted(len(self.loads), 'load step')}, and adaptive steps need the load "
                 "as a function of s"
             )
-        force = _proportional("load", load, self.n, end)
-        moved = _proportional("prescribed", prescribed, self.fixed, end)
+        force = _scale_or_call("load", load, self.n, end)
+        moved = _scale_or_call("prescribed", prescribed, self.fixed, end)
         if gap is None and self.gaps is not None:
             raise ValueError(
                 "gap is missing: the gaps of this problem have "
                 f"{counted(len(self.gaps), 'load step')}, and adaptive steps need the gap "
                 "as a function of s"
             )
-        at = _gaps_at(gap, self.contacts, self.d, self.framed)
-        return lambda s: (*_kept(self.held, (force(s), moved(s))), at(s))
+
+        def totals(s: float) -> Totals:
+            loads = self._without_reactions(force(s), moved(s))
+            if gap is None:
+                return (*loads, None)
+            return (*loads, self.read_gap(gap(s), f"gap at s = {s:.10g}"))
+
+        return totals
 
 
-def _kept(held: Held | None, loads: Loads) -> Loads:
-    """Loads of one step, with the reactions of inclined supports removed."""
-    if held is None:
-        return loads
-    force, moved = loads
-    held.prescribed(moved)
-    return held.load(force), moved
-
-
-def _framed(framed: bool) -> None:
-    if not framed:
-        raise ValueError(
-            "gap has frames of each step, but the frames of B are not known: pass frame= to "
-            "ContactProblem"
-        )
-
-
-def _gap(value: Any, contacts: int, d: int, framed: bool, what: str = "gap") -> Gap:
-    """Gaps of one step."""
-    if not isinstance(value, MovingGaps):
-        return gap_of_step(value, contacts, d, what)
-    _framed(framed)
-    if value.gap.ndim != 1:
-        raise ValueError(
-            f"{what} has the moving gaps of {counted(len(value), 'step')}, expected those "
-            "of one, moving[k]"
-        )
-    return checked(value, contacts, d)
-
-
-def _gaps(value: Any, contacts: int, d: int, framed: bool) -> Gap:
-    """Gaps of each step."""
-    if not isinstance(value, MovingGaps):
-        return gaps_of_steps(value, contacts, d)
-    _framed(framed)
-    found = checked(value, contacts, d)
-    if found.gap.ndim == 1:
-        return MovingGaps(found.gap[None], found.frame[None], found.drag[None])
-    return found
-
-
-def check_case(k: int, case: Any) -> None:
-    """Check the type and the keys of case ``k`` of `ContactProblem.solve_many`."""
-    keys = ("load", "prescribed", "gap", "mu", "start")
-    expected = f"{', '.join(keys[:-1])} or {keys[-1]}"
-    if not isinstance(case, Mapping):
-        raise mistyped(f"case {k}", case, f"a mapping with {expected}")
-    unknown = sorted(set(map(str, case)) - set(keys))
-    if unknown:
-        raise TypeError(f"case {k} has {unknown[0]!r}, expected {expected}")
-
-
-def done(start: Start | None) -> int:
+def count_steps(start: Start | None) -> int:
     """Number of steps before the end of ``start``, 0 if it is a single step."""
     return start.first_step + len(start) if isinstance(start, Result) else 0
 
 
-def reached(start: Start | None) -> Step | None:
+def last_step(start: Start | None) -> Step | None:
     """The step that a path continues from.
 
     Raises
@@ -277,15 +285,15 @@ def reached(start: Start | None) -> Step | None:
     raise mistyped("start", start, "a Result, one of its steps, or a State")
 
 
-def _done(start: Start, count: int, given: bool) -> int:
-    """`done`, checked against the ``count`` steps of the loads or gaps of the problem."""
+def _count_finished(start: Start, count: int, given: bool) -> int:
+    """`count_steps`, checked against the ``count`` steps of the loads or gaps of the problem."""
     if not isinstance(start, Result):
         raise TypeError(
             f"start is a {type(start).__name__}, expected a Result: its number of steps "
             f"determines the next of the {count} steps of this problem; or give the load "
             "and gap of the following steps"
         )
-    first = done(start)
+    first = count_steps(start)
     if first > count or (given and first == count):
         raise ValueError(
             f"start has {counted(first, 'step')}, and the loads or gaps of this problem "
@@ -294,7 +302,9 @@ def _done(start: Start, count: int, given: bool) -> int:
     return first
 
 
-def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> list[T]:
+def _drop_finished(
+    first: int, count: int, rows: list[T], what: str, given: bool
+) -> list[T]:
     """Rows of the steps after ``first`` of ``count`` steps; a single row is repeated."""
     rest = count - first
     if len(rows) == 1:
@@ -307,11 +317,11 @@ def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> li
     return rows if given else rows[first:]
 
 
-def _same_path(
+def _check_same_path(
     start: Start, first: int, loads: list[Loads] | None, gaps: Gap | None
 ) -> None:
     """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
-    last = reached(start)
+    last = last_step(start)
     if not first or last is None:
         return
     behind = first - 1
@@ -320,7 +330,7 @@ def _same_path(
         own["load"], own["prescribed"] = loads[min(behind, len(loads) - 1)]
     if gaps is not None:
         own["gap"] = gaps[min(behind, len(gaps) - 1)]
-    other = differing(last, own)
+    other = find_difference(last, own)
     if other is not None:
         raise ValueError(
             f"start ends with another {other} than load step {behind + 1} of this "
@@ -328,7 +338,7 @@ def _same_path(
         )
 
 
-def differing(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
+def find_difference(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
     """Name of the first total that differs from that of a step, or None.
 
     A step that was read from a file has no loads, which then count as equal.
@@ -351,7 +361,7 @@ def differing(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
     return None
 
 
-def _proportional(
+def _scale_or_call(
     what: str, value: Any, length: int, end: float
 ) -> Callable[[float], Any]:
     """``value(s)``, or an array scaled by ``s / end``, with its shape checked."""
@@ -364,18 +374,5 @@ def _proportional(
 
     def at(s: float) -> Any:
         return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,))
-
-    return at
-
-
-def _gaps_at(
-    gap: Callable[[float], Any] | None, contacts: int, d: int, framed: bool
-) -> Callable[[float], Any]:
-    """``gap(s)`` by component ``(n_c, d)``, checked; None for the gaps of the problem."""
-    if gap is None:
-        return lambda _: None
-
-    def at(s: float) -> Any:
-        return _gap(gap(s), contacts, d, framed, f"gap at s = {s:.10g}")
 
     return at

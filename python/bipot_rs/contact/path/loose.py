@@ -42,8 +42,8 @@ class Loose:
     spring: float
 
     @classmethod
-    def of(cls, parts: Parts, fixed: Ints, num_threads: int | None = None) -> Loose:
-        """Those of K, given by rows."""
+    def find(cls, parts: Parts, fixed: Ints, num_threads: int | None = None) -> Loose:
+        """The degrees of freedom of K, by rows, that no spring of K holds."""
         start, _, value = parts
         # The largest entry of a positive semidefinite matrix is on its diagonal, and a row
         # with a zero there is zero.
@@ -56,7 +56,7 @@ class Loose:
         largest = float(diagonal.max(initial=0.0))
         return cls(np.array(dofs, np.int64), _SPRING * largest)
 
-    def stiffened(self, parts: Parts) -> Parts:
+    def add_springs(self, parts: Parts) -> Parts:
         """K with the springs."""
         if not self.dofs.size:
             return parts

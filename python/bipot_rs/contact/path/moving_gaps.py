@@ -125,12 +125,21 @@ class MovingGaps:
         gaps[..., 0] = self.gap
         return np.asarray(gaps, np.float64)
 
+    def check_shape(self, contacts: int, d: int) -> None:
+        """Refuse another number of contacts or another dimension."""
+        count, components = self.drag.shape[-2:]
+        if (count, components) != (contacts, d):
+            raise ValueError(
+                f"gap has moving gaps of {count} contacts in {components} dimensions, "
+                f"expected {contacts} contacts in {d}"
+            )
+
     def opened(self, depth: Floats) -> MovingGaps:
         """The same with normal gaps larger by ``depth (n_c,)``."""
         return MovingGaps(self.gap + depth, self.frame, self.drag)
 
 
-def simplified(moving: MovingGaps, frame: Floats) -> MovingGaps | Floats:
+def drop_equal_frames(moving: MovingGaps, frame: Floats) -> MovingGaps | Floats:
     """Gaps by component if no frame differs from that of B, ``(n_c, d, d)``."""
     if not (moving.frame == frame).all():
         return moving
@@ -139,36 +148,25 @@ def simplified(moving: MovingGaps, frame: Floats) -> MovingGaps | Floats:
     return np.asarray(gaps, np.float64)
 
 
-def gaps_by_component(gap: Floats | MovingGaps) -> Floats:
+def list_components(gap: Floats | MovingGaps) -> Floats:
     """Gaps ``(..., n_c, d)`` of either form."""
     return gap.by_component if isinstance(gap, MovingGaps) else gap
 
 
-def joined(steps: Sequence[MovingGaps]) -> MovingGaps:
+def join_steps(steps: Sequence[MovingGaps]) -> MovingGaps:
     """Moving gaps of several steps, from those of each."""
     names = ("gap", "frame", "drag")
     return MovingGaps(*(np.stack([getattr(k, name) for k in steps]) for name in names))
 
 
-def gap_of(step: Step) -> Floats | MovingGaps | None:
+def read_gap(step: Step) -> Floats | MovingGaps | None:
     """Gaps of a step as an argument, with its frames if it has frames of its own."""
     if step.frame is None or step.drag is None or step.gap is None:
         return step.gap
     return MovingGaps(step.gap[:, 0], step.frame, step.drag)
 
 
-def checked(value: MovingGaps, contacts: int, d: int) -> MovingGaps:
-    """Check the number of contacts and the dimension."""
-    found = value.drag.shape[-2:]
-    if found != (contacts, d):
-        raise ValueError(
-            f"gap has moving gaps of {found[0]} contacts in {found[1]} dimensions, expected "
-            f"{contacts} contacts in {d}"
-        )
-    return value
-
-
-def rotation(frame: Floats, base: Floats) -> Floats:
+def find_rotation(frame: Floats, base: Floats) -> Floats:
     """Q of each contact with ``frame = Q base``, as the rows ``(d n_c, d)``."""
     turned = np.einsum("cki,cli->ckl", frame, base)
     # Exact for contacts whose frame is that of B.
@@ -176,13 +174,13 @@ def rotation(frame: Floats, base: Floats) -> Floats:
     return np.ascontiguousarray(turned.reshape(-1, frame.shape[1]))
 
 
-def rotated(rows: Floats, values: Floats) -> Floats:
-    """``Q x`` of values ``(n_c, d)``, with Q by rows as in `rotation`."""
+def rotate(rows: Floats, values: Floats) -> Floats:
+    """``Q x`` of values ``(n_c, d)``, with Q by rows as in `find_rotation`."""
     blocks = rows.reshape(len(values), -1, values.shape[1])
     return np.asarray(np.einsum("ckl,cl->ck", blocks, values), np.float64)
 
 
-def carried(step: Step, frame: Floats, base: Floats, start: Floats) -> Step:
+def carry_step(step: Step, frame: Floats, base: Floats, start: Floats) -> Step:
     """A step with its vectors in ``frame (n_c, d, d)``: the state before the next step.
 
     The tangential relative displacement is T w with w of this step and T of ``frame``, so
@@ -201,12 +199,12 @@ def carried(step: Step, frame: Floats, base: Floats, start: Floats) -> Step:
         apart = step.gap[:, 0] + np.einsum("ci,ci->c", own[:, 0], step.drag)
     w = step.relative_displacement.copy()
     w[:, 0] -= apart
-    turn = rotation(frame, own)
-    before = rotated(turn, w)
+    turn = find_rotation(frame, own)
+    before = rotate(turn, w)
     before[:, 0] = step.relative_displacement[:, 0]
     return replace(
         step,
-        reaction=rotated(turn, step.reaction),
+        reaction=rotate(turn, step.reaction),
         relative_displacement=before,
         # The inverse of W is that of the frames before.
         stats={k: v for k, v in step.stats.items() if k != "bytes_beside_W"},

@@ -4,275 +4,526 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import Csr, Parts, csr, enforced, one_triangle
+from bipot_rs._lib.validation import (
+    Csr,
+    Parts,
+    csr,
+    enforced,
+    indices,
+    integer,
+    one_of,
+    one_triangle,
+    places,
+    threads,
+)
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
+from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
+from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.direct import Direct
-from bipot_rs.contact.path.engine import Engine, Known
+from bipot_rs.contact.path.engine import Engine, RestoredDigits
+from bipot_rs.contact.path.load_steps import Loads
 
 if TYPE_CHECKING:
     from bipot_rs.contact.path.iterative import Iterative
     from bipot_rs.contact.stiffness.digits import Digits
 
+# Called with a forecast of the cost, before the factorisation.
+OnForecast = Callable[[Mapping[str, Any]], object]
 
-class Given(NamedTuple):
-    """Arguments of `_core.Condensed` after the stiffness, in its order."""
+# Entries of `ContactProblem.stats` that only a factor has.
+WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
+    (
+        "nnz_factor",
+        "flops",
+        "bytes_factor",
+        "bytes_compliance",
+        "bytes_peak",
+        "cond_S",
+        "ordering",
+        "orderings",
+        "working_set",
+        "bodies",
+        "islands",
+    )
+) | {"rigid_motions": 0, "factor_kept": False}
 
-    contact: Parts
-    gap: Floats
-    mu: Floats
-    fixed: Ints
-    num_threads: int | None
-    coordinates: Floats | None
-    loads: Any
-    memory_limit: int | None
-    working_set: bool | None
 
+@dataclass(frozen=True, eq=False)
+class StiffnessOptions:
+    """What a problem says of its stiffness, checked.
 
-class Prepared:
-    """The part of a `ContactProblem` that knows K: its digits, engines and pickle.
-
-    With ``engine="auto"`` in space, the first load path chooses. Until then K is kept as it
-    is; once it is condensed, the core has it.
+    Attributes
+    ----------
+    n
+        Number of degrees of freedom.
+    fixed
+        Numbers of the prescribed ones.
+    coordinates : (n, 3) or None
+        Coordinates of each degree of freedom.
+    places : (n, d) or None
+        The same, unless they are in another dimension than the contacts.
+    bodies
+        Names of the bodies, each with its first degree of freedom.
+    digits
+        Relative error of K, if it is not rounding.
+    steps
+        Number of load steps, where it is known before the first load path.
     """
 
-    _given: Given
-    # Degrees of freedom, contacts, components of a contact.
-    _shape: tuple[int, int, int]
-    _fixed: Ints
-    # The engine that was asked for.
-    _asked: str
-    _bodies: dict[str, int] | None
-    _digits: Digits | None
-    _known: Known | None
-    _seconds: float
-    # Number of load steps, where it is known before the first load path.
-    _steps: int | None = None
-    # The condensed problem, once it is made; the iterative engine, while it may be used.
-    _condensed: _core.Condensed | None = None
-    _iterative: Iterative | None = None
-    # K, until it is condensed, or what makes it once more.
-    _parts: Parts | None = None
-    _again: Callable[[], Any] | None = None
-    # Name of the engine, and why.
-    _chosen: tuple[str, str] = ("direct", "")
-    _on_forecast: Callable[[Mapping[str, Any]], object] | None = None
+    n: int
+    fixed: Ints
+    num_threads: int | None = None
+    coordinates: Floats | None = None
+    places: Floats | None = None
+    memory_limit: int | None = None
+    working_set: bool | None = None
+    bodies: dict[str, int] | None = None
+    digits: Digits | None = None
+    engine: str = "auto"
+    steps: int | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        # The arguments, not the factor, which may be a hundred times as large:
-        # condensing again gives the same bits.
-        made = {"_condensed", "_iterative", "_parts", "_again", "_on_forecast"}
-        known = {name: value for name, value in vars(self).items() if name not in made}
-        return known | {"_stiffness": self._matrix()}
+    @classmethod
+    def check(
+        cls,
+        n: int,
+        d: int,
+        *,
+        fixed: ArrayLike | None,
+        num_threads: int | None,
+        coordinates: ArrayLike | None,
+        memory_limit: int | None,
+        working_set: bool | None,
+        bodies: Mapping[str, int] | None,
+        stiffness_rtol: float | None,
+        engine: str,
+        steps: int | None,
+    ) -> StiffnessOptions:
+        """Check the arguments of a `ContactProblem` that are about its stiffness.
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        parts = state.pop("_stiffness")
-        vars(self).update(state)
-        self._prepare(parts, None)
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong; the message names it.
+        """
+        if num_threads is not None:
+            num_threads = threads(num_threads)
+        in_space = places(coordinates, n)
+        if memory_limit is not None:
+            memory_limit = integer(
+                "memory_limit", memory_limit, least=1, most=2**63 - 1
+            )
+        if working_set is not None and not isinstance(working_set, bool):
+            raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
+        names = _check_bodies(bodies, n)
+        digits = None
+        if stiffness_rtol is not None:
+            from bipot_rs.contact.stiffness.digits import checked
 
-    def _matrix(self) -> Parts:
-        """K, which the core has once it is condensed."""
-        if self._parts is not None:
-            return self._parts
-        if self._again is not None:
-            return csr("K", self._again()).parts
-        return self._core.stiffness()
+            digits = checked(stiffness_rtol, in_space, d, names)
+        return cls(
+            n,
+            indices("fixed", fixed, n),
+            num_threads,
+            in_space,
+            _drop_components(coordinates, in_space, d),
+            memory_limit,
+            working_set,
+            names,
+            digits,
+            one_of("engine", engine, choice.ENGINES),
+            steps,
+        )
 
-    def _release(self, again: Callable[[], Any]) -> bool:
-        """Drop K if the iterative engine will solve; ``again`` makes it once more."""
-        if self._iterative is None or self._chosen[0] != "iterative":
-            return False
-        self._parts, self._again = None, again
-        return True
+    @property
+    def free(self) -> int:
+        """Number of degrees of freedom that are not prescribed."""
+        return self.n - len(self.fixed)
 
-    def _with_digits(self, stiffness: Csr) -> tuple[Csr, Known | None]:
+    def restore(self, stiffness: Csr) -> tuple[Csr, RestoredDigits | None]:
         """K with its rigid motions restored, and how far they were off."""
-        if self._digits is None:
+        if self.digits is None:
             return stiffness, None
         from scipy.sparse import csr_array
 
-        parts, off = self._digits.restore(stiffness)
+        parts, off = self.digits.restore(stiffness)
         matrix = csr_array(parts[::-1], shape=stiffness.shape)
-        return Csr(matrix, stiffness.shape, parts), Known(self._digits, off)
+        return Csr(matrix, stiffness.shape, parts), RestoredDigits(self.digits, off)
+
+
+def _check_bodies(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:
+    """Names of bodies and their first degrees of freedom."""
+    if bodies is None:
+        return None
+    if not isinstance(bodies, Mapping):
+        raise TypeError(
+            f"bodies is a {type(bodies).__name__}, expected a mapping from each name to "
+            "the first degree of freedom of the body"
+        )
+    names = {
+        str(name): integer(f"bodies[{name!r}]", first, least=0, most=max(n - 1, 0))
+        for name, first in bodies.items()
+    }
+    if len(set(names.values())) < len(names):
+        raise ValueError(
+            f"bodies is {names}, expected a different first degree of freedom for each"
+        )
+    return names
+
+
+def _drop_components(
+    coordinates: ArrayLike | None, in_space: Floats | None, d: int
+) -> Floats | None:
+    """Coordinates ``(n, d)``; None if they are in another dimension."""
+    if coordinates is None or in_space is None:
+        return None
+    if d == 3 and np.shape(coordinates)[1] == 2:
+        return None
+    if d == 2 and np.ptp(in_space[:, 2]) > 0:
+        return None
+    return np.ascontiguousarray(in_space[:, :d])
+
+
+class PreparedStiffness:
+    """K with the engines that solve, one of which is chosen.
+
+    With ``engine="auto"`` in space, the first load path chooses. Until then K is kept as it
+    is; once it is condensed, the core has it. A pickle holds K and not the factor, which may
+    be a hundred times as large: condensing again gives the same bits.
+
+    Parameters
+    ----------
+    stiffness
+        K, with its digits restored.
+    restored
+        The digits that were restored.
+    contacts, options
+        The contacts, and what is said of K.
+    loads
+        Loads of all steps, if K is not needed after these.
+    on_forecast
+        As in `ContactProblem`.
+
+    Attributes
+    ----------
+    seconds
+        Time of the condensation.
+    """
+
+    # The condensed problem, once it is made; the iterative engine, while it may be used.
+    _condensed: _core.Condensed | None
+    _iterative: Iterative | None
+    # K, until it is condensed, or what assembles it once more.
+    _parts: Parts | None
+    _assemble: Callable[[], Any] | None
+    _on_forecast: OnForecast | None
+
+    def __init__(
+        self,
+        stiffness: Csr,
+        restored: RestoredDigits | None,
+        contacts: Contacts,
+        options: StiffnessOptions,
+        loads: list[Loads] | None = None,
+        on_forecast: OnForecast | None = None,
+    ) -> None:
+        self.restored, self.options = restored, options
+        self.seconds = 0.0
+        self._contacts, self._loads = contacts, loads
+        # Name of the engine, and why.
+        self._choice = "direct", ""
+        self._prepare(stiffness.parts, None, on_forecast)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "restored": self.restored,
+            "options": self.options,
+            "contacts": self._contacts,
+            "loads": self._loads,
+            "choice": self._choice,
+            "stiffness": self.matrix(),
+        }
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.restored, self.options = state["restored"], state["options"]
+        self.seconds = 0.0
+        self._contacts, self._loads = state["contacts"], state["loads"]
+        self._choice = state["choice"]
+        self._prepare(state["stiffness"], None)
+
+    def update(self, stiffness: Csr, restored: RestoredDigits | None) -> None:
+        """Replace K by another one; after an error the old one is kept."""
+        self._prepare(stiffness.parts, self._condensed)
+        self.restored = restored
+
+    def matrix(self) -> Parts:
+        """K, which the core has once it is condensed."""
+        if self._parts is not None:
+            return self._parts
+        if self._assemble is not None:
+            return csr("K", self._assemble()).parts
+        return self.core.stiffness()
+
+    def release(self, assemble: Callable[[], Any]) -> bool:
+        """Drop K if the iterative engine will solve; ``assemble`` makes it once more."""
+        if self._iterative is None or self._choice[0] != "iterative":
+            return False
+        self._parts, self._assemble = None, assemble
+        return True
+
+    @property
+    def core(self) -> _core.Condensed:
+        """The condensed problem, for what needs the compliance ``W``."""
+        if self._condensed is None and self.options.engine == "iterative":
+            raise ValueError(
+                "this needs the compliance W, which engine='iterative' does not form: "
+                "use engine='direct'"
+            )
+        return self.make_direct().core
+
+    def make_direct(self) -> Direct:
+        """The direct engine; condenses if that was not done before."""
+        if self._condensed is None:
+            if self._parts is None and self._assemble is None:
+                raise ValueError("the stiffness of this problem is not available")
+            self._condensed = self._condense(self.matrix(), None, self._on_forecast)
+            self._parts = self._assemble = None
+        return Direct(self._condensed)
+
+    def choose_engine(self, steps: int, method: str) -> Engine:
+        """The engine of a load path."""
+        iterative, options = self._iterative, self.options
+        if iterative is None:
+            return self.make_direct()
+        if method not in choice.METHODS:
+            if options.engine == "iterative":
+                choice.check_method(method, options.engine)
+            return self.make_direct()
+        if options.engine == "auto" and self._condensed is None:
+            limit = options.memory_limit
+            memory = available() if limit is None else limit
+            self._choice = choice.choose(
+                options.free, self._contacts.count, steps, memory
+            )
+            if self._choice[0] == "iterative":
+                self._tell_iterative()
+        if self._condensed is not None or self._choice[0] == "direct":
+            self._iterative = None
+            self._choice = "direct", self._choice[1]
+            return self.make_direct()
+        return iterative
+
+    @property
+    def stats(self) -> dict[str, Any]:
+        """As `ContactProblem.stats`."""
+        name, why = self._choice
+        contacts, d = self._contacts.shape
+        stats = (
+            WITHOUT_FACTOR | {"n": self.options.n, "n_contact_dofs": d * contacts}
+            if self._condensed is None
+            else dict(self._condensed.stats)
+        )
+        stats |= {
+            "engine": name,
+            "engine_reason": why,
+            "seconds_condense": self.seconds,
+        }
+        if self._iterative is not None:
+            stats |= self._iterative.stats
+            replaced = self._iterative.record.replaced
+            if replaced:
+                stats["engine_reason"] = f"the iterative engine stalled: {replaced}"
+        if self.restored is not None:
+            stats["rigid_motions_off"] = self.restored.off
+        return stats
+
+    def name_rigid_motions(self) -> tuple[str, ...]:
+        """As `ContactProblem.rigid_motions`."""
+        stats = self.core.stats
+        return rigid_motion_names.left_free(
+            self.core.modes().reshape(-1, *self._contacts.shape),
+            stats["rigid_motion_bodies"],
+            stats["rigid_motion_dofs"],
+            self._contacts.frame,
+            self.options.bodies,
+        )
+
+    def move_rigidly(self, amounts: Floats) -> Floats:
+        """Displacements ``(n,)`` of rigid motions with these amplitudes, without loads."""
+        options = self.options
+        still = np.zeros(options.n), np.zeros(len(options.fixed))
+        reaction = np.zeros(self._contacts.shape)
+        moved = self.core.displacements([(*still, reaction, amounts)])
+        return np.asarray(moved[0], np.float64)
 
     def _prepare(
         self,
         parts: Parts,
         before: _core.Condensed | None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        on_forecast: OnForecast | None = None,
     ) -> None:
         """Condense, or make the iterative engine and leave the choice to the load path."""
+        options = self.options
         iterative = self._make_iterative(parts)
+        condensed = None
         if iterative is None:
-            self._condense(parts, before, on_forecast)
-            self._iterative = None
+            condensed = self._condense(parts, before, on_forecast)
+        self._condensed, self._iterative = condensed, iterative
+        self._parts = None if iterative is None else parts
+        self._assemble = None
+        self._on_forecast = None if iterative is None else on_forecast
+        if iterative is None:
             return
-        self._condensed, self._iterative, self._parts = None, iterative, parts
-        self._again = None
-        self._on_forecast = on_forecast
-        if self._asked == "iterative":
-            self._chosen = "iterative", "it was asked for"
+        if options.engine == "iterative":
+            self._choice = "iterative", "it was asked for"
             self._tell_iterative()
-        elif self._steps is not None:
-            self._engine(self._steps, "auto")
+        elif options.steps is not None:
+            self.choose_engine(options.steps, "auto")
+
+    def _arguments(
+        self,
+    ) -> tuple[Parts, Floats, Floats, Ints, int | None, Floats | None]:
+        """Arguments of the core after the stiffness, in its order."""
+        contacts, options = self._contacts, self.options
+        return (
+            contacts.operator.parts,
+            contacts.gap_by_component,
+            contacts.mu,
+            options.fixed,
+            options.num_threads,
+            options.coordinates,
+        )
 
     def _condense(
         self,
         parts: Parts,
         before: _core.Condensed | None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
-    ) -> None:
+        on_forecast: OnForecast | None = None,
+    ) -> _core.Condensed:
         started = time.perf_counter()
-        told = on_forecast
+        options, tell = self.options, on_forecast
         if on_forecast is not None:
-            name, why = self._chosen
+            name, why = self._choice
 
-            def told(counts: Mapping[str, Any]) -> None:
+            def tell(counts: Mapping[str, Any]) -> None:
                 on_forecast({**counts, "engine": name, "engine_reason": why})
 
         try:
-            self._condensed = _core.Condensed(parts, *self._given, before, told)
+            condensed = _core.Condensed(
+                parts,
+                *self._arguments(),
+                self._loads,
+                options.memory_limit,
+                options.working_set,
+                before,
+                tell,
+            )
         except (FloatingBodyError, ValueError) as error:
-            dof = getattr(error, "dof", None)
-            cause = ""
-            if isinstance(error, ValueError):
-                cause = one_triangle(parts) or enforced(parts)
+            raise self._explain(error, parts) from None
+        self.seconds = time.perf_counter() - started
+        return condensed
+
+    def _explain(
+        self, error: FloatingBodyError | ValueError, parts: Parts
+    ) -> FloatingBodyError | ValueError:
+        """An error of the condensation with its likely cause and the name of the body."""
+        if isinstance(error, ValueError):
+            cause = one_triangle(parts) or enforced(parts)
             if cause:
-                raise ValueError(f"{error}{cause}") from None
-            if dof is None:
-                raise
-            said = str(error) + self._of_digits(error, parts, dof)
-            if self._bodies is not None:
-                said = f"{body_of(dof, self._bodies)}: {said}"
-            elif said == str(error):
-                raise
-            named = type(error)(said)
-            if isinstance(named, FloatingBodyError):
-                named.dof = dof
-            raise named from None
-        self._seconds = time.perf_counter() - started
-        self._parts = self._again = None
+                return ValueError(f"{error}{cause}")
+        dof = getattr(error, "dof", None)
+        if dof is None:
+            return error
+        text = str(error) + self._explain_digits(error, parts, dof)
+        if self.options.bodies is not None:
+            text = f"{body_of(dof, self.options.bodies)}: {text}"
+        elif text == str(error):
+            return error
+        named = type(error)(text)
+        if isinstance(named, FloatingBodyError):
+            named.dof = dof
+        return named
+
+    def _explain_digits(self, error: Exception, parts: Parts, dof: int) -> str:
+        """Text to add to an error of the core if few digits of K may be its cause."""
+        from bipot_rs.contact.stiffness.digits import OFFER, said_of_indefinite
+
+        digits, kind = self.options.digits, getattr(error, "kind", "")
+        if kind == "indefinite":
+            return said_of_indefinite(parts, self.options.fixed, dof, digits)
+        return OFFER if kind == "few_digits" and digits is None else ""
 
     def _make_iterative(self, parts: Parts) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
-        n, contacts, d = self._shape
-        given = self._given
-        free = n - len(self._fixed)
-        if self._asked == "direct":
-            self._chosen = "direct", "it was asked for"
+        options = self.options
+        why = self._find_reason_for_direct()
+        if why:
+            self._choice = "direct", why
             return None
-        if self._asked == "auto":
-            why = ""
-            if d == 2:
-                why = "the problem is plane"
-            elif free < choice.LEAST:
-                why = f"{free} free degrees of freedom are few"
-            elif given.loads is not None or given.working_set is not None:
-                why = "loads or working_set is given"
-            elif self._digits is not None:
-                why = "stiffness_rtol is given"
-            if why:
-                self._chosen = "direct", why
-                return None
         from bipot_rs.contact.path.iterative import Iterative
         from bipot_rs.contact.path.loose import Loose
 
         started = time.perf_counter()
-        loose = Loose.of(parts, self._fixed, given.num_threads)
+        loose = Loose.find(parts, options.fixed, options.num_threads)
         try:
-            core = _core.Primal(loose.stiffened(parts), *given[:6])
+            core = _core.Primal(loose.add_springs(parts), *self._arguments())
         except NotIterativeError as error:
-            if self._asked == "iterative":
+            if options.engine == "iterative":
                 raise
-            self._chosen = "direct", str(error.reason)
+            self._choice = "direct", str(error.reason)
             return None
         except ValueError as error:
             cause = one_triangle(parts) or enforced(parts)
             raise ValueError(f"{error}{cause}") from None
-        self._seconds = time.perf_counter() - started
-        self._chosen = "auto", "the first load path decides"
-        return Iterative(core, self._direct, (contacts, d), loose=loose)
+        self.seconds = time.perf_counter() - started
+        self._choice = "auto", "the first load path decides"
+        return Iterative(core, self.make_direct, self._contacts.shape, loose=loose)
 
-    def _direct(self) -> Direct:
-        """The direct engine; condenses if that was not done before."""
-        if self._condensed is None:
-            if self._parts is None and self._again is None:
-                raise ValueError("the stiffness of this problem is not available")
-            self._condense(self._matrix(), None, self._on_forecast)
-        if self._condensed is None:
-            raise ValueError("the stiffness of this problem is not available")
-        return Direct(self._condensed)
-
-    @property
-    def _core(self) -> _core.Condensed:
-        """The condensed problem, for what needs the compliance ``W``."""
-        if self._condensed is None and self._asked == "iterative":
-            raise ValueError(
-                "this needs the compliance W, which engine='iterative' does not form: "
-                "use engine='direct'"
-            )
-        return self._direct().core
-
-    def _engine(self, steps: int, method: str) -> Engine:
-        """The engine of a load path."""
-        iterative = self._iterative
-        if iterative is None:
-            return self._direct()
-        if method not in choice.METHODS:
-            if self._asked == "iterative":
-                choice.check_method(method, self._asked)
-            return self._direct()
-        if self._asked == "auto" and self._condensed is None:
-            limit = self._given.memory_limit
-            free = self._shape[0] - len(self._fixed)
-            self._chosen = choice.choose(
-                free,
-                self._shape[1],
-                steps,
-                available() if limit is None else limit,
-            )
-            if self._chosen[0] == "iterative":
-                self._tell_iterative()
-        if self._condensed is not None or self._chosen[0] == "direct":
-            self._iterative = None
-            self._chosen = "direct", self._chosen[1]
-            return self._direct()
-        return iterative
+    def _find_reason_for_direct(self) -> str:
+        """Why the direct engine solves in any case; empty if that is not decided."""
+        options = self.options
+        if options.engine == "direct":
+            return "it was asked for"
+        if options.engine == "iterative":
+            return ""
+        if self._contacts.d == 2:
+            return "the problem is plane"
+        if options.free < choice.LEAST:
+            return f"{options.free} free degrees of freedom are few"
+        if self._loads is not None or options.working_set is not None:
+            return "loads or working_set is given"
+        if options.digits is not None:
+            return "stiffness_rtol is given"
+        return ""
 
     def _tell_iterative(self) -> None:
         """Call ``on_forecast`` with the counts of the iterative engine, once."""
-        told, self._on_forecast = self._on_forecast, None
+        tell, self._on_forecast = self._on_forecast, None
         iterative = self._iterative
-        if told is None or iterative is None:
+        if tell is None or iterative is None:
             return
-        n, contacts, d = self._shape
-        counts = iterative.stats
-        told(
+        contacts, d = self._contacts.shape
+        counts, steps = iterative.stats, self.options.steps or 1
+        tell(
             {
                 "engine": "iterative",
-                "engine_reason": self._chosen[1],
+                "engine_reason": self._choice[1],
                 "bodies": None,
                 "n_contact_dofs": d * contacts,
                 "nnz_factor": 0,
-                "flops": choice.STEP_FLOPS * n * (self._steps or 1),
+                "flops": choice.STEP_FLOPS * self.options.n * steps,
                 "bytes_factor": 0,
                 "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
                 "ordering": None,
             }
         )
-
-    def _of_digits(self, error: Exception, parts: Parts, dof: int) -> str:
-        """Text to add to an error of the core if few digits of K may be its cause."""
-        from bipot_rs.contact.stiffness.digits import OFFER, said_of_indefinite
-
-        kind = getattr(error, "kind", "")
-        if kind == "indefinite":
-            return said_of_indefinite(parts, self._fixed, dof, self._digits)
-        few = kind == "few_digits" and self._digits is None
-        return OFFER if few else ""

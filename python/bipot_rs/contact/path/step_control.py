@@ -16,7 +16,7 @@ import numpy as np
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Status
-from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Totals
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
@@ -54,7 +54,7 @@ class Increments:
         return stop if to > stop - _ROUNDING * self.smallest else to
 
 
-def increments(
+def check_increments(
     stops: Any, first: Any, largest: Any, smallest: Any, slip: Any
 ) -> Increments:
     """Check the limits, and fill in the defaults.
@@ -86,8 +86,8 @@ def increments(
     return Increments(tuple(ends.tolist()), begin, most, least, most_slip)
 
 
-def follow(
-    following: Following,
+def solve_adaptively(
+    path: PathSolver,
     loads: Callable[[float], Totals],
     plan: Increments,
     on_step: Callable[[int, Step], object] | None,
@@ -96,7 +96,7 @@ def follow(
 
     Parameters
     ----------
-    following
+    path
         The path. If its start is no adaptive step, s begins at 0.
     loads
         Total load, prescribed displacement and gaps at s.
@@ -111,7 +111,7 @@ def follow(
         A step of length ``smallest`` failed; ``.result`` holds the steps before.
     """
     s, ahead = 0.0, plan.first
-    start = following.before
+    start = path.before
     if start is not None and start.s is not None:
         s = start.s
         if s > plan.stops[-1]:
@@ -121,15 +121,15 @@ def follow(
         ahead = plan.first if start.ahead is None else start.ahead
         ahead = min(max(ahead, plan.smallest), plan.largest)
     while s < plan.stops[-1]:
-        s, ahead, step = _advance(following, loads, plan, s, ahead)
-        following.accept(replace(step, s=s, ahead=ahead))
+        s, ahead, step = _solve_next(path, loads, plan, s, ahead)
+        path.accept(replace(step, s=s, ahead=ahead))
         if on_step is not None:
-            on_step(len(following.steps) - 1, following.steps[-1])
-    return following.result()
+            on_step(len(path.steps) - 1, path.steps[-1])
+    return path.result()
 
 
-def _advance(
-    following: Following,
+def _solve_next(
+    path: PathSolver,
     loads: Callable[[float], Totals],
     plan: Increments,
     s: float,
@@ -141,11 +141,11 @@ def _advance(
         to = plan.next(s, ahead)
         failed: Step | NoEquilibriumError
         try:
-            failed = step = following.attempt(*loads(to))
+            failed = step = path.attempt(*loads(to))
         except NoEquilibriumError as error:
             failed = error
         else:
-            slid = largest_slip(step)
+            slid = find_largest_slip(step)
             if step.converged and (plan.slip is None or slid <= plan.slip):
                 calm = plan.slip is None or slid <= 0.5 * plan.slip
                 # A step that a stop has shortened does not justify a longer one.
@@ -154,21 +154,21 @@ def _advance(
                     ahead = min(2 * ahead, plan.largest)
                 return to, ahead, step
         if to - s <= plan.smallest * (1 + 2 * _ROUNDING):
-            raise _refusal(following, plan, failed, s, to)
+            raise _make_failure(path, plan, failed, s, to)
         ahead = max((to - s) / 2, plan.smallest)
         halved = True
         # A failed step has changed the state of the core.
-        following.rewind()
+        path.rewind()
 
 
-def largest_slip(step: Step) -> float:
+def find_largest_slip(step: Step) -> float:
     """Largest slip of a closed contact in a step."""
     slips = np.linalg.norm(step.slip, axis=1)[step.status == Status.SLIP]
     return float(slips.max(initial=0.0))
 
 
-def _refusal(
-    following: Following,
+def _make_failure(
+    path: PathSolver,
     plan: Increments,
     failed: Step | NoEquilibriumError,
     s: float,
@@ -176,21 +176,19 @@ def _refusal(
 ) -> NoEquilibriumError | NotConvergedError:
     """Make the error of a path that ends at s, with the steps before."""
     where = (
-        f"load step {len(following.steps) + 1}: the path ends at s = {s:.10g}: the step to "
+        f"load step {len(path.steps) + 1}: the path ends at s = {s:.10g}: the step to "
         f"s = {to:.10g} failed, and smallest = {plan.smallest:g} allows no shorter step: "
     )
     if isinstance(failed, Step) and failed.converged:
         at = np.where(failed.status == Status.SLIP, 1.0, 0.0)
         contact = int(np.argmax(at * np.linalg.norm(failed.slip, axis=1)))
         message = (
-            f"{where}contact {contact} slips by {largest_slip(failed):g}, more than "
+            f"{where}contact {contact} slips by {find_largest_slip(failed):g}, more than "
             f"slip = {plan.slip:g}; raise slip, or lower smallest"
         )
-        return NotConvergedError(message, following.result(False, message))
+        return NotConvergedError(message, path.result(False, message))
     error = (
-        following.failure(failed)
-        if isinstance(failed, Step)
-        else following.ended(failed)
+        path.make_failure(failed) if isinstance(failed, Step) else path.make_end(failed)
     )
     message = where + str(error).partition(": ")[2]
-    return type(error)(message, following.result(False, message), error.direction)
+    return type(error)(message, path.result(False, message), error.direction)

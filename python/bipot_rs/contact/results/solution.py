@@ -349,7 +349,7 @@ class Solution:
 class Recovery(Protocol):
     """Computes displacements of steps from their reactions."""
 
-    def __call__(self, steps: Sequence[Step], /) -> Floats:
+    def recover(self, steps: Sequence[Step], /) -> Floats:
         """Compute the displacements, a row for each step."""
 
     def has_factor(self) -> bool:
@@ -512,6 +512,6 @@ def recover(steps: Sequence[Step]) -> None:
         rest = list(of_path)
         while recovery is not None and rest:
             block, rest = rest[:BLOCK], rest[BLOCK:]
-            for step, u in zip(block, recovery(block), strict=True):
+            for step, u in zip(block, recovery.recover(block), strict=True):
                 # A copy, so that a step does not keep the memory of its block.
                 step.computed.displacement = u.copy() if len(block) > 1 else u

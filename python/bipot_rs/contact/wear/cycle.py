@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Gap, Totals
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.wear.arguments import WearArguments
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Cycle:
         Length of slip of each contact while closed [length].
     """
 
-    path: Following
+    path: PathSolver
     worn: Floats
     slid: Floats
 
@@ -49,21 +50,17 @@ class Cycles:
 
     Attributes
     ----------
-    path
+    begin_path
         Makes a load path that continues from a step, or from the unloaded bodies.
     totals
         Totals of each load step of a cycle.
-    gap : (n_c, d)
-        Gaps of the load steps that have none of their own.
-    coefficient, area : (n_c,)
-        Wear coefficient [1/stress], tributary areas.
+    arguments
+        Contacts and wear coefficients.
     """
 
-    path: Callable[[Step | None], Following]
+    begin_path: Callable[[Step | None], PathSolver]
     totals: Sequence[Totals]
-    gap: Floats
-    coefficient: Floats
-    area: Floats
+    arguments: WearArguments
 
     def solve(self, at: Step | None, depth: Floats, number: int) -> Cycle:
         """Solve cycle ``number`` from step ``at`` on, with contacts worn to ``depth (n_c,)``.
@@ -75,20 +72,21 @@ class Cycles:
         NoEquilibriumError, NotConvergedError
             A load step failed. ``.result`` holds the load steps of this cycle before it.
         """
-        path = self.path(at)
+        path, arguments = self.begin_path(at), self.arguments
+        at_start = arguments.contacts.gap_by_component
         worn, slid = np.zeros_like(depth), np.zeros_like(depth)
         for load, prescribed, gap in self.totals:
-            opened = opened_by(depth + worn, self.gap if gap is None else gap)
+            opened = _open_gaps(depth + worn, at_start if gap is None else gap)
             step = path.advance(load, prescribed, opened)
             press = np.maximum(step.reaction[:, 0], 0.0)
             slip = np.linalg.norm(step.slip, axis=1)
-            worn += self.coefficient * press / self.area * slip
+            worn += arguments.coefficient * press / arguments.area * slip
             slid += np.where(press > 0, slip, 0.0)
             path.steps[-1] = replace(step, wear=depth + worn, cycle=number)
         return Cycle(path, worn, slid)
 
 
-def opened_by(depth: Floats, gap: Gap) -> Gap:
+def _open_gaps(depth: Floats, gap: Gap) -> Gap:
     """Gaps of one step whose normal parts are larger by ``depth (n_c,)``."""
     if isinstance(gap, MovingGaps):
         return gap.opened(depth)

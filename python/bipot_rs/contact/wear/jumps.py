@@ -16,7 +16,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
-from bipot_rs.contact.wear.record import LEAST, End, Jump, Rows, State, Wear
+from bipot_rs.contact.wear.record import LEAST, CycleEnd, Jump, Wear, WearRows
 from bipot_rs.contact.wear.stability import Stability
 
 # A jump is at most so many times as long as the one before.
@@ -34,7 +34,7 @@ STABLE = 1.0
 
 
 @dataclass(frozen=True)
-class _Trial:
+class JumpTrial:
     """The end of a jump, after the cycle that follows it."""
 
     cycle: Cycle
@@ -43,23 +43,15 @@ class _Trial:
     estimate: Floats
 
 
-class Run:
+class CycleSolver:
     """Solves cycles, and jumps over others.
 
     Parameters
     ----------
     cycles
         Solves one cycle.
-    state
-        Where to start.
-    count
-        Number of cycles to go on.
-    rtol
-        Allowed error of the depth, relative to the largest depth.
     stability
         Bounds the length of jumps.
-    jump
-        Whether to jump.
     on_cycle
         Called as ``on_cycle(number, step)`` with the last step of each cycle that was solved.
     """
@@ -67,23 +59,21 @@ class Run:
     def __init__(
         self,
         cycles: Cycles,
-        state: State,
-        count: int,
-        rtol: float,
         stability: Stability,
-        jump: bool,
         on_cycle: Callable[[int, Step], object] | None = None,
     ) -> None:
-        self._cycles, self._state = cycles, state
-        self._end = state.cycle + count
-        self._rtol, self._stability, self._jumps = rtol, stability, jump
+        arguments = cycles.arguments
+        self._cycles, self._state = cycles, arguments.state
+        self._end = arguments.state.cycle + arguments.cycles
+        self._rtol, self._jumps = arguments.rtol, arguments.jump
+        self._stability = stability
         self._on_cycle = on_cycle
-        self._rows = Rows.none()
+        self._rows = WearRows.make_empty()
         self._last: Cycle | None = None
         # Cycles to solve before the next attempt to jump, and their number after that.
         self._wait, self._pause = 0, 1
 
-    def go(self) -> Wear:
+    def solve(self) -> Wear:
         """Solve all cycles.
 
         Raises
@@ -93,12 +83,12 @@ class Run:
             before.
         """
         while self._state.cycle < self._end:
-            over = self._over()
+            over = self._choose_jump()
             if over < LEAST or not self._jump(over):
-                self._one()
-        return self._made()
+                self._solve_next()
+        return self._make_wear()
 
-    def _over(self) -> int:
+    def _choose_jump(self) -> int:
         """Number of cycles to jump over; less than `LEAST` for none."""
         if not self._jumps or self._wait > 0 or len(self._state.ends) < 2:
             return 0
@@ -106,20 +96,20 @@ class Run:
         left = self._end - self._state.cycle - 1
         return int(min(self._state.length, self._state.longest, left))
 
-    def _one(self) -> None:
+    def _solve_next(self) -> None:
         """Solve the next cycle."""
         number = self._state.cycle + 1
         try:
-            cycle = self._solved(self._state.at, self._state.depth, number)
+            cycle = self._solve_cycle(self._state.at, self._state.depth, number)
         except BipotError as error:
-            said = f"cycle {number}: {error}"
-            error.args = (said,)
-            error.wear = self._made(said)
+            text = f"cycle {number}: {error}"
+            error.args = (text,)
+            error.wear = self._make_wear(text)
             raise
         self._wait = max(self._wait - 1, 0)
         self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)
 
-    def _solved(self, at: Step | None, depth: Floats, number: int) -> Cycle:
+    def _solve_cycle(self, at: Step | None, depth: Floats, number: int) -> Cycle:
         self._rows.paths += 1
         return self._cycles.solve(at, depth, number)
 
@@ -127,7 +117,7 @@ class Run:
         """Try to jump over cycles and to solve the one after; whether that worked."""
         state = self._state
         try:
-            trial = self._trial(over)
+            trial = self._try_jump(over)
         except (NoEquilibriumError, NotConvergedError):
             self._reject(
                 Jump(state.cycle + 1, over, np.nan, np.nan, state.longest, False)
@@ -162,23 +152,23 @@ class Run:
         share = whole / 4 * (gained + over / self._end * deepest)
         return share, (whole / 2 * deepest - self._state.spent) / _TAKEN
 
-    def _trial(self, over: int) -> _Trial:
+    def _try_jump(self, over: int) -> JumpTrial:
         state = self._state
         before, last = state.ends
         g0, g1, apart = before.worn, last.worn, last.cycle - before.cycle
         # Slip is counted from the end of the cycle before, whose place changes with the depth.
         drift = (last.place - before.place) / apart
-        at, number = _moved(state.at, over * drift), state.cycle + over + 1
-        predicted = self._solved(at, state.depth + over * g1, number)
+        at, number = _shift_step(state.at, over * drift), state.cycle + over + 1
+        predicted = self._solve_cycle(at, state.depth + over * g1, number)
         change = over * (g1 + predicted.worn) / 2
         # The end of the predicted cycle has the slip history of about these depths.
-        cycle = self._solved(predicted.last, state.depth + change, number)
+        cycle = self._solve_cycle(predicted.last, state.depth + change, number)
         g3 = cycle.worn
         slopes = (g3 - g1) / (over + 1), (g1 - g0) / apart
         bend = (slopes[0] - slopes[1]) / (over + 1 + apart)
         estimate = over / 2 * np.abs(g3 - predicted.worn) + over**3 / 6 * np.abs(bend)
         energy = over * (state.lost + predicted.dissipation) / 2
-        return _Trial(cycle, change, energy, estimate)
+        return JumpTrial(cycle, change, energy, estimate)
 
     def _reject(self, jump: Jump) -> None:
         self._rows.jumps.append(jump)
@@ -190,13 +180,14 @@ class Run:
 
     def _accept(self, cycle: Cycle, over: int, change: Floats, energy: float) -> None:
         """Add a cycle, after a jump ``over`` others that changed the depth by ``change``."""
-        before, area, rows = self._state, self._cycles.area, self._rows
+        before, rows = self._state, self._rows
+        area = self._cycles.arguments.area
         number = before.cycle + over + 1
         depth = before.depth + change + cycle.worn
         volume = before.volume + float((change + cycle.worn) @ area)
         spent = cycle.dissipation
         total = before.energy + energy + spent
-        end = End(number, cycle.worn, cycle.last.relative_displacement[:, 1:])
+        end = CycleEnd(number, cycle.worn, cycle.last.relative_displacement[:, 1:])
         self._state = replace(
             before,
             cycle=number,
@@ -205,7 +196,7 @@ class Run:
             energy=total,
             lost=spent,
             # Without jumps, the bound after the last cycle is enough.
-            longest=self._bound(cycle) if self._jumps else np.inf,
+            longest=self._find_longest(cycle) if self._jumps else np.inf,
             at=cycle.last,
             ends=(*before.ends, end)[-2:],
         )
@@ -217,21 +208,22 @@ class Run:
         if self._on_cycle is not None:
             self._on_cycle(number, cycle.last)
 
-    def _bound(self, cycle: Cycle) -> float:
+    def _find_longest(self, cycle: Cycle) -> float:
         """Longest stable jump after a cycle."""
-        cycles = self._cycles
-        rate = self._stability.rate(cycles.coefficient * cycle.slid / cycles.area)
+        arguments = self._cycles.arguments
+        worn_by_force = arguments.coefficient * cycle.slid / arguments.area
+        rate = self._stability.rate(worn_by_force)
         return STABLE / rate if rate > 0 else np.inf
 
-    def _made(self, failed: str | None = None) -> Wear:
+    def _make_wear(self, failed: str | None = None) -> Wear:
         state, last = self._state, self._last
         if last is not None:
-            state = replace(state, longest=self._bound(last))
+            state = replace(state, longest=self._find_longest(last))
         path = None if last is None else last.path
-        return self._rows.made(state, self._cycles.area, path, failed)
+        return self._rows.make_wear(state, self._cycles.arguments.area, path, failed)
 
 
-def _moved(step: Step | None, by: Floats) -> Step | None:
+def _shift_step(step: Step | None, by: Floats) -> Step | None:
     """A step whose contacts were at other places along the surface."""
     if step is None:
         return None

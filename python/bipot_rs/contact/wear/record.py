@@ -11,7 +11,7 @@ import numpy as np
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.path.load_path import Following
+from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 
@@ -46,7 +46,7 @@ class Jump:
 
 
 @dataclass(frozen=True)
-class End:
+class CycleEnd:
     """The end of a cycle that was solved.
 
     Attributes
@@ -65,7 +65,7 @@ class End:
 
 
 @dataclass(frozen=True)
-class State:
+class WearState:
     """Where a sequence of cycles stands.
 
     Attributes
@@ -94,7 +94,7 @@ class State:
     volume: float
     energy: float
     at: Step | None
-    ends: tuple[End, ...]
+    ends: tuple[CycleEnd, ...]
     lost: float
     length: float
     longest: float
@@ -102,7 +102,7 @@ class State:
     estimate: Floats
 
     @classmethod
-    def first(cls, at: Step | None, contacts: int) -> State:
+    def begin(cls, at: Step | None, contacts: int) -> WearState:
         """Before the first cycle, which follows step ``at``."""
         new = np.zeros(contacts)
         return cls(0, new, 0.0, 0.0, at, (), 0.0, LEAST, np.inf, 0.0, new)
@@ -141,6 +141,10 @@ class Wear:
     ends
         `Result` with the last load step of each of these cycles, for pictures and files.
         As in ``result``, ``step.wear`` is the depth at the end of a step.
+    success, message
+        Whether all cycles were solved, and a sentence about it.
+    state
+        Where the cycles stand, from which `ContactProblem.wear` continues.
     """
 
     cycle: Ints
@@ -158,7 +162,7 @@ class Wear:
     ends: Result | None
     success: bool
     message: str
-    _state: State
+    state: WearState
 
     def __repr__(self) -> str:
         solved = f"{counted(len(self.cycle), 'cycle')} solved"
@@ -228,7 +232,7 @@ class Wear:
 
 
 @dataclass
-class Rows:
+class WearRows:
     """Rows of a `Wear` that is being computed."""
 
     worn: list[Floats]
@@ -239,15 +243,15 @@ class Rows:
     paths: int = 0
 
     @classmethod
-    def none(cls) -> Rows:
+    def make_empty(cls) -> WearRows:
         """No rows."""
         return cls([], [], [], [], [])
 
-    def made(
+    def make_wear(
         self,
-        state: State,
+        state: WearState,
         area: Floats,
-        last: Following | None,
+        last: PathSolver | None,
         failed: str | None = None,
     ) -> Wear:
         """The `Wear` of these rows.
@@ -286,5 +290,5 @@ class Rows:
             ends=ends,
             success=failed is None,
             message=f"{counted(state.cycle, 'cycle')}" if failed is None else failed,
-            _state=state,
+            state=state,
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
+from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
@@ -200,7 +200,7 @@ def without_stiffness(
         group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
-        moving=None if path is None else simplified(path, frame),
+        moving=None if path is None else drop_equal_frames(path, frame),
         nodes=points,
         symmetries=len(straight),
         springs=tuple(springs),

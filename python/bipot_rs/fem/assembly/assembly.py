@@ -19,7 +19,7 @@ from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.path.moving_gaps import MovingGaps, simplified
+from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field, Quadrature
@@ -175,7 +175,7 @@ class Assembly:
         assembled once more.
         """
         bare = replace(self, K=None)
-        return bare if problem._release(bare.stiffness) else self
+        return bare if problem.stiffness.release(bare.stiffness) else self
 
     def stiffness_rows(self, nodes: Ints) -> Any:
         """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
@@ -345,8 +345,7 @@ class Assembly:
 
         ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
         """
-        return ContactProblem._on_inclined_supports(
-            self.inclined if self.ties is None else self.ties,
+        return ContactProblem(
             self.K,
             self.B,
             gap=self.gap,
@@ -361,7 +360,8 @@ class Assembly:
             gaps=self.moving,
             on_forecast=on_forecast,
             engine=engine,
-            steps=steps,
+            _held=self.inclined if self.ties is None else self.ties,
+            _steps=steps,
             bodies=dict(
                 zip((body.name for body in self.bodies), self.offset, strict=True)
             )
@@ -434,7 +434,7 @@ class Assembly:
             how the load step is divided.
         """
         found = self.placed_between(before, motions)
-        return None if found is None else simplified(found, self.frame)
+        return None if found is None else drop_equal_frames(found, self.frame)
 
     def placed_between(
         self, before: int, motions: Sequence[Motion | None]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.path.moving_gaps import gaps_by_component
+from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.checks.free_bodies import has_friction, unheld
 from bipot_rs.fem.contact.meeting import outward
@@ -152,7 +152,7 @@ def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
     along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
     found = along.any(axis=1)
     if model.moving is not None:
-        found |= gaps_by_component(model.moving)[:, :, 1:].any(axis=(0, 2))
+        found |= list_components(model.moving)[:, :, 1:].any(axis=(0, 2))
     return np.asarray(found, np.bool_)
 
 
@@ -169,7 +169,7 @@ def _far(
     for group, at in _groups(model):
         gap = model.gap[at]
         if model.moving is not None:
-            distance = gaps_by_component(model.moving)[:, at, 0]
+            distance = list_components(model.moving)[:, at, 0]
             gap = np.minimum(gap, distance.min(axis=0))
         nearest = at[np.argmin(gap)]
         if gap.min() > max(reach, _ROUNDING * size):

@@ -17,7 +17,7 @@ from scipy import sparse
 from bipot_rs._lib.types import Floats, PetscVec
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 from bipot_rs.contact.path.choice import check_method
-from bipot_rs.contact.path.load_steps import reached
+from bipot_rs.contact.path.load_steps import last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.solution import Computed
 from bipot_rs.contact.results.solution import Step as WholeStep
@@ -158,7 +158,7 @@ class DistributedProblem:
 
     def _prepare_start(self, start: Start | None) -> WholeStep | None:
         """The last step of an earlier run, with its displacement as a Vec."""
-        last = reached(start)
+        last = last_step(start)
         if last is None:
             return None
         u = self._ranks.broadcast(last.computed.displacement)

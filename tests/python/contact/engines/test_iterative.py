@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs.contact.errors import NotIterativeError
+from bipot_rs.contact.path.prepared import PreparedStiffness
 from support.body_models import floating, on_a_ball, on_springs, order_two, warmed
 from support.pressed_in_space import arrays, pressed
 from support.rollers import roller
@@ -251,7 +252,7 @@ def test_the_direct_engine_replaces_it_where_it_stalls(
     def refused(*_args: Any) -> Any:
         raise MemoryError("the factor does not fit")
 
-    monkeypatch.setattr(bp.ContactProblem, "_condense", refused)
+    monkeypatch.setattr(PreparedStiffness, "_condense", refused)
     small = bp.ContactProblem(**known, engine="iterative")
     outcome = small.solve_many([{"prescribed": prescribed}])[0]
     if outcome.success:

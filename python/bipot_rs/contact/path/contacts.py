@@ -1,0 +1,121 @@
+"""`Contacts`: where bodies may touch, and the friction and gaps there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import AnyArray, Floats
+from bipot_rs._lib.validation import (
+    RATIO,
+    Csr,
+    areas,
+    by_component,
+    choice_of_dimension,
+    contact_array,
+    floats,
+    frames,
+    friction,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """The contacts of a problem, checked.
+
+    Attributes
+    ----------
+    operator : (d n_c, n)
+        B.
+    d
+        Number of components of a contact.
+    gap : (n_c,) or (n_c, d)
+        Gaps at the start, as the caller gave them.
+    mu : (n_c,) or (n_c, 2)
+        Friction coefficients.
+    area : (n_c,) or None
+        Tributary areas.
+    x : (n_c, d) or None
+        Coordinates.
+    frame : (n_c, d, d) or None
+        Local bases, with rows n, t1[, t2].
+    """
+
+    operator: Csr
+    d: int
+    gap: Floats
+    mu: Floats
+    area: Floats | None = None
+    x: Floats | None = None
+    frame: Floats | None = None
+
+    @classmethod
+    def check(
+        cls,
+        operator: Csr,
+        *,
+        gap: ArrayLike,
+        mu: ArrayLike,
+        dim: int | None = None,
+        area: ArrayLike | None = None,
+        points: ArrayLike | None = None,
+        frame: ArrayLike | None = None,
+    ) -> Contacts:
+        """Check the arguments of a `ContactProblem` that are about its contacts.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An argument is wrong; the message names it.
+        """
+        gaps = floats("gap", gap)
+        if gaps.ndim not in (1, 2):
+            raise ValueError(f"gap has shape {gaps.shape}, expected (n_c,) or (n_c, d)")
+        count = len(gaps)
+        d = choice_of_dimension(dim, count, operator.shape[0], gaps)
+        return cls(
+            operator,
+            d,
+            gaps,
+            friction(mu, count, d, ratio=RATIO),
+            areas(area, count),
+            contact_array("points", points, count, d),
+            frames(frame, count, d),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of contacts."""
+        return len(self.gap)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(n_c, d)``."""
+        return self.count, self.d
+
+    @cached_property
+    def gap_by_component(self) -> Floats:
+        """Gaps at the start, ``(n_c, d)``."""
+        return self.gap if self.gap.ndim == 2 else by_component(self.gap, self.d)
+
+    def check_mu(self, mu: ArrayLike) -> Floats:
+        """Check other friction coefficients of these contacts."""
+        return friction(mu, *self.shape, ratio=RATIO)
+
+    def arrays(self) -> dict[str, AnyArray | None]:
+        """Arrays by the names of `Result.contacts`."""
+        frame = self.frame
+        return {
+            "x": self.x,
+            "normal": None if frame is None else frame[:, 0, :].copy(),
+            "frame": frame,
+            "area": self.area,
+            "gap": self.gap,
+            "mu": self.mu,
+        }
+
+    def tractions(self, reaction: Floats) -> Floats | None:
+        """Tractions of reactions ``(n_c, d)``; None without areas."""
+        return None if self.area is None else reaction / self.area[:, None]

@@ -1,0 +1,109 @@
+"""Check the arguments of `ContactProblem.wear`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import by_contact, integer, number
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.contact.path.load_path import find_start
+from bipot_rs.contact.wear.record import Wear, WearState
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.state import Start
+
+
+@dataclass(frozen=True, eq=False)
+class WearArguments:
+    """The arguments of `ContactProblem.wear`, checked.
+
+    Attributes
+    ----------
+    contacts
+        The contacts, whose areas are known.
+    area, coefficient : (n_c,)
+        Tributary areas, wear coefficients [1/stress].
+    cycles
+        Number of cycles.
+    jump
+        Whether cycles may be jumped over.
+    rtol
+        Allowed error of the depth, relative to the largest depth.
+    state
+        Where the first cycle starts.
+    """
+
+    contacts: Contacts
+    area: Floats
+    coefficient: Floats
+    cycles: int
+    jump: bool
+    rtol: float
+    state: WearState
+
+
+def check_wear(
+    contacts: Contacts,
+    coefficient: ArrayLike,
+    cycles: int,
+    jump: bool,
+    rtol: float,
+    start: Wear | Start | None,
+) -> WearArguments:
+    """Check the arguments that are about wear.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument is wrong, or the areas are not known; the message names it.
+    """
+    if contacts.area is None:
+        raise ValueError(
+            "area is missing: wear needs pressures, so pass area= to ContactProblem"
+        )
+    coefficients = _check_coefficient(coefficient, contacts.count)
+    count = integer("cycles", cycles, least=1)
+    if not isinstance(jump, bool):
+        raise TypeError(f"jump is {jump!r}, expected a bool")
+    share = number("rtol", rtol)
+    if not 0 < share < 1:
+        raise ValueError(f"rtol is {share:g}, expected a number between 0 and 1")
+    state = _find_state(start, contacts.shape)
+    return WearArguments(
+        contacts, contacts.area, coefficients, count, jump, share, state
+    )
+
+
+def _check_coefficient(value: ArrayLike, contacts: int) -> Floats:
+    """Wear coefficients ``(n_c,)``, none negative."""
+    coefficient = by_contact("coefficient", value, contacts)
+    if (coefficient < 0).any():
+        k = int(np.argmax(coefficient < 0))
+        raise ValueError(
+            f"coefficient of contact {k} is {coefficient[k]:g}, expected zero or a "
+            "positive number: depth = coefficient * pressure * slip"
+        )
+    return coefficient
+
+
+def _find_state(start: Wear | Start | None, shape: tuple[int, int]) -> WearState:
+    """Where the first cycle starts."""
+    if not isinstance(start, Wear):
+        step = find_start(start, shape)
+        if step is not None and step.wear is not None:
+            raise ValueError(
+                "start is a step of worn contacts: pass the whole Wear to continue it"
+            )
+        return WearState.begin(step, shape[0])
+    state = start.state
+    if state.depth.shape != shape[:1]:
+        raise ValueError(
+            f"start has the wear of {len(state.depth)} contacts, expected {shape[0]}"
+        )
+    find_start(state.at, shape)
+    return state
