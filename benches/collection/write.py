@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from bipot_rs._lib.messages import meant, mistyped
+from bipot_rs._lib.optional import load_library
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.law.status import Status
 from bipot_rs.fclib import Vectors
 from bipot_rs.fclib import write as write_file
 from bipot_rs.files.drafts import aside, place
-from bipot_rs.files.export import library
 from collection import manifest, rules
 from collection.catalogue import PATHS
 from collection.entry import Entry
@@ -66,7 +66,7 @@ def generate(
                 f"names has {name!r}, which is no path of the collection"
                 + meant(name, list(PATHS))
             )
-    library("h5py")
+    load_library("h5py")
     target = place(folder)
     target.mkdir(parents=True, exist_ok=True)
     rows = []

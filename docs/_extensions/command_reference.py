@@ -5,16 +5,14 @@ Commands, arguments and options are read from the program itself.
 
 from __future__ import annotations
 
-import inspect
+import argparse
 import re
-from typing import Any
 
-import typer
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from bipot_rs.cli.app import app
+from bipot_rs.cli import app
 
 
 class CommandReference(SphinxDirective):
@@ -22,70 +20,53 @@ class CommandReference(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Write it as Markdown, and have that parsed."""
-        group = typer.main.get_command(app)
-        self.env.note_dependency(inspect.getfile(type(app)))
-        text = "\n\n".join(section(command) for command in subcommands(group))
+        self.env.note_dependency(app.__file__)
+        text = "\n\n".join(section(name) for name in names())
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
 
-def subcommands(group: Any, before: str = "bipot") -> list[tuple[str, Any]]:
-    """Full name and command, in the order of the help; those of a group after it."""
-    found = []
-    for name, command in group.commands.items():
-        if command.hidden:
-            continue
-        whole = f"{before} {name}"
-        found.append((whole, command))
-        if hasattr(command, "commands"):
-            found += subcommands(command, whole)
-    return found
+def names() -> list[str]:
+    """Commands in the order of the help, each followed by its other forms."""
+    return [
+        name
+        for command in app.COMMANDS
+        for name in (command, *(f for f in app.FORMS if f.split()[0] == command))
+    ]
 
 
-def section(named: tuple[str, Any]) -> str:
+def section(name: str) -> str:
     """Heading, usage, help and options of one command."""
-    name, command = named
-    options = [p for p in command.params if p.param_type_name == "option"]
-    arguments = [p for p in command.params if p.param_type_name == "argument"]
-    usage = " ".join([name, *(usage_of(a) for a in arguments)])
-    parts = [f"## {name}", f"```shell\n{usage}{' [OPTIONS]' if options else ''}\n```"]
-    parts.append(as_code(inspect.cleandoc(command.help or "")))
-    rows = [(f"`{label(a)}`", told(a)) for a in arguments]
-    rows += [(f"`{switches(o)}`", told(o)) for o in options]
+    parser = app.make_parser(name)
+    known = [a for a in parser._actions if "--help" not in a.option_strings]
+    arguments = [a for a in known if not a.option_strings]
+    options = [a for a in known if a.option_strings]
+    usage = " ".join(["bipot", name, *parser.positionals()])
+    parts = [
+        f"## bipot {name}",
+        f"```shell\n{usage}{' [OPTIONS]' if options else ''}\n```",
+        as_code((parser.description or "").strip()),
+    ]
+    rows = [f"| `{label(a)}` | {told(a)} |" for a in arguments]
+    rows += [f"| `{switches(a)}` | {told(a)} |" for a in options]
     if rows:
-        body = [f"| {left} | {right} |" for left, right in rows]
-        parts.append("\n".join(["| | |", "|---|---|", *body]))
+        parts.append("\n".join(["| | |", "|---|---|", *rows]))
     return "\n\n".join(parts)
 
 
-def label(argument: Any) -> str:
-    """How the help names an argument."""
-    return argument.metavar or argument.name.upper()
+def label(action: argparse.Action) -> str:
+    """How the help names the value of an argument."""
+    return str(action.metavar or action.dest.upper())
 
 
-def usage_of(argument: Any) -> str:
-    """An argument in the line of usage."""
-    name = label(argument)
-    return name if argument.required else f"[{name}]"
-
-
-def switches(option: Any) -> str:
+def switches(action: argparse.Action) -> str:
     """The spellings of an option, and what it takes."""
-    names = ", ".join([*option.opts, *option.secondary_opts])
-    if option.is_flag:
-        return names
-    return f"{names} {option.metavar or option.name.upper()}"
+    spelled = ", ".join(action.option_strings)
+    return spelled if action.nargs == 0 else f"{spelled} {label(action)}"
 
 
-def told(parameter: Any) -> str:
-    """The help of a parameter, with its default where that is worth saying."""
-    text = " ".join((getattr(parameter, "help", None) or "").split())
-    default = parameter.default
-    plain = isinstance(default, int | float | str) and not isinstance(default, bool)
-    if plain and default != "":
-        text += f" Default `{default}`."
-    if getattr(parameter, "multiple", False) or parameter.nargs == -1:
-        text += " May be given several times."
-    return as_code(text).replace("|", "\\|").strip()
+def told(action: argparse.Action) -> str:
+    """The help of an argument."""
+    return as_code(" ".join((action.help or "").split())).replace("|", "\\|")
 
 
 def as_code(text: str) -> str:

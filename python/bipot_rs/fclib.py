@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted, mistyped
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
@@ -33,7 +34,6 @@ from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution
 from bipot_rs.files.drafts import aside, place
-from bipot_rs.files.export import library
 
 __all__ = [
     "GlobalProblem",
@@ -75,7 +75,7 @@ class Vectors(NamedTuple):
 
 def require() -> None:
     """Import the libraries for files early: an import may fail, or take long."""
-    library("h5py")
+    load_library("h5py")
     import scipy.sparse.csgraph  # noqa: F401
 
 
@@ -170,7 +170,7 @@ def write(
     OSError
         The file cannot be written; an earlier one is unchanged.
     """
-    h5py = library("h5py")
+    h5py = load_library("h5py")
     target = place(path)
     if not isinstance(problem, (ReducedProblem, GlobalProblem)):
         raise TypeError(
@@ -471,7 +471,7 @@ def _inside(name: str, found: NDArray[Any], limit: int) -> None:
 @contextmanager
 def _opened(path: Path_) -> Iterator[_File]:
     """Open a file; messages about its content begin with its path."""
-    h5py = library("h5py")
+    h5py = load_library("h5py")
     name = str(place(path))
     if not Path(name).is_file():
         # The message of h5py does not distinguish a folder from a missing file.

@@ -67,9 +67,9 @@ def bipot(
 
     def run(*arguments: str) -> tuple[int, str, str]:
         # Imported here, because most tests do not need the command.
-        from bipot_rs.cli.app import app
+        from bipot_rs.cli.entry import call
 
-        status = app(list(arguments)) or 0
+        status = call(list(arguments)) or 0
         return status, *capsys.readouterr()
 
     return run

@@ -20,6 +20,29 @@ def place(x: Iterable[float]) -> str:
     return "(" + ", ".join(f"{c:g}" for c in x) + ")"
 
 
+def size(count: float) -> str:
+    """Bytes to three digits, in a suitable unit.
+
+    >>> size(512), size(123456), size(4.5e9)
+    ('512 B', '123 kB', '4.5 GB')
+    """
+    for unit, value in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= value:
+            return f"{count / value:.3g} {unit}"
+    return f"{int(count)} B"
+
+
+def duration(time: float) -> str:
+    """Seconds, minutes or hours as text; a forecast is accurate to one digit at most."""
+    if time < 1:
+        return "less than 1 s"
+    if time < 90:
+        return f"about {time:.0f} s"
+    if time < 5400:
+        return f"about {time / 60:.0f} min"
+    return f"about {time / 3600:.0f} h"
+
+
 def mistyped(what: str, value: object, expected: str) -> TypeError:
     """Error of an argument ``what`` of a wrong type; ``expected`` is the end of the message."""
     return TypeError(f"{what} is a {type(value).__name__}, expected {expected}")

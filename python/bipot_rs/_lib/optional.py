@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 # Name of the distribution, if it is not the name of the module.
 _DISTRIBUTIONS = {"skfem": "scikit-fem"}
 
@@ -28,3 +31,17 @@ def missing(
         f"run pip install 'bipot-rs[{extra}]'",
         name=error.name,
     )
+
+
+def load_library(name: str, *, extra: str = "io", need: str = "files") -> Any:
+    """Import an optional library; ``need`` says what it is for.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        It is not installed; the message names the extra that installs it.
+    """
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise missing(error, need, name, extra) from None

@@ -18,7 +18,7 @@ _OPTIONAL = (
     "meshio",
     "h5py",
     "pydantic",
-    "typer",
+    "argcomplete",
     "rich",
     "matplotlib",
     "pyvista",

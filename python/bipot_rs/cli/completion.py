@@ -1,46 +1,52 @@
-"""What the shell completes: scenes, methods, kinds of pictures, and keys of a scene."""
+"""What the shell completes: scenes, methods, kinds of pictures, and keys of a scene.
+
+argcomplete calls these functions with the word typed so far, and leaves out what does not
+begin like it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from argparse import Namespace
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
+Completer = Callable[..., Iterable[str]]
 
-def scenes(incomplete: str) -> list[str]:
-    """Names of shipped scenes; the shell completes files itself."""
+
+def complete_scenes(prefix: str, **_: Any) -> Iterable[str]:
+    """Names of shipped scenes, and TOML files."""
+    from argcomplete.completers import FilesCompleter
+
     from bipot_rs.scene.library import shipped
 
-    return _beginning(incomplete, shipped())
+    return [*shipped(), *FilesCompleter(["toml"])(prefix)]
 
 
-def methods(incomplete: str) -> list[str]:
-    """Names of the contact solvers, as the core lists them for a wrong one."""
+def complete_methods(**_: Any) -> Iterable[str]:
+    """Names of the contact solvers."""
     from bipot_rs.contact.reduced import refuse_settings
 
     try:
         refuse_settings("", 1e-10)
     except ValueError as error:
-        names = str(error).partition("expected one of ")[2]
-        return _beginning(incomplete, names.replace("'", "").split(", "))
+        return str(error).partition("expected one of ")[2].replace("'", "").split(", ")
     return []
 
 
-def kinds(incomplete: str) -> list[str]:
+def complete_kinds(**_: Any) -> Iterable[str]:
     """Kinds of pictures."""
-    from bipot_rs.cli.commands.plot import kinds as known
+    from bipot_rs.plots.by_name import KINDS
 
-    return _beginning(incomplete, known())
-
-
-def templates(incomplete: str) -> list[str]:
-    """Kinds of scenes to start from."""
-    from bipot_rs.cli.commands.new import templates as known
-
-    return _beginning(incomplete, known())
+    return list(KINDS)
 
 
-def keys(scene: str | None, incomplete: str) -> list[str]:
+def complete_keys(prefix: str, parsed_args: Namespace, **_: Any) -> list[str]:
+    """Keys for ``--set`` of the scene that is named before it."""
+    return list_keys(getattr(parsed_args, "scene", None), prefix)
+
+
+def list_keys(scene: str | None, incomplete: str) -> list[str]:
     """Keys for ``--set`` that begin so, one level at a time.
 
     A key that has keys of its own ends in a dot, any other in ``=``.
@@ -54,13 +60,13 @@ def keys(scene: str | None, incomplete: str) -> list[str]:
         What is typed so far: ``"contact.0.m"``.
     """
     from bipot_rs.scene.schema.root import Scene
-    from bipot_rs.scene.suggestions import keys as known
+    from bipot_rs.scene.suggestions import keys as keys_of_schema
 
     if "=" in incomplete:
         return []
     *above, _ = incomplete.split(".")
-    here = _at(_table(scene), above)
-    names: list[str] = known(Scene, above)
+    here = _follow(_read_table(scene), above)
+    names: list[str] = keys_of_schema(Scene, above)
     if isinstance(here, list):
         names = [str(k) for k in range(len(here))]
     elif isinstance(here, dict):
@@ -71,10 +77,15 @@ def keys(scene: str | None, incomplete: str) -> list[str]:
         # A table, or tables by name or number, of which "0" may be one. A plain value in
         # place of a table has no keys.
         more = not _is_plain(inner) and any(
-            known(Scene, [*above, name, *end]) for end in ((), ("0",))
+            keys_of_schema(Scene, [*above, name, *end]) for end in ((), ("0",))
         )
-        found.append(".".join([*above, name]) + ("." if more else "="))
-    return _beginning(incomplete, found)
+        key = ".".join([*above, name]) + ("." if more else "=")
+        if key.startswith(incomplete):
+            found.append(key)
+    if len(found) == 1 and found[0].endswith(".") and found[0] != incomplete:
+        # The shell would end a single completion by a space.
+        return list_keys(scene, found[0])
+    return found
 
 
 def _is_plain(value: Any) -> bool:
@@ -84,8 +95,8 @@ def _is_plain(value: Any) -> bool:
     return value is not None and not isinstance(value, dict)
 
 
-def _table(scene: str | None) -> Any:
-    if scene is None:
+def _read_table(scene: str | None) -> Any:
+    if not isinstance(scene, str):
         return {}
     from bipot_rs.scene.library import text
     from bipot_rs.scene.reading import parsed
@@ -96,7 +107,7 @@ def _table(scene: str | None) -> Any:
     return {}
 
 
-def _at(table: Any, place: list[str]) -> Any:
+def _follow(table: Any, place: list[str]) -> Any:
     """The value at a key path; None if there is none."""
     for part in place:
         if isinstance(table, dict):
@@ -106,7 +117,3 @@ def _at(table: Any, place: list[str]) -> Any:
         else:
             return None
     return table
-
-
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
-    return [name for name in names if name.startswith(incomplete)]

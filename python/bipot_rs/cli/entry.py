@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from io import TextIOWrapper
 
-from bipot_rs.cli import run_arguments
-from bipot_rs.cli.commands.names import PETSC
+from bipot_rs.cli.app import carry_out
 from bipot_rs.cli.exit_codes import (
     BAD_INPUT,
     INTERRUPTED,
@@ -18,16 +17,13 @@ from bipot_rs.cli.exit_codes import (
     describe_fault,
 )
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.progress import complain, line
+from bipot_rs.cli.progress import OutputLost, complain, line
+from bipot_rs.cli.run.names import PETSC
+from bipot_rs.cli.run.runner import MISTAKES, outcome
 from bipot_rs.petsc.run.ranks import discard_output, read_launcher
 
-# Reads all arguments and carries out their command, as `app.by_typer`.
-Reader = Callable[[Sequence[str], Interrupts], int]
 
-
-def call(
-    arguments: Sequence[str], *, last: bool, by_typer: Callable[[], Reader]
-) -> int:
+def call(arguments: Sequence[str], *, last: bool = False) -> int:
     """Run the command with these arguments, and return its exit status.
 
     Parameters
@@ -36,67 +32,71 @@ def call(
         The words after ``bipot``.
     last
         Whether the process ends after it.
-    by_typer
-        Returns `app.by_typer`; called only for arguments that need Typer.
     """
     _open_streams()
-    work = _work(arguments, by_typer)
     with Interrupts(last=last) as interrupts:
-
-        def end(status: int, message: str) -> int:
-            if "--json" in arguments and arguments[0] != "run":
-                interrupts.reported = True
-                line(command=arguments[0], ok=False, success=False, message=message)
-                if arguments[0] == "fclib":
-                    # Its lines on standard output belong to files: an error of the
-                    # command itself also goes to standard error.
-                    complain(message)
-                return status
-            from bipot_rs.cli.commands.run import Job, Request
-
-            job = Job(Request(), as_json="--json" in arguments)
-            return job.end(status, message)
-
-        status = INTERRUPTED
-        if list(arguments[:1]) == ["run"]:
-            asked = PETSC in arguments or f"--engine={PETSC}" in arguments
-            if asked and read_launcher()[0]:
-                # Rank 0 reports for all.
-                discard_output()
-            # The runner releases the signals when the imports are done.
-            interrupts.hold()
         try:
-            status = work(interrupts)
-        except Ended as error:
-            return end(error.status, str(error))
-        except BrokenPipeError:
-            return _reader_gone()
-        except OSError as error:
-            return _output_gone(error)
-        except SystemExit as left:
-            # 0: shell completion is done. 1: libraries exit so when the reader of the
-            # output has gone (`| head`), but here 1 means that no answer exists.
-            return BAD_INPUT if left.code else SOLVED
-        except KeyboardInterrupt:
-            pass
-        except Exception as error:
-            if os.environ.get("BIPOT_TRACEBACK"):
-                raise
-            return end(*describe_fault(error))
-        if interrupts.came is not None and not interrupts.reported:
-            return end(interrupts.status, "interrupted")
+            return _call(arguments, interrupts)
+        except OutputLost as error:
+            return _end_without_output(error.__cause__)
+
+
+def _call(arguments: Sequence[str], interrupts: Interrupts) -> int:
+    """As `call`; an `OutputLost` passes through."""
+    if list(arguments[:1]) == ["run"]:
+        if (PETSC in arguments or f"--engine={PETSC}" in arguments) and read_launcher()[
+            0
+        ]:
+            # Rank 0 reports for all.
+            discard_output()
+        # The runner releases the signals when the imports are done.
+        interrupts.hold()
+    status = INTERRUPTED
+    try:
+        status = carry_out(arguments, interrupts)
+    except Ended as error:
+        return _report(arguments, interrupts, error.status, str(error))
+    except OutputLost:
+        raise
+    except SystemExit as left:
+        # 1: libraries exit so when the reader of the output has gone (`| head`), but here
+        # 1 means that no answer exists.
+        return BAD_INPUT if left.code else SOLVED
+    except KeyboardInterrupt:
+        pass
+    except MISTAKES as error:
+        return _report(arguments, interrupts, *outcome(error))
+    except Exception as error:
+        from bipot_rs.contact.errors import BipotError
+
+        if isinstance(error, BipotError):
+            return _report(arguments, interrupts, *outcome(error))
+        if os.environ.get("BIPOT_TRACEBACK"):
+            raise
+        return _report(arguments, interrupts, *describe_fault(error))
+    if interrupts.came is not None and not interrupts.reported:
+        return _report(arguments, interrupts, interrupts.status, "interrupted")
+    return status
+
+
+def _report(
+    arguments: Sequence[str], interrupts: Interrupts, status: int, message: str
+) -> int:
+    """Print how a command has ended that did not report it itself."""
+    interrupts.reported = True
+    if "--json" not in arguments:
+        complain(message)
         return status
+    if arguments[0] == "run":
+        from bipot_rs.cli.run.job import Job, Request
 
-
-def _work(
-    arguments: Sequence[str], by_typer: Callable[[], Reader]
-) -> Callable[[Interrupts], int]:
-    """What carries out the command; it raises `Ended` with the message of a wrong argument."""
-    plain = run_arguments.plain(arguments)
-    if plain is not None:
-        return lambda interrupts: run_arguments.run(**plain, interrupts=interrupts)
-    read = by_typer()
-    return lambda interrupts: read(arguments, interrupts)
+        return Job(Request(), as_json=True).end(status, message)
+    line(command=arguments[0], ok=False, success=False, message=message)
+    if arguments[0] == "fclib":
+        # Its lines on standard output belong to files: an error of the command itself also
+        # goes to standard error.
+        complain(message)
+    return status
 
 
 def _open_streams() -> None:
@@ -115,19 +115,18 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _reader_gone() -> int:
-    """End quietly when nobody reads the output (`| head`); what is buffered is discarded."""
+def _end_without_output(error: BaseException | None) -> int:
+    """End when a standard stream cannot be written; what is buffered is discarded.
+
+    Nothing is said if nobody reads the output (`| head`).
+    """
+    gone = isinstance(error, BrokenPipeError)
     null = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
+    for stream in (sys.stdout, sys.stderr) if gone else (sys.stdout,):
         # A stream of a test has no number.
         with suppress(OSError, ValueError):
             os.dup2(null, stream.fileno())
-    return BAD_INPUT
-
-
-def _output_gone(error: OSError) -> int:
-    """Report a full disk behind `> file`; what is still buffered is discarded."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    with suppress(OSError):
-        complain(f"cannot write to standard output: {error}")
+    if not gone:
+        with suppress(OutputLost):
+            complain(f"cannot write to standard output: {error}")
     return BAD_INPUT

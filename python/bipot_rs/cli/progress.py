@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from time import monotonic
 from typing import Any, TextIO
 
+from bipot_rs._lib.messages import duration
+
 
 def settled(load: float, largest: float) -> float:
     """The load, or zero if it is zero up to rounding, as at the end of a sine."""
@@ -20,15 +22,37 @@ def line(**values: Any) -> None:
 
 
 def complain(message: str) -> None:
-    """Print a message on standard error; an empty one, as of --help, is not printed."""
+    """Print a message on standard error; an empty one is not printed."""
     if message:
         tell(f"bipot: {message}", sys.stderr)
 
 
+def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print the entry ``lines``, or all others as one object of --json."""
+    lines = summary.pop("lines")
+    if as_json:
+        line(**summary)
+    else:
+        tell("\n".join(lines), sys.stdout)
+
+
+class OutputLost(Exception):
+    """A standard stream cannot be written: its reader has gone, or a disk is full."""
+
+
 def tell(text: str, stream: TextIO) -> None:
-    """Write a line and flush, so that a reader behind a pipe sees it at once."""
-    stream.write(text + "\n")
-    stream.flush()
+    """Write a line and flush, so that a reader behind a pipe sees it at once.
+
+    Raises
+    ------
+    OutputLost
+        The line cannot be written; the cause is the error of the system.
+    """
+    try:
+        stream.write(text + "\n")
+        stream.flush()
+    except OSError as error:
+        raise OutputLost from error
 
 
 def expected(taken: float, forecast: float) -> str:
@@ -39,8 +63,6 @@ def expected(taken: float, forecast: float) -> str:
     >>> expected(10.0, 40.0), expected(39.5, 40.0), expected(41.0, 40.0)
     ('25 %, about 30 s left', '99 %, less than 1 s left', 'longer than expected')
     """
-    from bipot_rs.cli.cost_forecast import duration
-
     if taken >= forecast:
         return "longer than expected"
     return f"{100 * taken / forecast:.0f} %, {duration(forecast - taken)} left"

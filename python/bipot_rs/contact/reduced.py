@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
-from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.messages import counted, meant, size
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
@@ -139,7 +139,7 @@ class ReducedProblem:
         if hasattr(self.W, "tocsr"):
             W += f"sparse, {counted(self.W.nnz, 'entry')}"
         else:
-            W += f"dense, {summary.size(8.0 * rows**2)}"
+            W += f"dense, {size(8.0 * rows**2)}"
         held = counted(self._motions, "motion") if self._motions else "none"
         return f"ReducedProblem: {summary.places(*self.q.shape)}", [
             ("W", W),

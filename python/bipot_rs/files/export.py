@@ -17,9 +17,10 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.optional import missing
+from bipot_rs._lib.optional import load_library
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
+from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.files.result_mesh import ResultMesh
 
 FORMAT = "bipot-result"
@@ -38,23 +39,9 @@ _TIGHTEST = 1100
 
 def require() -> None:
     """Import the libraries for files before a long solve, so that it does not fail later."""
-    library("h5py")
+    load_library("h5py")
+    load_meshio("files for ParaView")
     import_module("bipot_rs.files.series")
-    import_module("bipot_rs.files.vtu")
-
-
-def library(name: str, *, extra: str = "io", need: str = "files") -> Any:
-    """Import an optional library; ``need`` says what it is for.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        It is not installed; the message names the extra that installs it.
-    """
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise missing(error, need, name, extra) from None
 
 
 def write_result(
@@ -100,7 +87,7 @@ def write_result(
     OSError
         The file cannot be written; an earlier one is unchanged.
     """
-    h5py = library("h5py")
+    h5py = load_library("h5py")
 
     digits = max(4, len(str(max(len(steps) - 1, 0))))
 
@@ -232,7 +219,7 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
 @contextmanager
 def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
     """The open file and its attributes; errors of the block name the file."""
-    h5py = library("h5py")
+    h5py = load_library("h5py")
 
     source = place(path)
     if source.exists() and not source.is_file():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import OF_STEPS, increasing, named_units
+from bipot_rs.files.vtu import Cells, write_collection, write_grid, write_pieces
 
 
 def write_series(
     path: str | os.PathLike[str],
     points: ArrayLike,
-    cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+    cells: Cells | None,
     steps: Iterable[Mapping[str, Any]],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
     *,
@@ -72,20 +73,17 @@ class Series:
         self,
         path: str | os.PathLike[str],
         points: ArrayLike,
-        cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+        cells: Cells | None,
         *,
         piece: int = 0,
         pieces: int = 1,
         units: Mapping[str, str] | None = None,
     ) -> None:
-        from bipot_rs.files.vtu import Grid
-
         self._index = place(path)
         places = _three(np.asarray(points, dtype=float))
         if cells is None:
             cells = [("vertex", np.arange(len(places))[:, None])]
-        self._points = len(places)
-        self._grid = Grid(places, cells)
+        self._points, self._cells = places, cells
         self._piece, self._pieces = piece, pieces
         self._units = dict(units or {})
         self._names: list[str] = []
@@ -97,41 +95,46 @@ class Series:
         of_cells: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
         """Write the next step; ``step`` and ``of_cells`` as in `write_series`."""
-        from bipot_rs.files.vtu import listing
-
         fields = {
             name: _three(np.asarray(value))
             for name, value in step.items()
             if np.ndim(value) in (1, 2)
-            and len(value) == self._points
+            and len(value) == len(self._points)
             and np.asarray(value).dtype.kind in "fiub"
         }
         numbers = {
             name: float(step[name]) for name in OF_STEPS if step.get(name) is not None
         }
-        units = named_units([*fields, *(of_cells or {})], self._units)
+        in_cells = of_cells or {}
+        units = named_units([*fields, *in_cells], self._units)
         index = self._index
         name = f"{index.stem}_{len(self._names):04d}"
         end = "" if self._pieces == 1 else f"_{self._piece:04d}"
         with aside(index.with_name(f"{name}{end}.vtu")) as draft:
-            draft.write_bytes(self._grid.file(fields, of_cells, numbers, units))
+            write_grid(
+                draft,
+                self._points,
+                self._cells,
+                fields,
+                in_cells,
+                numbers=numbers,
+                units=units,
+            )
         if self._pieces > 1 and self._piece == 0:
             pieces = [f"{name}_{k:04d}.vtu" for k in range(self._pieces)]
             with aside(index.with_name(f"{name}.pvtu")) as draft:
-                draft.write_bytes(listing(pieces, fields, of_cells or {}))
+                write_pieces(draft, pieces, fields, in_cells)
         self._names.append(f"{name}.vtu" if self._pieces == 1 else f"{name}.pvtu")
         self._numbers.append(numbers)
 
     def end(self) -> None:
         """Write the index, and remove further files of an earlier, longer series."""
-        from bipot_rs.files.vtu import collection
-
         if self._piece:
             return
         index = self._index
         times = increasing(*([n.get(name) for n in self._numbers] for name in OF_STEPS))
         with aside(index) as draft:
-            draft.write_bytes(collection(self._names, times))
+            write_collection(draft, self._names, times)
         if self._pieces > 1:
             # The folder is shared: another process may be writing into it.
             return

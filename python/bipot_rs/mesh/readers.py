@@ -1,4 +1,4 @@
-"""Readers of mesh files: gmsh, Abaqus and CalculiX, VTU. Only this module uses meshio.
+"""Readers of mesh files: gmsh, Abaqus and CalculiX, VTU.
 
 Names of volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``) come from:
 
@@ -20,7 +20,6 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
 from bipot_rs.mesh.content import Content
@@ -152,7 +152,7 @@ def _blocks(mesh: Any) -> list[tuple[str, Ints]]:
 
 def _read_any(file: Path, what: str) -> Any:
     """Read a file by meshio; ``what`` it should be, for errors."""
-    meshio = _meshio(file)
+    meshio = load_meshio("meshes in files")
     if not file.is_file():
         raise FileNotFoundError(f"there is no file {file}")
     try:
@@ -195,22 +195,9 @@ def _complete(path: Path, suffix: str) -> None:
         raise ValueError(f"the mesh {path} is incomplete: it has no {end}")
 
 
-def _meshio(path: Path) -> Any:
-    try:
-        return import_module("meshio")
-    except ModuleNotFoundError as error:
-        if error.name != "meshio":
-            raise
-        raise ModuleNotFoundError(
-            f"reading {path} needs meshio, which is not installed: run "
-            "pip install 'bipot-rs[fem]'",
-            name="meshio",
-        ) from None
-
-
 def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     """Read ``source`` with meshio; messages name ``path``."""
-    meshio = _meshio(path)
+    meshio = load_meshio("meshes in files")
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
         # meshio prints warnings for valid files, and for files refused below.

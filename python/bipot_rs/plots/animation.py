@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import integers, number
 from bipot_rs.contact.results.result import Result
 from bipot_rs.files.drafts import aside
-from bipot_rs.files.export import library
 from bipot_rs.plots.body import deformed, usual_scale
 from bipot_rs.plots.by_name import KINDS, Kind, chosen
 from bipot_rs.plots.data import steps_of
@@ -72,7 +72,7 @@ def animate(
     for name, value in (("frames_per_second", frames_per_second), ("dpi", dpi)):
         if not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
-    library("matplotlib", extra="cli", need="pictures")
+    load_library("matplotlib", extra="cli", need="pictures")
     numbers = _numbers(steps_of(result), steps)
     for name in ("step", "ax"):
         if name in options:

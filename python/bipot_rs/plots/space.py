@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.result import Result
-from bipot_rs.files.export import library
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
 from bipot_rs.plots.boundary_facets import skin
@@ -249,7 +249,7 @@ def _pyvista(
     limits: tuple[float, float] | None,
     ax: Any,
 ) -> Any:
-    pv = library("pyvista", extra="viz", need="pictures that turn")
+    pv = load_library("pyvista", extra="viz", need="pictures that turn")
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
     values, name, unit, (low, high, _) = _values(seen, quantity, limits)
     name = style.label(name, unit)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.files import fields
-from bipot_rs.files.export import library
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def axes_of(
     TypeError
         ``ax`` is not axes of matplotlib, or has the wrong projection.
     """
-    library("matplotlib", extra="cli", need="pictures")
+    load_library("matplotlib", extra="cli", need="pictures")
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

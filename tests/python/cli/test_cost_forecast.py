@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli import cost_forecast
 from bipot_rs.cli import progress as telling
+from bipot_rs.cli.run import cost_forecast
 from bipot_rs.scene import assemble, bodies, read
 from support.bars import bar_problem
 
@@ -103,34 +103,6 @@ def test_more_work_takes_longer_and_more_cores_less() -> None:
     assert halves == pytest.approx(cost_forecast.work(dense | {"bodies": 1}) / 4)
 
 
-@pytest.mark.parametrize(
-    ("count", "words"),
-    [
-        (0, "0 bytes"),
-        (999, "999 bytes"),
-        (1000, "1 kB"),
-        (12_345_678, "12.3 MB"),
-        (2.5e13, "25 TB"),
-        (4e16, "4e+04 TB"),
-    ],
-)
-def test_sizes_in_words(count: float, words: str) -> None:
-    assert cost_forecast.size(count) == words
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [
-        (0.01, "less than 1 s"),
-        (7.4, "about 7 s"),
-        (600, "about 10 min"),
-        (1e5, "about 28 h"),
-    ],
-)
-def test_durations_in_words(seconds: float, words: str) -> None:
-    assert cost_forecast.duration(seconds) == words
-
-
 def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAYON_NUM_THREADS", "3")
     assert cost_forecast.cores() == 3
@@ -143,10 +115,10 @@ def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_run_prints_the_forecast_before_the_first_step(
     tmp_path: Any, monkeypatch: Any, capsys: Any
 ) -> None:
-    from bipot_rs.cli.app import app
+    from bipot_rs.cli.entry import call
 
     monkeypatch.chdir(tmp_path)
-    assert app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
+    assert call(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
     assert [line.split()[0] for line in lines[1:7]] == [
@@ -154,7 +126,7 @@ def test_a_run_prints_the_forecast_before_the_first_step(
     ]
     assert lines[7].startswith("load step 1 of 2")
     # With --json nothing else is printed.
-    assert app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
+    assert call(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli.app import app
 from bipot_rs.cli.commands import check as checking
+from bipot_rs.cli.entry import call
 from bipot_rs.cli.exit_codes import FAULT
 from support.faulty_scenes import FLOOR, Faulty, block, faulty, late, pair
 from support.rollers import roller
@@ -179,7 +179,7 @@ def test_an_internal_error_has_a_message(
     places = {
         "run": "bipot_rs.scene.reading.read",
         "check": "bipot_rs.cli.commands.check.check",
-        "info": "bipot_rs.cli.commands.info.info",
+        "info": "bipot_rs.cli.commands.info.summarise",
         "scenes": "bipot_rs.scene.library.shipped",
         "schema": "bipot_rs.cli.commands.schema.schema",
     }
@@ -197,7 +197,7 @@ def test_an_internal_error_has_a_message(
         assert "ZeroDivisionError" in json.loads(out)["message"]
     monkeypatch.setenv("BIPOT_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
-        app([command, *name])
+        call([command, *name])
 
 
 def test_displacements_that_cannot_be_found(

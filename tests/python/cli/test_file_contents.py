@@ -181,12 +181,6 @@ def test_units_and_axes_of_a_run(folder: Path) -> None:
         assert file["mesh/nodes"].attrs["units"] == "mm"
     for name in ("contact_0000.vtu", "result_0000.vtu"):
         told = units_of(meshio.read(folder / name))
-        by_key = {
-            array.attrib["Name"]: key.text
-            for array in ET.parse(folder / name).getroot().iter("DataArray")
-            for key in array
-        }
-        assert told == by_key
         assert told["displacement"] == "mm"
         assert told.get("force", "N") == "N"
         assert told.get("stress", "MPa") == told.get("pressure", "MPa") == "MPa"

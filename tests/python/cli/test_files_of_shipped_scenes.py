@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli.output_folder import RESULT
+from bipot_rs.cli.run.output_folder import RESULT
 from bipot_rs.scene.library import shipped
 from support.runs import bipot, lines
 

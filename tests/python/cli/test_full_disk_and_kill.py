@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bipot_rs.cli import output_folder
+from bipot_rs.cli.run import output_folder
 from bipot_rs.files import export
 from support.bars import bar_problem, pulled
 from support.children import bipot, bipot_with, forked, strays
@@ -122,7 +122,7 @@ def test_full_disk_under_a_problem(tmp_path: Path) -> None:
     "before",
     [
         "bipot_rs.files.export:_digest",
-        "bipot_rs.cli.commands.run:replace",
+        "bipot_rs.cli.run.job:replace",
         "bipot_rs.files.series:_three",
     ],
 )
@@ -148,7 +148,7 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
     kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
     for out in ("out/a", "out/b"):
         run = (*RUN, "--out", out)
-        bipot_with(kill, "bipot_rs.cli.commands.run:replace", *run, cwd=tmp_path)
+        bipot_with(kill, "bipot_rs.cli.run.job:replace", *run, cwd=tmp_path)
         assert len(strays(tmp_path / out)) == 1
     alive = tmp_path / "out" / "c"
     alive.mkdir()

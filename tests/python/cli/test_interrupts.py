@@ -89,7 +89,7 @@ def test_while_files_are_written(before: str, tmp_path: Path) -> None:
 
 
 def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
-    run = bipot_with(hit(INT), "bipot_rs.cli.commands.run:replace", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT), "bipot_rs.cli.run.job:replace", *RUN, cwd=tmp_path)
     assert run.returncode == 0
     assert left(tmp_path) == (True, STEPS)
 
@@ -137,8 +137,8 @@ def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("typer", ["scenes"]),
-        ("bipot_rs.cli.run_arguments", RUN),
+        ("bipot_rs.cli.app", ["scenes"]),
+        ("bipot_rs.cli.run.job", RUN),
         ("bipot_rs._core", RUN),
     ],
 )
@@ -173,9 +173,9 @@ def test_the_package_as_a_library_leaves_signals_alone(tmp_path: Path) -> None:
     code = """
 import signal
 before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
-import bipot_rs.cli.app
+import bipot_rs.cli.entry
 try:
-    bipot_rs.cli.app.app(["scenes"])
+    bipot_rs.cli.entry.call(["scenes"])
 finally:
     after = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     print(before == after)

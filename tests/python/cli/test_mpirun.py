@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli.output_folder import RESULT, UNFINISHED
+from bipot_rs.cli.run.output_folder import RESULT, UNFINISHED
 from support import many_ranks
 from support.children import strays
 from support.many_ranks import Run, bipot

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bipot_rs._lib.memory import installed
-from bipot_rs.cli.worker_pool import Workers
+from bipot_rs.cli.study.worker_pool import Workers
 
 
 def test_memory_that_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,8 +48,8 @@ def test_connections_of_another_class(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_output_in_an_encoding_without_greek(tmp_path: Path) -> None:
     """A pipe on Windows has such an encoding: μ of a summary is then written as its code."""
     code = (
-        "import sys\nfrom bipot_rs.cli.app import app\n"
-        "sys.exit(app(['run', 'sheared_cube', '--set', 'mesh.n=2', '--out', 'here']))"
+        "import sys\nfrom bipot_rs.cli.entry import call\n"
+        "sys.exit(call(['run', 'sheared_cube', '--set', 'mesh.n=2', '--out', 'here']))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

@@ -148,8 +148,8 @@ def test_figures_over_figures_are_not_connected(bipot: Bipot, drawn: list[Any]) 
             "no row with both contact.0.mu and residual",
         ),
         (("--y", "steps"), "choose what to draw with --x and --y, of row, mesh.n"),
-        (("--x", "mu", "--y", "steps", "--kind", "slip"), "--kind cannot be used with"),
-        (("--x", "mu", "--y", "steps", "--step", "1"), "--step cannot be used with"),
+        (("--x", "mu", "--y", "steps", "--kind", "slip"), "there is no option --kind"),
+        (("--x", "mu", "--y", "steps", "--step", "1"), "there is no option --step"),
         (("--x", "mu", "--y", "steps", "--out", "it.abc"), "cannot draw it.abc"),
     ],
 )

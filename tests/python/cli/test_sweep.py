@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli.app import app
+from bipot_rs.cli.entry import call
 from bipot_rs.cli.study.axes import rows, spaced, values
 from bipot_rs.cli.study.table import write as write_table
-from bipot_rs.cli.worker_pool import Workers
+from bipot_rs.cli.study.worker_pool import Workers
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 SWEEP = ("sweep", "sheared_cube", "--set", "mesh.n=3")
@@ -75,7 +75,7 @@ def test_a_spacing_given_as_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
+    assert call(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
     told = capsys.readouterr().err
     assert "--range mesh.n=4:9:4: mesh.n takes integers, but this is 4 values, " in told
     assert "4, 5.66667, 7.33333, 9: the third number is the number of values" in told
@@ -106,8 +106,9 @@ def test_a_damaged_table_is_named(
     write(path.parent, path)
     path.write_text(spoil(path.read_text()))
     command = [*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"]
-    for arguments in (command, ["info", "here"]):
-        assert app(list(arguments)) == 2
+    plot = ["plot", "here", "--x", "contact.0.mu", "--y", "steps"]
+    for arguments in (command, plot):
+        assert call(list(arguments)) == 2
         captured = capsys.readouterr()
         assert "here/sweep.csv" in captured.err
         assert why in captured.err
@@ -149,7 +150,7 @@ def test_rows_are_those_of_single_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command = (*SWEEP, "--set", "contact.0.mu=0.2,0.9,-1", "--jobs", "2", "--json")
-    assert app(list(command)) == 2
+    assert call(list(command)) == 2
     *told, last = map(json.loads, capsys.readouterr().out.splitlines())
     assert (last["rows"], last["solved"]) == (3, 2)
     assert sorted(one["row"] for one in told) == [0, 1, 2]
@@ -158,7 +159,7 @@ def test_rows_are_those_of_single_runs(
     assert "contact.0.mu: should be greater than or equal to 0" in found[2]["message"]
     for one in found[:2]:
         mu = f"contact.0.mu={one['contact.0.mu']}"
-        app(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
+        call(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
         step = json.loads(capsys.readouterr().out.splitlines()[1])
         for name in ("open", "slip", "stick"):
             assert int(one[name]) == step[name]
@@ -180,7 +181,7 @@ def test_mistakes_of_all_rows_are_reported_before_any_work(
         (["--resume"], "cannot resume: there is no"),
         (["--set", "contact.0.mu"], "expected KEY=V1,V2"),
     ):
-        assert app([*SWEEP, *more]) == 2
+        assert call([*SWEEP, *more]) == 2
         captured = capsys.readouterr()
         assert message in captured.err
         assert captured.out == ""
@@ -192,10 +193,10 @@ def test_a_scheduler_needs_dask(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command = [*SWEEP, "--scheduler", "tcp://localhost:8786"]
-    assert app([*command, "--jobs", "2"]) == 2
+    assert call([*command, "--jobs", "2"]) == 2
     assert "--jobs cannot be used with --scheduler" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert app(command) == 2
+    assert call(command) == 2
     told = capsys.readouterr().err
     assert "not installed: run pip install 'bipot-rs[cluster]'" in told
     assert list(tmp_path.iterdir()) == []
@@ -304,8 +305,8 @@ def test_rows_of_another_sweep_are_kept(
     monkeypatch.chdir(tmp_path)
     two = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--jobs", "1")
     one = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
-    assert app(list(two)) == 0
+    assert call(list(two)) == 0
     before = (tmp_path / "here" / "sweep.csv").read_bytes()
-    assert app([*one, "--resume"]) == 0
+    assert call([*one, "--resume"]) == 0
     assert (tmp_path / "here" / "sweep-before.csv").read_bytes() == before
     assert [row["contact.0.mu"] for row in table(tmp_path / "here")] == ["0.4"]

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli.cost_forecast import assembly, size
+from bipot_rs.cli.run.cost_forecast import assembly, size
 from bipot_rs.cli.study.cluster import Cluster
 from bipot_rs.cli.study.row import peak
 from bipot_rs.scene import read

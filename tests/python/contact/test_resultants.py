@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.cli.progress import Progress
-from bipot_rs.cli.report import closing, format_steps
+from bipot_rs.cli.run.report import closing, format_steps
 from bipot_rs.contact.law.resultants import resultants
 from support.pressed_in_space import pressed
 

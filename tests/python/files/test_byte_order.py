@@ -93,8 +93,6 @@ def test_files_of_another_program(form: str, tmp_path: Path, bipot: Any) -> None
     for file in tmp_path.iterdir():
         if file.is_file():
             mark(file)
-    if form == "market":
-        assert "a Matrix Market file, 50 × 50" in bipot("info", "K.mtx")[1]
     shutil.rmtree("out")
     status, _, err = bipot(*command)
     assert status == 0, err
@@ -113,10 +111,7 @@ def test_tables_of_sweeps(bipot: Any) -> None:
         "contact.0.mu=0.1,0.2",
     )
     assert bipot(*sweep, "--jobs", "1")[0] == 0
-    told = bipot("info", "out/pressed_block-sweep")[1]
-    table = Path("out/pressed_block-sweep/sweep.csv")
-    mark(table)
-    assert bipot("info", "out/pressed_block-sweep")[1] == told
+    mark(Path("out/pressed_block-sweep/sweep.csv"))
     status, _, err = bipot(*sweep, "--jobs", "1", "--resume")
     assert status == 0
     assert "2 of 2 rows are already finished" in err

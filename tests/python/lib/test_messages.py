@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.messages import counted, duration, printable, size
 
 
 def test_counted_singular_and_plural() -> None:
@@ -47,3 +47,30 @@ def test_a_solution_is_a_line() -> None:
     result = bp.solve(np.eye(2), np.eye(2), gap=[-1.0], mu=0.3)
     assert repr(result[0]).startswith("Step(1 contact, converged in ")
     assert repr(result).startswith("Result(1 step, 1 contact, ")
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (1000, "1 kB"),
+        (12_345_678, "12.3 MB"),
+        (2.5e13, "25 TB"),
+    ],
+)
+def test_sizes_in_words(count: float, words: str) -> None:
+    assert size(count) == words
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.01, "less than 1 s"),
+        (7.4, "about 7 s"),
+        (600, "about 10 min"),
+        (1e5, "about 28 h"),
+    ],
+)
+def test_durations_in_words(seconds: float, words: str) -> None:
+    assert duration(seconds) == words

@@ -20,7 +20,7 @@ OPTIONAL = (
     "pyvista",
     "rich",
     "skfem",
-    "typer",
+    "argcomplete",
 )
 WITHOUT = """
 import sys
@@ -82,12 +82,6 @@ def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
             "import bipot_rs; bipot_rs.scene.read",
             "bipot_rs.scene.read and what uses it need pydantic",
         ),
-        ("typer", "import bipot_rs.cli.app", "commands need typer"),
-        (
-            "typer",
-            "import runpy; runpy.run_module('bipot_rs', run_name='__main__')",
-            "commands need typer",
-        ),
     ],
 )
 def test_message_names_the_extra_to_install(
@@ -147,4 +141,4 @@ def test_named_extras_install_the_missing_library(repository: Path) -> None:
                 assert wished in known[extra], (file.name, library, extra)
     assert {"fem", "viz"} <= named <= set(known)
     assert "meshio" in known["fem"]
-    assert {"pydantic", "typer", "matplotlib", "h5py"} <= known["cli"]
+    assert {"pydantic", "argcomplete", "matplotlib", "h5py"} <= known["cli"]

@@ -63,7 +63,7 @@ def test_versions_imports_no_library() -> None:
 import sys
 import bipot_rs
 bipot_rs.versions()
-heavy = {"h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem", "typer"}
+heavy = {"h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem"}
 print(sorted(heavy & set(sys.modules)))
 """
     done = subprocess.run(

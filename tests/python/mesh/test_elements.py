@@ -14,7 +14,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.bodies.stress_recovery import stress_at_points
-from bipot_rs.files.vtu import Grid
+from bipot_rs.files.vtu import write_grid
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
@@ -193,7 +193,8 @@ def test_vtk_has_the_volume_and_the_places(vtk: str, tmp_path: Path) -> None:
     assert kind == vtk
     points = np.zeros((len(body.points), 3))
     points[:, : body.dim] = body.points
-    (tmp_path / "it.vtu").write_bytes(Grid(points, [(kind, cells)]).file({}))
+    cells = [(kind, cells)]
+    write_grid(tmp_path / "it.vtu", points, cells, {}, {}, numbers={}, units={})
     read = meshio.read(tmp_path / "it.vtu")
     assert [block.type for block in read.cells] == [vtk]
     nodes = read.points[read.cells[0].data]  # (cells, nodes, 3)

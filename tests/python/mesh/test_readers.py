@@ -10,7 +10,7 @@ import skfem
 
 from bipot_rs import fem
 from bipot_rs.fem.bodies.elasticity import vtk_cells
-from bipot_rs.files.vtu import Grid
+from bipot_rs.files.vtu import write_grid
 from bipot_rs.mesh import elements, kinds, serendipity
 from support import places
 
@@ -184,7 +184,8 @@ def test_a_block_from_a_file_pressed_on_a_plane() -> None:
 
 
 def vtu(path: Path, points: object, cells: object, **fields: object) -> Path:
-    path.write_bytes(Grid(np.asarray(points, float), cells).file({}, fields))
+    points = np.asarray(points, float)
+    write_grid(path, points, cells, {}, fields, numbers={}, units={})
     return path
 
 

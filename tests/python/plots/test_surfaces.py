@@ -432,7 +432,7 @@ def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:
 def test_a_sweep_names_what_is_used_of_friction(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from bipot_rs.cli.commands.sweep import _print
+    from bipot_rs.cli.study.report import _print
 
     row = {"outcome": "solved", "friction_used of a.flat": 0.5}
     _print(["mu"], {0: row}, "")

@@ -20,7 +20,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.cli.app import app
+from bipot_rs.cli.entry import call
 from support.places import ROOT
 
 PAGES = sorted(
@@ -227,7 +227,7 @@ def test_scenes_of_pages_are_solved(page: Path, scene: str, tmp_path: Path) -> N
     file = tmp_path / f"{page.stem}.toml"
     file.write_text(scene, encoding="utf-8")
     settings = ["--set", "mesh.n=4", "--set", "contact.0.mu=0.2"]
-    assert app(["run", str(file), *settings, "--out", str(tmp_path / "out")]) in (
+    assert call(["run", str(file), *settings, "--out", str(tmp_path / "out")]) in (
         0,
         None,
     )

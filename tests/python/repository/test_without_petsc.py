@@ -27,7 +27,7 @@ sys.exit(main())
     [
         "import bipot_rs; [getattr(bipot_rs, name) for name in dir(bipot_rs)]",
         "from bipot_rs.cli import app",
-        "import bipot_rs.cli.commands.run, bipot_rs.scene, bipot_rs.fem",
+        "import bipot_rs.cli.run.job, bipot_rs.scene, bipot_rs.fem",
     ],
 )
 @pytest.mark.slow_variants(

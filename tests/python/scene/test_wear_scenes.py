@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli.app import app
+from bipot_rs.cli.entry import call
 from bipot_rs.plots.wear import both
 from bipot_rs.scene.build import bodies
 from bipot_rs.scene.reading import assemble, read
@@ -32,7 +32,7 @@ def case_of(*more: str) -> Any:
 def run(folder: Path, *more: str) -> int:
     settings = [part for one in FRETTING for part in ("--set", one)]
     out = ["--out", str(folder)]
-    return int(app(["run", "cattaneo_mindlin", *settings, *out, *more]) or 0)
+    return int(call(["run", "cattaneo_mindlin", *settings, *out, *more]) or 0)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_a_run_writes_a_row_and_a_field_for_each_cycle(
     assert b'Name="wear_depth"' in last
     # Pictures of the file.
     for kind in ("wear", "tractions"):
-        assert app(["plot", str(tmp_path), "--kind", kind]) in (0, None)
+        assert call(["plot", str(tmp_path), "--kind", kind]) in (0, None)
         assert (tmp_path / f"{kind}.png").stat().st_size > 2_000
 
 

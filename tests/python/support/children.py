@@ -12,8 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import bipot_rs.cli.app
-import bipot_rs.cli.resume
+import bipot_rs.cli.entry
+import bipot_rs.cli.run.resume
 import bipot_rs.scene.reading
 from bipot_rs.files import export
 
@@ -101,7 +101,7 @@ def bipot_with(
 
         setattr(module, name, faulty)
         sys.argv = ["bipot", *arguments]
-        return int(bipot_rs.cli.app.app() or 0)
+        return int(bipot_rs.cli.entry.call(sys.argv[1:], last=True) or 0)
 
     return forked(work, cwd=cwd, seconds=60)
 

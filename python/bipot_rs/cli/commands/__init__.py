@@ -1,1 +1,1 @@
-"""What each command of `bipot` does, a file a command; `cli` has their arguments."""
+"""The commands of `bipot`, a file a command: its arguments, and what it calls."""

@@ -2,8 +2,41 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from typing import Any
+
+from bipot_rs.cli import arguments as shared
+from bipot_rs.cli.exit_codes import NO_ANSWER, SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.progress import complain, print_summary
+
+SUMMARY = (
+    "Check a scene: report its mistakes, its size, memory and time. Does not solve."
+)
+DETAILS = ""
+
+
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    shared.add_scene(parser)
+    shared.add_settings(parser)
+    shared.add_json(parser)
+
+
+def run(found: argparse.Namespace, _: Interrupts) -> int:
+    """Print the summary; a body that floats has no answer."""
+    summary = check(found.scene, found.settings) | {"scene": found.scene}
+    floating = summary.pop("floating")
+    summary["ok"] = floating is None
+    if floating is not None:
+        summary["message"] = floating
+    print_summary(summary, as_json=found.json)
+    if floating is None:
+        return SOLVED
+    if not found.json:
+        complain(floating)
+    return NO_ANSWER
 
 
 def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
@@ -25,7 +58,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     MemoryError
         The assembly does not fit into the free memory.
     """
-    from bipot_rs.cli import cost_forecast
+    from bipot_rs.cli.run import cost_forecast
     from bipot_rs.petsc.run.ranks import read_launcher
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.reading import assemble, read

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -10,11 +11,15 @@ from time import perf_counter
 from typing import Any
 
 from bipot_rs._lib.messages import counted, printable
+from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
-from bipot_rs.cli.runner import Runner
+from bipot_rs.cli.run.runner import Runner
 from bipot_rs.cli.text_table import format_table
+
+SUMMARY = "Solve files of the FCLIB collection. Prints one line per file and a summary."
+DETAILS = "The line also shows the asymmetry of the matrix if it is above 1e-11."
 
 UNREADABLE = "unreadable"
 _STATUS = {
@@ -29,6 +34,26 @@ _STATUS = {
 _MATRICES = {"local": ("W", "its largest entry"), "global": ("M", "√|M_ii M_jj|")}
 
 
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("files", metavar="FILE", nargs="+", help="FCLIB files (HDF5).")
+    shared.add_method(parser, of_scene=False)
+    shared.add_tol(parser)
+    parser.add_argument(
+        "--max-seconds",
+        type=shared.read_number,
+        metavar="S",
+        help="Time limit of the solver for each file, in seconds.",
+    )
+    shared.add_json(parser)
+
+
+def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Carry out the command; returns the exit status."""
+    request = Request(found.files, found.method, found.tol, found.max_seconds)
+    return SolveFiles(request, as_json=found.json, interrupts=interrupts).run()
+
+
 @dataclass(frozen=True)
 class Request:
     """Arguments of the command."""
@@ -39,7 +64,7 @@ class Request:
     max_seconds: float | None
 
 
-class Solve(Runner):
+class SolveFiles(Runner):
     """One solution of many files. The exit status is the worst of all files."""
 
     # Errors of files are outcomes of these files; `OSError` here means standard output.

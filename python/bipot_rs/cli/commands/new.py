@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
 from pathlib import Path
+from typing import Any
 
 from bipot_rs._lib.messages import meant
+from bipot_rs.cli import arguments as shared
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.progress import tell
 
+SUMMARY = "Write a commented scene to start from."
+DETAILS = "An existing file is not overwritten."
 _FOLDER = Path(__file__).parent.parent / "templates"
 SCHEMA = "bipot-scene.schema.json"
 _HINT = (
@@ -15,6 +24,36 @@ _HINT = (
 # Placeholders in templates: the path of the scene, the path of its mesh, and the path of
 # the mesh as seen from the scene.
 _NAME, _MESH, _BESIDE = "@NAME@", "@MESH@", "@FILE@"
+
+
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        nargs="?",
+        default="scene",
+        help="Name of the new file; .toml is added. Default: scene.",
+    )
+    template = parser.add_argument(
+        "--template",
+        default="block",
+        metavar="KIND",
+        help=f"Kind of scene: {', '.join(templates())}. Default: block.",
+    )
+
+    def complete_templates(**_: Any) -> list[str]:
+        return templates()
+
+    shared.complete_by(template, complete_templates)
+
+
+def run(found: argparse.Namespace, _: Interrupts) -> int:
+    """Write the files and print the next commands."""
+    path, *others = write(found.name, found.template)
+    written = " and ".join(map(str, [path, *others]))
+    tell(f"{written}: bipot check {path}, bipot run {path}", sys.stdout)
+    return SOLVED
 
 
 def templates() -> list[str]:

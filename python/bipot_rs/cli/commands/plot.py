@@ -2,14 +2,101 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import meant
-from bipot_rs.cli.output_folder import RESULT
+from bipot_rs.cli import arguments as shared
+from bipot_rs.cli import completion
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.progress import tell
+from bipot_rs.cli.run.output_folder import RESULT
+
+SUMMARY = "Draw a picture of a result or of a sweep. Does not solve again."
+DETAILS = "For the folder of a sweep see bipot plot --x COLUMN --help."
+
+
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument(
+        "result", metavar="RESULT", help="The folder of a run, or its result.h5."
+    )
+    kind = parser.add_argument(
+        "--kind",
+        default="tractions",
+        metavar="KIND",
+        help="Picture to draw: tractions (the default), slip, status_map, resultants, "
+        "status_shares, force_displacement, dissipation, deformed; of a run with wear also "
+        "wear. In three dimensions also pressure_3d, shear_3d, gap_3d, slip_3d, status_3d; "
+        "for plane surfaces pressure_map, shear_map, gap_map.",
+    )
+    shared.complete_by(kind, completion.complete_kinds)
+    shared.add_out(
+        parser,
+        "File to write. Default: RESULT/KIND.png. NAME.gif is an animation over the load "
+        "steps.",
+    )
+    parser.add_argument(
+        "--contact",
+        metavar="BODY.SURFACE",
+        help="Contact surface to draw. Default: all.",
+    )
+    parser.add_argument(
+        "--along",
+        metavar="x|y|z|arc",
+        help="Horizontal axis of a line: a coordinate, or arc for its arc length.",
+    )
+    parser.add_argument(
+        "--step",
+        type=int,
+        metavar="K",
+        help="Load step to draw, counted from 1. Default: the last.",
+    )
+    parser.add_argument(
+        "--near",
+        type=shared.read_number,
+        metavar="F",
+        help="For deformed: only the surroundings of the contacts, up to F times their "
+        "extent.",
+    )
+    parser.add_argument(
+        "--scale",
+        type=shared.read_number,
+        metavar="F",
+        help="For deformed: the factor of the displacements.",
+    )
+    scene = parser.add_argument(
+        "--scene",
+        metavar="SCENE",
+        help="Scene of the result, for deformed and the _3d pictures. Default: the scene "
+        "named in the result.",
+    )
+    shared.complete_by(scene, completion.complete_scenes)
+    shared.add_settings(parser, purpose="Keys that were set for the run.")
+
+
+def run(found: argparse.Namespace, _: Interrupts) -> int:
+    """Draw the picture and print the name of its file."""
+    made = draw(
+        found.result,
+        found.kind,
+        found.out,
+        contact=found.contact,
+        along=found.along,
+        step=found.step,
+        near=found.near,
+        scale=found.scale,
+        scene=found.scene,
+        settings=found.settings,
+    )
+    tell(str(made), sys.stdout)
+    return SOLVED
 
 
 @dataclass(frozen=True)
@@ -238,7 +325,7 @@ def _case(
     settings: Sequence[str],
 ) -> Any:
     """Mesh the bodies of a result again; an error if the scene is not the one solved."""
-    from bipot_rs.cli.resume import stamps
+    from bipot_rs.cli.run.resume import stamps
     from bipot_rs.scene.build import bodies as made
     from bipot_rs.scene.reading import assemble, read
 

@@ -2,565 +2,82 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from dataclasses import replace as replaced
-from importlib import import_module
+import argparse
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Any
 
-import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted, later
-from bipot_rs.cli.commands.names import ENOUGH, PETSC
-from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.output_files import Output, origin
-from bipot_rs.cli.output_folder import (
-    RESULT,
-    UNFINISHED,
-    describe,
-    ours,
-    replace,
-)
-from bipot_rs.cli.peak_memory import peak_mb
-from bipot_rs.cli.progress import Progress, complain, tell
-from bipot_rs.cli.shared_runner import PHASES, SharedRunner
-from bipot_rs.petsc.run.ranks import World, read_launcher
+from bipot_rs.cli.run.names import ENGINES, ENOUGH
 
-if TYPE_CHECKING:
-    from bipot_rs.cli.checkpoint import Checkpoint
-    from bipot_rs.contact.errors import BipotError
-    from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.results.result import Result
-    from bipot_rs.contact.results.solution import Step
-    from bipot_rs.contact.wear.record import Wear
-    from bipot_rs.discretisation.estimator import DiscretisationError, Estimator
-    from bipot_rs.petsc.run.distributed import DistributedProblem
-    from bipot_rs.scene.case import Case
-    from bipot_rs.scene.schema.root import Scene
-
-# Every run needs these. They are imported while signals wait, and before the clocks of
-# the phases start.
-_NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report", "bipot_rs.files.csv_tables")
+SUMMARY = "Solve a scene. Writes steps.csv, result.h5, and files for ParaView."
+DETAILS = """\
+result.pvd holds the bodies, contact.pvd the contacts.
+Ctrl-C stops it; the load steps solved so far are written."""
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of the command. ``method`` and ``tol`` None: those of the scene."""
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    shared.add_scene(parser)
+    shared.add_settings(parser)
+    shared.add_out(parser, "Folder for the results. Default: out/SCENE.")
+    shared.add_method(parser, of_scene=True)
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        metavar="ENGINE",
+        help=f"Engine, instead of the scene's: {', '.join(ENGINES)}; see 'A large model'. "
+        "With mpirun -n N before the command, petsc uses N processes: see 'On a cluster'.",
+    )
+    parser.add_argument(
+        "--tol",
+        type=read_tol,
+        metavar="T",
+        help="Residual to reach, instead of the scene's. With 'discretisation': a tenth of "
+        "the discretisation error (P1 meshes only).",
+    )
+    shared.add_json(parser)
+    shared.add_flag(
+        parser, "--plot", "Also write tractions.png and, with --error, error.png."
+    )
+    shared.add_flag(
+        parser,
+        "--fclib",
+        "Also write each load step as an FCLIB file, problem-0000.hdf5.",
+    )
+    shared.add_flag(
+        parser,
+        "--error",
+        "Estimate the discretisation error. Needs --set mesh.element=P1.",
+    )
+    shared.add_flag(
+        parser, "--resume", "Continue this run from its incomplete result.h5."
+    )
 
-    scene: str | None = None
-    settings: Sequence[str] = ()
-    folder: Path = Path()
-    method: str | None = None
-    engine: str | None = None
-    tol: float | str | None = None
-    plot: bool = False
-    fclib: bool = False
-    resume: bool = False
-    error: bool = False
+
+def read_tol(text: str) -> float | str:
+    """A tolerance as an argument: a number, or the word for one that depends on the mesh."""
+    if text == ENOUGH:
+        return text
+    try:
+        return shared.read_number(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}, nor {ENOUGH}") from None
 
 
-class Job(SharedRunner):
-    """One run of a scene."""
+def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Carry out the command; returns the exit status."""
+    from bipot_rs.cli.run.job import Job, Request
 
-    def __init__(
-        self, request: Request, *, as_json: bool, interrupts: Interrupts | None = None
-    ) -> None:
-        super().__init__(as_json=as_json, interrupts=interrupts)
-        self.request = request
-        self.scene: Scene | None = None
-        self.case: Case | None = None
-        self.problem: ContactProblem | None = None
-        # The same on several ranks.
-        self.distributed: DistributedProblem | None = None
-        self.checkpoint: Checkpoint | None = None
-        self.peaks: list[float] = []
-        # Load steps of the whole path; automatic steps have no known number.
-        self.count: int | None = None
-        # The result of an earlier run with --resume, and how many of its steps are used.
-        self.done: Result | None = None
-        self.resumed = 0
-        # Whether the files of this run are in its folder.
-        self.kept = False
-        # With --error: the estimator, the error of each step, and why one is missing.
-        self.estimator: Estimator | None = None
-        self.errors: list[DiscretisationError | None] = []
-        self.no_error = ""
-        # With [wear]: the cycles.
-        self.wear: Wear | None = None
-        # Bound of the residuals, and the reason for it if it depends on the mesh.
-        self.tol = 0.0
-        self.enough = ""
-
-    def work(self) -> tuple[int, str]:
-        """Read, mesh, assemble, condense, solve and write."""
-        # An import that a signal interrupts leaves half a module.
-        self.interrupts.hold()
-        if self.request.engine != PETSC:
-            # Memory that goes back to the system between two arrays costs page faults.
-            _core.keep_heap()
-        from bipot_rs.contact.reduced import refuse_settings
-        from bipot_rs.files.export import require
-        from bipot_rs.scene.reading import read
-
-        require()
-        request = self.request
-        if request.engine == PETSC:
-            self._join()
-            # Copies of a part of K are needed for a moment only.
-            _core.return_heap()
-        with self.ranks.together():
-            self.scene = scene = read(request.scene or "", request.settings)
-        if scene.solver.engine == PETSC and request.engine is None:
-            self._join()
-        with self.ranks.together():
-            method = scene.solver.method if request.method is None else request.method
-            tol = scene.solver.tol if request.tol is None else request.tol
-            refuse_settings(method, tol)
-            stamp = self._prepared(scene, method, tol)
-        files = "reads another scene, or another file that it names, than rank 0"
-        self.ranks.check_same(stamp, files)
-        with self.ranks.together():
-            message = "" if scene.wear is not None else self._earlier(stamp)
-        if message:
-            return SOLVED, message
-        with (
-            self._draft(request.folder) as draft,
-            Progress(len(PHASES) - 1, self.count, quiet=self.as_json) as self.progress,
-        ):
-            with self.ranks.together():
-                self._begin_checkpoint(draft, stamp)
-            code, message = self.attempt(lambda: self._solve(scene, method, tol))
-            if code == SOLVED:
-                if self.enough:
-                    message += f"; {self.enough}"
-                if self.no_error:
-                    message += f"; no discretisation error: {self.no_error}"
-            return self._keep(draft, code, message, stamp)
-
-    def _prepared(
-        self, scene: Scene, method: str, tol: float | str
-    ) -> Mapping[str, Any]:
-        """Check what the run needs; returns what identifies it."""
-        from bipot_rs.cli import cost_forecast
-        from bipot_rs.cli.resume import stamps
-
-        if scene.wear is not None:
-            self._check_wear(tol)
-            self.count = scene.wear.cycles
-        elif not scene.path.increments:
-            self.count = scene.path.count()
-        if self.shared:
-            self._check_petsc(method, tol)
-        elif read_launcher()[1] > 1 and not self.as_json:
-            complain(
-                f"this is one of {read_launcher()[1]} processes, and each solves the whole "
-                "scene: --engine petsc would share it among them"
-            )
-        cost_forecast.fits(scene, share=self.ranks.share)
-        stamp = stamps(scene, method, tol)
-        for needed in _NEEDED:
-            import_module(needed)
-        return stamp
-
-    def _check_wear(self, tol: float | str) -> None:
-        """Refuse what a run with [wear] does not have."""
-        request, why = self.request, "this scene has [wear]"
-        if self.shared:
-            raise ValueError(f"engine is 'petsc', but {why}: use another engine")
-        if request.fclib:
-            raise ValueError(f"--fclib writes the load steps of a path, but {why}")
-        if request.error or tol == ENOUGH:
-            what = "--error" if request.error else f"tol {ENOUGH!r}"
-            raise ValueError(f"{what} is for the load steps of a path, but {why}")
-        if request.resume:
-            raise ValueError(
-                f"--resume continues the load steps of a path, but {why}: run it again, or "
-                "continue in Python with ContactProblem.wear(start=)"
-            )
-
-    def _check_petsc(self, method: str, tol: float | str) -> None:
-        """Refuse what engine petsc does not have, as the iterative engine does."""
-        from bipot_rs.contact.path.choice import check_method
-
-        check_method(method, "petsc")
-        if self.request.fclib:
-            raise ValueError(
-                "--fclib writes the compliance W, which engine='petsc' does not form: use "
-                "engine='direct'"
-            )
-        if self.request.error or tol == ENOUGH:
-            what = "--error" if self.request.error else f"tol {ENOUGH!r}"
-            raise ValueError(
-                f"{what} needs the whole K in one process, which engine='petsc' does not "
-                "have: use another engine"
-            )
-
-    def _earlier(self, stamp: Mapping[str, Any]) -> str:
-        """Find load steps of an earlier run; a message if that one is complete."""
-        from bipot_rs.cli.resume import earlier, left_off
-
-        remark, path = "", self._source()
-        if self.request.resume:
-            self.done = earlier(path, stamp, self.count)
-            if self.done.success:
-                return self._complete_already(self.done)
-            kept = counted(len(self.done), "load step")
-            remark = f"{path}: continuing after {kept}"
-        elif not self.as_json:
-            remark = left_off(path, stamp, self.count)
-        if remark and not self.as_json:
-            complain(remark)
-        return ""
-
-    def _source(self) -> Path:
-        """The file with the load steps of the last run in the folder."""
-        unfinished = self.request.folder / UNFINISHED
-        return unfinished if unfinished.exists() else self.request.folder / RESULT
-
-    def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, Any]) -> None:
-        """Let rank 0 of several keep each load step."""
-        from bipot_rs.cli.checkpoint import Checkpoint
-        from bipot_rs.cli.resume import left_off
-
-        if not self.shared or not self.ranks.first:
-            return
-        path = self.request.folder / RESULT
-        ours = self.done is not None or left_off(path, stamp, self.count)
-        if path.exists() and not ours:
-            path = self.request.folder / UNFINISHED
-        attributes = self._attributes("the run has not ended", stamp)
-        self.checkpoint = Checkpoint(draft, path, attributes)
-
-    def _save(self, *, always: bool = False) -> None:
-        """Keep the load steps reached, on rank 0 of several."""
-        if self.checkpoint is not None:
-            folder = self.request.folder
-            out = Output(
-                self.checkpoint.draft, folder, self.scene, self.case, self.reached, []
-            )
-            self.checkpoint.save(out, always=always)
-
-    def _complete_already(self, done: Result) -> str:
-        self.reached = [({}, step) for step in done]
-        message = f"{self._source()} is already complete, nothing to resume"
-        if self.request.fclib:
-            message += "; to write FCLIB files, run without --resume"
-        if not self.as_json:
-            complain(message)
-        return message
-
-    def last_line(self, code: int, message: str) -> dict[str, Any]:
-        """Keys of the last line of --json."""
-        self.seconds["total"] = perf_counter() - self.started
-        model = self.case.model if self.case else None
-        ranks = {"ranks": self.ranks.count} if self.shared else {}
-        return {
-            "scene": self.request.scene,
-            "dofs": None if model is None else model.n,
-            "contacts": None if model is None else len(model.gap),
-            "steps": len(self.reached),
-            "success": code == SOLVED,
-            "seconds": {phase: round(s, 6) for phase, s in self.seconds.items()},
-            "peak_mb": max(self.peaks, default=peak_mb()),
-            **ranks,
-            "message": message,
-        }
-
-    def _solve(self, scene: Scene, method: str, tol: float | str) -> None:
-        from bipot_rs.cli.cost_forecast import fits
-        from bipot_rs.cli.output_files import contacts
-        from bipot_rs.cli.resume import same_contacts
-        from bipot_rs.scene.build import bodies
-        from bipot_rs.scene.reading import assemble
-
-        done = self.done
-        with self._phase("mesh"):
-            meshed = bodies(scene)
-            fits(scene, meshed, self.ranks.share)
-        with self._phase("assemble"):
-            case = assemble(scene, meshed, stiffness=not self.shared)
-            estimator = None
-            if self.request.error or tol == ENOUGH:
-                from bipot_rs.discretisation.estimator import Estimator
-
-                estimator = Estimator(case)
-                self.estimator = estimator if self.request.error else None
-            if done is not None:
-                same_contacts(self._source(), done, contacts(case))
-                self.resumed = len(done)
-                self.reached = [
-                    (self._row(k, case, step), step)
-                    for k, step in enumerate(case.loaded(done))
-                ]
-                self.progress.skip(self.resumed)
-            self.case = case
-        with self._phase("condense"):
-            problem = self._problem(case)
-            # Wear and the discretisation error read K.
-            if self.problem is not None and estimator is None and scene.wear is None:
-                self.case = case = case.released(self.problem)
-        with self._phase("solve"):
-            if estimator is not None and tol == ENOUGH and not self.shared:
-                from bipot_rs.discretisation.stopping import tolerance
-
-                limit = scene.solver.max_iterations
-                enough = tolerance(
-                    estimator, problem, method=method, max_iterations=limit
-                )
-                tol = enough.tol
-                self.enough = (
-                    f"tol {enough.tol:.1e}: the discretisation error is "
-                    f"{enough.discretisation:.1%}"
-                )
-            self.tol = float(tol)
-
-            def on_step(local: int, step: Step) -> None:
-                with self.ranks.together(held=True):
-                    self.reach(self._row(self.resumed + local, case, step), step)
-                    self._save()
-
-            if scene.wear is not None:
-                self.wear = case.wear(
-                    problem,
-                    method=method,
-                    tol=self.tol,
-                    on_cycle=lambda _, step: on_step(len(self.reached), step),
-                )
-                return
-            case.solve(
-                problem,
-                method=method,
-                tol=self.tol,
-                start=done,
-                first=self.resumed,
-                on_step=on_step,
-            )
-
-    def _problem(self, case: Case) -> Any:
-        """The problem of the scene, with the engine asked for."""
-        if isinstance(self.ranks, World):
-            from bipot_rs.petsc.run.distributed import DistributedProblem
-
-            if self.ranks.first and not self.as_json:
-                self._announce(case)
-            self.distributed = DistributedProblem(case, self.ranks)
-            return self.distributed
-        self.problem = case.problem(
-            on_forecast=None if self.as_json else self._forecast,
-            # The FCLIB file of a step holds W.
-            engine="direct" if self.request.fclib else self.request.engine,
-        )
-        return self.problem
-
-    def _announce(self, case: Case) -> None:
-        """Print the sizes and the engine of a run on several ranks."""
-        from bipot_rs.cli import cost_forecast
-
-        if self.scene is None:
-            return
-        title = [self.scene.title] if self.scene.title else []
-        known = cost_forecast.sizes(case.model, len(case.parameter))
-        engine = [cost_forecast.of_ranks(case.model, self.ranks.count)]
-        remarks = cost_forecast.remarked(case.remarks())
-        self.progress.block("\n".join([*title, *known, *engine, *remarks]))
-
-    def _forecast(self, counts: Mapping[str, Any]) -> None:
-        """Print the sizes and the expected memory and time, before condensing."""
-        from bipot_rs.cli import cost_forecast
-
-        if self.case is None or self.scene is None:
-            return
-        title = [self.scene.title] if self.scene.title else []
-        known = cost_forecast.sizes(self.case.model, len(self.case.parameter))
-        cost = cost_forecast.cost(counts)
-        remarks = cost_forecast.remarked(self.case.remarks())
-        self.progress.block("\n".join([*title, *known, *cost, *remarks]))
-        seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-        self.progress.forecast(seconds)
-
-    def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
-        """The row of a load step, with its discretisation error if that is asked for."""
-        from bipot_rs.contact.results.tables import row as of_step
-        from bipot_rs.contact.results.tables import worn
-
-        row = of_step(k, case.step_parameter(k, step), step)
-        row |= worn(step, case.model.area)
-        if self.estimator is None:
-            return row
-        start = perf_counter()
-        found = None
-        try:
-            whole = self.estimator.error(step, k)
-            # Stresses of all elements in all steps would fill the memory.
-            found = replaced(whole, stress=())
-        except ValueError as error:
-            self.no_error = str(error)
-        self.errors.append(found)
-        # This runs between load steps, within the clock of the phase "solve".
-        seconds = perf_counter() - start
-        self.seconds["recover"] += seconds
-        self.seconds["solve"] -= seconds
-        return row | {
-            "error": None if found is None else found.relative,
-            "error_kind": None if found is None else found.kind,
-        }
-
-    def step_line(self, row: dict[str, Any], step: Step) -> dict[str, Any]:
-        """As of any command, with the forces of each contact surface."""
-        from bipot_rs.cli.report import by_surface, forces
-
-        if self.case is None:
-            return row
-        return row | {"forces": by_surface(forces(self.case.model, step))}
-
-    def failed(self, error: BipotError) -> tuple[int, str]:
-        """As of any command, with the load step counted from the start of the path."""
-        code, message = super().failed(error)
-        self.wear = error.wear
-        of = "" if self.count is None else f" of {self.count}"
-        return code, later(message, self.resumed, of)
-
-    def _keep(
-        self, draft: Path, code: int, message: str, stamp: Mapping[str, Any]
-    ) -> tuple[int, str]:
-        """Write the load steps reached; returns how the run has ended after that."""
-        request, folder = self.request, self.request.folder
-        interrupted = code == self.interrupts.status
-        nothing_new = len(self.reached) == self.resumed
-        exists = self.ranks.broadcast((folder / RESULT).exists())
-        if interrupted and nothing_new and exists:
-            # An earlier result is worth more than an empty one.
-            return code, f"{message}; {folder / RESULT} is unchanged"
-        scene, case = self.scene, self.case
-        out = Output(draft, folder, scene, case, self.reached, self.errors)
-        if scene is not None and case is not None:
-            with self._phase("recover"):
-                code, message = self.recover(code, message)
-            with self._phase("write"):
-                if self.ranks.first:
-                    self._tables(out, scene, case)
-                if request.fclib and self.problem is not None:
-                    name = request.scene or ""
-                    out.problems(name, scene, case, self.problem, message)
-            self._bodies(out, case)
-        elif not interrupted:
-            return code, message
-        came = self.ranks.broadcast(self.interrupts.came)
-        if code == SOLVED and came is not None:
-            self.interrupts.take(came)
-            code, message = self.interrupted
-        with self._phase("write"):
-            if self.ranks.first:
-                attributes = self._attributes(message, stamp)
-                out.result(complete=code == SOLVED, attributes=attributes)
-                replace(draft, folder)
-        self.kept = True
-        if self.shared:
-            self.peaks = self.ranks.gather(peak_mb())
-        if code != SOLVED:
-            message += f" (load steps in {folder}: {len(self.reached)})"
-            if interrupted and self.reached and (scene is None or scene.wear is None):
-                message += "; --resume continues from there"
-        return code, message
-
-    def _tables(self, out: Output, scene: Scene, case: Case) -> None:
-        """Write the tables, the contacts and the pictures."""
-        from bipot_rs.contact.results.tables import columns
-
-        out.contact_series(case)
-        rows = self._rows(case)
-        out.table(columns(rows, self._extra()), rows)
-        if self.request.plot and self.reached:
-            out.pictures(scene, case)
-
-    def _bodies(self, out: Output, case: Case) -> None:
-        """Write the series of the bodies; each of several ranks writes its cells."""
-        if not isinstance(self.ranks, World) or self.ranks.count == 1:
-            with self._phase("write"):
-                out.bodies(case)
-            return
-        from bipot_rs.fem.paraview import Part
-
-        with self._phase("write"):
-            if self.distributed is None:
-                return
-            cells = self.distributed.numbering.list_own_cells(case.model)
-            part = Part(self.ranks.number, self.ranks.count, cells)
-            series = out.parts(case, part)
-        from bipot_rs.contact.results.solution import Computed
-
-        for k, (_, step) in enumerate(self.reached):
-            u = self.ranks.broadcast(step.computed.displacement)
-            with self._phase("write"):
-                out.part(series, case, k, replaced(step, computed=Computed(u)))
-        with self._phase("write"):
-            series.end()
-
-    def _attributes(self, message: str, stamp: Mapping[str, Any]) -> dict[str, Any]:
-        """Attributes of the result file."""
-        name, settings = self.request.scene or "", self.request.settings
-        problem = self.distributed or self.problem
-        return {**origin(name, settings, self.scene, problem, message), **stamp}
-
-    def _extra(self) -> tuple[str, ...]:
-        from bipot_rs.contact.results.tables import WEAR
-
-        if self.scene is not None and self.scene.wear is not None:
-            return WEAR
-        return () if self.estimator is None else ("error", "error_kind")
-
-    def _rows(self, case: Case) -> list[dict[str, Any]]:
-        """The rows of the load steps, with the forces of the contact surfaces."""
-        from bipot_rs.cli.report import forces
-
-        return [row | forces(case.model, step) for row, step in self.reached]
-
-    def show(self, code: int) -> None:
-        """Print the table of load steps, remarks, times and the names of the files."""
-        from bipot_rs.cli.report import closing, format_steps
-        from bipot_rs.cli.text_table import terminal_width
-        from bipot_rs.fem.checks.review import review
-
-        if not self.reached or code == self.interrupts.status or not self.ranks.first:
-            return
-        if self.case is None or self.scene is None:
-            return
-        rows, model = self._rows(self.case), self.case.model
-        table = format_steps(
-            rows,
-            title=self.scene.title,
-            unit=self.scene.units.force,
-            more=[name for name in self._extra() if name != "error_kind"],
-            width=terminal_width(),
-        )
-        lines = [table, self.enough] if self.enough else [table]
-        known = [error for error in self.errors if error is not None]
-        for kind in dict.fromkeys(error.kind for error in known):
-            why = dict.fromkeys(r for e in known if e.kind == kind for r in e.reasons)
-            reason = f" ({'; '.join(why)})" if why else ""
-            lines.append(
-                f"error: relative error of u in the energy norm, {kind}{reason}"
-            )
-        if self.no_error:
-            lines.append(f"no discretisation error: {self.no_error}")
-        folder = self.request.folder
-        if code == SOLVED:
-            remarks = review(model, [step for _, step in self.reached])
-            lines += closing(rows, self.tol, folder, remarks)
-        if self.wear is not None:
-            lines.append(f"wear: {self.wear.said}")
-        times = ", ".join(
-            f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
-        )
-        contacts = counted(len(model.gap), "contact")
-        lines.append(f"{model.n} degrees of freedom, {contacts}: {times}")
-        if self.kept:
-            lines.append(describe(folder))
-        else:
-            # As on a full disk.
-            earlier = "; its files are from an earlier run" if ours(folder) else ""
-            lines.append(f"{folder}: nothing was written{earlier}")
-        tell("\n".join(lines), sys.stdout)
+    request = Request(
+        scene=found.scene,
+        settings=found.settings,
+        folder=found.out or Path("out") / Path(found.scene).stem,
+        method=found.method,
+        engine=found.engine,
+        tol=found.tol,
+        plot=found.plot,
+        fclib=found.fclib,
+        resume=found.resume,
+        error=found.error,
+    )
+    return Job(request, as_json=found.json, interrupts=interrupts).run()

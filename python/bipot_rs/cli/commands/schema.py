@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
+from json import dumps
 from typing import Any
+
+from bipot_rs.cli.arguments import Parser
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.progress import tell
+
+SUMMARY = "Print the JSON schema of scene files, with which an editor can check them."
+DETAILS = ""
 
 # Plain values that a scene accepts in place of a table with one key.
 _SHORT: dict[str, dict[str, Any]] = {
@@ -13,6 +24,16 @@ _SHORT: dict[str, dict[str, Any]] = {
 }
 # Keys that are a number, or a text such as "2*n".
 _OF_N = ("cell", "cells")
+
+
+def add_arguments(_: Parser) -> None:
+    """The command has no arguments."""
+
+
+def run(_: argparse.Namespace, __: Interrupts) -> int:
+    """Print the schema."""
+    tell(dumps(schema(), indent=2), sys.stdout)
+    return SOLVED
 
 
 def schema() -> dict[str, Any]:

@@ -1,293 +1,95 @@
-"""``bipot sweep``: solve one scene with many settings in parallel, into one table.
-
-The table is written after each row, so that an interrupted sweep can continue.
-"""
+"""``bipot sweep``: solve one scene with many settings in parallel, into one table."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from bipot_rs._lib.messages import counted
-from bipot_rs.cli.cost_forecast import cores
-from bipot_rs.cli.exit_codes import SOLVED, worst
-from bipot_rs.cli.output_folder import SWEEP, make
-from bipot_rs.cli.progress import Progress, complain, line, tell
-from bipot_rs.cli.study.folder import (
-    ROWS,
-    has_result,
-    record_of,
-    set_aside,
-    write_record,
+from bipot_rs.cli import arguments as shared
+from bipot_rs.cli import completion
+from bipot_rs.cli.exit_codes import Ended
+from bipot_rs.cli.interrupts import Interrupts
+
+SUMMARY = (
+    "Solve a scene for all combinations of settings, in parallel. Writes sweep.csv."
 )
-from bipot_rs.cli.study.part import Part, deal
-from bipot_rs.cli.study.plan import Study, plan, written
-from bipot_rs.cli.study.row import Row, peak, solve, solve_as
-from bipot_rs.cli.study.table import LOST, OUTCOME_OF, OUTCOMES, earlier, write
-from bipot_rs.cli.text_table import format_table
-from bipot_rs.cli.worker_pool import Workers
-from bipot_rs.contact.law.status import STATUS_NAMES
-from bipot_rs.scene.library import shipped
-
-if TYPE_CHECKING:
-    from bipot_rs.cli.study.cluster import Cluster
-
-# The number of a row, and its entries or why it was lost.
-Answers = Iterator[tuple[int, dict[str, Any] | str]]
+DETAILS = """\
+A row that fails has its message in the table, and the load steps before the failure in
+rows/NNNN/result.h5. Ctrl-C keeps the finished rows.
+To join the tables of --part: bipot sweep --join DIR..., see bipot sweep --join --help."""
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of the command. ``method`` and ``tol`` None: those of the scene.
-
-    Attributes
-    ----------
-    folder
-        The folder of the study; that of a part is in it.
-    results
-        Write the result of every row, not only of those that fail.
-    jobs
-        Number of processes on this machine.
-    scheduler
-        Address of a dask scheduler, whose workers solve the rows.
-    """
-
-    scene: str
-    settings: Sequence[str]
-    ranges: Sequence[str]
-    folder: Path
-    method: str | None = None
-    tol: float | None = None
-    part: Part | None = None
-    results: bool = False
-    jobs: int | None = None
-    scheduler: str | None = None
-    resume: bool = False
-    as_json: bool = False
-
-
-def run(request: Request) -> int:
-    """Solve the rows and write the table; returns the worst exit status.
-
-    ``KeyboardInterrupt`` passes through; the finished rows are in the table.
-    """
-    from bipot_rs.contact.reduced import refuse_settings
-
-    if request.jobs is not None and request.scheduler is not None:
-        raise ValueError(
-            "--jobs cannot be used with --scheduler: its workers are given"
-        )
-    say: Callable[[str], object] = (lambda _: None) if request.as_json else complain
-    tol = 1e-10 if request.tol is None else request.tol
-    study = plan(
-        request.scene, request.settings, request.ranges, request.method, request.tol
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    shared.add_scene(parser)
+    shared.add_settings(
+        parser, metavar="KEY=V1,V2,…", purpose="Values of a key: contact.0.mu=0.1,0.3."
     )
-    refuse_settings(request.method or "auto", tol)
-    mine, folder = list(range(len(study.rows))), request.folder
-    if request.part is not None:
-        mine = deal(study.costs, request.part.count)[request.part.number - 1]
-        folder /= request.part.folder
-    with _pool(request, say) as pool:
-        opened(folder)
-        done = _finished(request, study, folder, mine, say)
-        for before in set_aside(folder, done):
-            say(f"rows that are not part of this sweep are kept in {before}")
-        path = folder / SWEEP
-        write_record(folder, record_of(study, request.part, mine))
-        write(path, study.keys, done)
-        if done:
-            say(f"{len(done)} of {counted(len(mine), 'row')} are already finished")
-        left = [k for k in mine if k not in done]
-        asked = [_row(request, study, k, folder) for k in left]
-        with Progress(1, len(left), quiet=request.as_json, noun="rows") as progress:
-            for place, found in _answers(pool, study, asked, say):
-                k, settings = left[place], study.rows[left[place]]
-                if isinstance(found, str):
-                    found = {"outcome": LOST, "message": found}
-                done[k] = {**settings, **found, "digest": study.digests[k]}
-                write(path, study.keys, done)
-                if request.as_json:
-                    line(row=k, set=settings, **found)
-                text = f"{', '.join(written(settings))}: {found['outcome']}"
-                progress.advance(text, f"row {k + 1} of {len(study.rows)}: {text}")
-    message = summary(done, folder, request.part)
-    if request.part is not None:
-        message += f"; bipot sweep --join {request.folder} joins the parts"
-    return show(study.scene, study.keys, done, message, as_json=request.as_json)
+    ranges = parser.add_argument(
+        "--range",
+        dest="ranges",
+        action="append",
+        default=[],
+        metavar="KEY=FROM:TO:COUNT",
+        help="COUNT equally spaced values: 0.1:0.5:3 is 0.1, 0.3, 0.5. May be given several "
+        "times.",
+    )
+    shared.complete_by(ranges, completion.complete_keys)
+    shared.add_out(parser, "Folder for sweep.csv. Default: out/SCENE-sweep.")
+    shared.add_method(parser, of_scene=True)
+    parser.add_argument(
+        "--tol",
+        type=shared.read_number,
+        metavar="T",
+        help="Residual to reach, instead of the scene's.",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=shared.read_count,
+        metavar="N",
+        help="Processes with one thread each. Default: one per core.",
+    )
+    parser.add_argument(
+        "--part",
+        metavar="I/N",
+        help="Solve part I of N only, into the folder part-I-of-N of --out.",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Solve the rows on the workers of this dask.distributed scheduler: "
+        "tcp://HOST:8786, or its scheduler file.",
+    )
+    shared.add_flag(
+        parser,
+        "--results",
+        "Write rows/NNNN/result.h5 of every row, not only of rows that fail.",
+    )
+    shared.add_flag(parser, "--resume", "Keep finished rows and solve the others.")
+    shared.add_json(parser)
 
 
-def opened(folder: Path) -> None:
-    """Make the folder of a study.
+def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Carry out the command; returns the exit status."""
+    from bipot_rs.cli.study.part import part
+    from bipot_rs.cli.study.solving import Request, solve_rows
 
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    request = Request(
+        scene=found.scene,
+        settings=found.settings,
+        ranges=found.ranges,
+        folder=found.out or Path("out") / f"{Path(found.scene).stem}-sweep",
+        method=found.method,
+        tol=found.tol,
+        part=None if found.part is None else part(found.part),
+        results=found.results,
+        jobs=found.jobs,
+        scheduler=found.scheduler,
+        resume=found.resume,
+        as_json=found.json,
+    )
     try:
-        make(folder)
-    except OSError as error:
-        raise OSError(
-            f"cannot write to the folder {folder}: {error}; --out DIR names another"
-        ) from error
-
-
-def _finished(
-    request: Request,
-    study: Study,
-    folder: Path,
-    mine: Sequence[int],
-    say: Callable[[str], object],
-) -> dict[int, dict[str, Any]]:
-    """Rows of an earlier sweep that need not be solved again."""
-    if not request.resume:
-        return {}
-    path = folder / SWEEP
-    if request.part is not None and not path.exists():
-        # One script serves all parts of a job array, also those that never began.
-        say(f"there is no {path} to resume: all rows are solved")
-        return {}
-    found = earlier(path, study.rows, study.digests)
-    return {
-        k: row
-        for k, row in found.items()
-        if k in mine
-        and not (
-            request.results
-            and row["outcome"] == OUTCOME_OF[SOLVED]
-            and not has_result(folder, int(row["row"]))
-        )
-    }
-
-
-def _row(request: Request, study: Study, number: int, folder: Path) -> Row:
-    scene = study.scene
-    if request.scheduler is not None and scene not in shipped():
-        # Workers run in folders of their own.
-        scene = str(Path(scene).absolute())
-    return Row(
-        number,
-        scene,
-        study.rows[number],
-        study.method,
-        study.tol,
-        folder.absolute(),
-        request.results,
-    )
-
-
-def _pool(request: Request, say: Callable[[str], object]) -> Workers | Cluster:
-    """What solves the rows: processes of this machine, or a cluster."""
-    if request.scheduler is None:
-        return Workers(solve, cores() if request.jobs is None else request.jobs)
-    from bipot_rs.cli.study.cluster import Cluster
-
-    return Cluster(request.scheduler, say)
-
-
-def _answers(
-    pool: Workers | Cluster,
-    study: Study,
-    asked: Sequence[Row],
-    say: Callable[[str], object],
-) -> Answers:
-    if isinstance(pool, Workers):
-        return pool.map([(row,) for row in asked])
-    if not asked:
-        return iter(())
-    needs = None
-    if pool.declares_memory():
-        needs = _memory(pool, study, asked)
-    else:
-        say(
-            "no worker declares its memory, so that rows are not distributed by memory: "
-            'start workers with --resources "memory=BYTES"'
-        )
-    return pool.map(
-        solve_as, [(row, study.digests[row.number]) for row in asked], needs
-    )
-
-
-def _memory(cluster: Cluster, study: Study, asked: Sequence[Row]) -> list[float]:
-    """Bytes that each row takes, forecast by the cluster once for rows of equal sizes."""
-    first: dict[str, Row] = {}
-    for row in asked:
-        first.setdefault(study.shapes[row.number], row)
-    first.pop("", None)
-    # The forecast assembles the stiffness.
-    least = {shape: study.costs[row.number][0] for shape, row in first.items()}
-    found: dict[str, float] = {"": 0.0, **least}
-    shapes, rows = list(first), list(first.values())
-    arguments = [(row.scene, row.settings) for row in rows]
-    for place, bytes_needed in cluster.map(peak, arguments, list(least.values())):
-        # If the forecast fails, so does the row, and reports why.
-        if not isinstance(bytes_needed, str):
-            found[shapes[place]] = bytes_needed
-    return [found[study.shapes[row.number]] for row in asked]
-
-
-def summary(
-    done: Mapping[int, Mapping[str, Any]], folder: Path, part: Part | None = None
-) -> str:
-    """How many rows are solved, and where the table and the results are."""
-    solved = [k for k in done if done[k]["outcome"] == OUTCOME_OF[SOLVED]]
-    of = "" if part is None else f" of part {part}"
-    text = f"{len(solved)} of {counted(len(done), 'row')}{of} solved"
-    text += f"; the table is {folder / SWEEP}"
-    if any(has_result(folder, k) for k in done.keys() - solved):
-        text += f"; the load steps of rows that failed are in {folder / ROWS}"
-    return text
-
-
-def show(
-    scene: str,
-    keys: Sequence[str],
-    done: Mapping[int, Mapping[str, Any]],
-    message: str,
-    *,
-    as_json: bool,
-) -> int:
-    """Print the rows and the message; returns the worst exit status of the rows."""
-    outcomes = [row["outcome"] for row in done.values()]
-    if as_json:
-        solved = outcomes.count(OUTCOME_OF[SOLVED])
-        line(scene=scene, rows=len(done), solved=solved, message=message)
-    else:
-        _print(keys, done, message)
-    # A part may have no rows.
-    return worst([SOLVED, *(OUTCOMES[outcome] for outcome in outcomes)])
-
-
-def _print(
-    keys: Sequence[str], done: Mapping[int, Mapping[str, Any]], message: str
-) -> None:
-    names = [name for row in done.values() for name in row if "friction_used" in name]
-    forces = list(dict.fromkeys(names))
-    # For a curved surface the ratio is one of sums of sizes, see `report.forces`.
-    curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
-    heads_of_forces = [
-        (f"{surface}\n" if len(forces) > 1 else "")
-        + ("Σ|rt|/(Σμrn)" if f"force_x of {surface}" in curved else "Ft/(μFn)")
-        for surface in (name.partition(" of ")[2] for name in forces)
-    ]
-    first, last = [*keys, "outcome", *STATUS_NAMES], ["residual", "seconds"]
-    rows = [
-        [str(k + 1), *(_cell(done[k].get(name)) for name in (*first, *forces, *last))]
-        for k in sorted(done)
-    ]
-    lines = [format_table(["row", *first, *heads_of_forces, *last], rows)]
-    messages = {k: done[k].get("message") for k in sorted(done)}
-    lines += [f"row {k + 1}: {text}" for k, text in messages.items() if text]
-    tell("\n".join([*lines, message]), sys.stdout)
-
-
-def _cell(value: Any) -> str:
-    if value is None or value == "":
-        return "-"
-    try:
-        return f"{float(value):.4g}"
-    except ValueError:
-        return str(value)
+        return solve_rows(request)
+    except KeyboardInterrupt:
+        message = "interrupted; --resume solves the remaining rows"
+        raise Ended(interrupts.status, message) from None

@@ -17,8 +17,8 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from bipot_rs.cli.cost_forecast import size
-from bipot_rs.files.export import library
+from bipot_rs._lib.messages import size
+from bipot_rs._lib.optional import load_library
 
 # Time to connect [s]: a name server or a firewall may take seconds, and a person waits.
 _CONNECT = 10.0
@@ -85,7 +85,7 @@ class Cluster:
     """
 
     def __init__(self, address: str, say: Callable[[str], object]) -> None:
-        self._dask = library("distributed", extra="cluster", need="dask clusters")
+        self._dask = load_library("distributed", extra="cluster", need="dask clusters")
         # What it logs is reported here in other words.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self.address, self.say = address, say

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.run.output_folder import RESULT, SWEEP, make
 from bipot_rs.cli.study.part import Part, part
 from bipot_rs.cli.study.plan import Study
 
@@ -103,6 +103,22 @@ def read_record(folder: Path) -> Record:
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} is damaged: {error}") from None
     return found
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of a study.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    try:
+        make(folder)
+    except OSError as error:
+        raise OSError(
+            f"cannot write to the folder {folder}: {error}; --out DIR names another"
+        ) from error
 
 
 def row_folder(folder: Path, row: int) -> Path:

@@ -10,11 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.progress import complain
+from bipot_rs.cli.run.output_folder import RESULT, SWEEP
 from bipot_rs.cli.study import axes
-from bipot_rs.cli.study.folder import RECORD, Record, read_record, row_folder
+from bipot_rs.cli.study.folder import (
+    RECORD,
+    Record,
+    make_folder,
+    read_record,
+    row_folder,
+    set_aside,
+    write_record,
+)
 from bipot_rs.cli.study.part import FOLDERS, Part, part
-from bipot_rs.cli.study.table import MISSING, read
+from bipot_rs.cli.study.report import print_study, summarise_rows
+from bipot_rs.cli.study.table import MISSING, read, write
 
 # Most row numbers in one sentence.
 _SHOWN = 8
@@ -47,6 +57,42 @@ class Joined:
     folders: dict[int, Path]
     absent: list[str]
     home: Path | None
+
+
+def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
+    """Join the parts and print the table; returns the worst exit status of the rows.
+
+    Parameters
+    ----------
+    given
+        Folders of parts, or folders that hold such folders.
+    out
+        Folder to write; None: the one that the parts are in.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `join`, or ``out`` is missing or cannot be written.
+    """
+    joined = join(given)
+    folder = joined.home if out is None else out
+    if folder is None:
+        raise ValueError("--out DIR is missing: the parts are in different folders")
+    if any(folder.resolve() == one.resolve() for one in joined.folders.values()):
+        raise ValueError(f"--out {folder} is the folder of a part, expected another")
+    make_folder(folder)
+    for before in set_aside(folder, {}):
+        if not as_json:
+            complain(f"an earlier table and its results are kept in {before}")
+    copy_results(joined, folder)
+    write_record(folder, joined.record)
+    write(folder / SWEEP, joined.keys, joined.rows)
+    message = summarise_rows(joined.rows, folder)
+    if absent := missing(joined):
+        message += f"; {absent}"
+    return print_study(
+        joined.record.scene, joined.keys, joined.rows, message, as_json=as_json
+    )
 
 
 def join(given: Sequence[Path]) -> Joined:

@@ -79,7 +79,7 @@ def _digest(known: Any) -> str:
 
 def row_digest(scene: Scene, method: str | None, tol: float | None) -> str:
     """A digest of everything that determines a row; None: settings of the scene."""
-    from bipot_rs.cli.resume import stamps
+    from bipot_rs.cli.run.resume import stamps
 
     return _digest(
         stamps(
@@ -111,7 +111,7 @@ def plan(
     ValueError
         ``settings`` or ``ranges`` are wrong.
     """
-    from bipot_rs.cli.cost_forecast import assembly
+    from bipot_rs.cli.run.cost_forecast import assembly
     from bipot_rs.scene.library import SceneError
     from bipot_rs.scene.reading import read
 

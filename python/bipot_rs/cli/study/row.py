@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
-from bipot_rs.cli.output_folder import RESULT
-from bipot_rs.cli.runner import outcome, recovered
+from bipot_rs.cli.run.output_folder import RESULT
+from bipot_rs.cli.run.runner import outcome, recovered
 from bipot_rs.cli.study.folder import row_folder
 from bipot_rs.cli.study.plan import row_digest, written
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE
 from bipot_rs.contact.law.status import STATUS_NAMES
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.output_files import Reached
+    from bipot_rs.cli.run.output_files import Reached
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.scene.case import Case
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 # Modules that each row needs.
 _NEEDED = (
-    "bipot_rs.cli.cost_forecast",
-    "bipot_rs.cli.report",
+    "bipot_rs.cli.run.cost_forecast",
+    "bipot_rs.cli.run.report",
     "bipot_rs.scene.reading",
 )
 
@@ -94,7 +94,7 @@ def solve_as(row: Row, digest: str) -> dict[str, Any] | str:
 
 def peak(scene: str, settings: Mapping[str, str]) -> float:
     """Most bytes that solving a row takes, without solving it."""
-    from bipot_rs.cli import cost_forecast
+    from bipot_rs.cli.run import cost_forecast
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.reading import assemble, read
 
@@ -132,7 +132,7 @@ class _Attempt:
         }
 
     def _solve(self) -> None:
-        from bipot_rs.cli import cost_forecast
+        from bipot_rs.cli.run import cost_forecast
         from bipot_rs.contact.results.tables import row as of_step
         from bipot_rs.scene.build import bodies
         from bipot_rs.scene.reading import assemble, read
@@ -158,7 +158,7 @@ class _Attempt:
             return {}
         if not self.reached:
             return {"steps": 0}
-        from bipot_rs.cli.report import forces
+        from bipot_rs.cli.run.report import forces
 
         last, step = self.reached[-1]
         return {
@@ -175,8 +175,8 @@ class _Attempt:
         row, scene, case = self.row, self.scene, self.case
         if scene is None or case is None:
             return code, message
-        from bipot_rs.cli.output_files import Output, origin
-        from bipot_rs.cli.resume import stamps
+        from bipot_rs.cli.run.output_files import Output, origin
+        from bipot_rs.cli.run.resume import stamps
 
         if not row.folder.is_dir():
             # Another machine: a folder made there would be lost.

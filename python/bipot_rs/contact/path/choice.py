@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bipot_rs.contact.results.summary import size
+from bipot_rs._lib.messages import size
 
 ENGINES = ("auto", "direct", "iterative")
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, size
 from bipot_rs.contact.law.frames import of_step
 from bipot_rs.contact.law.slip_check import distances, farthest
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -125,18 +125,6 @@ def gaps(gap: NDArray[Any]) -> str:
     said = low if low == high else f"from {low} to {high}"
     below = int(np.sum(gap < 0))
     return f"{said}, negative at {counted(below, 'contact')}" if below else said
-
-
-def size(count: float) -> str:
-    """Bytes to three digits, in a suitable unit.
-
-    >>> size(512), size(123456), size(4.5e9)
-    ('512 B', '123 kB', '4.5 GB')
-    """
-    for unit, value in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= value:
-            return f"{count / value:.3g} {unit}"
-    return f"{int(count)} B"
 
 
 def seconds(taken: float) -> str:

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.cli.commands.info_mesh import box, mesh
+from bipot_rs.cli.info import mesh
 from bipot_rs.files.fields import FIELDS
-from bipot_rs.files.vtu import read_collection, read_listing, without_points
+from bipot_rs.files.vtu import has_no_points, read_collection, read_pieces
 from bipot_rs.mesh.readers import Grid, read_grid
 
 SUFFIXES = (".pvd", ".pvtu", ".vtu")
 
 
-def fields(path: Path) -> dict[str, Any]:
+def summarise(path: Path) -> dict[str, Any]:
     """Summarise a series of steps, or the file of one step.
 
     A VTU file without a load step is a mesh: its summary lists the fields as well.
@@ -83,7 +83,7 @@ def _step(path: Path) -> dict[str, Any]:
     """Summarise one step, whose parts may lie in several files."""
     files = [path]
     if path.suffix.lower() == ".pvtu":
-        files = [path.parent / name for name in read_listing(path)]
+        files = [path.parent / name for name in read_pieces(path)]
         if not files:
             raise ValueError(f"{path} has no pieces")
     grids = [_grid(file) for file in files]
@@ -105,7 +105,7 @@ def _grid(file: Path) -> Grid:
 
 def _is_empty(file: Path) -> bool:
     try:
-        return without_points(file)
+        return has_no_points(file)
     except ValueError:
         return False
 
@@ -114,7 +114,7 @@ def _mesh(path: Path, grid: Grid) -> dict[str, Any]:
     """Summarise a mesh and its fields; cells that are no body may have fields."""
     own = _contents([grid])
     try:
-        found = mesh(path)
+        found = mesh.summarise(path)
     except ValueError:
         if not own["fields"]:
             raise
@@ -182,7 +182,7 @@ def _range(parts: list[NDArray[Any]]) -> dict[str, Any]:
 def _lines(grids: list[Grid], found: Mapping[str, Any]) -> list[str]:
     cells = ", ".join(f"{count} {kind}" for kind, count in found["cells"].items())
     points = np.concatenate([grid.points for grid in grids])
-    where = f", {box(points)}" if len(points) else ""
+    where = f", {mesh.box(points)}" if len(points) else ""
     lines = [f"  points    {found['points']}{where}", f"  cells     {cells or 'none'}"]
     numbers = [
         f"{name} {found[name]:.6g}" for name in ("load", "time") if name in found

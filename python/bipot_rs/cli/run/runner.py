@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, Ended
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.output_files import Reached
 from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.cli.run.output_files import Reached
 from bipot_rs.petsc.run.ranks import OtherRankError
 
 if TYPE_CHECKING:
@@ -117,9 +117,6 @@ class Runner(ABC):
         """Work, report, and return the exit status."""
         try:
             code, message = self.work()
-        except BrokenPipeError:
-            # Nobody reads the output any more.
-            raise
         except KeyboardInterrupt:
             code, message = self.interrupted
         except self.mistakes as error:

@@ -11,8 +11,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from bipot_rs.cli.output_files import Output
-from bipot_rs.cli.output_folder import RESULT
+from bipot_rs.cli.run.output_files import Output
+from bipot_rs.cli.run.output_folder import RESULT
 
 # The file has all load steps and is written anew after each, unless that has taken this
 # share of the time of the run so far; these first seconds are always granted.

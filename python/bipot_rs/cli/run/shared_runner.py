@@ -11,8 +11,8 @@ from time import perf_counter, sleep
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.exit_codes import describe_fault
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.output_folder import draft_in
-from bipot_rs.cli.runner import Runner, outcome
+from bipot_rs.cli.run.output_folder import draft_in
+from bipot_rs.cli.run.runner import Runner, outcome
 from bipot_rs.petsc.run.ranks import (
     PATIENCE,
     Ranks,
@@ -55,7 +55,7 @@ class SharedRunner(Runner):
 
     def _join(self) -> None:
         """Become one of the processes of mpirun, or the only one without it."""
-        from bipot_rs.cli.cost_forecast import cores
+        from bipot_rs.cli.run.cost_forecast import cores
         from bipot_rs.petsc.library import load
 
         if read_launcher()[0]:

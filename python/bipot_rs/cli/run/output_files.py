@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs.cli.output_folder import RESULT
+from bipot_rs.cli.run.output_folder import RESULT
 
 if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem

@@ -18,7 +18,7 @@ _MANY = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
 _NAMES = 12
 
 
-def mesh(path: Path) -> dict[str, Any]:
+def summarise(path: Path) -> dict[str, Any]:
     """Summarise a mesh file.
 
     Returns

@@ -1,4 +1,4 @@
-"""``bipot plot`` of the folder of a sweep: one column of its table over another."""
+"""The picture of a study: one column of its table over another."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from bipot_rs._lib.messages import counted, meant
 from bipot_rs._lib.strict_numbers import real
 from bipot_rs.cli.exit_codes import SOLVED
-from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.cli.run.output_folder import SWEEP
 from bipot_rs.cli.study.folder import RECORD, read_record
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES
@@ -22,13 +22,6 @@ from bipot_rs.contact.results.tables import COMPONENTS, FORCES
 _TEXTS = ("outcome", "message", "digest")
 # Most rows that a sentence names.
 _SHOWN = 5
-
-
-def is_study(path: Path) -> bool:
-    """Whether a folder or file is a sweep, and not the result of a run."""
-    if path.is_dir():
-        return (path / SWEEP).exists() and not (path / RESULT).exists()
-    return path.name == SWEEP
 
 
 def draw(

@@ -9,7 +9,7 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.memory import available
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, duration, size
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.node_graph import find_neighbours
@@ -171,26 +171,6 @@ def peak(case: Case) -> float:
 def remarked(remarks: Sequence[str]) -> list[str]:
     """A line for each remark."""
     return [f"  remark    {remark}" for remark in remarks]
-
-
-def size(count: float) -> str:
-    """Bytes with a unit, three digits."""
-    units = ("bytes", "kB", "MB", "GB", "TB")
-    step = 0
-    while count >= 1000 and step < len(units) - 1:
-        count, step = count / 1000, step + 1
-    return f"{count:.0f} bytes" if step == 0 else f"{count:.3g} {units[step]}"
-
-
-def duration(time: float) -> str:
-    """Seconds, minutes or hours as text; a forecast is accurate to one digit at most."""
-    if time < 1:
-        return "less than 1 s"
-    if time < 90:
-        return f"about {time:.0f} s"
-    if time < 5400:
-        return f"about {time / 60:.0f} min"
-    return f"about {time / 3600:.0f} h"
 
 
 def fits(

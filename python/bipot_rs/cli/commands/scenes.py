@@ -1,0 +1,34 @@
+"""``bipot scenes``: list the shipped scenes, or print one."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from bipot_rs.cli import arguments as shared
+from bipot_rs.cli import completion
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.progress import tell
+
+SUMMARY = "List the shipped scenes, or print one."
+DETAILS = ""
+
+
+def add_arguments(parser: shared.Parser) -> None:
+    """Add the arguments of the command."""
+    name = parser.add_argument(
+        "name", metavar="NAME", nargs="?", help="Print the TOML of this scene."
+    )
+    shared.complete_by(name, completion.complete_scenes)
+
+
+def run(found: argparse.Namespace, _: Interrupts) -> int:
+    """Print the names or the scene; a `SceneError` if there is no such scene."""
+    from bipot_rs.scene.library import shipped, text
+
+    if found.name is None:
+        tell("\n".join(shipped()), sys.stdout)
+    else:
+        tell(text(found.name).rstrip(), sys.stdout)
+    return SOLVED

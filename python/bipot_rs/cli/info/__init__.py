@@ -1,0 +1,1 @@
+"""Summaries of files: results, files for ParaView, scenes and meshes."""

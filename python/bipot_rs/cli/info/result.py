@@ -1,0 +1,120 @@
+"""``bipot info`` of a result file: contacts, load steps, engine and residual."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.info.mesh import box
+from bipot_rs.contact.law.status import STATUS_NAMES
+
+# Most load steps that are listed; of a longer path the first and the last are.
+_STEPS = 3
+
+
+def summarise(path: Path) -> dict[str, Any]:
+    """Summarise a result file.
+
+    Returns
+    -------
+    dict
+        ``kind``, figures by name, and ``lines`` for a terminal.
+
+    Raises
+    ------
+    OSError, ValueError
+        There is no file, or it is not a result.
+    """
+    from bipot_rs.contact.results.saved_result import load
+    from bipot_rs.contact.results.tables import row
+    from bipot_rs.files.export import read_result
+
+    if not path.exists():
+        raise OSError(f"there is no {path}")
+    contacts, steps, attributes = read_result(path)
+    result = load(path)
+    count = len(result)
+    x = contacts.get("x")
+    # A problem given as arrays may have no points.
+    contacts_n, d = result.shape if count else (0 if x is None else len(x), 0)
+    dim = (d or None) if x is None else x.shape[1]
+    found: dict[str, Any] = {
+        "kind": "result",
+        "file": str(path),
+        "scene": attributes.get("scene"),
+        "complete": bool(attributes.get("complete")),
+        "message": attributes.get("message", ""),
+        "package": attributes.get("package"),
+        "method": attributes.get("method"),
+        "tol": attributes.get("tol"),
+        "engine": attributes.get("engine"),
+        "ranks": int(attributes["ranks"]) if "ranks" in attributes else None,
+        "contacts": contacts_n if count or x is not None else None,
+        "dim": dim,
+        "steps": count,
+        # The number of automatic steps is unknown, and other files lack it.
+        "planned": int(attributes["planned"]) if "planned" in attributes else None,
+    }
+    source = found["scene"] or "a problem given as arrays"
+    by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
+    lines = [
+        f"{path}: a result of {source}, {'' if found['complete'] else 'not '}complete",
+        f"  message   {found['message'] or '-'}",
+    ]
+    if found["package"]:
+        lines.append(f"  by        bipot_rs {found['package']}, {by}")
+    if found["engine"]:
+        parts = [found["engine"], attributes.get("preconditioner")]
+        if found["ranks"]:
+            parts.append(counted(found["ranks"], "rank"))
+        lines.append(f"  engine    {', '.join(str(part) for part in parts if part)}")
+    if dim is not None:
+        where = f", {box(x)}" if x is not None and len(x) else ""
+        lines.append(
+            f"  contacts  {counted(contacts_n, 'contact')} in {dim} dimensions{where}"
+        )
+        lines.append(
+            f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
+        )
+    if count:
+        found["residual"] = float(result.residual.max())
+        kept = result[0].computed.displacement
+        found["displacements"] = None if kept is None else len(kept)
+        moved = "no" if kept is None else len(kept)
+        whole = found["planned"] or count
+        missing = "" if count == whole else f" of {whole}"
+        lines.append(
+            f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
+            f"{found['residual']:.1e}; {moved} displacements each"
+        )
+        rows = [
+            row(k, float(steps[k].get("load", k)), step)
+            for k, step in enumerate(result)
+        ]
+        known = found["complete"] or found["planned"] is not None
+        reached = "" if known else " reached"
+        ends = list(range(count))
+        if count > _STEPS:
+            ends[1 : 1 - _STEPS] = []
+        for before, k in zip([-1, *ends], ends, strict=False):
+            one = rows[k]
+            if k > before + 1:
+                lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
+            lines.append(
+                f"  load step {k + 1} of {whole}{reached}: open {one['open']}, slip "
+                f"{one['slip']}, stick {one['stick']}, normal force "
+                f"{result[k].reaction[:, 0].sum():.5g}"
+            )
+        last = rows[-1]
+        found["last"] = {name: last[name] for name in STATUS_NAMES}
+    return found | {"lines": lines}
+
+
+def _span(values: Any) -> str:
+    if values is None or not np.size(values):
+        return "-"
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"

@@ -1,0 +1,75 @@
+"""``bipot info`` of a scene: bodies, contacts, loads and solver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bipot_rs._lib.messages import counted
+
+
+def summarise(name: str) -> dict[str, Any]:
+    """Summarise a scene: a file, or a shipped one.
+
+    Returns
+    -------
+    dict
+        ``kind``, figures by name, and ``lines`` for a terminal.
+
+    Raises
+    ------
+    SceneError
+        It cannot be read.
+    """
+    from bipot_rs.scene.reading import read
+
+    scene = read(name)
+    bodies = {
+        body: " and ".join(dict.fromkeys(block.materials.values()))
+        for body, block in scene.body.items()
+    }
+    steps = scene.path.count()
+    found: dict[str, Any] = {
+        "kind": "scene",
+        "scene": name,
+        "title": scene.title,
+        "bodies": list(bodies),
+        "contacts": [contact.on for contact in scene.contact],
+        "steps": steps,
+        "method": scene.solver.method,
+        "engine": scene.solver.engine,
+        "tol": scene.solver.tol,
+    }
+    units = ", ".join(
+        f"{quantity} in {unit}"
+        for quantity, unit in scene.units.model_dump().items()
+        if unit
+    )
+    loads = [
+        counted(len(entries), kind)
+        for kind, entries in (
+            ("support", scene.support),
+            ("symmetry", scene.symmetry),
+            ("spring", scene.spring),
+            ("traction", scene.traction),
+            ("pressure", scene.pressure),
+            ("body force", scene.body_force),
+            ("initial strain", scene.strain),
+        )
+        if entries
+    ]
+    touching = [
+        f"{one.on} against {one.against or 'a plane'}, mu {one.mu}"
+        for one in scene.contact
+    ]
+    parameter, solver = scene.path.parameter or "step number", scene.solver
+    lines = [
+        f"{name}: a scene, {scene.title or 'without a title'}",
+        f"  units     {units or 'not named'}",
+        "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
+        f"  contacts  {', '.join(touching)}",
+        f"  loads     {', '.join(loads) or 'none'}",
+        f"  path      {counted(steps, 'load step')}, parameter: {parameter}",
+        f"  solver    {solver.method}, tol {solver.tol}, engine {solver.engine}",
+        f"  next      bipot check {name}, bipot run {name}",
+    ]
+    return found | {"lines": lines}

@@ -1,0 +1,1 @@
+"""One run of a scene: from its file to its results."""

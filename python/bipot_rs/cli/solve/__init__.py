@@ -1,0 +1,1 @@
+"""One solution of a problem in files of another program."""

@@ -1,0 +1,211 @@
+"""Solve the rows of a study in parallel, into one table.
+
+The table is written after each row, so that an interrupted sweep can continue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.exit_codes import SOLVED
+from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.cli.run.cost_forecast import cores
+from bipot_rs.cli.run.output_folder import SWEEP
+from bipot_rs.cli.study.folder import (
+    has_result,
+    make_folder,
+    record_of,
+    set_aside,
+    write_record,
+)
+from bipot_rs.cli.study.part import Part, deal
+from bipot_rs.cli.study.plan import Study, plan, written
+from bipot_rs.cli.study.report import print_study, summarise_rows
+from bipot_rs.cli.study.row import Row, peak, solve, solve_as
+from bipot_rs.cli.study.table import LOST, OUTCOME_OF, earlier, write
+from bipot_rs.cli.study.worker_pool import Workers
+from bipot_rs.scene.library import shipped
+
+if TYPE_CHECKING:
+    from bipot_rs.cli.study.cluster import Cluster
+
+# The number of a row, and its entries or why it was lost.
+Answers = Iterator[tuple[int, dict[str, Any] | str]]
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of the command. ``method`` and ``tol`` None: those of the scene.
+
+    Attributes
+    ----------
+    folder
+        The folder of the study; that of a part is in it.
+    results
+        Write the result of every row, not only of those that fail.
+    jobs
+        Number of processes on this machine.
+    scheduler
+        Address of a dask scheduler, whose workers solve the rows.
+    """
+
+    scene: str
+    settings: Sequence[str]
+    ranges: Sequence[str]
+    folder: Path
+    method: str | None = None
+    tol: float | None = None
+    part: Part | None = None
+    results: bool = False
+    jobs: int | None = None
+    scheduler: str | None = None
+    resume: bool = False
+    as_json: bool = False
+
+
+def solve_rows(request: Request) -> int:
+    """Solve the rows and write the table; returns the worst exit status.
+
+    ``KeyboardInterrupt`` passes through; the finished rows are in the table.
+    """
+    from bipot_rs.contact.reduced import refuse_settings
+
+    if request.jobs is not None and request.scheduler is not None:
+        raise ValueError(
+            "--jobs cannot be used with --scheduler: its workers are given"
+        )
+    say: Callable[[str], object] = (lambda _: None) if request.as_json else complain
+    tol = 1e-10 if request.tol is None else request.tol
+    study = plan(
+        request.scene, request.settings, request.ranges, request.method, request.tol
+    )
+    refuse_settings(request.method or "auto", tol)
+    mine, folder = list(range(len(study.rows))), request.folder
+    if request.part is not None:
+        mine = deal(study.costs, request.part.count)[request.part.number - 1]
+        folder /= request.part.folder
+    with _pool(request, say) as pool:
+        make_folder(folder)
+        done = _finished(request, study, folder, mine, say)
+        for before in set_aside(folder, done):
+            say(f"rows that are not part of this sweep are kept in {before}")
+        path = folder / SWEEP
+        write_record(folder, record_of(study, request.part, mine))
+        write(path, study.keys, done)
+        if done:
+            say(f"{len(done)} of {counted(len(mine), 'row')} are already finished")
+        left = [k for k in mine if k not in done]
+        asked = [_row(request, study, k, folder) for k in left]
+        with Progress(1, len(left), quiet=request.as_json, noun="rows") as progress:
+            for place, found in _answers(pool, study, asked, say):
+                k, settings = left[place], study.rows[left[place]]
+                if isinstance(found, str):
+                    found = {"outcome": LOST, "message": found}
+                done[k] = {**settings, **found, "digest": study.digests[k]}
+                write(path, study.keys, done)
+                if request.as_json:
+                    line(row=k, set=settings, **found)
+                text = f"{', '.join(written(settings))}: {found['outcome']}"
+                progress.advance(text, f"row {k + 1} of {len(study.rows)}: {text}")
+    message = summarise_rows(done, folder, request.part)
+    if request.part is not None:
+        message += f"; bipot sweep --join {request.folder} joins the parts"
+    return print_study(study.scene, study.keys, done, message, as_json=request.as_json)
+
+
+def _finished(
+    request: Request,
+    study: Study,
+    folder: Path,
+    mine: Sequence[int],
+    say: Callable[[str], object],
+) -> dict[int, dict[str, Any]]:
+    """Rows of an earlier sweep that need not be solved again."""
+    if not request.resume:
+        return {}
+    path = folder / SWEEP
+    if request.part is not None and not path.exists():
+        # One script serves all parts of a job array, also those that never began.
+        say(f"there is no {path} to resume: all rows are solved")
+        return {}
+    found = earlier(path, study.rows, study.digests)
+    return {
+        k: row
+        for k, row in found.items()
+        if k in mine
+        and not (
+            request.results
+            and row["outcome"] == OUTCOME_OF[SOLVED]
+            and not has_result(folder, int(row["row"]))
+        )
+    }
+
+
+def _row(request: Request, study: Study, number: int, folder: Path) -> Row:
+    scene = study.scene
+    if request.scheduler is not None and scene not in shipped():
+        # Workers run in folders of their own.
+        scene = str(Path(scene).absolute())
+    return Row(
+        number,
+        scene,
+        study.rows[number],
+        study.method,
+        study.tol,
+        folder.absolute(),
+        request.results,
+    )
+
+
+def _pool(request: Request, say: Callable[[str], object]) -> Workers | Cluster:
+    """What solves the rows: processes of this machine, or a cluster."""
+    if request.scheduler is None:
+        return Workers(solve, cores() if request.jobs is None else request.jobs)
+    from bipot_rs.cli.study.cluster import Cluster
+
+    return Cluster(request.scheduler, say)
+
+
+def _answers(
+    pool: Workers | Cluster,
+    study: Study,
+    asked: Sequence[Row],
+    say: Callable[[str], object],
+) -> Answers:
+    if isinstance(pool, Workers):
+        return pool.map([(row,) for row in asked])
+    if not asked:
+        return iter(())
+    needs = None
+    if pool.declares_memory():
+        needs = _memory(pool, study, asked)
+    else:
+        say(
+            "no worker declares its memory, so that rows are not distributed by memory: "
+            'start workers with --resources "memory=BYTES"'
+        )
+    return pool.map(
+        solve_as, [(row, study.digests[row.number]) for row in asked], needs
+    )
+
+
+def _memory(cluster: Cluster, study: Study, asked: Sequence[Row]) -> list[float]:
+    """Bytes that each row takes, forecast by the cluster once for rows of equal sizes."""
+    first: dict[str, Row] = {}
+    for row in asked:
+        first.setdefault(study.shapes[row.number], row)
+    first.pop("", None)
+    # The forecast assembles the stiffness.
+    least = {shape: study.costs[row.number][0] for shape, row in first.items()}
+    found: dict[str, float] = {"": 0.0, **least}
+    shapes, rows = list(first), list(first.values())
+    arguments = [(row.scene, row.settings) for row in rows]
+    for place, bytes_needed in cluster.map(peak, arguments, list(least.values())):
+        # If the forecast fails, so does the row, and reports why.
+        if not isinstance(bytes_needed, str):
+            found[shapes[place]] = bytes_needed
+    return [found[study.shapes[row.number]] for row in asked]
