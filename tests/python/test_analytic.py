@@ -3,9 +3,12 @@
 import csv
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bipot_rs import analytic
@@ -322,3 +325,100 @@ def test_all_forms_keep_their_units() -> None:
 def test_bad_arguments_are_named(call: Callable[[], object], name: str) -> None:
     with pytest.raises(ValueError, match=name):
         call()
+
+
+# Valid arguments of every function of `analytic`, by name.
+CLOSED_FORMS: dict[str, dict[str, Any]] = {
+    "contact_modulus": {"e1": 2.0, "nu1": 0.3, "e2": 3.0, "nu2": 0.2},
+    "hertz_line": {"force": 1.0, "radius": 2.0, "e_star": 3.0},
+    "hertz_sphere": {"force": 1.0, "radius": 2.0, "e_star": 3.0},
+    "hertz_pressure": {"distance": [0.0, 0.5], "a": 1.0, "p0": 2.0},
+    "partial_slip_traction": {
+        "distance": [0.0, 0.5],
+        "a": 1.0,
+        "c": 0.4,
+        "p0": 2.0,
+        "mu": 0.3,
+    },
+    "cattaneo_mindlin_line": {
+        "force": 1.0,
+        "tangential": 0.1,
+        "radius": 2.0,
+        "e_star": 3.0,
+        "mu": 0.3,
+    },
+    "mindlin_sphere": {
+        "force": 1.0,
+        "tangential": 0.1,
+        "radius": 2.0,
+        "e_star": 3.0,
+        "mu": 0.3,
+        "shear_compliance": 1.0,
+    },
+    "sheared_patch": {
+        "height": [0.0, 1.0],
+        "pressure": 1.0,
+        "shear": 0.1,
+        "young": 2.0,
+    },
+    "oedometer": {"height": [0.0, 1.0], "pressure": 1.0, "young": 2.0, "nu": 0.3},
+    "bar_end_displacement": {"loads": [1.0, -1.0], "stiffness": 2.0, "limit": 3.0},
+    "bar_cycle_dissipation": {
+        "peak": 1.0,
+        "stiffness": 2.0,
+        "limit": 3.0,
+        "element": 0.1,
+    },
+    "one_contact_branches": {"stiffness": np.eye(2), "load": [-1.0, 0.2], "mu": 0.3},
+    "rotating_load": {"stiffness": 1.0, "force": 2.0, "limit": 1.0, "steps": 8},
+    "flat_punch_pressure": {
+        "x": [0.0, 0.5],
+        "force": 1.0,
+        "half_width": 1.0,
+        "mu": 0.3,
+        "beta": 0.2,
+    },
+}
+
+
+def test_every_closed_form_is_called_here() -> None:
+    public = {
+        name
+        for name, value in vars(analytic).items()
+        if callable(value)
+        and not name.startswith("_")
+        and getattr(value, "__module__", "") == analytic.__name__
+        and not isinstance(value, type)
+    }
+    assert public == set(CLOSED_FORMS)
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_wrong_arguments_are_named(name: str) -> None:
+    function, known = getattr(analytic, name), CLOSED_FORMS[name]
+    function(**known)
+    for argument in known:
+        for bad in (math.nan, -math.inf, "much", 1j, [[[1.0], [2.0, 3.0]]], {}, True):
+            with pytest.raises((ValueError, TypeError), match=rf"\b{argument}\b"):
+                function(**known | {argument: bad})
+
+
+@settings(max_examples=300, derandomize=True)
+@given(
+    name=st.sampled_from(sorted(CLOSED_FORMS)),
+    exponents=st.lists(st.integers(-320, 308), min_size=6, max_size=6),
+)
+def test_closed_forms_return_numbers_or_raise(name: str, exponents: list[int]) -> None:
+    known = CLOSED_FORMS[name]
+    given = {
+        key: value * 10.0**exponent if isinstance(value, float) else value
+        for (key, value), exponent in zip(known.items(), exponents, strict=False)
+    }
+    try:
+        answer = getattr(analytic, name)(**given)
+    except ValueError:
+        return
+    flat = answer if name == "one_contact_branches" else np.atleast_1d(answer)
+    for part in flat:
+        numbers = part[1] + part[2] if isinstance(part, tuple) else part
+        assert np.isfinite(np.asarray(numbers, float)).all()

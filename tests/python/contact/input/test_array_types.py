@@ -331,39 +331,3 @@ def test_number_types_of_settings() -> None:
     )
     np.testing.assert_array_equal(worn.reaction, plain.reaction)
     assert worn.tolerance == plain.tolerance
-
-
-@pytest.mark.parametrize("argument", GIVEN)
-@pytest.mark.parametrize(
-    "clothes",
-    {
-        "complex": lambda x: x.astype(complex),
-        "masked": lambda x: np.ma.masked_array(x, np.ones(x.shape, bool)),
-        "objects": lambda x: x.astype(object),
-        "strings": lambda x: x.astype("U"),
-        "dates": lambda x: (x * 8).astype("m8[s]"),
-        "too large": lambda x: np.where(x == x.max(), np.longdouble("1e4000"), x),
-    }.items(),
-    ids=lambda item: item[0],
-)
-def test_dense_errors(
-    argument: str, clothes: tuple[str, Callable[[Array], Any]]
-) -> None:
-    name = {"R": "rigid", "e": "rigid"}.get(argument, argument.split()[0])
-    with pytest.raises((TypeError, ValueError), match=rf"\b{name}\b"):
-        answers(GIVEN | {argument: clothes[1](GIVEN[argument])})
-
-
-@pytest.mark.parametrize("argument", MATRICES)
-@pytest.mark.parametrize("kind", [complex, object])
-def test_sparse_errors(argument: str, kind: type) -> None:
-    worn = sparse.coo_array(GIVEN[argument])
-    worn.data = worn.data.astype(kind)
-    with pytest.raises(TypeError, match=rf"\b{argument}\b.*(complex|object)"):
-        answers(GIVEN | {argument: worn})
-
-
-def test_masks_that_a_list_would_lose() -> None:
-    rows = [np.ma.masked_array([1.0, 2.0], [False, True]), np.ones(2)]
-    with pytest.raises(ValueError, match="tau has masked"):
-        bp.project(rows, 0.3)

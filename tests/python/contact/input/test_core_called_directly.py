@@ -485,18 +485,6 @@ def test_absurd_sizes_are_refused_and_not_allocated() -> None:
     assert set(ended.stdout.split()) == {"MemoryError", "ValueError"}
 
 
-def test_more_threads_than_the_machine_has() -> None:
-    tiny = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
-    for many in (2**31 - 1, 10**6, 1025):
-        with pytest.raises(
-            ValueError, match=f"num_threads is {many}, expected 1 to 1024"
-        ):
-            tiny.solve(num_threads=many)
-        with pytest.raises(ValueError, match="num_threads"):
-            bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3, num_threads=many)
-    assert tiny.solve(num_threads=3).converged
-
-
 def numbers(x: Any) -> NDArray[Any]:
     return np.asarray(x, float)
 

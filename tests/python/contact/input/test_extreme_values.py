@@ -144,27 +144,6 @@ def test_sparse_compliance_of_any_kind(kind: type) -> None:
     np.testing.assert_array_equal(solution.reaction, [[1, -0.2], [0, 0]])
 
 
-def test_messages_name_small_mistakes() -> None:
-    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
-    with pytest.raises(ValueError, match="max_iterations"):
-        problem.solve(max_iterations=10**30)
-    with pytest.raises(ValueError, match="num_threads"):
-        problem.solve(num_threads=2**70)
-    with pytest.raises(TypeError, match="rigid"):
-        bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3, rigid=5)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="gap"):
-        bp.ContactProblem(
-            np.eye(2), np.empty((0, 2)), gap=np.zeros((0, 3)), mu=0, dim=2
-        )
-    with pytest.raises(ValueError, match="dim"):
-        bp.ContactProblem(np.eye(2), np.eye(2), gap=[0], mu=0, dim=np.array([2, 3]))  # type: ignore[arg-type]
-    gap = np.ma.masked_array([0.0], mask=[True])
-    with pytest.raises(ValueError, match="gap has masked"):
-        bp.ContactProblem(np.eye(2), np.eye(2), gap=gap, mu=0)
-    with pytest.raises(ValueError, match="base"):
-        bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
-
-
 def test_reactions_much_larger_than_displacements() -> None:
     """A weightless block between overlapping walls, and two contacts of a rigid body.
 

@@ -1,0 +1,440 @@
+"""Refused arguments, in one table: call, argument, value, type of the error, message.
+
+Each call is valid but for one argument. The error names the argument and says what was found;
+its message is one line that fits a terminal. Rows with a value that any array or any number
+could have are made by `SPOILERS` and `NO_SCALARS`.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+
+Array = NDArray[np.float64]
+NAN, INF = math.nan, math.inf
+
+
+class Good(NamedTuple):
+    """Arguments of a valid call; the last degree of freedom is prescribed."""
+
+    K: Array
+    B: Array
+    gap: Array
+    mu: Array
+    fixed: NDArray[np.int64]
+    load: Array
+    prescribed: Array
+    W: Array
+    q: Array
+
+
+def good(d: int, contacts: int) -> Good:
+    """A stiffness of random springs."""
+    rng = np.random.default_rng([d, contacts])
+    n = d * contacts + 2
+    root = rng.normal(size=(n, n)) / np.sqrt(n)
+    K = root @ root.T + np.eye(n)
+    K = (K + K.T) / 2
+    W = np.linalg.inv(K[: n - 2, : n - 2])
+    return Good(
+        K,
+        np.eye(d * contacts, n),
+        np.zeros(contacts),
+        rng.uniform(0, 0.5, contacts),
+        np.array([n - 1]),
+        rng.normal(size=n),
+        np.zeros(1),
+        (W + W.T) / 2,
+        rng.normal(size=(contacts, d)),
+    )
+
+
+# Two contacts in the plane on six degrees of freedom.
+G = good(2, 2)
+
+
+def problem(g: Good = G, **changed: Any) -> bp.ContactProblem:
+    given = {"K": g.K, "B": g.B, "gap": g.gap, "mu": g.mu, "fixed": g.fixed} | changed
+    return bp.ContactProblem(given.pop("K"), given.pop("B"), **given)
+
+
+def solve(g: Good = G, **changed: Any) -> bp.Result:
+    given = {"load": g.load, "prescribed": g.prescribed} | changed
+    return problem(g).solve(given.pop("load"), given.pop("prescribed"), **given)
+
+
+def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
+    return problem(g).reduced(**{"load": g.load} | changed)
+
+
+def reduced(g: Good = G, **changed: Any) -> bp.ReducedProblem:
+    given = {"W": g.W, "q": g.q, "mu": g.mu} | changed
+    return bp.ReducedProblem(given.pop("W"), given.pop("q"), given.pop("mu"), **given)
+
+
+def reduced_solve(g: Good = G, **changed: Any) -> bp.Solution:
+    return reduced(g).solve(**changed)
+
+
+def residual(g: Good = G, **changed: Any) -> float:
+    return reduced(g).residual(**{"r": g.q} | changed)
+
+
+def answers(g: Good = G, **changed: Any) -> Any:
+    return reduced(g).answers(**changed)
+
+
+def whole(g: Good = G, **changed: Any) -> bp.fclib.GlobalProblem:
+    given = {"M": g.K, "H": g.B.T, "f": g.load, "w": g.q, "mu": g.mu} | changed
+    return bp.fclib.GlobalProblem(**given)
+
+
+def whole_residual(g: Good = G, **changed: Any) -> float:
+    return whole(g).residual(**{"r": g.q} | changed)
+
+
+def velocity(g: Good = G, **changed: Any) -> Any:
+    return whole(g).velocity(**{"solution": g.q} | changed)
+
+
+def project(g: Good = G, **changed: Any) -> Any:
+    given = {"tau": g.q, "mu": g.mu} | changed
+    return bp.project(given.pop("tau"), given.pop("mu"), **given)
+
+
+def save(g: Good = G, **changed: Any) -> Any:
+    return solve(g).save(**changed)
+
+
+def write(g: Good = G, **changed: Any) -> Any:
+    return solve(g).write(**changed)
+
+
+Call = Callable[..., Any]
+
+
+def refused(
+    call: Call, argument: str, value: Any, error: Any, message: str, **more: Any
+) -> None:
+    """Check the type of the error, and its message for the argument and the words."""
+    with pytest.raises((ValueError, TypeError)) as caught:
+        call(**{argument: value}, **more)
+    said = str(caught.value)
+    assert type(caught.value) in (error if isinstance(error, tuple) else (error,))
+    for part in (rf"\b{argument}\b", message):
+        assert re.search(part, said), f"{part!r} not in {said!r}"
+    assert "\n" not in said
+    assert len(said) < 300
+
+
+def put(array: Any, at: Any, value: Any) -> Array:
+    """A copy with one entry changed."""
+    array = np.array(array, dtype=float)
+    array[at] = value
+    return array
+
+
+def rigid(R: Any = None, e: Any = None) -> Any:
+    return (np.tile(np.eye(2), (2, 1)) if R is None else R), (
+        np.zeros(2) if e is None else e
+    )
+
+
+class Drawn:
+    """Neither a number nor an array."""
+
+
+HALF = np.tril(G.K)
+FRAMES = [
+    np.array([np.eye(2), wrong])
+    for wrong in (
+        np.zeros((2, 2)),
+        2 * np.eye(2),
+        [[1, 0], [0.1, 1]],
+        1e200 * np.eye(2),
+    )
+]
+OTHER = solve(good(2, 3))
+VALUE, TYPE, EITHER = ValueError, TypeError, (ValueError, TypeError)
+# The call, the argument, its value, the type of the error, what the message says besides.
+TABLE: list[tuple[Call, str, Any, Any, str]] = [
+    # Numbers that are not finite: the place.
+    (problem, "K", put(G.K, (2, 2), NAN), VALUE, r"finite.*\b2\b"),
+    (problem, "K", sparse.csr_array(put(G.K, (3, 3), INF)), VALUE, r"finite.*\b3\b"),
+    (problem, "B", sparse.csr_array(put(G.B, (1, 1), NAN)), VALUE, r"finite.*\b1\b"),
+    (problem, "gap", [0.0, NAN], VALUE, r"\b1\b.*finite"),
+    (problem, "mu", [0.3, INF], VALUE, r"\b1\b.*finite"),
+    (problem, "area", [1.0, NAN], VALUE, r"\b1\b.*finite"),
+    (problem, "points", [[0.0, 0.0], [INF, 0.0]], VALUE, r"\b1\b"),
+    (solve, "load", put(G.load, 2, NAN), VALUE, r"\b2\b.*finite|finite.*\b2\b"),
+    (solve, "load", put([G.load] * 2, (1, 3), -INF), VALUE, "finite"),
+    (solve, "prescribed", [NAN], VALUE, "finite"),
+    (reduced, "q", put(G.q, (1, 0), NAN), VALUE, r"\b1\b"),
+    (reduced, "rigid", rigid(np.full((4, 1), NAN), np.ones(1)), VALUE, "finite"),
+    (reduced, "rigid", rigid(e=[INF, 0.0]), VALUE, "finite"),
+    # Shapes: that found and that expected.
+    (problem, "K", G.K[:3], VALUE, "square|shape"),
+    (problem, "K", G.K[0], VALUE, "dimension|shape|square"),
+    (problem, "B", sparse.csr_array(np.eye(5)), VALUE, "5.*6"),
+    (problem, "B", sparse.csr_array(np.ones((3, 6))), VALUE, r"\b3\b"),
+    (problem, "gap", np.zeros(3), VALUE, "3.*[24]"),
+    (problem, "gap", np.zeros((2, 3)), VALUE, "3"),
+    (problem, "mu", [0.3] * 3, VALUE, "3.*2"),
+    (problem, "area", np.ones(3), VALUE, "3.*2"),
+    (problem, "points", np.ones((2, 3)), VALUE, "3.*2"),
+    (problem, "dim", 4, VALUE, "4.*2.*3"),
+    (problem, "dim", 3, VALUE, "3"),
+    (problem, "dim", np.array([2, 3]), VALUE, "dim"),
+    (solve, "load", np.ones(3), VALUE, "3.*6"),
+    (solve, "load", np.ones((1, 1, 6)), VALUE, "shape|dimension"),
+    (solve, "prescribed", [0.0, 0.0], VALUE, "2.*1"),
+    (reduced, "W", G.W[:3], VALUE, "3.*4"),
+    (reduced, "q", G.q.ravel(), VALUE, "shape|dimension"),
+    (reduced, "q", np.ones((1, 4)), VALUE, "4.*2.*3"),
+    (reduced, "mu", [0.3], VALUE, "1.*2"),
+    (reduced, "rigid", rigid(np.ones((3, 1)), np.ones(1)), VALUE, "3.*4"),
+    (reduced, "rigid", rigid(np.ones((4, 2)), np.ones(1)), VALUE, "1.*2"),
+    (reduced, "rigid", 5, TYPE, "pair|tuple|rigid"),
+    (reduced_solve, "start", np.zeros((3, 2)), VALUE, "3.*2"),
+    (residual, "r", np.zeros((3, 2)), VALUE, "3"),
+    (project, "tau", np.ones(3), VALUE, "shape|dimension"),
+    (project, "tau", np.ones((2, 4)), VALUE, "4.*2.*3"),
+    (project, "mu", [0.3] * 3, VALUE, "3.*2"),
+    (project, "base", np.ones((3, 3)), VALUE, "3.*2"),
+    # Ranges.
+    (problem, "mu", [0.3, -0.1], VALUE, r"contact 1\b.*-0\.1"),
+    (reduced, "mu", [-0.1, 0.3], VALUE, r"contact 0\b.*-0\.1"),
+    (project, "mu", -0.1, VALUE, r"-0\.1"),
+    (problem, "area", [1.0, 0.0], VALUE, r"\b1\b.*positive"),
+    (problem, "area", [-2.0, 1.0], VALUE, r"\b0\b.*-2.*positive"),
+    (problem, "num_threads", 0, VALUE, r"\b0\b"),
+    (problem, "num_threads", 1025, VALUE, "is 1025, expected 1 to 1024"),
+    (reduced_solve, "num_threads", 2**70, VALUE, "1024"),
+    (reduced_solve, "max_iterations", 10**30, VALUE, "max_iterations"),
+    (solve, "max_iterations", 1.5, TYPE, "max_iterations"),
+    *((call, "tol", tol, VALUE, "positive") for call in (solve, reduced_solve)
+      for tol in (0, -1e-10)),
+    *((call, "max_seconds", 0, VALUE, r"\b0\b.*positive") for call in (solve, reduced_solve)),
+    *((call, "method", "magic", VALUE, "magic.*gauss_seidel.*uzawa|magic.*uzawa")
+      for call in (solve, reduced_solve)),
+    *((problem, "frame", frame, VALUE, "^frame of contact 1 has the rows") for frame in FRAMES),
+    # Indices.
+    (problem, "fixed", [1, 6], VALUE, r"\b6\b"),
+    (problem, "fixed", [-(2**62)], VALUE, str(-(2**62))),
+    (problem, "fixed", [1, 2, 1], VALUE, r"\b1 repeated"),
+    (problem, "fixed", [0.5], TYPE, "integer"),
+    (problem, "fixed", ["1"], TYPE, "integer"),
+    (problem, "fixed", [[0, 1]], VALUE, "dimension"),
+    (problem, "fixed", np.arange(6) == 5, TYPE, "mask"),
+    # Types.
+    *((call, "friction", 0.3, TYPE, "friction")
+      for call in (problem, solve, reduced, reduced_solve, project)),
+    *((problem, name, None, EITHER, "object") for name in ("K", "B", "gap", "mu")),
+    *((reduced, name, None, EITHER, "object") for name in ("W", "q", "mu")),
+    (problem, "K", "stiffness", EITHER, "K"),
+    (problem, "mu", "slippery", EITHER, "mu"),
+    (problem, "K", sparse.coo_array(G.K).astype(complex), TYPE, "complex"),
+    (reduced, "W", sparse.coo_array(G.W).astype(complex), TYPE, "complex"),
+    (project, "tau", [np.ma.masked_array([1.0, 2.0], [False, True]), np.ones(2)], VALUE,
+     "tau has masked"),
+    *((call, "path", path, TYPE, "path") for call in (save, bp.load_result)
+      for path in (3.0, None, ["x.h5"], np.ones(2))),
+    (write, "path", "x.vtu", VALUE, r"NAME\.pvd"),
+    # States of another problem.
+    *((call, "start", start, VALUE, "shape") for call in (solve, step)
+      for start in (OTHER, OTHER[0])),
+    (reduced_solve, "start", reduced_solve(good(2, 3)), VALUE, r"\(3, 2\)"),
+    (solve, "start", reduced_solve(good(2, 3)), EITHER, "Solution"),
+    (reduced_solve, "start", reduced(rigid=rigid(e=[-1.0, 0.0])).solve(), VALUE,
+     "2 rigid motions"),
+    # Stiffnesses.
+    (problem, "K", HALF, VALUE, r"symmetric.*triangle only.*tril\(K, -1\)"),
+    (problem, "K", HALF.T, VALUE, r"symmetric.*triangle only.*triu\(K, 1\)"),
+    (problem, "K", put(put(G.K, (0, 1), G.K[0, 1] + 1e-5), (2, 3), 7.5), VALUE,
+     r"symmetric.*\[2, 3\].*7\.5|symmetric.*\[3, 2\].*7\.5"),
+    (problem, "K", G.K - 3 * np.eye(6), VALUE, "definite"),
+    (problem, "K", put(G.K, (4, 4), -1.0), VALUE, r"definite"),
+    (problem, "K", put(G.K, (0, 0), -1e-3), VALUE, "indefinite"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "row", TABLE, ids=lambda row: f"{row[0].__name__}, {row[1]}: {row[4]}"
+)
+def test_an_argument_is_refused(row: tuple[Call, str, Any, Any, str]) -> None:
+    call, argument, value, error, message = row
+    refused(call, argument, value, error, message)
+
+
+# Each array argument, with a valid value.
+ARRAYS: dict[tuple[Call, str], Callable[[Good], Array]] = {
+    (problem, "K"): lambda g: g.K,
+    (problem, "B"): lambda g: g.B,
+    (problem, "gap"): lambda g: g.gap,
+    (problem, "mu"): lambda g: g.mu,
+    (problem, "area"): lambda g: np.ones_like(g.gap),
+    (problem, "points"): lambda g: np.ones_like(g.q),
+    (problem, "frame"): lambda g: np.tile(np.eye(g.q.shape[1]), (len(g.q), 1, 1)),
+    (solve, "load"): lambda g: g.load,
+    (solve, "prescribed"): lambda g: g.prescribed,
+    (step, "load"): lambda g: g.load,
+    (reduced, "W"): lambda g: g.W,
+    (reduced, "q"): lambda g: g.q,
+    (reduced, "mu"): lambda g: g.mu,
+    (residual, "r"): lambda g: g.q,
+    (reduced_solve, "start"): lambda g: g.q,
+    (whole, "M"): lambda g: g.K,
+    (whole, "H"): lambda g: g.B.T,
+    (whole, "f"): lambda g: g.load,
+    (whole, "w"): lambda g: g.q,
+    (whole, "mu"): lambda g: g.mu,
+    (whole_residual, "r"): lambda g: g.q,
+    (velocity, "solution"): lambda g: g.q,
+    (project, "tau"): lambda g: g.q,
+    (project, "mu"): lambda g: g.mu,
+    (project, "base"): lambda g: g.q,
+}
+# An array that is too long may be reported by the argument whose length it contradicts.
+LENGTH = "shape|dimension|rows|columns|expected"
+
+
+def _put(array: Array, value: Any, kind: Any = None) -> Any:
+    spoiled = np.array(array, dtype=kind)
+    spoiled.flat[spoiled.size // 2] = value
+    return spoiled
+
+
+def _masked(array: Array) -> Any:
+    return np.ma.masked_array(array, _put(np.zeros(array.shape, bool), True))
+
+
+SPOILERS: dict[str, tuple[Callable[[Array], Any], str]] = {
+    "nan": (lambda a: _put(a, NAN), "nan|NaN"),
+    "infinite": (lambda a: _put(a, -INF), "inf"),
+    "longer": (lambda a: np.concatenate([a, a[:1]]), LENGTH),
+    "wider": (lambda a: np.stack([a] * 2, axis=-1), LENGTH),
+    "boxed": (lambda a: np.ones((1,) * (a.ndim + 1)), LENGTH),
+    "text": (lambda a: a.astype(str), "type"),
+    "objects": (lambda a: _put(a, None, object), "type object"),
+    "complex": (lambda a: _put(a, 0j, complex), "complex"),
+    "booleans": (lambda a: a > 0, "bool"),
+    "masked": (_masked, "mask"),
+    "dates": (lambda a: (a * 8).astype("m8[s]"), "type"),
+    "too large": (lambda a: _put(a, np.longdouble("1e4000"), np.longdouble), ""),
+    "ragged": (lambda a: [a.tolist(), [a.tolist()]], "array|type|shape|dimension"),
+    "nothing": (lambda _: {"an": "object"}, "type|dimension"),
+}
+
+
+def _is_legal(argument: str, spoiler: str, d: int) -> bool:
+    """A gap with all components, friction along two tangents, a path of one step."""
+    return (
+        (spoiler == "wider" and argument == "gap")
+        or (spoiler == "wider" and argument == "mu" and d == 3)
+        or (spoiler == "boxed" and argument == "prescribed")
+    )
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(
+    ("call", "argument"), ARRAYS, ids=[f"{c.__name__}-{a}" for c, a in ARRAYS]
+)
+def test_a_spoiled_array(call: Call, argument: str, d: int) -> None:
+    for contacts in (2, 3):
+        base = good(d, contacts)
+        array = ARRAYS[call, argument](base)
+        call(base, **{argument: array})  # the unchanged array works
+        for name, (spoil, message) in SPOILERS.items():
+            if _is_legal(argument, name, d):
+                continue
+            named = argument if message != LENGTH else ""
+            with pytest.raises((ValueError, TypeError)) as caught:
+                call(base, **{argument: spoil(array)})
+            said = str(caught.value)
+            assert type(caught.value) in (ValueError, TypeError), name
+            assert re.search(rf"\b{named}", said), (name, said)
+            assert re.search(message, said), (name, said)
+            assert "\n" not in said
+            assert len(said) < 300
+
+
+SCALARS: list[tuple[Call, str]] = [
+    *((call, name) for call in (solve, reduced_solve)
+      for name in ("tol", "max_seconds", "max_iterations", "method")),
+    (problem, "num_threads"), (reduced_solve, "num_threads"), (problem, "dim"),
+    (answers, "restarts"), (answers, "seed"), (solve, "on_step"),
+    (reduced_solve, "callback"), (solve, "start"),
+]  # fmt: skip
+# Values that are invalid for all of these arguments.
+NO_SCALARS = (
+    *(-1, -0.5, NAN, -INF, True, np.True_, "tight", b"auto", 1j, np.complex128(1e-9)),
+    *([1e-9], {}, object(), np.ones(3), np.ma.masked, Fraction(-1, 3), 10**400),
+    *(-(10**400), Drawn()),
+)
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"), SCALARS, ids=[f"{c.__name__}-{a}" for c, a in SCALARS]
+)
+def test_a_spoiled_scalar(call: Call, argument: str) -> None:
+    for value in NO_SCALARS:
+        refused(call, argument, value, EITHER, "")
+
+
+@pytest.mark.parametrize("form", ["csr", "csc", "bsr", "coo"])
+@pytest.mark.parametrize(
+    ("call", "argument"), [(problem, "K"), (problem, "B"), (reduced, "W")]
+)
+@pytest.mark.parametrize("fault", ["index", "negative", "pointer", "down"])
+def test_a_broken_sparse_matrix(
+    call: Call, argument: str, form: str, fault: str
+) -> None:
+    """SciPy's conversions would follow these indices out of the arrays."""
+    matrix = sparse.csr_array(ARRAYS[call, argument](G))
+    broken = (
+        sparse.bsr_array(matrix, blocksize=(1, 1))
+        if form == "bsr"
+        else matrix.asformat(form, copy=True)
+    )
+    if form == "coo":
+        indices = broken.row if fault in ("index", "pointer") else broken.col
+        indices[1] = -1 if fault == "negative" else 10**6
+    elif fault in ("index", "negative"):
+        broken.indices[1] = -7 if fault == "negative" else 10**6
+    elif fault == "pointer":
+        broken.indptr[-1] += 10**6
+    else:
+        broken.indptr[1] = broken.indptr[-1]
+        broken.indptr[2] = 0
+    refused(call, argument, broken, VALUE, "index|pointers")
+
+
+@pytest.mark.parametrize("form", ["dense", "csr", "csc", "coo"])
+def test_an_asymmetric_entry_is_named(form: str) -> None:
+    base = good(2, 3)
+    for i, j in ((0, 1), (5, 2), (7, 6), (3, 4)):
+        for amount in (1e-6, 1.0, 1e3):
+            spoiled = base.K.copy()
+            spoiled[i, j] += amount
+            if form != "dense":
+                spoiled = sparse.csr_array(spoiled).asformat(form)
+            place = rf"symmetric.*(\[{i}, {j}\]|\[{j}, {i}\])"
+            refused(lambda K: problem(base, K=K), "K", spoiled, VALUE, place)
+
+
+def test_arguments_that_are_wrong_together() -> None:
+    for call in (solve, reduced_solve):
+        with pytest.raises(TypeError, match="max_iterations is 3 and maxiter is 4"):
+            call(max_iterations=3, maxiter=4)
+    with pytest.raises(ValueError, match="base"):
+        bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
+    with pytest.raises(ValueError, match=r"load.*prescribed|prescribed.*load"):
+        problem().solve([G.load] * 2, np.zeros((3, 1)))
