@@ -60,7 +60,7 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
         What is typed so far: ``"contact.0.m"``.
     """
     from bipot_rs.scene.schema.root import Scene
-    from bipot_rs.scene.suggestions import keys as keys_of_schema
+    from bipot_rs.scene.schema.suggestions import keys as keys_of_schema
 
     if "=" in incomplete:
         return []

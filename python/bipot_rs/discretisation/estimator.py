@@ -41,6 +41,7 @@ from bipot_rs.discretisation.simplices import (
 )
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.materials import Material
+from bipot_rs.fem.contact.meeting import body_index
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case
@@ -171,7 +172,7 @@ class Estimator:
                     f"contacts[{k}] is paired by {contact.pairing!r}: the discretisation "
                     "error supports pairing='match' only"
                 )
-        if any(load.strain is not None for load in case.loads):
+        if any(one.load and one.load.strain is not None for one in case.loads):
             raise ValueError(
                 "the case has initial strains: the discretisation error does not support "
                 "them"
@@ -359,16 +360,25 @@ class Estimator:
         """Force per volume of each cell, and moments of loads on facets, for each body."""
         forces = [np.zeros((len(one.corners), one.dim)) for one in self.bodies]
         pulls = [np.zeros((len(one.facets), one.dim, one.dim)) for one in self.bodies]
-        for load in self.case.loads:
-            one = self.bodies[load.body]
-            now = load.history[k] * load.density
-            if load.facets is None:
-                forces[load.body] += now
+        for acting in self.case.loads:
+            load, factor = acting.load, acting.history[k]
+            if load is None:
                 continue
-            by_facet = np.broadcast_to(now, (len(load.facets), one.dim))
+            owner = body_index(self.case.model.bodies, load.body)
+            body, one = self.case.model.bodies[owner], self.bodies[owner]
+            if load.force is not None:
+                forces[owner] += factor * np.asarray(load.force)
+                continue
+            facets = body.facets(str(load.surface))
+            if load.pressure is None:
+                density = factor * np.asarray(load.traction)
+            else:
+                # Facets are flat: one normal for each.
+                normals = np.asarray(body.surface(str(load.surface)).normals)
+                density = factor * (-load.pressure * normals[:, :, 0].T)
+            by_facet = np.broadcast_to(density, (len(facets), one.dim))
             nodal = np.repeat(by_facet[:, None], one.dim, axis=1)
-            linear = one.linear_moments(load.facets, nodal)
-            np.add.at(pulls[load.body], load.facets, linear)
+            np.add.at(pulls[owner], facets, one.linear_moments(facets, nodal))
         return forces, pulls
 
     def _lift(self, opening: Floats) -> _Lift:

@@ -6,13 +6,17 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.case import Case, Load
-    from bipot_rs.scene.library import SceneError, shipped, text
-    from bipot_rs.scene.reading import assemble, checked, parsed, put, read
+    from bipot_rs.scene.case import Case, assemble
+    from bipot_rs.scene.library import shipped, text
+    from bipot_rs.scene.load_history import LoadHistory
+    from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
+    from bipot_rs.scene.reading import checked, parsed, put, read
 
 __all__ = [
     "Case",
-    "Load",
+    "LoadHistory",
+    "Mistake",
+    "MistakeKind",
     "SceneError",
     "assemble",
     "bodies",
@@ -28,8 +32,10 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.scene.build": ("bodies",),
-        "bipot_rs.scene.case": ("Case", "Load"),
-        "bipot_rs.scene.library": ("SceneError", "shipped", "text"),
-        "bipot_rs.scene.reading": ("assemble", "checked", "parsed", "put", "read"),
+        "bipot_rs.scene.case": ("Case", "assemble"),
+        "bipot_rs.scene.library": ("shipped", "text"),
+        "bipot_rs.scene.load_history": ("LoadHistory",),
+        "bipot_rs.scene.mistakes": ("Mistake", "MistakeKind", "SceneError"),
+        "bipot_rs.scene.reading": ("checked", "parsed", "put", "read"),
     },
 )

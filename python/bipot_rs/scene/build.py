@@ -1,14 +1,18 @@
-"""From the tables of a scene to meshes, materials, obstacles, contacts and strains."""
+"""Everything that a scene makes: meshes, materials, obstacles, contacts, supports, loads."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.fem.assembly.assembly import Support
+from bipot_rs._lib.types import Ints
+from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
+from bipot_rs.fem.bodies.loads import Load, PointLoad
 from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.contact.meeting import Contact, Floating
@@ -17,13 +21,15 @@ from bipot_rs.mesh.elements import first_order, kind_of, second_order
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
 from bipot_rs.obstacle.triangulated import Surface
-from bipot_rs.scene.case import motion_of
-from bipot_rs.scene.library import SceneError
+from bipot_rs.scene.histories import Histories
+from bipot_rs.scene.load_history import LoadHistory
+from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import Known, inconsistencies
 from bipot_rs.scene.schema.contact import Rigid
 from bipot_rs.scene.schema.load import InitialStrain
-from bipot_rs.scene.schema.mesh import Block
+from bipot_rs.scene.schema.mesh import Block, Place
 from bipot_rs.scene.schema.root import Scene
+from bipot_rs.scene.schema.table import Varying
 
 if TYPE_CHECKING:
     from bipot_rs.fem.constraints.repetition import Repetition
@@ -39,30 +45,26 @@ def bodies(scene: Scene) -> list[Body]:
         surfaces without facets.
     """
     found: list[Body] = []
-    problems: list[str] = []
+    mistakes: list[Mistake] = []
     for name, block in scene.body.items():
-        place = f"body.{name}.mesh"
+        key = f"body.{name}"
+        place = f"{key}.mesh"
         try:
-            mesh = _mesh(scene, block)
-            place = f"body.{name}.surface"
-            mesh = _named(mesh, block)
-            place = f"body.{name}.material"
-            found.append(Body(name, mesh, _material(scene, block)))
+            mesh = _make_mesh(scene, block)
+            surfaces = {}
+            for named, table in block.surface.items():
+                place = f"{key}.surface.{named}"
+                surfaces[named] = _find_surface(mesh, named, table)
+            mesh = with_surfaces(mesh, surfaces) if surfaces else mesh
+            place = f"{key}.material"
+            found.append(Body(name, mesh, _make_material(scene, block)))
         except (OSError, ValueError) as error:
-            problems.append(
-                f"{place}{error}"
-                if isinstance(error, _Mistake)
-                else f"{place}: {error}"
-            )
-    if not problems and any(block.mesh is not None for block in scene.body.values()):
-        problems = inconsistencies(scene, {body.name: _known(body) for body in found})
-    if problems:
-        raise SceneError(scene.title, problems)
+            mistakes.append(Mistake(place, str(error), MistakeKind.MESH))
+    if not mistakes and any(block.mesh is not None for block in scene.body.values()):
+        mistakes = inconsistencies(scene, {body.name: _known(body) for body in found})
+    if mistakes:
+        raise SceneError(scene.title, mistakes)
     return found
-
-
-class _Mistake(ValueError):
-    """A message that begins with the rest of its key path."""
 
 
 def _known(body: Body) -> Known:
@@ -71,7 +73,7 @@ def _known(body: Body) -> Known:
     )
 
 
-def _mesh(scene: Scene, block: Block) -> Any:
+def _make_mesh(scene: Scene, block: Block) -> Any:
     if block.mesh is not None:
         # The readers take longer to import than a box takes to mesh.
         from bipot_rs.mesh.readers import read_mesh
@@ -101,35 +103,27 @@ def _check_shape(scene: Scene, mesh: Any) -> None:
         )
 
 
-def _named(mesh: Any, block: Block) -> Any:
-    """Add the surfaces that the scene defines by geometry."""
-    found = {}
-    for name, place in block.surface.items():
-        if name in (mesh.boundaries or {}):
-            raise _Mistake(
-                f".{name}: the mesh has a surface of this name, choose another name"
-            )
-        within = None if place.within is None else place.within.box()
-        try:
-            found[name] = surface(mesh, within, place.normal, place.angle)
-        except ValueError as error:
-            raise _Mistake(f".{name}: {error}") from error
-    return with_surfaces(mesh, found) if found else mesh
+def _find_surface(mesh: Any, name: str, table: Place) -> Ints:
+    """Facets of a surface that the scene defines by geometry."""
+    if name in (mesh.boundaries or {}):
+        raise ValueError("the mesh has a surface of this name, choose another name")
+    within = None if table.within is None else table.within.box()
+    return surface(mesh, within, table.normal, table.angle)
 
 
-def _material(scene: Scene, block: Block) -> Any:
+def _make_material(scene: Scene, block: Block) -> Any:
     """The material of a body, or one for each named volume."""
-    chosen = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
-    made = {
-        end: scene.material[name].made(**chosen)  # type: ignore[arg-type]
+    plane = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
+    materials = {
+        end: scene.material[name].make(**plane)  # type: ignore[arg-type]
         for end, name in block.materials.items()
     }
     if isinstance(block.material, str):
-        return made[""]
-    return {end.removeprefix("."): material for end, material in made.items()}
+        return materials[""]
+    return {end.removeprefix("."): material for end, material in materials.items()}
 
 
-def _obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
+def _make_obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
     try:
         if rigid.plane is not None:
             return Plane(rigid.plane.point, rigid.plane.normal)
@@ -146,47 +140,57 @@ def _obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
         file = scene.place(rigid.surface or "")
         return Surface.from_file(file, flipped=rigid.inside)
     except (OSError, ValueError) as error:
-        raise SceneError(scene.title, [f"obstacle.{name}: {error}"]) from error
+        mistake = Mistake(f"obstacle.{name}", str(error), MistakeKind.MESH)
+        raise SceneError(scene.title, [mistake]) from error
 
 
-def contacts(scene: Scene) -> list[Contact]:
-    """Make the contacts, with the motion of their obstacles along the path."""
-    # Each obstacle once: a surface with many facets takes long to make.
-    known = {
-        name: _obstacle(scene, name, rigid) for name, rigid in scene.obstacle.items()
+def make_parts(scene: Scene) -> dict[str, Any]:
+    """Arguments of `fem.assemble` besides the bodies."""
+    return {
+        "contacts": make_contacts(scene),
+        "supports": make_supports(scene),
+        "symmetries": [Symmetry(*split(s.on)) for s in scene.symmetry],
+        "springs": [
+            Spring(*split(s.on), s.stiffness, s.normal, s.tangential)
+            for s in scene.spring
+        ],
+        "remotes": make_remotes(scene),
+        "repetitions": make_repetitions(scene),
     }
-    ends = np.arange(1.0, scene.path.count() + 1)
-    found = []
+
+
+def make_contacts(scene: Scene) -> list[Contact]:
+    """Make the contacts, with the motion of their obstacles along the path."""
+    histories = Histories(scene)
+    # Each obstacle once: a surface with many facets takes long to make.
+    obstacles = {
+        name: _make_obstacle(scene, name, rigid)
+        for name, rigid in scene.obstacle.items()
+    }
+    contacts = []
     for c in scene.contact:
-        body, surface_name = split(c.on)
         rigid = scene.obstacle.get(c.obstacle or "")
-        found.append(
+        contacts.append(
             Contact(
-                body,
-                surface_name,
+                *split(c.on),
                 mu=c.mu,
                 plane=(c.plane.point, c.plane.normal) if c.plane else None,
                 against=split(c.other) if c.other else None,
                 clearance=c.clearance.at,
                 within=c.within.box() if c.within else None,
                 axis=c.axis,
-                obstacle=None if c.obstacle is None else known[c.obstacle],
-                motion=None if rigid is None else motion_of(rigid, scene.path, ends),
                 pairing=c.pairing,
-                floating=None if rigid is None else _floating(str(c.obstacle), rigid),
+                obstacle=obstacles.get(c.obstacle or ""),
+                motion=None if rigid is None else histories.make_motion(rigid),
+                floating=None
+                if rigid is None or rigid.force is None
+                else Floating(str(c.obstacle), tuple(rigid.force.components())),
             )
         )
-    return found
+    return contacts
 
 
-def _floating(name: str, rigid: Rigid) -> Floating | None:
-    """The obstacle as one that a force moves."""
-    if rigid.force is None:
-        return None
-    return Floating(name, tuple(rigid.force.components()))
-
-
-def supports(scene: Scene) -> list[Support]:
+def make_supports(scene: Scene) -> list[Support]:
     """Make the supports; their prescribed values are in the path."""
     return [
         Support(
@@ -200,7 +204,7 @@ def supports(scene: Scene) -> list[Support]:
     ]
 
 
-def remotes(scene: Scene) -> list[Remote]:
+def make_remotes(scene: Scene) -> list[Remote]:
     """Make the remote points; their prescribed values and loads are in the path."""
     found = []
     for name, table in scene.remote.items():
@@ -221,7 +225,7 @@ def remotes(scene: Scene) -> list[Remote]:
     return found
 
 
-def repetitions(scene: Scene) -> list[Repetition]:
+def make_repetitions(scene: Scene) -> list[Repetition]:
     """Make the cyclic symmetries and the periodicities."""
     if not (scene.cyclic or scene.periodic):
         return []
@@ -236,19 +240,7 @@ def repetitions(scene: Scene) -> list[Repetition]:
     ]
 
 
-def symmetries(scene: Scene) -> list[Symmetry]:
-    """Make the planes of symmetry."""
-    return [Symmetry(*split(s.on)) for s in scene.symmetry]
-
-
-def springs(scene: Scene) -> list[Spring]:
-    """Make the elastic foundations."""
-    return [
-        Spring(*split(s.on), s.stiffness, s.normal, s.tangential) for s in scene.spring
-    ]
-
-
-def strain_of(table: InitialStrain, body: Body) -> Initial:
+def _make_strain(table: InitialStrain, body: Body) -> Initial:
     """Initial strain for one kelvin, or for an amplitude of one, by volume if named."""
     _, volume = split(table.on)
     if table.tensor is not None:
@@ -267,6 +259,60 @@ def strain_of(table: InitialStrain, body: Body) -> Initial:
     directions = body.materials[0].directions
     whole = np.asarray(thermal(expansion, 1.0, directions))
     return {volume: whole} if volume else whole
+
+
+def make_loads(
+    scene: Scene, histories: Histories, bodies: Sequence[Body], model: Assembly
+) -> tuple[LoadHistory, ...]:
+    """Make the loads of a scene, each with its nodal forces for factor 1."""
+    of_bodies = _make_body_loads(scene, {b.name: b for b in bodies}, model.dim)
+    return tuple(
+        LoadHistory(
+            load if isinstance(load, Load) else None,
+            number,
+            model.nodal_forces(load),
+            histories.evaluate(number),
+        )
+        for load, number in chain(of_bodies, _make_point_loads(scene, model.dim))
+    )
+
+
+def _make_body_loads(
+    scene: Scene, bodies: Mapping[str, Body], dim: int
+) -> Iterator[tuple[Load | PointLoad, Varying]]:
+    """Loads on surfaces and bodies for factor 1, and the numbers that they follow."""
+    unit = np.eye(dim)
+    for traction in scene.traction:
+        for k, number in traction.components().items():
+            yield Load(*split(traction.on), traction=unit[k]), number
+    for pressure in scene.pressure:
+        yield Load(*split(pressure.on), pressure=1.0), pressure
+    for force in scene.body_force:
+        for k, number in force.components().items():
+            yield Load(force.on, force=unit[k]), number
+    for table in scene.strain:
+        body = split(table.on)[0]
+        strain = _make_strain(table, bodies[body])
+        yield Load(body, strain=strain), table.factor
+
+
+def _make_point_loads(
+    scene: Scene, dim: int
+) -> Iterator[tuple[Load | PointLoad, Varying]]:
+    """Forces on obstacles, and forces and moments at remote points."""
+    unit = np.eye(dim)
+    used = {c.obstacle for c in scene.contact}
+    for name, rigid in scene.obstacle.items():
+        if rigid.force is not None and name in used:
+            for k, number in rigid.force.components().items():
+                yield PointLoad(name, force=unit[k]), number
+    for name, remote in scene.remote.items():
+        given = remote.given()
+        for k, number in given.get("force", {}).items():
+            yield PointLoad(name, force=unit[k]), number
+        for k, number in given.get("moment", {}).items():
+            axis = np.eye(3)[k] if dim == 3 else np.ones(1)
+            yield PointLoad(name, moment=axis), number
 
 
 def split(on: str) -> tuple[str, str]:

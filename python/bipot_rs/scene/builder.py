@@ -14,21 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib import toml_text
 from bipot_rs._lib.messages import counted, later
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.fem import resultants
 from bipot_rs.fem.checks.review import review
 from bipot_rs.fem.contact_surface import result_mesh, surface_labels
 from bipot_rs.scene.build import bodies
-from bipot_rs.scene.case import Case
-from bipot_rs.scene.library import SceneError, folder_of, text
-from bipot_rs.scene.reading import assemble, checked, parsed, put
-from bipot_rs.scene.schema.root import Scene
+from bipot_rs.scene.case import Case, assemble
+from bipot_rs.scene.library import folder_of, text
+from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
+from bipot_rs.scene.reading import checked, parsed, put
+from bipot_rs.scene.schema.root import Scene, Units
 
-_UNITS = ("length", "force", "stress")
+_UNITS = tuple(Units.model_fields)
 
 
 class Model:
@@ -125,18 +126,20 @@ class Model:
         Raises
         ------
         TypeError
-            A table contains a value that TOML cannot represent; the message names the
-            key.
+            A table contains a value that TOML cannot represent.
         OSError
             The file cannot be written.
         """
-        if path is None:
-            return toml_text.text(self._table)
+        import tomli_w
+
         table = self.to_dict()
-        _seen_from(Path(path).parent, self._folder, table)
-        written = toml_text.text(table)
-        Path(path).write_text(written, encoding="utf-8")
-        return written
+        if path is not None:
+            _seen_from(Path(path).parent, self._folder, table)
+        text_of_scene = tomli_w.dumps(table)
+        if path is not None:
+            content = text_of_scene.encode()  # before the file is emptied
+            Path(path).write_bytes(content)
+        return text_of_scene
 
     def to_dict(self) -> dict[str, Any]:
         """Copy of the tables, as `tomllib` would read them from the file."""
@@ -156,9 +159,9 @@ class Model:
         made = Model()
         made._table, made._folder = self.to_dict(), self._folder
         wrong = [
-            f"{key}: {problem}"
+            Mistake(key, message, MistakeKind.NAME)
             for key, value in changes.items()
-            if (problem := put(made._table, key, _plain(value)))
+            if (message := put(made._table, key, _plain(value)))
         ]
         if wrong:
             raise SceneError(self.title, wrong)
@@ -380,7 +383,7 @@ class Model:
     @property
     def contacts(self) -> Mapping[str, Ints]:
         """Assemble, and return the numbers of the contacts on each surface with contacts."""
-        return self.assemble().contacts
+        return resultants.contacts_by_surface(self.assemble().model)
 
     def solve(
         self,
@@ -519,30 +522,41 @@ class ModelResult(Result):
         return self._reviewed
 
     def contacts_of(self, name: str) -> Ints:
-        """Numbers of the contacts on a surface ``"body.surface"``, ascending."""
-        return self.case.contacts_of(name)
+        """Numbers of the contacts on a surface ``"body.surface"``, ascending.
+
+        The surface is ``on`` of the contact's table. As `fem.resultants.contacts_on`.
+        """
+        return resultants.contacts_on(self.case.model, name)
 
     def contact_force(self, name: str) -> Floats:
-        """Force of the contacts on a surface on its body, ``(steps, d)`` [N]."""
-        return self.case.contact_force(self, name)
+        """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
+
+        As `fem.resultants.contact_force`.
+        """
+        return resultants.contact_force(self.case.model, self.steps, name)
 
     def support_force(self, name: str) -> Floats:
-        """Force of the supports on a surface on their body, ``(steps, d)`` [N]."""
-        return self.case.support_force(self, name)
+        """Force of the supports on a surface on their body, ``(steps, d)`` [N].
+
+        As `fem.resultants.support_force`.
+        """
+        return resultants.support_force(self.case.model, self.steps, name)
 
     def reference_motion(self, name: str) -> tuple[Floats, Floats]:
         """Translation [m] and rotation [rad] of an obstacle with a force, or of a remote.
 
-        As `Case.reference_motion`: ``(steps, d)`` and ``(steps, 3)``.
+        ``(steps, d)``, of an obstacle in addition to its ``move``, and ``(steps, 3)``. As
+        `fem.Assembly.reference_motion`.
         """
-        return self.case.reference_motion(self, name)
+        moved = np.stack([step.displacement for step in self.steps])
+        return self.case.model.reference_motion(name, moved)
 
     def reference_force(self, name: str) -> tuple[Floats, Floats]:
         """Total force [N] and moment [N m] at the point of an obstacle or a remote.
 
-        As `Case.reference_force`: ``(steps, d)`` and ``(steps, 3)``.
+        ``(steps, d)`` and ``(steps, 3)``. As `fem.resultants.reference_force`.
         """
-        return self.case.reference_force(self, name)
+        return resultants.reference_force(self.case.model, self.steps, name)
 
 
 def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:

@@ -9,65 +9,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import instead
 from bipot_rs._lib.short_repr import short_repr
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact.errors import FloatingBodyError
-from bipot_rs.contact.law.frames import of_step
 from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
-from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames, join_steps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
+from bipot_rs.fem.assembly.assemble import assemble as assemble_model
+from bipot_rs.fem.assembly.assemble import without_stiffness
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.stress_recovery import Initial, stress
+from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import unheld
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.fem.constraints.references import reference_named
-from bipot_rs.obstacle.motion import Motion
-from bipot_rs.scene.schema.contact import Rigid
-from bipot_rs.scene.schema.load import Pressure
-from bipot_rs.scene.schema.path import LoadPath
+from bipot_rs.fem.contact.meeting import body_index
+from bipot_rs.scene.build import make_loads, make_parts
+from bipot_rs.scene.histories import Histories, find_gaps
+from bipot_rs.scene.load_history import LoadHistory
+from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.root import Scene
-from bipot_rs.scene.schema.table import Varying
 
 if TYPE_CHECKING:
     from bipot_rs.contact.wear.record import Wear
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force per area of a surface, or per volume of a body, along a path.
-
-    Attributes
-    ----------
-    body
-        Index of the body.
-    facets : (m,) or None
-        Facets of its mesh; None for a force per volume.
-    density : (d,) or (m, d)
-        Force per area or volume for factor 1, the same everywhere or one for each facet.
-    history : (steps,)
-        Factor at the end of each load step.
-    nodal : (n,) or None
-        Nodal forces for factor 1.
-    number
-        The value and amplitude in the scene, from which the factor is computed.
-    strain
-        For an initial strain: the strain for factor 1.
-    """
-
-    body: int
-    facets: Ints | None
-    density: Floats
-    history: Floats
-    nodal: Floats | None = None
-    number: Varying | Pressure | None = None
-    strain: Initial | None = None
-
-    __repr__ = short_repr
 
 
 @dataclass(frozen=True)
@@ -84,7 +51,7 @@ class Case:
         Total prescribed displacements at the end of each load step [m].
     parameter : (steps,)
         Path parameter of the scene.
-    loads : tuple of Load
+    loads : tuple of LoadHistory
         The loads whose nodal forces add up to `load`.
     scene : Scene or None
         The scene that this case was made from.
@@ -96,7 +63,7 @@ class Case:
     load: Floats | None
     prescribed: Floats
     parameter: Floats
-    loads: tuple[Load, ...] = ()
+    loads: tuple[LoadHistory, ...] = ()
     scene: Scene | None = None
     gaps: Floats | MovingGaps | None = None
 
@@ -168,7 +135,12 @@ class Case:
             raise ValueError(
                 "this case was made without a scene: loads between its steps are unknown"
             )
-        return along(self.scene, self.model, self.loads, np.atleast_1d(np.asarray(t)))
+        histories = Histories(self.scene, np.atleast_1d(np.asarray(t)))
+        loads = tuple(
+            replace(load, history=histories.evaluate(load.number))
+            for load in self.loads
+        )
+        return _make_case(self.scene, self.model, loads, histories)
 
     def solve(
         self,
@@ -348,7 +320,7 @@ class Case:
         strained = sum(
             np.outer(one.history, one.nodal)
             for one in self.loads
-            if one.strain is not None and one.nodal is not None
+            if one.load is not None and one.load.strain is not None
         )
         found = inspect(
             self.model, load=self.load, prescribed=self.prescribed, strained=strained
@@ -373,7 +345,11 @@ class Case:
         Mean over each cell of all bodies, at the end of a load step; None without initial
         strains. The total stress is this plus the stress of the displacements.
         """
-        acting = [load for load in self.loads if load.strain is not None]
+        acting = [
+            (one.load, one.history)
+            for one in self.loads
+            if one.load is not None and one.load.strain is not None
+        ]
         if not acting:
             return None
         if isinstance(step, Step) and step.cycle is not None:
@@ -387,11 +363,12 @@ class Case:
         counts = [int(body.mesh.t.shape[1]) for body in self.model.bodies]
         ends = np.cumsum([0, *counts])
         found = np.zeros((ends[-1], 3, 3))
-        for load in acting:
-            body = self.model.bodies[load.body]
+        for load, history in acting:
+            b = body_index(self.model.bodies, load.body)
+            body = self.model.bodies[b]
             still = np.zeros(body.points.size)
             unit = stress(body, still, load.strain, space=True)
-            found[ends[load.body] : ends[load.body + 1]] += load.history[step] * unit
+            found[ends[b] : ends[b + 1]] += history[step] * unit
         return found
 
     def rest_of(self, k: int, step: Step) -> Floats | None:
@@ -408,7 +385,7 @@ class Case:
             return float(self.parameter[k])
         if self.scene is None:
             return step.s
-        return float(_parameter(self.scene.path, np.array([step.s]))[0])
+        return float(Histories(self.scene, np.array([step.s])).parameter[0])
 
     def loaded(self, result: Sequence[Step]) -> list[Step]:
         """Add the loads to steps read from a file, which does not store them."""
@@ -430,230 +407,44 @@ class Case:
         load = np.zeros(self.model.n) if case.load is None else case.load[0]
         return load, case.prescribed[0], None if case.gaps is None else case.gaps[0]
 
-    def contacts_of(self, name: str) -> Ints:
-        """Numbers of the contacts on a surface ``"body.surface"``, ascending.
 
-        The surface is ``on`` of the contact's table: its nodes are the contacts.
+def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) -> Case:
+    """Make the arrays of a scene on its meshes; all but K without ``stiffness``.
 
-        Raises
-        ------
-        ValueError
-            No contact is on it; the message lists the surfaces with contacts.
-        """
-        known = self.contacts
-        if name not in known:
-            raise ValueError(f"there is no contact on {name!r}{instead(name, known)}")
-        return known[name]
-
-    @property
-    def contacts(self) -> dict[str, Ints]:
-        """Numbers of the contacts on each surface that has contacts."""
-        names = [f"{c.body}.{c.surface}" for c in self.model.contacts]
-        own = np.array(names)[self.model.group]
-        return {name: np.flatnonzero(own == name) for name in dict.fromkeys(names)}
-
-    def contact_force(self, result: Result, name: str) -> Floats:
-        """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
-
-        In global components.
-        """
-        contacts = self.contacts_of(name)
-        found = np.zeros((len(result), self.model.dim))
-        for force, step in zip(found, result, strict=True):
-            frame = of_step(step, self.model.frame)[contacts]
-            force[:] = np.einsum("ck,ckd->d", step.reaction[contacts], frame)
-        return found
-
-    def support_force(self, result: Result, name: str) -> Floats:
-        """Force of the supports on a surface on their body, ``(steps, d)`` [N].
-
-        ``K u - f - Bᵀ r`` at the prescribed degrees of freedom, in global components. One
-        that several supports prescribe counts once in each surface.
-
-        Raises
-        ------
-        ValueError
-            No support is on it; the message lists the surfaces with supports.
-        """
-        model = self.model
-        names = [
-            s.body if s.surface is None else f"{s.body}.{s.surface}"
-            for s in model.supports
-        ]
-        mine = [
-            d
-            for d, known in zip(model.support_dofs, names, strict=True)
-            if known == name
-        ]
-        if not mine:
-            raise ValueError(
-                f"there is no support on {name!r}" + instead(name, dict.fromkeys(names))
-            )
-        dofs = np.unique(np.concatenate([d.ravel() for d in mine]))
-        found = np.zeros((len(result), model.dim))
-        for force, step in zip(found, result, strict=True):
-            out = model.K[dofs] @ step.displacement
-            out -= model.in_step(step).B[:, dofs].T @ step.reaction.ravel()
-            if step.load is not None:
-                out -= step.load[dofs]
-            np.add.at(force, dofs % model.dim, out)
-        return found
-
-    def reference_motion(self, result: Result, name: str) -> tuple[Floats, Floats]:
-        """Translation ``(steps, d)`` and rotation ``(steps, 3)`` of a reference point.
-
-        Parameters
-        ----------
-        result
-            Result of this case, with displacements.
-        name
-            An obstacle with a force: its translation in addition to its ``move``, and no
-            rotation. Or a remote that is not distributed: translation [m] and rotation
-            [rad], in the plane ``(steps, 1)``.
-
-        Raises
-        ------
-        ValueError
-            There is no such reference point; the message lists the known ones.
-        """
-        return self.model.reference_motion(
-            name, np.stack([step.displacement for step in result])
-        )
-
-    def reference_force(self, result: Result, name: str) -> tuple[Floats, Floats]:
-        """Total force ``(steps, d)`` [N] and moment at a reference point [N m].
-
-        ``K u - Bᵀ r`` at its degrees of freedom: the loads, and the reactions of its
-        prescribed components, which balance the contact forces of an obstacle and the
-        stress at a rigid set. Arguments and errors as `reference_motion`; the moment has
-        the shape of the rotation. A component that a support on nodes of the set
-        determines is zero here: its reaction is in `support_force`. So is one that another
-        set with common nodes determines: its load is part of the force of that set.
-        """
-        model = self.model
-        one = reference_named(model.references, name)
-        dofs = np.concatenate([one.dofs, one.turns])
-        carried = np.ones(len(dofs))
-        if model.ties is not None:
-            carried[np.isin(dofs, model.ties.dependent)] = 0.0
-        K = model.K[dofs]
-        force = np.stack(
-            [
-                K @ step.displacement
-                - model.in_step(step).B[:, dofs].T @ step.reaction.ravel()
-                for step in result
-            ]
-        )
-        force *= carried
-        d = model.dim
-        return force[:, :d], force[:, d:] * (one.arm or 1.0)
+    Raises
+    ------
+    SceneError
+        Mistakes that need the meshes: nodes of a pair that do not match, supports that
+        contradict each other, a contact without nodes.
+    """
+    try:
+        make = assemble_model if stiffness else without_stiffness
+        model = make(meshed, **make_parts(scene))
+        histories = Histories(scene)
+        loads = make_loads(scene, histories, meshed, model)
+        return _make_case(scene, model, loads, histories)
+    except SceneError:
+        raise
+    except ValueError as error:
+        mistake = Mistake("", str(error), MistakeKind.MESH)
+        raise SceneError(scene.title, [mistake]) from error
 
 
-def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Case:
-    """Make the case whose load steps end at ``t (steps,)``."""
-    count = scene.path.count()
-    if not ((t >= 0) & (t <= count)).all():
-        raise ValueError(
-            f"t is {t.tolist()}, expected values from 0 to {count}, the number of load "
-            "steps"
-        )
-    history = _histories(scene.path, t)
-    load = np.zeros((len(t), model.n))
-    acting = []
+def _make_case(
+    scene: Scene,
+    model: Assembly,
+    loads: tuple[LoadHistory, ...],
+    histories: Histories,
+) -> Case:
+    load = np.zeros((len(histories.ends), model.n))
     for one in loads:
-        if one.number is None or one.nodal is None:
-            raise ValueError("loads holds one without number, not made from a scene")
-        acting.append(replace(one, history=history(one.number)))
-        np.add(load, np.outer(acting[-1].history, one.nodal), out=load)
-    rows = [[history(v) for v in s.components().values()] for s in scene.support]
-    points = {
-        name: [history(v) for v in remote.given().get("move", {}).values()]
-        + [np.deg2rad(history(v)) for v in remote.given().get("turn", {}).values()]
-        for name, remote in scene.remote.items()
-        if not remote.distributed
-    }
-    prescribed = [
-        model.prescribed(
-            [[float(h[step]) for h in row] for row in rows],
-            {name: [float(h[step]) for h in row] for name, row in points.items()},
-        )
-        for step in range(len(t))
-    ]
+        np.add(load, np.outer(one.history, one.nodal), out=load)
     return Case(
         model=model,
         load=load if load.any() else None,
-        prescribed=np.array(prescribed).reshape(len(t), len(model.fixed)),
-        parameter=_parameter(scene.path, t),
-        loads=tuple(acting),
+        prescribed=histories.prescribe(model),
+        parameter=histories.parameter,
+        loads=loads,
         scene=scene,
-        gaps=_gaps(scene, model, t),
+        gaps=find_gaps(scene, model, histories.ends),
     )
-
-
-def _histories(path: LoadPath, t: Floats) -> Callable[[Varying | Pressure], Floats]:
-    """Function that evaluates a number of the scene at the ends ``t`` of steps."""
-    factor = {name: a.at(t, path.count()) for name, a in path.amplitude.items()}
-    # Without an amplitude a number grows in the first load step and then stays constant.
-    constant = np.minimum(t, 1.0)
-
-    def history(number: Varying | Pressure) -> Floats:
-        found: Floats = number.value * (
-            factor[number.amplitude] if number.amplitude else constant
-        )
-        return found
-
-    return history
-
-
-def _parameter(path: LoadPath, t: Floats) -> Floats:
-    if path.parameter is None:
-        return t.astype(np.float64)
-    return path.amplitude[path.parameter].at(t, path.count())
-
-
-def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
-    """Motion of an obstacle at the ends ``t`` of steps; None if it is at rest."""
-    if rigid.move is None and rigid.turn is None:
-        return None
-    history = _histories(path, t)
-    turn = rigid.turn
-    about = turn.about if turn is not None and turn.about else rigid.centre
-    axis = None if turn is None else turn.axis
-    moved = {} if rigid.move is None else rigid.move.components()
-    # The file of a surface has not been read here: z or an axis means three dimensions.
-    in_space = 2 in moved or axis is not None
-    dim = len(about) if about else 3 if in_space else 2
-    translation = np.zeros((len(t), dim))
-    for k, number in moved.items():
-        translation[:, k] = history(number)
-    return Motion(
-        translation,
-        None if turn is None else history(turn.angle),
-        about=None if turn is None else about,
-        axis=axis,
-        degrees=True,
-    )
-
-
-def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | MovingGaps | None:
-    """Gaps at the ends of steps; None if no obstacle moves."""
-    whole = model.gaps(scene.path.count())
-    if whole is None:
-        return None
-    found = []
-    for place in t:
-        before = int(place)
-        if before == place and before > 0:
-            ended = model.placed_between(before, [None] * len(scene.contact))
-        else:
-            ends = np.array([before, place], np.float64)
-            motions = [
-                motion_of(scene.obstacle[c.obstacle], scene.path, ends)
-                if c.obstacle
-                else None
-                for c in scene.contact
-            ]
-            ended = model.placed_between(before, motions)
-        if ended is not None:
-            found.append(ended)
-    return drop_equal_frames(join_steps(found), model.frame)

@@ -5,28 +5,12 @@ Only the standard library is imported, so that `bipot scenes` starts quickly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from bipot_rs._lib.messages import nearest
+from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 
 _SHIPPED = Path(__file__).with_name("examples")
-
-
-class SceneError(ValueError):
-    """Mistakes in a scene; ``problems`` lists them, each with its key path."""
-
-    def __init__(self, name: str, problems: Sequence[str]) -> None:
-        super().__init__(name, list(problems))
-        self.problems = list(problems)
-        self.name = name
-
-    def __str__(self) -> str:
-        head = f"scene {self.name!r}"
-        if len(self.problems) == 1:
-            return f"{head}: {self.problems[0]}"
-        lines = "".join(f"\n  {problem}" for problem in self.problems)
-        return f"{head} has {len(self.problems)} mistakes:{lines}"
 
 
 def shipped() -> list[str]:
@@ -67,7 +51,8 @@ def text(name: str) -> str:
     path = _SHIPPED / f"{name}.toml" if name in shipped() else Path(name)
     try:
         if not path.is_file():
-            raise SceneError(name, [_nothing(path)])
+            raise SceneError(name, [Mistake("", _nothing(path), MistakeKind.FILE)])
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(name, [f"cannot be read: {error}"]) from error
+        mistake = Mistake("", f"cannot be read: {error}", MistakeKind.FILE)
+        raise SceneError(name, [mistake]) from error

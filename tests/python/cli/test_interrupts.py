@@ -45,7 +45,7 @@ def hit(
         ("bipot_rs.files.export:require", INT),
         ("bipot_rs.scene.reading:read", TERM),
         ("bipot_rs.scene.build:bodies", INT),
-        ("bipot_rs.scene.reading:assemble", TERM),
+        ("bipot_rs.scene.case:assemble", TERM),
         ("bipot_rs._core:Condensed", INT),
         ("bipot_rs._core:Path", TERM),
     ],

@@ -286,7 +286,7 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     assert "cannot resume: there is no" in refusal()
 
 
-@pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])
+@pytest.mark.parametrize("place", ["scene.build:bodies", "scene.case:assemble"])
 @pytest.mark.quick_variants("scene.build:bodies")
 def test_a_file_without_contacts_is_resumed(
     place: str, whole: Path, tmp_path: Path

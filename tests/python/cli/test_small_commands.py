@@ -23,7 +23,8 @@ from bipot_rs.cli.commands.schema import schema
 from bipot_rs.cli.run import cost_forecast
 from bipot_rs.cli.run.names import ENGINES
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.scene.library import SceneError, shipped, text
+from bipot_rs.scene.library import shipped, text
+from bipot_rs.scene.mistakes import SceneError
 from bipot_rs.scene.schema.root import Solver
 
 SMALL = ("--set", "mesh.n=4")

@@ -348,7 +348,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
     result = case.model.problem().solve(case.load, case.prescribed)
     # The side holds x and the rotation: only y is free, and it balances.
     assert discretisation_error(case, result).kind == BOUND
-    loads = tuple(replace(load, density=2 * load.density) for load in case.loads)
+    loads = tuple(replace(load, history=2 * load.history) for load in case.loads)
     wrong = replace(case, load=2 * np.asarray(case.load), loads=loads)
     with pytest.raises(ValueError, match="contact alone keeps a body from moving"):
         discretisation_error(wrong, result)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.fem.checks.inspection import inspect
+from bipot_rs.fem.resultants import contact_force
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
@@ -382,7 +383,7 @@ def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
         result.save(file)
         again = bp.load(file)
         assert (case.model.inclined is None) == (name == "straight")
-        force = case.contact_force(result, "it.bottom")[0]
+        force = contact_force(case.model, result, "it.bottom")[0]
         u = again[0].displacement.reshape(-1, 2)
         steps.append((u, force))
     (u, force), (v, other) = steps

@@ -10,6 +10,7 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
+from bipot_rs.fem.resultants import contact_force, support_force
 from support.rollers import roller
 
 pytestmark = pytest.mark.needs_extra
@@ -257,8 +258,8 @@ def test_automatic_steps_are_those_of_the_path_in_parts() -> None:
 def test_forces_of_supports_and_contacts_balance_in_each_step() -> None:
     case = roller().assemble()
     result = case.solve(tol=TOL)
-    pushed = case.contact_force(result, "block.top")
-    held = case.support_force(result, "block.bottom")
+    pushed = contact_force(case.model, result, "block.top")
+    held = support_force(case.model, result, "block.bottom")
     size = np.abs(pushed).max()
     np.testing.assert_allclose(pushed, -held, rtol=0, atol=1e-9 * size)
     np.testing.assert_allclose(pushed, result.resultant, rtol=0, atol=1e-12 * size)

@@ -69,7 +69,8 @@ def test_other_commands_do_not_take_the_engine(
 def test_a_scene_with_the_engine_in_python(tmp_path: Path) -> None:
     """The object of a scene solves on one process."""
     from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.reading import assemble, read
+    from bipot_rs.scene.case import assemble
+    from bipot_rs.scene.reading import read
 
     scene = read("sheared_cube", ["mesh.n=2", "solver.engine=petsc"])
     with pytest.raises(ValueError, match="solves scenes by bipot run, under mpirun"):

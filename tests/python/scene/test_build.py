@@ -11,7 +11,7 @@ import bipot_rs as bp
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import Estimator
 from bipot_rs.mesh.elements import KINDS
-from bipot_rs.scene.case import motion_of
+from bipot_rs.scene.histories import Histories
 from support import places
 from support.children import bipot, bipot_with
 from support.comparisons import bits, content
@@ -389,7 +389,7 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
     m.strain("part.middle", tensor=[[1, 0], [0, 1]])
     with pytest.raises(scene.SceneError) as refused:
         m.assemble()
-    places = [problem.partition(":")[0] for problem in refused.value.problems]
+    places = [mistake.key for mistake in refused.value.mistakes]
     assert places == [
         "support.1.on",
         "strain.1.on",
@@ -547,7 +547,7 @@ def test_a_roller_turns_about_its_own_middle() -> None:
     m.body("block", material="steel", cell="quadrilateral", x=side, y=side)
     m.support("block.bottom", x=0, y=0)
     m.contact("block.top", against="roller", mu=0.3)
-    found = motion_of(m.scene.obstacle["roller"], m.scene.path, np.array([1.0, 2.0]))
+    found = Histories(m.scene).make_motion(m.scene.obstacle["roller"])
     assert found is not None
     assert np.asarray(found.about).tolist() == [16.0, 23.0]
     assert found.degrees

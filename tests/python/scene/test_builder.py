@@ -2,7 +2,6 @@
 
 import doctest
 import pickle
-import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 
 import bipot_rs as bp
 from bipot_rs import scene
-from bipot_rs._lib import toml_text
 from bipot_rs.scene import builder
 from bipot_rs.scene.schema.root import Scene
 from support.children import bipot
@@ -142,7 +140,7 @@ def test_several_contacts_of_one_surface() -> None:
     m.contact(more.pop("on"), **more)
     case = m.assemble()
     assert sorted(set(case.model.group.tolist())) == [0, 1]
-    np.testing.assert_array_equal(case.contacts_of("block.bottom"), np.arange(5))
+    np.testing.assert_array_equal(m.contacts["block.bottom"], np.arange(5))
 
 
 def test_a_result_keeps_its_names_through_a_pickle() -> None:
@@ -172,42 +170,6 @@ def test_changes_equal_those_of_the_command_line() -> None:
     assert m == bp.Model.from_toml("cattaneo_mindlin")
     with pytest.raises(ValueError, match="contact is a list of 1 entry"):
         m.with_(**{"contact.1.mu": 0.5})
-
-
-PLAIN = st.one_of(
-    st.booleans(),
-    st.integers(),
-    st.floats(allow_nan=False),
-    st.text(st.characters(exclude_categories=["Cs"])),
-)
-KEYS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-ANY = st.recursive(
-    PLAIN,
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3)
-    ),
-    max_leaves=12,
-)
-
-
-def same(one: Any, other: Any) -> bool:
-    """Equal, with equal types: 1, 1.0 and true are different."""
-    if type(one) is not type(other):
-        return False
-    if isinstance(one, dict):
-        return list(one) == list(other) and all(same(one[k], other[k]) for k in one)
-    if isinstance(one, list):
-        return len(one) == len(other) and all(map(same, one, other))
-    return bool(one == other)
-
-
-@given(st.dictionaries(KEYS, ANY, max_size=5))
-@settings(max_examples=120, deadline=None)
-def test_any_table_there_and_back(table: dict[str, Any]) -> None:
-    back = tomllib.loads(toml_text.text(table))
-    # Plain values come first; otherwise the order is kept.
-    assert back.keys() == table.keys()
-    assert all(same(back[key], table[key]) for key in table)
 
 
 SIZES = st.floats(1e-3, 1e6)
@@ -265,7 +227,8 @@ def test_wrong_indices_of_list_entries(key: str, said: str) -> None:
     m._table["spring"] = []
     with pytest.raises(scene.SceneError) as refused:
         m.with_(**{key: 0.5})
-    assert refused.value.problems == [f"{key}: {said}"]
+    (mistake,) = refused.value.mistakes
+    assert (mistake.key, mistake.message) == (key, said)
 
 
 def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
@@ -273,21 +236,13 @@ def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
     half = "caf\udce9"
     m = blocks()
     m._table["title"] = half
-    for path in (None, tmp_path / "scene.toml"):
-        with pytest.raises(ValueError, match="the lone surrogate"):
-            m.to_toml(path)
+    with pytest.raises(UnicodeEncodeError):
+        m.to_toml(tmp_path / "scene.toml")
     assert not list(tmp_path.iterdir())
-    with pytest.raises(scene.SceneError, match="the lone surrogate"):
+    with pytest.raises(scene.SceneError, match="surrogates not allowed"):
         bp.Model.from_toml(f'title = "{half}"\n[mesh]\n')
-    with pytest.raises(scene.SceneError, match="the lone surrogate"):
+    with pytest.raises(scene.SceneError, match="surrogates not allowed"):
         scene.read("pressed_block", [f"title={half}"])
-
-
-def without_places(problems: list[str]) -> list[str]:
-    """Messages about a file without the line and the column, which a model does not have."""
-    found = [re.subn(r" \(at line \d+, column \d+\)$", "", one) for one in problems]
-    assert all(count == 1 for _, count in found)
-    return [one for one, _ in found]
 
 
 def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
@@ -301,8 +256,8 @@ def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
         m.solve()
     with pytest.raises(ValueError) as of_file:
         scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.problems == without_places(of_file.value.problems)
-    assert any(p.startswith("support.2.w: unknown") for p in of_model.value.problems)
+    assert of_model.value.mistakes == of_file.value.mistakes
+    assert any(m.key == "support.2.w" for m in of_model.value.mistakes)
     # Mistakes that involve several tables give the same messages.
     m = blocks()
     m.contact("upper.under", plane={"point": [0, 0, 0], "normal": [0, 0]}, mu=0.1)
@@ -312,8 +267,8 @@ def test_mistakes_give_the_messages_of_the_file(tmp_path: Path) -> None:
         m.assemble()
     with pytest.raises(ValueError) as of_file:
         scene.read(str(tmp_path / "wrong.toml"))
-    assert of_model.value.problems == without_places(of_file.value.problems)
-    assert len(of_model.value.problems) == 6
+    assert of_model.value.mistakes == of_file.value.mistakes
+    assert len(of_model.value.mistakes) == 6
 
 
 def test_mistakes_reported_by_the_call_itself() -> None:
@@ -323,7 +278,7 @@ def test_mistakes_reported_by_the_call_itself() -> None:
     with pytest.raises(ValueError, match="three names, for length, force, stress"):
         bp.Model(units="mm")
     m.support("upper.top", x=object())
-    with pytest.raises(TypeError, match=r"support\.2\.x is a object, expected a table"):
+    with pytest.raises(TypeError, match="not TOML serializable"):
         m.to_toml()
     with pytest.raises(ValueError, match="is neither a file nor one of"):
         bp.Model.from_toml("nowhere.toml")

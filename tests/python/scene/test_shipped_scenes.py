@@ -234,7 +234,7 @@ def test_graded_grid() -> None:
 def test_all_mistakes_are_reported(settings: list[str], problems: list[str]) -> None:
     with pytest.raises(scene.SceneError) as caught:
         scene.read("two_blocks", settings)
-    found = caught.value.problems
+    found = [str(mistake) for mistake in caught.value.mistakes]
     assert len(found) == len(problems), found
     for problem, start in zip(found, problems, strict=True):
         assert problem.startswith(start)
@@ -256,7 +256,7 @@ def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     table["body"]["cube"]["zzz"] = 1
     with pytest.raises(scene.SceneError) as caught:
         scene.checked("mine", table)
-    found = caught.value.problems
+    found = [str(mistake) for mistake in caught.value.mistakes]
     (young,) = (f"material.{name}.young" for name in table["material"])
     for k in (0, 299):
         assert f"contact.{k}.young: unknown key, did you mean {young}?" in found

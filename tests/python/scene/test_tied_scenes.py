@@ -279,6 +279,4 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 def test_mistakes(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(scene.SceneError) as error:
         block().with_(**changes).assemble()
-    assert any(problem.startswith(message) for problem in error.value.problems), (
-        error.value
-    )
+    assert any(str(m).startswith(message) for m in error.value.mistakes), error.value

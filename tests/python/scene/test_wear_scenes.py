@@ -12,7 +12,8 @@ import bipot_rs as bp
 from bipot_rs.cli.entry import call
 from bipot_rs.plots.wear import both
 from bipot_rs.scene.build import bodies
-from bipot_rs.scene.reading import assemble, read
+from bipot_rs.scene.case import assemble
+from bipot_rs.scene.reading import read
 
 # The contact of Cattaneo and Mindlin on a coarse mesh: pressed, then moved to and fro.
 FRETTING = (

@@ -61,7 +61,8 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     from bipot_rs.cli.run import cost_forecast
     from bipot_rs.petsc.run.ranks import read_launcher
     from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.reading import assemble, read
+    from bipot_rs.scene.case import assemble
+    from bipot_rs.scene.reading import read
 
     scene = read(name, settings)
     cost_forecast.fits(scene)

@@ -327,7 +327,8 @@ def _case(
     """Mesh the bodies of a result again; an error if the scene is not the one solved."""
     from bipot_rs.cli.run.resume import stamps
     from bipot_rs.scene.build import bodies as made
-    from bipot_rs.scene.reading import assemble, read
+    from bipot_rs.scene.case import assemble
+    from bipot_rs.scene.reading import read
 
     solved = str(attributes.get("scene", ""))
     if "scene_digest" not in attributes:

@@ -275,7 +275,7 @@ class Job(SharedRunner):
         from bipot_rs.cli.run.output_files import contacts
         from bipot_rs.cli.run.resume import same_contacts
         from bipot_rs.scene.build import bodies
-        from bipot_rs.scene.reading import assemble
+        from bipot_rs.scene.case import assemble
 
         done = self.done
         with self._phase("mesh"):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.study import axes
+from bipot_rs.scene.mistakes import Mistake, MistakeKind
 
 if TYPE_CHECKING:
     from bipot_rs.scene.schema.root import Scene
@@ -112,7 +113,7 @@ def plan(
         ``settings`` or ``ranges`` are wrong.
     """
     from bipot_rs.cli.run.cost_forecast import assembly
-    from bipot_rs.scene.library import SceneError
+    from bipot_rs.scene.mistakes import SceneError
     from bipot_rs.scene.reading import read
 
     rows = axes.rows(settings, ranges)
@@ -121,7 +122,7 @@ def plan(
         try:
             found = read(scene, written(row))
         except SceneError as error:
-            _whole(ranges, error.problems)
+            _refuse_fractions(ranges, error.mistakes)
             first = error if first is None else first
             digests.append("")
             costs.append((0.0, 0))
@@ -148,11 +149,11 @@ def plan(
     )
 
 
-def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
+def _refuse_fractions(ranges: Sequence[str], mistakes: Sequence[Mistake]) -> None:
     """Refuse a range with fractions for a key that takes integers."""
     for setting in ranges:
         key, found = axes.spaced(setting)
-        if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
+        if any(m.key == key and m.kind is MistakeKind.INTEGER for m in mistakes):
             shown = [f"{float(v):.6g}" for v in found[:4]]
             shown += ["…"] if len(found) > len(shown) else []
             raise ValueError(

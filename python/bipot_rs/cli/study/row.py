@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _NEEDED = (
     "bipot_rs.cli.run.cost_forecast",
     "bipot_rs.cli.run.report",
+    "bipot_rs.scene.case",
     "bipot_rs.scene.reading",
 )
 
@@ -75,7 +76,7 @@ def solve_as(row: Row, digest: str) -> dict[str, Any] | str:
 
     A row without a digest has mistakes, which `solve` reports.
     """
-    from bipot_rs.scene.library import SceneError
+    from bipot_rs.scene.mistakes import SceneError
     from bipot_rs.scene.reading import read
 
     try:
@@ -96,7 +97,8 @@ def peak(scene: str, settings: Mapping[str, str]) -> float:
     """Most bytes that solving a row takes, without solving it."""
     from bipot_rs.cli.run import cost_forecast
     from bipot_rs.scene.build import bodies
-    from bipot_rs.scene.reading import assemble, read
+    from bipot_rs.scene.case import assemble
+    from bipot_rs.scene.reading import read
 
     found = read(scene, written(settings))
     return cost_forecast.peak(assemble(found, bodies(found)))
@@ -135,7 +137,8 @@ class _Attempt:
         from bipot_rs.cli.run import cost_forecast
         from bipot_rs.contact.results.tables import row as of_step
         from bipot_rs.scene.build import bodies
-        from bipot_rs.scene.reading import assemble, read
+        from bipot_rs.scene.case import assemble
+        from bipot_rs.scene.reading import read
 
         row = self.row
         self.scene = scene = read(row.scene, written(row.settings))

@@ -18,15 +18,15 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
-from bipot_rs.fem.bodies.body import Body, Box, Field, Quadrature
+from bipot_rs.fem.bodies.body import Body, Box, Field
 from bipot_rs.fem.bodies.boundary import Spring
-from bipot_rs.fem.bodies.elasticity import nodal_forces, vtk_cells
-from bipot_rs.fem.bodies.loads import Load
-from bipot_rs.fem.bodies.stress_recovery import Initial, initial_forces
+from bipot_rs.fem.bodies.elasticity import vtk_cells
+from bipot_rs.fem.bodies.loads import Load, PointLoad
+from bipot_rs.fem.bodies.stress_recovery import Initial
 from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.constraints.references import (
     Reference,
@@ -414,10 +414,10 @@ class Assembly:
             )
         return self.moving
 
-    def gaps_between(
+    def move_obstacles(
         self, before: int, motions: Sequence[Motion | None]
-    ) -> Floats | MovingGaps | None:
-        """Gaps after a part of a load step, in the form of `gaps`.
+    ) -> MovingGaps | None:
+        """Gaps after a part of a load step; None if no obstacle moves.
 
         Parameters
         ----------
@@ -425,30 +425,21 @@ class Assembly:
             Number of completed load steps; the part starts there.
         motions
             For each contact, the motion of its obstacle in two states, the first that of
-            ``before``; None for an obstacle at rest.
+            ``before``; None for an obstacle that stays.
 
         Returns
         -------
-        (n_c, d), bipot_rs.MovingGaps or None
-            None if no obstacle moves. The gaps depend only on where the part ends, not on
-            how the load step is divided.
+        bipot_rs.MovingGaps
+            Of one step. They depend only on where the part ends, not on how the load step
+            is divided.
         """
-        found = self.placed_between(before, motions)
-        return None if found is None else drop_equal_frames(found, self.frame)
-
-    def placed_between(
-        self, before: int, motions: Sequence[Motion | None]
-    ) -> MovingGaps | None:
-        """As `gaps_between`, with frames also if they are those of B."""
         if self._path is None:
             return None
-        gap, frame = self.gap, self.frame
+        gap, frame = self.gap.copy(), self.frame.copy()
         drag: Floats = np.zeros_like(self.points)
         if before:
             last = self._path[before - 1]
             gap, frame, drag = last.gap.copy(), last.frame.copy(), last.drag.copy()
-        else:
-            gap, frame = gap.copy(), frame.copy()
         for group, motion in enumerate(motions):
             if motion is not None:
                 at, contact = self.group == group, self.contacts[group]
@@ -458,6 +449,47 @@ class Assembly:
                 drag[at] += met.drag[0]
                 frame[at] = frames_of_steps(contact, frame[at], met.normal, turned)[0]
         return MovingGaps(gap, frame, drag)
+
+    def nodal_forces(self, load: Load | PointLoad) -> Floats:
+        """Nodal forces ``(n,)`` of a load for a factor of 1 [N].
+
+        Raises
+        ------
+        ValueError
+            A name does not exist, or a moment has no arm.
+        """
+        if isinstance(load, PointLoad):
+            return self._point_forces(load)
+        index = body_index(self.bodies, load.body)
+        forces, first = np.zeros(self.n), self.offset[index]
+        own = load.forces(self.bodies[index])
+        forces[first : first + own.size] = own
+        return self._within_constraints(forces)
+
+    def _point_forces(self, load: PointLoad) -> Floats:
+        forces = np.zeros(self.n)
+        for remote in self.remotes:
+            if remote.name == load.name and remote.distributed:
+                from bipot_rs.fem.constraints.distributed_force import distributed_force
+
+                index = body_index(self.bodies, remote.body)
+                own = distributed_force(
+                    self.bodies[index], remote, load.force, load.moment
+                )
+                first = self.offset[index]
+                forces[first : first + own.size] = own
+                return self._within_constraints(forces)
+        point = reference_named(self.references, load.name)
+        dofs = np.concatenate([point.dofs, point.turns])
+        forces[dofs] = point.force(load.force, load.moment)
+        # A dependent degree of freedom of the point passes its load on.
+        return forces if self.ties is None else self.ties.load(forces)
+
+    def _within_constraints(self, forces: Floats) -> Floats:
+        """Forces without the part that inclined supports and ties take."""
+        if self.ties is not None:
+            return self.ties.load(forces)
+        return forces if self.inclined is None else self.inclined.within @ forces
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a surface traction.
@@ -470,20 +502,15 @@ class Assembly:
             Force per area ``(d,)`` [Pa], or a function of the positions
             ``(d, ...)`` that returns ``(d, ...)``.
         """
-        index = body_index(self.bodies, body)
-        return self._forces(index, self.bodies[index].surface(surface), value)
+        return self.nodal_forces(Load(body, surface, traction=value))
 
     def pressure(self, body: str, surface: str, value: float) -> Floats:
         """Consistent nodal forces ``(n,)`` of a pressure, positive inwards [Pa]."""
-        number("value", value)
-        index = body_index(self.bodies, body)
-        points = self.bodies[index].surface(surface)
-        return self._forces(index, points, -value * np.asarray(points.normals))
+        return self.nodal_forces(Load(body, surface, pressure=value))
 
     def body_force(self, body: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a force per volume [N/m³], as `traction`."""
-        index = body_index(self.bodies, body)
-        return self._forces(index, self.bodies[index].volume(), value)
+        return self.nodal_forces(Load(body, force=value))
 
     def initial_strain(self, body: str, strain: Initial) -> Floats:
         """Nodal forces ``(n,)`` equivalent to an initial strain, such as heating [N].
@@ -498,8 +525,7 @@ class Assembly:
             names to these (`bipot_rs.fem.bodies.stress_recovery`). `stress` takes it as
             ``initial``.
         """
-        index = body_index(self.bodies, body)
-        return self._at(index, initial_forces(self.bodies[index], strain))
+        return self.nodal_forces(Load(body, strain=strain))
 
     def displacement_of(self, body: str, displacement: ArrayLike) -> Floats:
         """Displacement ``(nodes, d)`` of one body, from that of all bodies, ``(n,)``."""
@@ -509,45 +535,11 @@ class Assembly:
         size = self.bodies[index].points.size
         return u[first : first + size].reshape(-1, self.dim)
 
-    def _at(self, index: int, own: Floats) -> Floats:
-        f, first = np.zeros(self.n), self.offset[index]
-        f[first : first + own.size] = own
-        if self.ties is not None:
-            return self.ties.load(f)
-        return f if self.inclined is None else self.inclined.within @ f
-
-    def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
-        return self._at(index, nodal_forces(self.bodies[index], points, value))
-
     def reference_force(
         self, name: str, force: ArrayLike | None = None, moment: ArrayLike | None = None
     ) -> Floats:
-        """Forces ``(n,)`` of a force and a moment at a reference point.
-
-        Parameters
-        ----------
-        name
-            A floating obstacle, which takes no moment, or a remote.
-        force, moment
-            ``(d,)`` [N], and about the point ``(3,)``, in the plane a number [N m].
-
-        Raises
-        ------
-        ValueError
-            There is no reference point of this name, or the moment has no arm.
-        """
-        for remote in self.remotes:
-            if remote.name == name and remote.distributed:
-                from bipot_rs.fem.constraints.distributed_force import distributed_force
-
-                index = body_index(self.bodies, remote.body)
-                own = distributed_force(self.bodies[index], remote, force, moment)
-                return self._at(index, own)
-        one = reference_named(self.references, name)
-        f = np.zeros(self.n)
-        f[np.concatenate([one.dofs, one.turns])] = one.force(force, moment)
-        # A dependent degree of freedom of the point passes its load on.
-        return f if self.ties is None else self.ties.load(f)
+        """Nodal forces ``(n,)`` of a `PointLoad`."""
+        return self.nodal_forces(PointLoad(name, force, moment))
 
     def reference_motion(
         self, name: str, displacement: ArrayLike

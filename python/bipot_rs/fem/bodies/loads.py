@@ -87,3 +87,20 @@ class Load:
         return nodal_forces(
             body, points, -float(self.pressure or 0.0) * np.asarray(points.normals)
         )
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A force and a moment at the reference point of an obstacle or a remote.
+
+    Parameters
+    ----------
+    name
+        A floating obstacle, which takes no moment, or a remote.
+    force, moment
+        ``(d,)`` [N], and about the point ``(3,)``, in the plane a number [N m].
+    """
+
+    name: str
+    force: ArrayLike | None = None
+    moment: ArrayLike | None = None

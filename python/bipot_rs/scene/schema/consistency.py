@@ -1,6 +1,6 @@
 """Checks that need more than one table of a scene: names, dimensions, sizes.
 
-Each function yields messages that begin with the key path of the mistake.
+Each function yields mistakes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from bipot_rs._lib.memory import installed
 from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
+from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.contact import Plane, Ring, Touch
 from bipot_rs.scene.schema.mesh import Block, Within
 from bipot_rs.scene.schema.root import Scene
@@ -35,8 +36,8 @@ class Known:
 
 def inconsistencies(
     scene: Scene, known: Mapping[str, Known] | None = None
-) -> list[str]:
-    """Messages about names, dimensions, grids and sizes that contradict each other.
+) -> list[Mistake]:
+    """Names, dimensions, grids and sizes that contradict each other.
 
     Parameters
     ----------
@@ -58,8 +59,8 @@ def inconsistencies(
         *_strains(scene, known, dim),
         *_contacts(scene, known, dim),
         *_obstacles(scene, dim),
-        *remotes(scene, dim),
-        *repetitions(scene, dim),
+        *check_remotes(scene, dim),
+        *check_repetitions(scene, dim),
         *_path(scene),
         *_wear(scene),
     ]
@@ -71,24 +72,26 @@ def _of_table(block: Block) -> Known:
     return Known(block.dim, [*FACES[block.dim], *block.surface], ())
 
 
-def _units(scene: Scene) -> Iterator[str]:
+def _units(scene: Scene) -> Iterator[Mistake]:
     """Units that do not fit together: numbers in pictures would be wrong."""
     problem = inconsistent(scene.units.model_dump())
     if problem is not None:
-        yield f"units: {problem}"
+        yield Mistake("units", problem)
 
 
-def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
+def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
     if len({one.dim for one in known.values() if one.dim}) > 1:
-        yield "body: some bodies have two dimensions and some three, expected the same"
+        yield Mistake(
+            "body", "some bodies have two dimensions and some three, expected the same"
+        )
     for name, block in scene.body.items():
         if "." in name:
-            yield f"body.{name}: {_DOT}"
+            yield Mistake(f"body.{name}", _DOT)
         for end, material in block.materials.items():
             if material not in scene.material:
                 hint = f"define it as [material.{material}]"
-                problem = _unknown("material", material, scene.material, hint)
-                yield f"body.{name}.material{end}: {problem}"
+                key = f"body.{name}.material{end}"
+                yield _unknown(key, "material", material, scene.material, hint)
         if isinstance(block.material, dict):
             yield from _volumes(f"body.{name}.material", block, known[name])
         own = _box if block.mesh is None else _of_file
@@ -96,27 +99,33 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
         yield from _geometry(f"body.{name}.surface", block, known[name].dim)
 
 
-def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
+def _volumes(place: str, block: Block, known: Known) -> Iterator[Mistake]:
     if not block.material:
-        yield f"{place}: is empty, expected a material for each volume"
+        yield Mistake(place, "is empty, expected a material for each volume")
     if known.volumes is None:
         return
     for volume in block.material:
         if volume not in known.volumes:
             hint = f"{'a box' if block.mesh is None else 'its mesh file'} has none"
-            yield f"{place}: {_unknown('volume', volume, known.volumes, hint)}"
+            yield _unknown(place, "volume", volume, known.volumes, hint)
 
 
-def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
+def _box(name: str, block: Block, scene: Scene) -> Iterator[Mistake]:
     for key in ("cell", "x", "y"):
         if getattr(block, key) is None:
-            yield f"body.{name}.{key}: is missing"
+            yield Mistake(f"body.{name}.{key}", "is missing", MistakeKind.MISSING_KEY)
     if block.dim is None:
         return
     if block.z is None and block.dim == 3:
-        yield f"body.{name}.z: is missing, cell = {block.cell!r} has three dimensions"
+        yield Mistake(
+            f"body.{name}.z",
+            f"is missing, cell = {block.cell!r} has three dimensions",
+            MistakeKind.MISSING_KEY,
+        )
     elif block.z is not None and block.dim == 2:
-        yield f"body.{name}.z: remove it, cell = {block.cell!r} has two dimensions"
+        yield Mistake(
+            f"body.{name}.z", f"remove it, cell = {block.cell!r} has two dimensions"
+        )
     n = scene.mesh.n if scene.mesh else None
     sides = []
     for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
@@ -124,69 +133,85 @@ def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
             if axis is not None:
                 sides.append(len(axis.grid(n)))
         except ValueError as error:
-            yield f"body.{name}.{letter}: {error}"
+            yield Mistake(f"body.{name}.{letter}", str(error))
     if len(sides) == block.dim:
         order = scene.order(block) or 1
         nodes = math.prod(order * (side - 1) + 1 for side in sides)
         yield from _too_large(name, nodes, block.dim, scene.path.count())
 
 
-def _of_file(name: str, block: Block, _: Scene) -> Iterator[str]:
+def _of_file(name: str, block: Block, _: Scene) -> Iterator[Mistake]:
     for key in ("cell", "x", "y", "z"):
         if getattr(block, key) is not None:
-            yield f"body.{name}.{key}: is for a box, but this body has a mesh; remove one"
+            yield Mistake(
+                f"body.{name}.{key}",
+                "is for a box, but this body has a mesh; remove one",
+            )
     if "order" in block.model_fields_set:
-        yield f"body.{name}.order: is for a box; for a mesh set body.{name}.mesh.order"
+        yield Mistake(
+            f"body.{name}.order", f"is for a box; for a mesh set body.{name}.mesh.order"
+        )
 
 
-def _geometry(place: str, block: Block, dim: int | None) -> Iterator[str]:
+def _geometry(place: str, block: Block, dim: int | None) -> Iterator[Mistake]:
     for name, surface in block.surface.items():
         if block.mesh is None and block.dim is not None and name in FACES[block.dim]:
-            yield f"{place}.{name}: a box has a surface of this name, choose another name"
+            yield Mistake(
+                f"{place}.{name}",
+                "a box has a surface of this name, choose another name",
+            )
         if surface.within is None and surface.normal is None:
-            yield f"{place}.{name}: needs within or normal"
+            yield Mistake(
+                f"{place}.{name}",
+                "needs within or normal",
+            )
         if surface.within is not None:
             yield from _within(f"{place}.{name}.within", surface.within, dim)
         if surface.normal is not None:
             yield from _direction(f"{place}.{name}.normal", surface.normal, dim)
         elif "angle" in surface.model_fields_set:
-            yield f"{place}.{name}.angle: needs normal, which is missing"
+            yield Mistake(
+                f"{place}.{name}.angle",
+                "needs normal, which is missing",
+            )
 
 
-def _within(place: str, within: Within, dim: int | None) -> Iterator[str]:
+def _within(place: str, within: Within, dim: int | None) -> Iterator[Mistake]:
     given = within.box()
     if not given:
-        yield f"{place}: is empty, expected a range of x, y or z"
+        yield Mistake(place, "is empty, expected a range of x, y or z")
     for axis, (low, high) in given.items():
         if not low <= high:
-            yield f"{place}.{AXES[axis]}: should ascend, got {[low, high]}"
+            yield Mistake(f"{place}.{AXES[axis]}", f"should ascend, got {[low, high]}")
     if dim == 2 and 2 in given:
-        yield f"{place}.z: {_IN_SPACE}"
+        yield Mistake(f"{place}.z", _IN_SPACE)
 
 
-def _direction(place: str, vector: Sequence[float], dim: int | None) -> Iterator[str]:
+def _direction(
+    place: str, vector: Sequence[float], dim: int | None
+) -> Iterator[Mistake]:
     if dim is not None and len(vector) != dim:
         yield from _length(place, vector, dim)
     elif not any(vector):
-        yield f"{place}: should not be zero"
+        yield Mistake(place, "should not be zero")
 
 
 def _length(
     place: str, vector: Sequence[float] | None, dim: int | None
-) -> Iterator[str]:
+) -> Iterator[Mistake]:
     if vector and dim is not None and len(vector) != dim:
-        yield f"{place}: should have {dim} components, got {len(vector)}"
+        yield Mistake(place, f"should have {dim} components, got {len(vector)}")
 
 
-def _materials(scene: Scene) -> Iterator[str]:
+def _materials(scene: Scene) -> Iterator[Mistake]:
     for name, material in scene.material.items():
         try:
-            material.made()
+            material.make()
         except ValueError as error:
-            yield f"material.{name}: {error}"
+            yield Mistake(f"material.{name}", str(error))
 
 
-def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
+def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
     """Values of ``on``."""
     for kind in ("support", "symmetry", "spring", "traction", "pressure", "contact"):
         for i, entry in enumerate(getattr(scene, kind)):
@@ -200,117 +225,135 @@ def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
             yield from _surface(known, f"{kind}.{i}.onto", entry.onto)
     for i, force in enumerate(scene.body_force):
         if force.on not in scene.body:
-            yield f"body_force.{i}.on: {_unknown('body', force.on, scene.body)}"
+            yield _unknown(f"body_force.{i}.on", "body", force.on, scene.body)
 
 
 def _surface(
     known: Mapping[str, Known], path: str, on: str, *, inside: bool = False
-) -> Iterator[str]:
-    """Messages about a surface; ``inside`` also accepts a volume and a whole body."""
+) -> Iterator[Mistake]:
+    """A surface; ``inside`` also accepts a volume and a whole body."""
     body, dot, face = on.partition(".")
     if body not in known:
-        problem = _unknown("body", body, list(known))
         owners = [name for name, one in known.items() if on in (one.surfaces or ())]
         if owners:
             meant = " or ".join(f"{name}.{on}" for name in owners)
             problem = f"there is no body {on!r}, did you mean {meant}?"
-        yield f"{path}: {problem}"
+            yield Mistake(path, problem, MistakeKind.NAME)
+        else:
+            yield _unknown(path, "body", body, list(known))
         return
     names = known[body].surfaces
     if inside and (not dot or face in (known[body].volumes or ())):
         return
     if names is None:
         if not face:
-            yield f'{path}: should be "{body}.SURFACE", a surface that the mesh file names'
+            yield Mistake(
+                path, f'should be "{body}.SURFACE", a surface that the mesh file names'
+            )
     elif not dot or face not in names:
         hint = f"define one as [body.{body}.surface.NAME]"
         full = [f"{body}.{name}" for name in names]
-        yield f"{path}: {_unknown('surface', on, full, hint)}"
+        yield _unknown(path, "surface", on, full, hint)
 
 
-def _components(scene: Scene, dim: int | None) -> Iterator[str]:
+def _components(scene: Scene, dim: int | None) -> Iterator[Mistake]:
     for kind in ("support", "traction", "body_force"):
         for i, entry in enumerate(getattr(scene, kind)):
             yield from _given(f"{kind}.{i}", entry, dim)
     for i, support in enumerate(scene.support):
         if support.within is not None and dim == 2 and support.within.z is not None:
-            yield f"support.{i}.within.z: {_IN_SPACE}"
+            yield Mistake(f"support.{i}.within.z", _IN_SPACE)
         yield from _length(f"support.{i}.at", support.at, dim)
         if support.at is None and support.within is None and support.on in scene.body:
-            yield (
-                f"support.{i}.on: is the whole body {support.on!r}; name a surface or a "
-                "volume, or add within or at"
+            yield Mistake(
+                f"support.{i}.on",
+                f"is the whole body {support.on!r}; name a surface or a "
+                "volume, or add within or at",
             )
 
 
-def _given(place: str, entry: Components, dim: int | None) -> Iterator[str]:
+def _given(place: str, entry: Components, dim: int | None) -> Iterator[Mistake]:
     if not entry.components():
-        yield f"{place}: has no component, expected x, y or z"
+        yield Mistake(place, "has no component, expected x, y or z")
     if dim == 2 and entry.z is not None:
-        yield f"{place}.z: {_IN_SPACE}"
+        yield Mistake(f"{place}.z", _IN_SPACE)
 
 
-def _springs(scene: Scene, dim: int | None) -> Iterator[str]:
+def _springs(scene: Scene, dim: int | None) -> Iterator[Mistake]:
     for i, spring in enumerate(scene.spring):
         along = spring.normal is not None or spring.tangential is not None
         if along == (spring.stiffness is not None):
-            yield f"spring.{i}: needs stiffness, or normal and tangential"
+            yield Mistake(
+                f"spring.{i}",
+                "needs stiffness, or normal and tangential",
+            )
         if isinstance(spring.stiffness, list):
             yield from _length(f"spring.{i}.stiffness", spring.stiffness, dim)
 
 
 def _strains(
     scene: Scene, known: Mapping[str, Known], dim: int | None
-) -> Iterator[str]:
+) -> Iterator[Mistake]:
     for i, strain in enumerate(scene.strain):
         place = f"strain.{i}"
         body, _, volume = strain.on.partition(".")
         names = None if body not in known else known[body].volumes
         if body not in known:
-            yield f"{place}.on: {_unknown('body', body, list(known))}"
+            yield _unknown(f"{place}.on", "body", body, list(known))
         elif volume and names is not None and volume not in names:
             full = [f"{body}.{name}" for name in names]
             hint = f"body {body!r} has none"
-            yield f"{place}.on: {_unknown('volume', strain.on, full, hint)}"
+            yield _unknown(f"{place}.on", "volume", strain.on, full, hint)
         heat = strain.expansion is not None, strain.temperature is not None
         if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
-            yield f"{place}: needs expansion and temperature, or tensor"
+            yield Mistake(
+                place,
+                "needs expansion and temperature, or tensor",
+            )
         if strain.amplitude is not None and strain.tensor is None:
-            yield (
-                f"{place}.amplitude: needs tensor; for a thermal strain write "
-                'temperature = { value = ..., amplitude = "..." }'
+            yield Mistake(
+                f"{place}.amplitude",
+                "needs tensor; for a thermal strain write "
+                'temperature = { value = ..., amplitude = "..." }',
             )
         if strain.tensor is None:
             continue
         rows = [len(row) for row in strain.tensor]
         if rows != [len(rows)] * len(rows) or len(rows) < (dim or 2):
-            yield f"{place}.tensor: should have {dim or 3} rows of {dim or 3} numbers"
+            yield Mistake(
+                f"{place}.tensor", f"should have {dim or 3} rows of {dim or 3} numbers"
+            )
         elif any(
             strain.tensor[a][b] != strain.tensor[b][a]
             for a in range(len(rows))
             for b in range(a)
         ):
-            yield f"{place}.tensor: should be symmetric"
+            yield Mistake(f"{place}.tensor", "should be symmetric")
 
 
 def _contacts(
     scene: Scene, known: Mapping[str, Known], dim: int | None
-) -> Iterator[str]:
+) -> Iterator[Mistake]:
     for i, contact in enumerate(scene.contact):
         place = f"contact.{i}"
         if (contact.plane is None) == (contact.against is None):
-            yield f"{place}: needs exactly one of plane and against"
+            yield Mistake(
+                place,
+                "needs exactly one of plane and against",
+            )
         if contact.obstacle is not None and contact.obstacle not in scene.obstacle:
-            yield f"{place}.against: {_no_obstacle(contact.obstacle, scene)}"
+            yield _no_obstacle(f"{place}.against", contact.obstacle, scene)
         if contact.other is not None:
             yield from _surface(known, f"{place}.against", contact.other)
             if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
-                yield (
-                    f"{place}.against: should be a surface of another body, "
-                    f"got {contact.against!r}"
+                yield Mistake(
+                    f"{place}.against",
+                    f"should be a surface of another body, got {contact.against!r}",
                 )
         if contact.other is None and contact.pairing == "nodes":
-            yield f"{place}.pairing: should be 'match' or 'mortar' for a rigid obstacle"
+            yield Mistake(
+                f"{place}.pairing", "should be 'match' or 'mortar' for a rigid obstacle"
+            )
         if contact.plane is not None:
             yield from _plane(f"{place}.plane", contact.plane, dim)
         for key, vector in (
@@ -321,36 +364,43 @@ def _contacts(
         if dim is not None:
             yield from _friction(place, contact, dim)
         if contact.clearance.radius == 0:
-            yield f"{place}.clearance.radius: should not be zero"
+            yield Mistake(f"{place}.clearance.radius", "should not be zero")
 
 
-def _no_obstacle(name: str, scene: Scene) -> str:
+def _no_obstacle(key: str, name: str, scene: Scene) -> Mistake:
     if name in scene.body:
-        return (
+        message = (
             f'{name!r} is a body, expected an obstacle or a surface, "{name}.SURFACE"'
         )
+        return Mistake(key, message, MistakeKind.NAME)
     hint = f"define it as [obstacle.{name}]"
-    return _unknown("obstacle", name, scene.obstacle, hint)
+    return _unknown(key, "obstacle", name, scene.obstacle, hint)
 
 
-def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[str]:
+def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[Mistake]:
     yield from _length(f"{place}.point", plane.point, dim)
     yield from _direction(f"{place}.normal", plane.normal, dim)
 
 
-def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
+def _obstacles(scene: Scene, dim: int | None) -> Iterator[Mistake]:
     used = {contact.obstacle for contact in scene.contact}
     for name, rigid in scene.obstacle.items():
         place = f"obstacle.{name}"
         if "." in name:
-            yield f"{place}: {_DOT}"
+            yield Mistake(place, _DOT)
         elif name not in used:
-            yield f'{place}: is not used; remove it, or set against = "{name}" in a contact'
-        shapes = ("plane", "sphere", "cylinder", "torus", "surface")
-        if sum(getattr(rigid, shape) is not None for shape in shapes) != 1:
-            yield f"{place}: needs exactly one of {', '.join(shapes)}"
+            yield Mistake(
+                place, f'is not used; remove it, or set against = "{name}" in a contact'
+            )
+        if sum(getattr(rigid, shape) is not None for shape in rigid.SHAPES) != 1:
+            yield Mistake(
+                place,
+                f"needs exactly one of {', '.join(rigid.SHAPES)}",
+            )
         if rigid.inside and rigid.plane is not None:
-            yield f"{place}.inside: a plane has no inside; reverse its normal instead"
+            yield Mistake(
+                f"{place}.inside", "a plane has no inside; reverse its normal instead"
+            )
         if rigid.plane is not None:
             yield from _plane(f"{place}.plane", rigid.plane, dim)
         if rigid.sphere is not None:
@@ -369,58 +419,69 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
                 yield from _given(f"{place}.{key}", given, dim)
         if rigid.move is not None and rigid.force is not None:
             for k in rigid.move.components().keys() & rigid.force.components().keys():
-                yield (
-                    f"{place}.force.{AXES[k]}: remove it or {place}.move.{AXES[k]}: a "
-                    "direction has either a force or a displacement"
+                yield Mistake(
+                    f"{place}.force.{AXES[k]}",
+                    f"remove it or {place}.move.{AXES[k]}: a "
+                    "direction has either a force or a displacement",
                 )
 
 
-def remotes(scene: Scene, dim: int | None) -> Iterator[str]:
-    """Messages about remote points."""
+def check_remotes(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+    """Remote points."""
     for name, remote in scene.remote.items():
         place = f"remote.{name}"
         if "." in name:
-            yield f"{place}: {_DOT}"
+            yield Mistake(place, _DOT)
         if name in scene.obstacle and scene.obstacle[name].force is not None:
-            yield f"{place}: an obstacle with a force has this name; choose another name"
+            yield Mistake(
+                place, "an obstacle with a force has this name; choose another name"
+            )
         yield from _length(f"{place}.point", remote.point, dim)
         if remote.within is not None:
             yield from _within(f"{place}.within", remote.within, dim)
         given = remote.given()
         if not given:
-            yield f"{place}: needs move, turn, force or moment"
+            yield Mistake(
+                place,
+                "needs move, turn, force or moment",
+            )
         for key, numbers in given.items():
             yield from _axes(f"{place}.{key}", key, numbers, dim)
         for held, loaded in (("move", "force"), ("turn", "moment")):
             if remote.distributed and held in given:
-                yield (
-                    f"{place}.{held}: remove it, or distributed: a part that may deform "
-                    "has no prescribed motion"
+                yield Mistake(
+                    f"{place}.{held}",
+                    "remove it, or distributed: a part that may deform has no prescribed motion",
                 )
             for k in given.get(held, {}).keys() & given.get(loaded, {}).keys():
-                yield (
-                    f"{place}.{loaded}.{AXES[k]}: remove it or {place}.{held}.{AXES[k]}: "
-                    "a component is either prescribed or loaded"
+                yield Mistake(
+                    f"{place}.{loaded}.{AXES[k]}",
+                    f"remove it or {place}.{held}.{AXES[k]}: "
+                    "a component is either prescribed or loaded",
                 )
 
 
 def _axes(
     place: str, key: str, numbers: Mapping[int, object], dim: int | None
-) -> Iterator[str]:
+) -> Iterator[Mistake]:
     turning = key in ("turn", "moment")
     if not numbers:
-        yield f"{place}: has no component, expected {'z' if turning else 'x, y or z'}"
+        yield Mistake(
+            place, f"has no component, expected {'z' if turning else 'x, y or z'}"
+        )
     if dim != 2:
         return
     for k in numbers:
         if turning and k != 2:
-            yield f"{place}.{AXES[k]}: remove it, in two dimensions the only axis is z"
+            yield Mistake(
+                f"{place}.{AXES[k]}", "remove it, in two dimensions the only axis is z"
+            )
         elif not turning and k == 2:
-            yield f"{place}.z: {_IN_SPACE}"
+            yield Mistake(f"{place}.z", _IN_SPACE)
 
 
-def repetitions(scene: Scene, dim: int | None) -> Iterator[str]:
-    """Messages about cyclic symmetries and periodicities."""
+def check_repetitions(scene: Scene, dim: int | None) -> Iterator[Mistake]:
+    """Cyclic symmetries and periodicities."""
     for i, cyclic in enumerate(scene.cyclic):
         place = f"cyclic.{i}"
         yield from _length(f"{place}.about", cyclic.about, dim)
@@ -428,60 +489,77 @@ def repetitions(scene: Scene, dim: int | None) -> Iterator[str]:
     for kind in ("cyclic", "periodic"):
         for i, entry in enumerate(getattr(scene, kind)):
             if entry.on == entry.onto:
-                yield f"{kind}.{i}.onto: should be another surface than on"
+                yield Mistake(f"{kind}.{i}.onto", "should be another surface than on")
     tied = scene.tied()
     if tied is not None and scene.solver.engine == "petsc":
-        yield (
-            f"solver.engine: should not be 'petsc', which does not support {tied}; use "
-            "'auto', 'direct' or 'iterative'"
+        yield Mistake(
+            "solver.engine",
+            f"should not be 'petsc', which does not support {tied}; use "
+            "'auto', 'direct' or 'iterative'",
         )
 
 
-def _torus(place: str, torus: Ring, dim: int | None) -> Iterator[str]:
+def _torus(place: str, torus: Ring, dim: int | None) -> Iterator[Mistake]:
     if dim == 2:
-        yield f"{place}: needs a scene of three dimensions"
+        yield Mistake(
+            place,
+            "needs a scene of three dimensions",
+        )
         return
     yield from _length(f"{place}.centre", torus.centre, 3)
     yield from _direction(f"{place}.axis", torus.axis, 3)
     if torus.minor_radius >= torus.major_radius:
-        yield f"{place}.minor_radius: should be less than major_radius"
+        yield Mistake(f"{place}.minor_radius", "should be less than major_radius")
 
 
-def _axis(place: str, axis: Sequence[float] | None, dim: int | None) -> Iterator[str]:
+def _axis(
+    place: str, axis: Sequence[float] | None, dim: int | None
+) -> Iterator[Mistake]:
     if axis is None:
         if dim == 3:
-            yield f"{place}: is missing"
+            yield Mistake(place, "is missing", MistakeKind.MISSING_KEY)
     elif dim == 2:
-        yield f"{place}: remove it, the scene has two dimensions"
+        yield Mistake(place, "remove it, the scene has two dimensions")
     else:
         yield from _direction(place, axis, 3)
 
 
-def _friction(place: str, contact: Touch, dim: int) -> Iterator[str]:
+def _friction(place: str, contact: Touch, dim: int) -> Iterator[Mistake]:
     mu, axis = contact.mu, contact.axis
     if not isinstance(mu, list):
         if axis is not None:
-            yield f"{place}.axis: needs two numbers in mu, got one"
+            yield Mistake(
+                f"{place}.axis",
+                "needs two numbers in mu, got one",
+            )
         return
     if dim == 2:
-        yield f"{place}.mu: has two numbers, expected one: the scene has two dimensions"
+        yield Mistake(
+            f"{place}.mu", "has two numbers, expected one: the scene has two dimensions"
+        )
     elif axis is None:
-        yield f"{place}.axis: is missing; it is the direction of the first number of mu"
+        yield Mistake(
+            f"{place}.axis",
+            "is missing; it is the direction of the first number of mu",
+            MistakeKind.MISSING_KEY,
+        )
     elif not any(axis):
-        yield f"{place}.axis: should not be zero"
+        yield Mistake(f"{place}.axis", "should not be zero")
     if not min(mu) * RATIO >= max(mu):
-        yield (
-            f"{place}.mu: should be two positive numbers within a factor of {RATIO:g} of "
-            f"each other, or two zeros, got {mu}"
+        yield Mistake(
+            f"{place}.mu",
+            f"should be two positive numbers within a factor of {RATIO:g} of each other, "
+            f"or two zeros, got {mu}",
         )
 
 
-def out_of_range(scene: Scene) -> Iterator[str]:
-    """Messages about numbers whose products would overflow or underflow."""
+def out_of_range(scene: Scene) -> Iterator[Mistake]:
+    """Numbers whose products would overflow or underflow."""
     for place, value in _numbers(scene.model_dump(by_alias=True, exclude={"solver"})):
         if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
             expected = f"zero or a magnitude from {1 / LARGEST:g} to {LARGEST:g}"
-            yield f"{'.'.join(map(str, place))}: is {value:g}, expected {expected}"
+            key = ".".join(map(str, place))
+            yield Mistake(key, f"is {value:g}, expected {expected}", MistakeKind.RANGE)
 
 
 def _numbers(
@@ -495,8 +573,8 @@ def _numbers(
         yield place, value
 
 
-def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
-    """Messages about arrays that are larger than the memory, before they are allocated."""
+def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[Mistake]:
+    """Arrays that are larger than the memory, before they are allocated."""
     memory = installed()
     if memory is None:
         return
@@ -505,81 +583,103 @@ def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
     stiffness = nodes * dim * 3**dim * dim * 12
     path = 2 * 8 * nodes * dim * steps
     if stiffness > memory:
-        yield (
-            f"body.{name}: has {nodes} nodes, whose stiffness matrix takes "
-            f"{stiffness / 1e9:.3g} GB; this machine has {memory / 1e9:.3g} GB: use fewer "
-            "cells"
+        yield Mistake(
+            f"body.{name}",
+            f"has {nodes} nodes, whose stiffness matrix takes {stiffness / 1e9:.3g} GB; "
+            f"this machine has {memory / 1e9:.3g} GB: use fewer cells",
         )
     elif path > memory:
-        yield (
-            f"path: has {steps} load steps of {nodes} nodes (body {name!r}), whose loads "
-            f"and displacements take {path / 1e9:.3g} GB; this machine has "
-            f"{memory / 1e9:.3g} GB: use fewer steps or cells"
+        yield Mistake(
+            "path",
+            f"has {steps} load steps of {nodes} nodes (body {name!r}), whose loads and "
+            f"displacements take {path / 1e9:.3g} GB; this machine has "
+            f"{memory / 1e9:.3g} GB: use fewer steps or cells",
         )
 
 
-def _path(scene: Scene) -> Iterator[str]:
+def _path(scene: Scene) -> Iterator[Mistake]:
     path, count = scene.path, scene.path.count()
     used = {path.parameter}
     for place, number in scene.varying():
         used.add(number.amplitude)
         if number.amplitude is not None and number.amplitude not in path.amplitude:
-            yield f"{place}.amplitude: {_no_amplitude(number.amplitude, scene)}"
+            yield _no_amplitude(f"{place}.amplitude", number.amplitude, scene)
     if path.parameter is not None and path.parameter not in path.amplitude:
-        yield f"path.parameter: {_no_amplitude(path.parameter, scene)}"
+        yield _no_amplitude("path.parameter", path.parameter, scene)
     for name, amplitude in path.amplitude.items():
         place = f"path.amplitude.{name}"
         if (amplitude.table is None) == (amplitude.wave is None):
-            yield f"{place}: should be either a list of factors or a wave"
+            yield Mistake(place, "should be either a list of factors or a wave")
         elif amplitude.wave == "sine" and amplitude.period is None:
-            yield f"{place}.period: is missing, a sine needs it"
+            yield Mistake(
+                f"{place}.period",
+                "is missing, a sine needs it",
+                MistakeKind.MISSING_KEY,
+            )
         elif amplitude.wave == "ramp" and amplitude.period is not None:
-            yield f"{place}.period: remove it, a ramp has none"
+            yield Mistake(f"{place}.period", "remove it, a ramp has none")
         elif amplitude.wave is not None and path.steps is None:
-            yield f"path.steps: is missing, amplitude {name!r} is a wave and needs it"
+            yield Mistake(
+                "path.steps",
+                f"is missing, amplitude {name!r} is a wave and needs it",
+                MistakeKind.MISSING_KEY,
+            )
         elif amplitude.table is not None and len(amplitude.table) != count:
-            yield (
-                f"{place}: has {counted(len(amplitude.table), 'factor')} for "
-                f"{counted(count, 'step')}, expected one for each step"
+            yield Mistake(
+                place,
+                f"has {counted(len(amplitude.table), 'factor')} for "
+                f"{counted(count, 'step')}, expected one for each step",
             )
         if name not in used:
-            yield f"{place}: is not used; remove it, or name it in an amplitude key"
+            yield Mistake(
+                place, "is not used; remove it, or name it in an amplitude key"
+            )
     automatic = path.increments
     if automatic is not None and not (
         automatic.smallest
         <= (automatic.first or automatic.largest)
         <= automatic.largest
     ):
-        yield (
-            "path.automatic: needs smallest <= first <= largest, got "
-            f"{automatic.smallest:g}, {automatic.first}, {automatic.largest:g}"
+        yield Mistake(
+            "path.automatic",
+            "needs smallest <= first <= largest, got "
+            f"{automatic.smallest:g}, {automatic.first}, {automatic.largest:g}",
         )
 
 
-def _wear(scene: Scene) -> Iterator[str]:
+def _wear(scene: Scene) -> Iterator[Mistake]:
     wear, count = scene.wear, scene.path.count()
     if wear is None:
         return
     if wear.steps is not None and wear.steps > count:
-        yield (
-            f"wear.steps: is {wear.steps}, but the path has only "
-            f"{counted(count, 'load step')}"
+        yield Mistake(
+            "wear.steps",
+            f"is {wear.steps}, but the path has only {counted(count, 'load step')}",
         )
     if scene.path.increments is not None:
-        yield "path.automatic: remove it, wear repeats the given load steps"
+        yield Mistake("path.automatic", "remove it, wear repeats the given load steps")
     if scene.solver.engine == "petsc":
-        yield "solver.engine: should not be 'petsc', which does not compute wear"
+        yield Mistake(
+            "solver.engine", "should not be 'petsc', which does not compute wear"
+        )
     if isinstance(scene.solver.tol, str):
-        yield f"solver.tol: should be a number for wear, got {scene.solver.tol!r}"
+        yield Mistake(
+            "solver.tol", f"should be a number for wear, got {scene.solver.tol!r}"
+        )
 
 
-def _no_amplitude(name: str, scene: Scene) -> str:
+def _no_amplitude(key: str, name: str, scene: Scene) -> Mistake:
     hint = f"define it as path.amplitude.{name} = [1.0]"
-    return _unknown("amplitude", name, scene.path.amplitude, hint)
+    return _unknown(key, "amplitude", name, scene.path.amplitude, hint)
 
 
 def _unknown(
-    kind: str, name: str, known: Sequence[str] | dict[str, Any], hint: str = ""
-) -> str:
-    """Message about an unknown name; ``hint`` says what to do if no name is known."""
-    return f"there is no {kind} {name!r}" + instead(name, known, hint)
+    key: str,
+    what: str,
+    name: str,
+    known: Sequence[str] | Mapping[str, object],
+    hint: str = "",
+) -> Mistake:
+    """A name that is not defined; ``hint`` says what to do if no name is known."""
+    message = f"there is no {what} {name!r}" + instead(name, known, hint)
+    return Mistake(key, message, MistakeKind.NAME)

@@ -96,6 +96,9 @@ class Rigid(Table):
     unknown.
     """
 
+    # The keys that define its shape.
+    SHAPES: ClassVar = ("plane", "sphere", "cylinder", "torus", "surface")
+
     plane: Plane | None = None
     sphere: Ball | None = None
     cylinder: Bar | None = None

@@ -56,12 +56,10 @@ class Traction(Components):
     on: str
 
 
-class Pressure(Table):
+class Pressure(Varying):
     """Pressure on a surface, positive inwards."""
 
     on: str
-    value: float
-    amplitude: str | None = None
 
 
 class BodyForce(Components):

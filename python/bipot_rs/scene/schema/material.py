@@ -26,7 +26,7 @@ class Elastic(Table):
     shear: _Moduli | None = None
     axes: Annotated[list[Vector], Field(min_length=2, max_length=3)] | None = None
 
-    def made(
+    def make(
         self, *, plane_stress: bool = False, thickness: float = 1.0
     ) -> materials.Elastic:
         """Make the material.

@@ -2,10 +2,8 @@
 
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from bipot_rs._lib.types import Floats
 from bipot_rs.scene.schema.table import KIND, MOST, Table, no_tables, wrap
 
 
@@ -15,36 +13,6 @@ class Amplitude(Table):
     table: Annotated[list[float], Field(min_length=1)] | None = None
     wave: Literal["sine", "ramp"] | None = None
     period: Annotated[float, Field(gt=0)] | None = None
-
-    def values(self, steps: int) -> Floats:
-        """Factors at the ends of the load steps, ``(steps,)``."""
-        if self.table is not None:
-            return np.array(self.table)
-        if self.wave == "ramp":
-            return np.arange(1.0, steps + 1) / steps
-        turns = np.arange(steps) / (self.period or 1.0)
-        factors: Floats = np.sin(2 * np.pi * turns)
-        return factors
-
-    def at(self, t: Floats, steps: int) -> Floats:
-        """Factors at ``t`` from 0 to ``steps``; load step k ends at t = k + 1.
-
-        Between load steps, tables are interpolated linearly and waves evaluated. In the
-        first load step the factor grows linearly from zero.
-        """
-        known = np.concatenate([[0.0], self.values(steps)])
-        whole = np.floor(t).astype(np.int64)
-        share = t - whole
-        before, after = known[whole], known[np.minimum(whole + 1, steps)]
-        between = (1 - share) * before + share * after
-        if self.wave == "ramp":
-            between = t / steps
-        elif self.wave == "sine":
-            turns = (t - 1) / (self.period or 1.0)
-            between = np.where(whole > 0, np.sin(2 * np.pi * turns), between)
-        # At the ends of load steps bitwise equal to `values`.
-        found: Floats = np.where(share == 0, before, between)
-        return found
 
 
 class Automatic(Table):

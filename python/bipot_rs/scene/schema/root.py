@@ -167,11 +167,8 @@ class Scene(Table):
             for i, entry in enumerate(getattr(self, kind)):
                 for k, number in entry.components().items():
                     yield f"{kind}.{i}.{AXES[k]}", number
-        for i, entry in enumerate(self.pressure):
-            yield (
-                f"pressure.{i}",
-                Varying(value=entry.value, amplitude=entry.amplitude),
-            )
+        for i, pressure in enumerate(self.pressure):
+            yield f"pressure.{i}", pressure
         for i, strain in enumerate(self.strain):
             end = "" if strain.temperature is None else ".temperature"
             yield f"strain.{i}{end}", strain.factor

@@ -16,7 +16,8 @@ from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.wear import jumps
 from bipot_rs.contact.wear.stability import Stability
 from bipot_rs.scene.build import bodies
-from bipot_rs.scene.reading import assemble, read
+from bipot_rs.scene.case import assemble
+from bipot_rs.scene.reading import read
 from support.two_blocks import arrays
 from support.worn import COEFFICIENT, PULL, TOL, pad, spring, worn_pad
 

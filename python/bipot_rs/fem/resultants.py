@@ -1,0 +1,110 @@
+"""Resultant forces of contacts, supports and reference points, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bipot_rs._lib.messages import instead
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.results.solution import Step
+from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.constraints.references import reference_named
+
+
+def contacts_by_surface(model: Assembly) -> dict[str, Ints]:
+    """Numbers of the contacts on each surface ``"body.surface"`` that has contacts."""
+    names = [f"{c.body}.{c.surface}" for c in model.contacts]
+    of_contact = np.array(names)[model.group]
+    return {name: np.flatnonzero(of_contact == name) for name in dict.fromkeys(names)}
+
+
+def contacts_on(model: Assembly, name: str) -> Ints:
+    """Numbers of the contacts on one surface, ascending.
+
+    Raises
+    ------
+    ValueError
+        No contact is on it; the message lists the surfaces with contacts.
+    """
+    known = contacts_by_surface(model)
+    if name not in known:
+        raise ValueError(f"there is no contact on {name!r}{instead(name, known)}")
+    return known[name]
+
+
+def contact_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
+    """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
+
+    In global components. Errors as `contacts_on`.
+    """
+    contacts = contacts_on(model, name)
+    forces = np.zeros((len(steps), model.dim))
+    for force, step in zip(forces, steps, strict=True):
+        frame = of_step(step, model.frame)[contacts]
+        force[:] = np.einsum("ck,ckd->d", step.reaction[contacts], frame)
+    return forces
+
+
+def support_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
+    """Force of the supports on a surface on their body, ``(steps, d)`` [N].
+
+    ``K u - f - Bᵀ r`` at the prescribed degrees of freedom, in global components. One that
+    several supports prescribe counts once in each surface.
+
+    Raises
+    ------
+    ValueError
+        No support is on it; the message lists the surfaces with supports.
+    """
+    names = [
+        s.body if s.surface is None else f"{s.body}.{s.surface}" for s in model.supports
+    ]
+    prescribed = [
+        dofs.ravel()
+        for dofs, known in zip(model.support_dofs, names, strict=True)
+        if known == name
+    ]
+    if not prescribed:
+        raise ValueError(
+            f"there is no support on {name!r}" + instead(name, dict.fromkeys(names))
+        )
+    dofs = np.unique(np.concatenate(prescribed))
+    forces = np.zeros((len(steps), model.dim))
+    for force, step in zip(forces, steps, strict=True):
+        out = _unbalanced(model, step, dofs)
+        if step.load is not None:
+            out -= step.load[dofs]
+        np.add.at(force, dofs % model.dim, out)
+    return forces
+
+
+def reference_force(
+    model: Assembly, steps: Sequence[Step], name: str
+) -> tuple[Floats, Floats]:
+    """Total force ``(steps, d)`` [N] and moment at a reference point [N m].
+
+    ``K u - Bᵀ r`` at its degrees of freedom: the loads, and the reactions of its prescribed
+    components, which balance the contact forces of an obstacle and the stress at a rigid
+    set. A component that a support on nodes of the set determines is zero here: its reaction
+    is in `support_force`. So is one that another set with common nodes determines: its load
+    is part of the force of that set. The moment has the shape of the rotation of
+    `Assembly.reference_motion`, whose errors these are too.
+    """
+    point = reference_named(model.references, name)
+    dofs = np.concatenate([point.dofs, point.turns])
+    carried = np.ones(len(dofs))
+    if model.ties is not None:
+        carried[np.isin(dofs, model.ties.dependent)] = 0.0
+    force = carried * np.stack([_unbalanced(model, step, dofs) for step in steps])
+    d = model.dim
+    return force[:, :d], force[:, d:] * (point.arm or 1.0)
+
+
+def _unbalanced(model: Assembly, step: Step, dofs: Ints) -> Floats:
+    """``K u - Bᵀ r`` at some degrees of freedom."""
+    forces = model.K[dofs] @ step.displacement
+    forces -= model.in_step(step).B[:, dofs].T @ step.reaction.ravel()
+    return np.asarray(forces, np.float64)

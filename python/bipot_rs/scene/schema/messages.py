@@ -1,0 +1,113 @@
+"""Errors of pydantic as mistakes with messages of our own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.scene.mistakes import Mistake, MistakeKind
+from bipot_rs.scene.schema.root import Scene
+from bipot_rs.scene.schema.suggestions import suggestion
+from bipot_rs.scene.schema.table import KIND
+
+# The context of an error of pydantic.
+_Context = Mapping[str, Any]
+
+
+def _length(sign: str, limit: str) -> Callable[[_Context], str]:
+    """Message about the length of a list or the number of tables."""
+
+    def write(about: _Context) -> str:
+        entries = counted(about[limit], "entry")
+        return f"should have {sign} {entries}, has {about['actual_length']}"
+
+    return write
+
+
+def _limit(words: str, name: str) -> Callable[[_Context], str]:
+    return lambda about: f"should be {words} {about[name]:.15g}"
+
+
+# For each kind of error that the tables can raise: the message, or a function that writes
+# it from the context of the error.
+MESSAGES: Mapping[str, tuple[MistakeKind, str | Callable[[_Context], str]]] = {
+    "bool_type": (MistakeKind.TYPE, "should be true or false"),
+    "dict_type": (MistakeKind.TYPE, "should be a table"),
+    "extra_forbidden": (MistakeKind.UNKNOWN_KEY, "unknown key"),
+    "finite_number": (MistakeKind.RANGE, "should be a finite number"),
+    "float_type": (MistakeKind.TYPE, "should be a valid number"),
+    "greater_than": (MistakeKind.RANGE, _limit("greater than", "gt")),
+    "greater_than_equal": (
+        MistakeKind.RANGE,
+        _limit("greater than or equal to", "ge"),
+    ),
+    "int_from_float": (MistakeKind.INTEGER, "should be a valid integer"),
+    "int_type": (MistakeKind.INTEGER, "should be a valid integer"),
+    "less_than": (MistakeKind.RANGE, _limit("less than", "lt")),
+    "less_than_equal": (MistakeKind.RANGE, _limit("less than or equal to", "le")),
+    "list_type": (MistakeKind.TYPE, "should be a list"),
+    "literal_error": (
+        MistakeKind.RANGE,
+        lambda about: f"should be {about['expected']}",
+    ),
+    "missing": (MistakeKind.MISSING_KEY, "is missing"),
+    "model_attributes_type": (MistakeKind.TYPE, "should be a table"),
+    "model_type": (MistakeKind.TYPE, "should be a table"),
+    "string_type": (MistakeKind.TYPE, "should be a text"),
+    "too_long": (MistakeKind.RANGE, _length("at most", "max_length")),
+    "too_short": (MistakeKind.RANGE, _length("at least", "min_length")),
+    "value_error": (MistakeKind.RANGE, lambda about: str(about["error"])),
+}
+
+
+def describe_error(
+    error: Mapping[str, Any], known: Mapping[str, Sequence[str]], table: Any
+) -> Mistake:
+    """The mistake of one entry of ``ValidationError.errors()``.
+
+    Parameters
+    ----------
+    known
+        As `suggestions.standing` returns it.
+    table
+        The tables of the scene.
+    """
+    kind, words = MESSAGES.get(error["type"], (MistakeKind.RANGE, "is not valid"))
+    message = words if isinstance(words, str) else words(error.get("ctx", {}))
+    key = ".".join(_key_path(error["loc"], table))
+    parts = [str(part) for part in error["loc"]]
+    if kind is MistakeKind.UNKNOWN_KEY:
+        return Mistake(key, message + suggestion(Scene, parts, known), kind)
+    if kind is MistakeKind.MISSING_KEY:
+        return Mistake(key, message, kind)
+    value = error.get("input")
+    if error["type"] in ("float_type", "int_type") and isinstance(value, str):
+        with suppress(ValueError):
+            float(value)
+            message += ", without quotes"
+    if parts[0] == "pressure" and isinstance(value, dict) and "amplitude" in value:
+        message += "; write amplitude as a key of [[pressure]], not of value"
+    if isinstance(value, str | int | float):
+        message += f", got {value!r}"
+    return Mistake(key, message, kind)
+
+
+def _key_path(loc: Sequence[str | int], table: Any) -> list[str]:
+    """Key path of an error of pydantic, as written in ``table``.
+
+    `wrap` puts some plain values into a table with one key; that key is left out.
+    """
+    path, at = [], table
+    for part in loc:
+        if isinstance(part, str) and part.startswith(KIND):
+            continue
+        if isinstance(at, dict):
+            at = at.get(part)
+        elif isinstance(at, list) and isinstance(part, int):
+            at = at[part] if part < len(at) else None
+        elif at is not None:
+            continue
+        path.append(str(part))
+    return path
