@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
+from bipot_rs.contact import tuning
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.results.solution import Solution
@@ -21,8 +22,6 @@ from bipot_rs.contact.results.solution import Solution
 # Relative to √|M_ii M_jj|, which does not depend on units. The limit of `ContactProblem`
 # is ten times larger, so that it accepts all matrices that are symmetric here.
 SYMMETRIC = 1e-11
-# Right sides solved together: W is never dense.
-COLUMNS = 64
 
 
 class GlobalProblem:
@@ -244,8 +243,8 @@ class _Lu:
 
         columns, rows = self._contact.tocsc(), self._contact.T.tocsr()
         pieces = []
-        for begin in range(0, columns.shape[1], COLUMNS):
-            right = columns[:, begin : begin + COLUMNS].toarray()
+        for begin in range(0, columns.shape[1], tuning.COLUMNS_TOGETHER):
+            right = columns[:, begin : begin + tuning.COLUMNS_TOGETHER].toarray()
             # Sparse: entries between bodies that M does not connect are exactly zero.
             pieces.append(csc_array(rows @ self._factor.solve(right)))
         size = self._w.size

@@ -20,9 +20,9 @@ from bipot_rs._lib.validation import (
     matrices,
     settings,
 )
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
-from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
 from bipot_rs.contact.path.load_path import PathProblem, PathSolver
@@ -571,7 +571,7 @@ class ContactProblem:
         callback("gap", gap)
         plan = check_increments(stops, first, largest, smallest, slip)
         totals = self.loading.make_totals(load, prescribed, gap, plan.stops[-1])
-        expected = choice.ADAPTIVE_STEPS * len(plan.stops)
+        expected = tuning.ADAPTIVE_STEPS * len(plan.stops)
         engine = self.stiffness.choose_engine(expected, method)
         path = self._begin_path(engine, checked, start, gap)
         return solve_adaptively(path, totals, plan, on_step)

@@ -27,6 +27,7 @@ from bipot_rs._lib.validation import (
     threads,
     vectors,
 )
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
@@ -462,12 +463,10 @@ class ReducedProblem:
         return ReducedModel(self._core, W, self.mu, modes)
 
     def _has_several(self, solution: Solution) -> bool:
-        from bipot_rs.contact.messages.diagnosis import NEAR
-
         exhausted = _core.answers(self._core)
         if exhausted is not None and len(exhausted[0]) > 1:
             return True
-        near = solution.residual <= NEAR
+        near = solution.residual <= tuning.NEAR_SOLUTION
         return near and _core.assess(self._core, solution.reaction) == "others exist"
 
     def _solution(

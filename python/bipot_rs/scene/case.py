@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import iteration_limit
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError
-from bipot_rs.contact.path.choice import ADAPTIVE_STEPS
 from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
@@ -123,7 +123,7 @@ class Case:
         if self.scene is not None and self.scene.wear is not None:
             return len(self.parameter) * self.scene.wear.cycles
         adaptive = self.scene is not None and self.scene.path.increments is not None
-        return len(self.parameter) * (ADAPTIVE_STEPS if adaptive else 1)
+        return len(self.parameter) * (tuning.ADAPTIVE_STEPS if adaptive else 1)
 
     def sampled(self, t: ArrayLike) -> Case:
         """Copy with load steps that end at ``t``; load step k of the scene ends at k + 1.

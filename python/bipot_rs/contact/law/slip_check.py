@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
-
-# Up to this number of points, all pairs take less time than the import of the tree.
-_FEW = 1000
+from bipot_rs.contact import tuning
 
 
 def distances(points: Floats) -> Floats:
@@ -22,7 +20,7 @@ def distances(points: Floats) -> Floats:
     """
     if len(points) < 2:
         return np.full(len(points), np.inf)
-    if len(points) <= _FEW:
+    if len(points) <= tuning.ALL_PAIRS:
         square = np.zeros((len(points), len(points)))
         for x in points.T:
             square += (x[:, None] - x) ** 2

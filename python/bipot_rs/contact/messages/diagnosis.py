@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.law.elliptic_friction import (
     dissipation,
     largest,
@@ -22,8 +23,6 @@ from bipot_rs.contact.law.elliptic_friction import (
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results.solution import Solution
 
-# Up to this many rows of W its eigenvalues are computed; for more they take seconds.
-_DENSE = 1500
 # An eigenvalue below this part of the largest one, times the order, is zero: ε, and one
 # digit for the error of W.
 _ROUNDING = 1e-15
@@ -32,23 +31,9 @@ _ROUNDING = 1e-15
 _NEGATIVE = 1e-6
 # Coupling below this part of the diagonal is rounding error of the elimination.
 _UNCOUPLED = 1e-12
-# If one motion is softer than all others by this factor, a residual of 1e-10 says nothing
-# about the others.
-_SOFT = 1e8
 _NEARLY_FREE = "a body is nearly free"
 # Numbers below have fewer digits, and squares of numbers above overflow.
 _SMALL, _LARGE = 1e-300, 1e300
-# From this μ on, μ times the rounding error of a displacement is a large residual.
-_HUGE_FRICTION = 1e8
-# Rows of history needed to see whether the residual falls.
-_ROWS = 10
-# The residual still falls if the last fifth of the iterations reduces it by this factor.
-_FALLING = 0.9
-# Below this residual the statuses are probably those of a solution, and show whether there
-# are several solutions.
-NEAR = 1e-3
-# Below this, η and the violations of the law are small.
-_FAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -94,7 +79,7 @@ class Finding:
 def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
     if solution.outcome is Outcome.NO_EQUILIBRIUM:
         return _contradiction(tried, solution, v)
-    W = tried.W() if 0 < v.size <= _DENSE else None
+    W = tried.W() if 0 < v.size <= tuning.DENSE_DIAGNOSIS else None
     if W is not None and not np.isfinite(W).all():
         W = None  # the caller has changed it
     scale = _scale(W, v, solution.reaction)
@@ -125,7 +110,7 @@ def _cut_short(solution: Solution) -> bool:
     if solution.outcome is Outcome.STALLED or solution.residual <= solution.tolerance:
         return False
     gain = _last_gain(solution)
-    return gain is None or gain < _FALLING
+    return gain is None or gain < tuning.STILL_FALLS
 
 
 def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
@@ -261,7 +246,7 @@ def _findings(
             soft |= finding.cause.startswith(_NEARLY_FREE)
             yield finding
     condition = tried.condition()
-    if condition > _SOFT and not soft:
+    if condition > tuning.SOFT_MOTION and not soft:
         yield Finding(
             f"{_NEARLY_FREE}, with a stiffness of condition number {condition:.0e}",
             "adding a support",
@@ -343,7 +328,11 @@ def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding 
     """A violation of the law that is only ``μ`` times the rounding error of ``v_t``."""
     # The rounding error of rigid motions is not known here.
     most = largest(tried.mu)
-    if most.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
+    if (
+        most.max(initial=0.0) < tuning.HUGE_FRICTION
+        or not r.any()
+        or tried.modes().size
+    ):
         return None
     moved = (np.abs(W) @ np.abs(r).ravel()).reshape(v.shape)
     # A sum of len(W) rounded terms, and q = v - W r with its own rounding error.
@@ -353,7 +342,10 @@ def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding 
     size = np.sqrt(scale).max() * np.abs(r).max()
     left = misses(r, exact, tried.mu, scale).max()
     hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
-    if left > _FAR * size or not (most * hidden / np.sqrt(scale) > _FAR * size).any():
+    if (
+        left > tuning.SMALL_VIOLATION * size
+        or not (most * hidden / np.sqrt(scale) > tuning.SMALL_VIOLATION * size).any()
+    ):
         return None
     i = int(np.argmax(most * hidden / np.sqrt(scale)))
     return Finding(
@@ -408,7 +400,7 @@ def _of_compliance(
     if rank > 1:
         softer = values[: rank - 1] / values[1:rank]
         first = int(np.argmax(softer))
-        if softer[first] > _SOFT and first < min(6, len(values) // 2):
+        if softer[first] > tuning.SOFT_MOTION and first < min(6, len(values) // 2):
             which = "one motion is" if first == 0 else f"{first + 1} motions are"
             cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
             yield Finding(f"{cause} than all others", "adding a support")
@@ -432,7 +424,7 @@ def _last_gain(solution: Solution) -> float | None:
     It is ``None`` for too few iterations, and at least 1 if the residual did not fall.
     """
     residuals = solution.history[:, 1]
-    if len(residuals) < _ROWS:
+    if len(residuals) < tuning.HISTORY_ROWS:
         return None
     cut = len(residuals) - max(len(residuals) // 5, 3)
     before = float(residuals[:cut].min())
@@ -443,7 +435,7 @@ def _trend(solution: Solution) -> str:
     gain = _last_gain(solution)
     if gain is None:
         return ""
-    if gain < _FALLING:
+    if gain < tuning.STILL_FALLS:
         return ", still falling"
     return ", hardly falling" if gain < 1 else ", no longer falling"
 
@@ -468,6 +460,9 @@ def _cures(
     # η is relative to the reactions, and small if they are much larger than needed.
     missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
     moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
-    if solution.tolerance < solution.residual <= _FAR and missed <= _FAR * moved:
+    if (
+        solution.tolerance < solution.residual <= tuning.SMALL_VIOLATION
+        and missed <= tuning.SMALL_VIOLATION * moved
+    ):
         wish = 10.0 ** np.ceil(np.log10(solution.residual))
         yield f"tol={wish:.0e}, which this point meets"

@@ -18,23 +18,14 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
+from bipot_rs.contact import tuning
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.stiffness import dof_order
 
 # Rounding of coordinates in mesh files, relative to the size of the problem.
 _ROUNDING = 1e-9
-# Below this cosine a normal points the wrong way. A normal towards the closest point may
-# differ from that of the surface.
-_AWAY = -0.5
-# Single contacts with a gap above this part of the size of the model are not checked: an
-# obstacle next to an edge may lie on its other side.
-_NEAR = 0.05
-# Mean strain above which strains are not small.
-_SOFT = 0.05
 # Young's modulus over shear modulus; 2 to 3 for solids.
 _YOUNG = 2.5
-# Limit of the slip of a step over the extent of all contacts.
-_FAR = 1.0
 NEVER_CLOSED = (
     "no contact closes in any load step: check that the load presses the bodies together "
     "and that the normals point from the obstacle to the body"
@@ -200,9 +191,11 @@ def _find_wrong_normals(
     whole = (normal.multiply(normal)).tocsr() @ of_node
     whole.data = np.sqrt(whole.data)
     size = whole @ length
-    away = (size > 0) & (along < _AWAY * size)
+    away = (size > 0) & (along < tuning.WRONG_NORMAL * size)
     if not away[size > 0].all():
-        away &= gap[:, 0] <= _NEAR * float(np.ptp(places, axis=0).max(initial=0.0))
+        away &= gap[:, 0] <= tuning.CLOSE_GAP * float(
+            np.ptp(places, axis=0).max(initial=0.0)
+        )
     wrong = np.flatnonzero(away)
     if wrong.size:
         contacts = len(along)
@@ -234,7 +227,7 @@ def _find_overload(steps: Sequence[Step], strength: Strength) -> Iterator[str]:
             force = np.bincount(strength.body, np.abs(step.load), len(share))
             share = np.fmax(share, force / strength.force)
     most = int(np.argmax(share)) if len(share) else 0
-    if len(share) and share[most] > _SOFT:
+    if len(share) and share[most] > tuning.LARGE_STRAIN:
         dof = int(np.argmax(strength.body == most))
         yield (
             "check the units: the loads on the body of degree of freedom "
@@ -246,7 +239,7 @@ def _find_overload(steps: Sequence[Step], strength: Strength) -> Iterator[str]:
 def _find_long_slip(steps: Sequence[Step], x: Floats) -> Iterator[str]:
     size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
     moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
-    if size > 0 and moved > _FAR * size:
+    if size > 0 and moved > tuning.LONG_SLIP * size:
         yield (
             f"check the units: contacts slip by up to {moved:.3g} in a load step, "
             f"{moved / size:.2g} times the extent of all contacts, but the theory needs small "

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.law.elliptic_friction import dissipation
 
 # Coordinates below this, relative to the size of the body, are rounding errors of zero.
 _ZERO = 1e-9
-# A motion is nearly a translation if its rotation moves the contacts by less than the
-# translation divided by this.
-_FAR = 2.0
 # Parts of a motion below this, relative to the whole, are left out. If the loads exceed
 # the friction limit by little, a rotation of a proof by ω changes its work by ω²: its
 # direction is known to the root of rounding.
@@ -158,7 +156,7 @@ def _named(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
     if rate * reach <= _WORTH * moved:
         return translation
     turning = _turning(shift, turn, centre, reach)
-    if rate * reach * _FAR <= moved:
+    if rate * reach * tuning.NEARLY_TRANSLATION <= moved:
         return f"{translation} (nearly: {turning})"
     return turning
 

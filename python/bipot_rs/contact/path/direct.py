@@ -14,6 +14,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.moving_gaps import find_rotation, rotate
@@ -158,12 +159,15 @@ class CondensedStep:
         """None: `Result` differentiates the whole path."""
 
     def _tried(self) -> Tried:
-        from bipot_rs.contact.messages.diagnosis import NEAR, Tried
+        from bipot_rs.contact.messages.diagnosis import Tried
 
         core = self.core
 
         def several(step: Solution) -> bool:
-            return step.residual <= NEAR and self.unique(step) == "others exist"
+            return (
+                step.residual <= tuning.NEAR_SOLUTION
+                and self.unique(step) == "others exist"
+            )
 
         return Tried(
             method=self.data.settings.method,

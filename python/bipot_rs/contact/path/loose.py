@@ -18,12 +18,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Parts
-
-# k relative to the largest entry of K. With a hundredth of it, statuses of slipping contacts
-# do not settle; ten times as much takes twice the iterations.
-_SPRING = 1e-2
-# Iterations; six are usual.
-_MOST = 60
+from bipot_rs.contact import tuning
 
 
 @dataclass(frozen=True)
@@ -54,7 +49,7 @@ class Loose:
             i for i in np.flatnonzero(bare) if not value[start[i] : start[i + 1]].any()
         ]
         largest = float(diagonal.max(initial=0.0))
-        return cls(np.array(dofs, np.int64), _SPRING * largest)
+        return cls(np.array(dofs, np.int64), tuning.LOOSE_SPRING * largest)
 
     def add_springs(self, parts: Parts) -> Parts:
         """K with the springs."""
@@ -92,7 +87,7 @@ class Loose:
         at
             Displacements of `dofs` to start from.
         """
-        for _ in range(_MOST):
+        for _ in range(tuning.LOOSE_ITERATIONS):
             stretched = load.copy()
             stretched[self.dofs] += self.spring * at
             raw = step(stretched)

@@ -26,6 +26,7 @@ from bipot_rs._lib.validation import (
     places,
     threads,
 )
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
@@ -498,7 +499,7 @@ class PreparedStiffness:
             return ""
         if self._contacts.d == 2:
             return "the problem is plane"
-        if options.free < choice.LEAST:
+        if options.free < tuning.LEAST_ITERATIVE:
             return f"{options.free} free degrees of freedom are few"
         if self._loads is not None or options.working_set is not None:
             return "loads or working_set is given"
@@ -521,7 +522,7 @@ class PreparedStiffness:
                 "bodies": None,
                 "n_contact_dofs": d * contacts,
                 "nnz_factor": 0,
-                "flops": choice.STEP_FLOPS * self.options.n * steps,
+                "flops": tuning.STEP_FLOPS * self.options.n * steps,
                 "bytes_factor": 0,
                 "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
                 "ordering": None,

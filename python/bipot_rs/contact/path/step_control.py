@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.validation import floats, number
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.path.load_path import PathSolver
@@ -21,8 +22,8 @@ from bipot_rs.contact.path.load_steps import Totals
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 
-# Default of the smallest step, and its lower limit by the rounding of s, over the path.
-_SMALLEST, _LEAST = 1e-3, 1e-12
+# Lower limit of a step by the rounding of s, over the path.
+_LEAST = 1e-12
 # A distance to a stop below this part of the smallest step is rounding of s.
 _ROUNDING = 1e-6
 
@@ -71,7 +72,7 @@ def check_increments(
         )
     end = float(ends[-1])
     most = end if largest is None else number("largest", largest)
-    least = min(_SMALLEST * end, most)
+    least = min(tuning.SMALLEST_STEP * end, most)
     if smallest is not None:
         least = number("smallest", smallest)
     begin = most if first is None else number("first", first)

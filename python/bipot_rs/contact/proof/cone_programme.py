@@ -16,15 +16,12 @@ from typing import TypeAlias
 import numpy as np
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 
-# Steps end here at the latest; 8 to 25 are usual.
-_STEPS = 80
 # Relative residuals and gap at which steps end: far below 1e-9, far above rounding. Where
 # they were near and rise by the factor _WORSE, rounding prevails: the best point is taken.
 _ENOUGH = 1e-12
 _NEAR, _WORSE = 1e-7, 1e2
-# Share of the longest step inside the cones.
-_INSIDE = 0.99
 # Shorter steps only add rounding.
 _SHORT = 1e-8
 # A direction leaves the cones by at most this share of its size.
@@ -107,7 +104,7 @@ class Programme:
     def _follow(self, p: _Point, c: Floats, across: Across) -> _Point:
         """The best point of at most so many steps."""
         best, least = p, np.inf
-        for _ in range(_STEPS):
+        for _ in range(tuning.PROGRAMME_STEPS):
             merit = _merit(p, c, self.G, self.h)
             if merit < least:
                 best, least = p, merit
@@ -165,7 +162,7 @@ def _advance(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | 
         towards[:, 0] += share * mean
         edge = share * mean - product - predicted.tau * predicted.kappa
         move = newton.step(1 - share, towards, edge)
-        length = min(1.0, _INSIDE * _longest(p, lam, move))
+        length = min(1.0, tuning.PROGRAMME_SHARE * _longest(p, lam, move))
         after = _Point(
             p.y + length * move.y,
             p.s + length * newton.scaling.times(move.s),

@@ -13,10 +13,8 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.proof.existence_by_friction import holds, polygon
-
-# Sides of the polygon inside the disc of slip, in space. It covers 98 % of the radius.
-_FACETS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -252,7 +250,7 @@ def _inside(p: _Scaled) -> Floats | None:
     span[p.kept] = U
     free = np.zeros(contacts * d)
     free[p.kept] = p.q / size
-    sides, inner = polygon(d - 1, _FACETS)
+    sides, inner = polygon(d - 1, tuning.SLIP_FACETS)
     rows, right = [], []
     span3, free2 = span.reshape(contacts, d, -1), free.reshape(contacts, d)
     for side in sides:

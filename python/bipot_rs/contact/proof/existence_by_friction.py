@@ -9,13 +9,12 @@ import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 
 # A smaller component of a rigid motion of length 1 is rounding.
 _FLAT = 1e-9
 # Above the tolerance of linear programmes, 1e-7.
 _MARGIN = 1e-6
-# Sides of the polygon inside the disc of friction.
-_FACETS = 32
 
 
 def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
@@ -128,7 +127,7 @@ def _shared(
     ):
         return False
     ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
-    sides, inner = polygon(tangential, _FACETS)
+    sides, inner = polygon(tangential, tuning.FRICTION_FACETS)
     start = x0[:free].reshape(-1, tangential)
     change = ways[:free].reshape(len(rubbing), tangential, -1)
     rows = np.einsum("sj,ija->sia", sides, change)

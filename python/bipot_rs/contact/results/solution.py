@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results import error_bound, summary
 from bipot_rs.contact.results.derivatives import (
@@ -26,9 +27,6 @@ from bipot_rs.contact.results.error_bound import ErrorBound
 if TYPE_CHECKING:
     from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
 
-# Displacements are computed in blocks: more right sides gain nothing in a pass over the
-# factor.
-BLOCK = 32
 
 # For solutions without their problem, which cannot be diagnosed.
 _REASONS = {
@@ -511,7 +509,10 @@ def recover(steps: Sequence[Step]) -> None:
     for recovery, of_path in groupby(without, key=lambda step: step.recovery):
         rest = list(of_path)
         while recovery is not None and rest:
-            block, rest = rest[:BLOCK], rest[BLOCK:]
+            block, rest = (
+                rest[: tuning.DISPLACEMENTS_TOGETHER],
+                rest[tuning.DISPLACEMENTS_TOGETHER :],
+            )
             for step, u in zip(block, recovery.recover(block), strict=True):
                 # A copy, so that a step does not keep the memory of its block.
                 step.computed.displacement = u.copy() if len(block) > 1 else u

@@ -14,16 +14,12 @@ import numpy as np
 
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.sensitivity.laws import Point, laws
 from bipot_rs.contact.sensitivity.linear import Change, Linear, right_side
 
-# Combinations of sides that are all tried to see whether there are several answers, and to
-# find one if the iteration does not: about a millisecond each.
-_COMPARED = 256
-_TRIED = 4096
-_ITERATIONS = 100
 # Violation of a complementarity condition, relative to the change of all border contacts,
 # that counts as rounding.
 _SATISFIED = 1e-9
@@ -79,7 +75,7 @@ class BorderProblem:
         """``dr`` and ``da``."""
         found = self._iterate()
         count = np.prod([float(len(sides)) for sides in self.sides])
-        if count <= (_TRIED if found is None else _COMPARED):
+        if count <= (tuning.SIDES_TRIED if found is None else tuning.SIDES_COMPARED):
             found = self._only(found)
         if found is None:
             raise NotDifferentiableError(
@@ -224,7 +220,7 @@ class BorderProblem:
     def _iterate(self) -> Floats | None:
         """Active-set iteration from some starts; None if it does not end."""
         for z in self._starts():
-            for _ in range(_ITERATIONS):
+            for _ in range(tuning.SIDE_ITERATIONS):
                 after = self._at(self._preferred(z))
                 if after is None:
                     break

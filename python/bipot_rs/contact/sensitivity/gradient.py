@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.results.derivatives import Cotangents, Gradient
-from bipot_rs.contact.results.solution import BLOCK
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
-
-# Entries of K whose products are computed together: their factors stay in the cache.
-_ENTRIES = 1 << 14
 
 
 class Backward:
@@ -93,8 +90,8 @@ class Backward:
             for k in range(count)
         ]
         blocks = [
-            path.response.displacements(states[k : k + BLOCK])
-            for k in range(0, count, BLOCK)
+            path.response.displacements(states[k : k + tuning.DISPLACEMENTS_TOGETHER])
+            for k in range(0, count, tuning.DISPLACEMENTS_TOGETHER)
         ]
         return np.concatenate(blocks)
 
@@ -118,8 +115,8 @@ class Backward:
         adjoint = np.ascontiguousarray(load.T)
         moved = np.ascontiguousarray(self._result.displacement.T)
         values = np.empty(K.nnz)
-        for first in range(0, K.nnz, _ENTRIES):
-            own = slice(first, first + _ENTRIES)
+        for first in range(0, K.nnz, tuning.ENTRIES_TOGETHER):
+            own = slice(first, first + tuning.ENTRIES_TOGETHER)
             pairs = adjoint[rows[own]], moved[K.indices[own]]
             np.einsum("ek,ek->e", *pairs, out=values[own])
         half = csr_array((values / -2, K.indices, K.indptr), shape=K.shape)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
 from bipot_rs.contact.results.solution import Step
@@ -17,11 +18,6 @@ from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import Linear
 from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
 from bipot_rs.contact.sensitivity.response import Condensed, PathResponse
-
-# Contacts with a smaller opening, as a share of the largest one, may be on a border.
-_CLOSE = 1e-6
-# Bytes of the compliance and of the factored systems that a result may keep.
-KEPT = 1 << 28
 
 
 class LinearPath:
@@ -81,7 +77,7 @@ class LinearPath:
         order = 0
         if isinstance(self.response, Condensed):
             order = len(self.response.members) * self.shape[1] + self.response.motions
-        self.kept = 8 * order**2 * (1 + len(steps)) <= KEPT
+        self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
         self._linear: dict[int, Linear] = {}
         compliance = self.response.diagonal.mean(axis=1)
         self.borders = [
@@ -104,7 +100,7 @@ class LinearPath:
         """Contacts that close, or nearly do, in some step."""
         closed = np.zeros(self.shape[0], bool)
         for point in self.points:
-            near = _CLOSE * np.abs(point.opening).max(initial=0.0)
+            near = tuning.NEARLY_CLOSED * np.abs(point.opening).max(initial=0.0)
             closed |= (point.status != Status.OPEN) | (point.opening <= near)
         return np.flatnonzero(closed)
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.results.derivatives import DataChange, Tangent
-from bipot_rs.contact.results.solution import BLOCK
 from bipot_rs.contact.sensitivity.directional import changed
 from bipot_rs.contact.sensitivity.linear import Change
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
@@ -79,8 +79,10 @@ class Forward:
         """Derivatives of the displacements, ``(steps, n)``."""
         count = len(self._path.steps)
         blocks = [
-            self._displacements(list(range(k, min(k + BLOCK, count))))
-            for k in range(0, count, BLOCK)
+            self._displacements(
+                list(range(k, min(k + tuning.DISPLACEMENTS_TOGETHER, count)))
+            )
+            for k in range(0, count, tuning.DISPLACEMENTS_TOGETHER)
         ]
         return np.concatenate(blocks)
 

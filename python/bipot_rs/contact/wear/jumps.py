@@ -13,21 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.wear.cycle import Cycle, Cycles
 from bipot_rs.contact.wear.record import LEAST, CycleEnd, Jump, Wear, WearRows
 from bipot_rs.contact.wear.stability import Stability
 
-# A jump is at most so many times as long as the one before.
-_GROWTH = 4.0
-# The next jump aims at this part of the allowed error to the power 1/3, because the
-# estimate grows with the cube of the length.
-_CAUTION = 0.8
-# A jump may take one part in so many of the error that is not shared out.
-_TAKEN = 8
-# After jumps that were too short, at most so many cycles pass before another attempt.
-_PATIENCE = 32
 # The longest jump is this divided by the rate of `Stability`. Twice as long would be stable;
 # with this, not even the predicted pressure overshoots.
 STABLE = 1.0
@@ -132,9 +124,12 @@ class CycleSolver:
             self._reject(jump)
             return False
         self._rows.jumps.append(jump)
-        factor = _GROWTH
+        factor = tuning.JUMP_GROWTH
         if estimate > 0:
-            factor = min(_GROWTH, _CAUTION * float(np.cbrt(limit / estimate)))
+            factor = min(
+                tuning.JUMP_GROWTH,
+                tuning.JUMP_CAUTION * float(np.cbrt(limit / estimate)),
+            )
         spent = state.spent + max(estimate - share, 0.0)
         self._state = replace(
             state, spent=spent, estimate=state.estimate + trial.estimate
@@ -150,7 +145,7 @@ class CycleSolver:
         gained = float(change.max())
         whole = self._rtol / 2
         share = whole / 4 * (gained + over / self._end * deepest)
-        return share, (whole / 2 * deepest - self._state.spent) / _TAKEN
+        return share, (whole / 2 * deepest - self._state.spent) / tuning.JUMP_TAKEN
 
     def _try_jump(self, over: int) -> JumpTrial:
         state = self._state
@@ -174,7 +169,10 @@ class CycleSolver:
         self._rows.jumps.append(jump)
         length = jump.cycles / 2
         if length < LEAST:
-            self._wait, self._pause = self._pause, min(2 * self._pause, _PATIENCE)
+            self._wait, self._pause = (
+                self._pause,
+                min(2 * self._pause, tuning.JUMP_PATIENCE),
+            )
             length = LEAST
         self._state = replace(self._state, length=length)
 

@@ -11,11 +11,7 @@ from scipy.sparse import linalg
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts
-
-# With no more contacts, the eigenvalue is computed from the dense matrix.
-_FEW = 64
-# Relative error of the eigenvalue: far below that of the estimate.
-_RTOL = 0.01
+from bipot_rs.contact import tuning
 
 
 class Stability:
@@ -53,7 +49,7 @@ class Stability:
         self._solve = _inverse(sparse.csc_array(meeting[self._own][:, self._own]))
         self._whole: Floats | None = None
         count = len(self._own)
-        if self._solve is not None and count <= _FEW:
+        if self._solve is not None and count <= tuning.DENSE_BOUND:
             whole = np.reshape([self._apply(e) for e in np.eye(count)], (count, count))
             self._whole = (whole + whole.T) / 2
 
@@ -88,10 +84,15 @@ class Stability:
         )
         start = np.random.default_rng(0).standard_normal(n)
         (found,) = linalg.eigsh(
-            operator, k=1, which="LA", v0=start, tol=_RTOL, return_eigenvectors=False
+            operator,
+            k=1,
+            which="LA",
+            v0=start,
+            tol=tuning.BOUND_RTOL,
+            return_eigenvectors=False,
         )
         # Lanczos approaches the eigenvalue from below.
-        return float(f"{found * (1 + _RTOL):.3g}")
+        return float(f"{found * (1 + tuning.BOUND_RTOL):.3g}")
 
 
 def _inverse(meeting: Any) -> Any:

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs.contact import tuning
 from bipot_rs.contact.path import choice
 from support.pressed_in_space import arrays
 
 
 def test_long_paths_and_small_problems_are_direct() -> None:
-    assert choice.choose(choice.LEAST - 1, 500, 1, None)[0] == "direct"
-    assert choice.choose(choice.LEAST, 500, 10, None)[0] == "iterative"
-    assert choice.choose(choice.LEAST, 500, 11, None)[0] == "direct"
-    assert choice.choose(choice.LEAST, 1000, 11, None)[0] == "iterative"
+    assert choice.choose(tuning.LEAST_ITERATIVE - 1, 500, 1, None)[0] == "direct"
+    assert choice.choose(tuning.LEAST_ITERATIVE, 500, 10, None)[0] == "iterative"
+    assert choice.choose(tuning.LEAST_ITERATIVE, 500, 11, None)[0] == "direct"
+    assert choice.choose(tuning.LEAST_ITERATIVE, 1000, 11, None)[0] == "iterative"
 
 
 def test_a_factor_that_does_not_fit_is_not_made() -> None:
@@ -28,8 +29,8 @@ def test_the_model_of_memory() -> None:
 
 
 def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "LEAST", 100)
-    monkeypatch.setattr(choice, "PER_STEP", 100)
+    monkeypatch.setattr(tuning, "LEAST_ITERATIVE", 100)
+    monkeypatch.setattr(tuning, "DOFS_PER_STEP", 100)
     known, prescribed = arrays()
     told = []
     problem = bp.ContactProblem(**known, on_forecast=told.append)
@@ -46,8 +47,8 @@ def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_long_first_path_is_direct(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "LEAST", 100)
-    monkeypatch.setattr(choice, "PER_STEP", 1000)
+    monkeypatch.setattr(tuning, "LEAST_ITERATIVE", 100)
+    monkeypatch.setattr(tuning, "DOFS_PER_STEP", 1000)
     known, prescribed = arrays()
     problem = bp.ContactProblem(**known)
     problem.solve(prescribed=prescribed)

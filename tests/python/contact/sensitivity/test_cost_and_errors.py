@@ -10,7 +10,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
-from bipot_rs.contact.sensitivity import linear_path
+from bipot_rs.contact import tuning
 from bipot_rs.contact.sensitivity.response import Condensed
 from support.random_paths import random_path
 
@@ -65,7 +65,7 @@ def test_systems_are_kept_for_further_derivatives(
 
     given, data = random_path("held", 3, 25)
     fresh = given.solve(data)
-    monkeypatch.setattr(linear_path, "KEPT", 0)
+    monkeypatch.setattr(tuning, "KEPT_BYTES", 0)
     made.clear()
     for _ in range(2):
         other = fresh.jvp(mu=1.0)

@@ -1,0 +1,137 @@
+"""The fitted constants of contact problems: what they were fitted on, and what they change.
+
+Only speed depends on them, and whether a message or a jump appears; no solution does. What is
+derived from rounding or theory stands beside its use. *Half* and *twice* say what happens at
+half and at twice the value; `benches/tuning.py` measures those of the solver.
+"""
+
+# --- Choice of the engine in space: benches/scale.py, results/scale.csv and whole_job.csv.
+
+# Free degrees of freedom from which the first load step takes less time by iteration.
+# Half and twice: the first step of blocks between the two values takes longer.
+LEAST_ITERATIVE = 15_000
+# A condensation takes as long as one iterative step for so many free degrees of freedom: its
+# work grows with their square, that of a step in proportion. Half: paths of twice as many
+# steps iterate; twice: those of half as many are condensed. At the border both take equally
+# long.
+DOFS_PER_STEP = 1_500
+# Contacts from which a direct step, whose work grows with their cube, takes longer than an
+# iterative one. Half and twice: long paths of bodies between the two values take longer.
+MANY_CONTACTS = 1_000
+# Steps of an adaptive path between two stops, which is what the choice expects. Half and
+# twice: as with DOFS_PER_STEP.
+ADAPTIVE_STEPS = 8
+# Work of an iterative load step for each degree of freedom [flop], in the unit in which the
+# direct engine does 20 Gflop/s on a core. It only changes the forecast that is printed.
+STEP_FLOPS = 2e5
+# The factor of a cube of 10⁶ degrees of freedom [bytes], and the power with which it grows.
+# Half: the factor may not fit where the forecast says so; twice: the iterative engine solves
+# although a factor would fit.
+FACTOR_BYTES, FACTOR_GROWTH = 29e9, 1.34
+
+# --- Degrees of freedom without stiffness (path/loose.py): tests/python/contact/path.
+
+# Spring, relative to the largest entry of K. A hundredth of it: statuses of slipping contacts do
+# not settle; ten times as much: twice the iterations.
+LOOSE_SPRING = 1e-2
+# Iterations; six are usual. It ends paths that do not settle, and changes nothing else.
+LOOSE_ITERATIONS = 60
+
+# --- Adaptive load steps (path/step_control.py): the scenes with automatic steps.
+
+# The default of the shortest step, as a part of the path. Half and twice: a path that fails
+# fails one halving later or earlier.
+SMALLEST_STEP = 1e-3
+
+# --- Jumps over cycles of wear (wear/jumps.py): `spring` and `pad` of
+# tests/python/support/worn.py over 400 cycles with rtol = 0.001. The figures are the load paths
+# that are solved; as it is 99 and 415. The error of the depth is at most 1.2e-4 in all of them.
+
+# A jump is at most so many times as long as the one before; the limit where the estimate of
+# the error is zero. Half and twice: 99 and 415.
+JUMP_GROWTH = 4.0
+# The next jump aims at this part of the allowed error to the power 1/3, because the estimate
+# grows with the cube of the length. Half: 177 and 415; twice: 209 and 440, because jumps are
+# rejected; 1: 89 and 415.
+JUMP_CAUTION = 0.8
+# A jump may take one part in so many of the error that is not shared out. Half: 91 and 435;
+# twice: 113 and 431.
+JUMP_TAKEN = 8
+# After jumps that were too short, at most so many cycles pass before another attempt. Half: 99
+# and 435; twice: 99 and 417.
+JUMP_PATIENCE = 32
+# Up to this number of contacts, the bound of jumps is computed from the dense matrix. Half and
+# twice: the time of the bound changes by milliseconds.
+DENSE_BOUND = 64
+# Relative error of that bound from a sparse matrix. Half and twice: a few Lanczos steps more
+# or less.
+BOUND_RTOL = 0.01
+
+# --- Derivatives (sensitivity/): the paths of tests/python/contact/sensitivity.
+
+# Combinations of sides of the border contacts that are all tried: to see whether there are
+# several answers, and to find one if the iteration does not. About a millisecond each. Half:
+# one border contact less; twice: one more.
+SIDES_COMPARED, SIDES_TRIED = 256, 4096
+# Iterations of the active set from one start; a handful are usual.
+SIDE_ITERATIONS = 100
+# Openings below this part of the largest one may be on a border: their W is formed too.
+NEARLY_CLOSED = 1e-6
+# Bytes of the compliance and of the factored systems that a result keeps for further
+# derivatives. Half and twice: larger or smaller paths are linearised again each time.
+KEPT_BYTES = 1 << 28
+# Entries of K whose products are computed together, so that they stay in the cache.
+ENTRIES_TOGETHER = 1 << 14
+
+# --- Blocks and sizes.
+
+# Displacements that are recovered in one pass over the factor: more right sides gain nothing.
+DISPLACEMENTS_TOGETHER = 32
+# Columns of W of a global problem that are solved together: W is never dense.
+COLUMNS_TOGETHER = 64
+# Up to this number of points, all pairs take less time than the import of a search tree.
+ALL_PAIRS = 1000
+# Rows of W up to which a diagnosis computes its eigenvalues; for more they take seconds.
+DENSE_DIAGNOSIS = 1500
+
+# --- Proofs of existence (proof/): the random problems of tests/python/contact/proof.
+
+# Sides of the polygon inside the disc of slip, in space: 16 cover 98 % of the radius. Half:
+# 92 %, and some solvable problems are "unknown"; twice: linear programmes of twice the size.
+SLIP_FACETS = 16
+# The same inside the disc of friction. Half: 98 % of the radius; twice: twice the size.
+FRICTION_FACETS = 32
+# Steps of the interior-point method; 8 to 25 are usual. It only ends what does not converge.
+PROGRAMME_STEPS = 80
+# Share of the longest step inside the cones.
+PROGRAMME_SHARE = 0.99
+
+# --- Diagnosis and remarks (messages/): the failing solves of test_diagnosis.py, and the
+# shipped scenes, which must have no remark. They change only what a message names.
+
+# If one motion is softer than all others by this factor, a residual of 1e-10 says nothing
+# about the others.
+SOFT_MOTION = 1e8
+# From this μ on, μ times the rounding error of a displacement is a large residual.
+HUGE_FRICTION = 1e8
+# Rows of history needed to see whether the residual falls, and the factor by which the last
+# fifth of the iterations must reduce it.
+HISTORY_ROWS, STILL_FALLS = 10, 0.9
+# Below this residual the statuses are probably those of a solution, and show whether there are
+# several solutions.
+NEAR_SOLUTION = 1e-3
+# Below this, η and the violations of the law are small.
+SMALL_VIOLATION = 1e-6
+# Below this cosine a normal points the wrong way. A normal towards the closest point may
+# differ from that of the surface.
+WRONG_NORMAL = -0.5
+# Single contacts with a gap above this part of the size of the model are not checked: an
+# obstacle next to an edge may lie on its other side.
+CLOSE_GAP = 0.05
+# Mean strain above which strains are not small.
+LARGE_STRAIN = 0.05
+# Limit of the slip of a step over the extent of all contacts.
+LONG_SLIP = 1.0
+# A motion is nearly a translation if its rotation moves the contacts by less than the
+# translation divided by this.
+NEARLY_TRANSLATION = 2.0
