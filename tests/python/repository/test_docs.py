@@ -90,11 +90,9 @@ def _unit(number: str) -> float:
 
 
 def anchors(text: str) -> set[str]:
-    """Names by which headings, and on the site numbered equations, can be linked."""
+    """Names by which headings can be linked."""
     heads = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
-    numbers = re.findall(r"^ {4}.*\((\d+[a-e]?)\)$", text, re.MULTILINE)
-    names = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in heads}
-    return names | {f"eq-{number}" for number in numbers}
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in heads}
 
 
 def broken_links(page: Path) -> list[str]:
@@ -298,10 +296,9 @@ def test_broken_links_are_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
         "# A head: one\n[a](#a-head-one) [b](#two) [c](gone.md) [d](page.md)\n"
-        "[g](#eq-3) [h](page.md#eq-4)\n\n    a = b   (3)\n\n"
         '`[e](gone.md)`\n<img width=3 src="gone.png"> [f](https://example.org)\n'
     )
-    assert broken_links(page) == ["#two", "gone.md", "page.md#eq-4", "gone.png"]
+    assert broken_links(page) == ["#two", "gone.md", "gone.png"]
 
 
 @pytest.mark.parametrize(
