@@ -245,8 +245,6 @@ TABLE: list[tuple[Call, str, Any, Any, str]] = [
     (reduced, "W", sparse.coo_array(G.W).astype(complex), TYPE, "complex"),
     (project, "tau", [np.ma.masked_array([1.0, 2.0], [False, True]), np.ones(2)], VALUE,
      "tau has masked"),
-    *((call, "path", path, TYPE, "path") for call in (save, bp.load_result)
-      for path in (3.0, None, ["x.h5"], np.ones(2))),
     (write, "path", "x.vtu", VALUE, r"NAME\.pvd"),
     # States of another problem.
     *((call, "start", start, VALUE, "shape") for call in (solve, step)
@@ -438,3 +436,10 @@ def test_arguments_that_are_wrong_together() -> None:
         bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
     with pytest.raises(ValueError, match=r"load.*prescribed|prescribed.*load"):
         problem().solve([G.load] * 2, np.zeros((3, 1)))
+
+
+@pytest.mark.needs_extra
+def test_a_path_that_is_none() -> None:
+    for call in (save, bp.load_result):
+        for path in (3.0, None, ["x.h5"], np.ones(2)):
+            refused(call, "path", path, TypeError, "")

@@ -209,6 +209,7 @@ def test_a_verdict_does_not_depend_on_units() -> None:
             assert problem.solve([load])[0].unique == said
 
 
+@pytest.mark.needs_extra
 def test_a_computed_verdict_is_pickled(tmp_path: Path) -> None:
     asked = one_node([[-1.0, 1.5], [-1.0, 1.4]], 0.3)
     assert asked[0].unique == "proved"

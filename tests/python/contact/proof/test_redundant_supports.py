@@ -70,6 +70,7 @@ def test_a_wall_of_rigid_disks() -> None:
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.4999, 0.499999, 0.4999999])
+@pytest.mark.needs_extra
 def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
     """With sweeps alone the number of products grows as 1/(1 - 2ν)."""
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]

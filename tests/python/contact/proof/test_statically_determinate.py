@@ -33,6 +33,7 @@ def test_supports_of_many_flat_blocks_are_counted() -> None:
     assert sum(counted(range(200, 4200)).values()) == 4000
 
 
+@pytest.mark.needs_extra
 def test_two_nodes_do_not_hold_a_body_in_space() -> None:
     assert on_two_nodes(range(200))["refused"] == 200
 

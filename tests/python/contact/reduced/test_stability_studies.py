@@ -26,6 +26,8 @@ from studies.measure import (
 
 import bipot_rs as bp
 
+pytestmark = pytest.mark.needs_extra
+
 EPS = float(np.finfo(float).eps)
 SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
 

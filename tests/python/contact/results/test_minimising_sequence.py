@@ -177,6 +177,7 @@ def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> No
     assert ellipse[-1] == pytest.approx(found.reaction[-1, 0, 0], rel=1e-9)
 
 
+@pytest.mark.needs_extra
 def test_other_methods_and_files_have_none(tmp_path: Path) -> None:
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.6]], 0.3)
     assert problem.solve().minimising_sequence is None

@@ -26,6 +26,7 @@ def rows(told: str) -> dict[str, str]:
     return dict(lines[1:])
 
 
+@pytest.mark.needs_extra
 def test_examples_of_the_docstrings() -> None:
     failed, tried = doctest.testmod(summary)
     assert (failed, tried > 8) == (0, True)

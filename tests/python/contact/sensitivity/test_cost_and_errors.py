@@ -99,6 +99,7 @@ def test_displacements_without_a_factor() -> None:
             work()
 
 
+@pytest.mark.needs_extra
 def test_results_without_their_problem(path: bp.Result, tmp_path: Path) -> None:
     path.save(tmp_path / "x.h5")
     for lost in (bp.load(tmp_path / "x.h5"), pickle.loads(pickle.dumps(path))):
