@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import mistyped
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import of_step
 from bipot_rs.plots import style
-from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
+from bipot_rs.plots.geometry.boundary_facets import corners_of, deformed_nodes, skin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
 
     from bipot_rs.fem.assembly.assembly import Assembly
     from bipot_rs.scene.case import Case
@@ -220,23 +221,35 @@ def _at_rest(case: Case, result: Any, found: Any, step: int) -> Floats | None:
     return None
 
 
-def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
-    from matplotlib.collections import LineCollection, PolyCollection
+def cells_in_plane(
+    cells: Sequence[tuple[str, Ints]],
+    places: Floats,
+    values: Floats,
+    ax: Axes,
+    **colours: Any,
+) -> PolyCollection:
+    """Draw cells in 2D with equal scales, each in the colour of its value."""
+    from matplotlib.collections import PolyCollection
 
-    corners = [c for kind, n in model.cells for c in places[corners_of(kind, n)]]
-    image = PolyCollection(
-        corners, array=stress, cmap="viridis", lw=0, antialiased=False
-    )
+    corners = [c for kind, n in cells for c in places[corners_of(kind, n)]]
+    image = PolyCollection(corners, array=values, lw=0, antialiased=False, **colours)
     # As an image: separate polygons would make a large file.
     image.set_rasterized(True)
     ax.add_collection(image)
+    ax.set_aspect("equal")
+    return image
+
+
+def _plane(model: Assembly, places: Floats, stress: Floats, ax: Axes) -> PolyCollection:
+    from matplotlib.collections import LineCollection
+
+    image = cells_in_plane(model.cells, places, stress, ax, cmap="viridis")
     for nodes, colour, width in (
         (model.nodes, style.QUIET, 0.6),
         (places, "black", 0.8),
     ):
         edges = [nodes[facet] for facets, _ in skin(model.cells) for facet in facets]
         ax.add_collection(LineCollection(edges, colors=colour, linewidths=width))
-    ax.set_aspect("equal")
     return image
 
 
@@ -255,9 +268,8 @@ def facets_in_space(
         Poly3DCollection,
     )
 
-    image = Poly3DCollection(
-        polygons, lw=0.2, edgecolor=(0, 0, 0, 0.35), **({"cmap": "viridis"} | colours)
-    )
+    edges: dict[str, Any] = {"lw": 0.2, "edgecolor": (0, 0, 0, 0.35)}
+    image = Poly3DCollection(polygons, **({"cmap": "viridis"} | edges | colours))
     image.set_array(values)
     image.set_rasterized(True)
     ax.add_collection3d(image)

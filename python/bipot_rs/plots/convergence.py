@@ -49,12 +49,10 @@ def convergence(
             "history is empty: result files do not contain it, pass a result of solve"
         )
     ax = style.axes_of(ax)
-    from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
     shade = Normalize(1, max(len(path), 2))
-    # The light end of the colours is hard to see on white.
-    colours = colormaps["viridis"].resampled(256)
+    colours = style.shades()
     for k in kept:
         work, eta = path[k].history.T
         # A logarithmic axis cannot show a residual of zero.
@@ -64,7 +62,7 @@ def convergence(
             marker="o",
             ms=3,
             lw=1.2,
-            color=style.PRESSURE if len(path) == 1 else colours(0.9 * shade(k + 1)),
+            color=style.PRESSURE if len(path) == 1 else colours(shade(k + 1)),
             label=f"step {k + 1}" if len(path) > 1 else "residual",
         )
     tolerance = max(path[k].tolerance for k in kept)
@@ -75,10 +73,7 @@ def convergence(
     if len(path) <= _NAMED:
         style.legend_above(ax)
     else:
-        from matplotlib.colors import ListedColormap
-
-        drawn = ListedColormap(colours(np.linspace(0, 0.9, 256)))
-        scale = style.scale_of(drawn, 1, len(path))
+        scale = style.scale_of(colours, 1, len(path))
         style.colour_bar(scale, ax, "load step", None)
         handles = [h for h in ax.get_lines() if h.get_label() == "held to"]
         style.legend_above(ax, handles=handles)

@@ -17,7 +17,7 @@ from bipot_rs.contact.law.frames import of_step
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
 from bipot_rs.mortar.pairs import Pairs
-from bipot_rs.plots import triangles
+from bipot_rs.plots.geometry import triangles
 from bipot_rs.scene.units import inconsistent
 
 # The argument ``contacts``: a mapping with points and frames, or the model.
@@ -284,18 +284,6 @@ def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
 def numbers(chosen: Any, contacts: int) -> NDArray[np.intp]:
     """Numbers of the contacts that a slice, a mask or numbers choose."""
     found: NDArray[np.intp] = np.arange(contacts)[chosen]
-    return found
-
-
-def part_of(known: Mapping[str, Any], chosen: Any) -> dict[str, Any]:
-    """The mapping ``contacts`` for some of the contacts."""
-    count = len(known["x"])
-    found = dict(known)
-    for name, values in known.items():
-        if name == "facets":
-            found[name] = triangles.part(values, numbers(chosen, count), count)
-        elif name != "surface_names" and values is not None:
-            found[name] = values[chosen]
     return found
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.plots.boundary_facets import skin
+from bipot_rs.plots.body import cells_in_plane, facets_in_space
+from bipot_rs.plots.geometry.boundary_facets import skin
 
 # Range of the colours, relative to the mean element. A mesh is best for its size when all
 # elements have about the same error.
@@ -71,8 +72,7 @@ def draw(
     colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
     label = "error energy of the element / of the mean element"
     if nodes.shape[1] == 2:
-        corners = np.concatenate([c for _, c in cells])
-        panels = _plane(figure, nodes, corners, share, contacts, colours, unit)
+        panels = _plane(figure, nodes, cells, share, contacts, colours, unit)
     else:
         panels = _space(figure, nodes, cells, share, colours)
     figure.colorbar(panels[-1][1], ax=[axes for axes, _ in panels], label=label)
@@ -81,14 +81,12 @@ def draw(
 def _plane(
     figure: Any,
     nodes: Floats,
-    corners: Ints,
+    cells: Sequence[tuple[str, Ints]],
     share: Floats,
     contacts: Floats | None,
     colours: dict[str, Any],
     unit: str,
 ) -> list[tuple[Any, Any]]:
-    from matplotlib.collections import PolyCollection
-
     views = [(nodes.min(axis=0), nodes.max(axis=0))]
     if contacts is not None and len(contacts):
         low, high = contacts.min(axis=0), contacts.max(axis=0)
@@ -102,15 +100,9 @@ def _plane(
     panels = []
     for k, (low, high) in enumerate(views):
         axes = figure.add_subplot(1, len(views), k + 1)
-        image = PolyCollection(
-            list(nodes[corners]), array=share, lw=0, antialiased=False, **colours
-        )
-        # As an image: separate polygons would make a large file.
-        image.set_rasterized(True)
-        axes.add_collection(image)
+        image = cells_in_plane(cells, nodes, share, axes, **colours)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
-        axes.set_aspect("equal")
         if unit:
             axes.set_xlabel(f"[{unit}]")
         panels.append((axes, image))
@@ -125,10 +117,6 @@ def _space(
     colours: dict[str, Any],
 ) -> list[tuple[Any, Any]]:
     """Draw the boundary from above and from below, each facet in the colour of its cell."""
-    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
-        Poly3DCollection,
-    )
-
     parts = skin(cells)
     outside = [polygon for facets, _ in parts for polygon in nodes[facets]]
     of_cell = np.concatenate([cell for _, cell in parts])
@@ -136,10 +124,8 @@ def _space(
     panels = []
     for k, height in enumerate((25, -25)):
         axes = figure.add_subplot(1, 2, k + 1, projection="3d")
-        image = Poly3DCollection(outside, lw=0.1, edgecolor="grey", **colours)
-        image.set_array(share[of_cell])
-        image.set_rasterized(True)
-        axes.add_collection3d(image)
+        thin = {"lw": 0.1, "edgecolor": "grey"}
+        image = facets_in_space(outside, share[of_cell], axes, **thin, **colours)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(high - low)
         axes.view_init(height, -55)

@@ -13,8 +13,8 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.elliptic_friction import dissipation
 from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
-from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import Contacts, Given, look
+from bipot_rs.plots.geometry.arc_length import Places, common
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

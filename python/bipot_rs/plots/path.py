@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
@@ -71,27 +71,7 @@ def resultants(
     else:
         names, surface = names_of(known), surface[chosen]
         parts = [(names[k], np.flatnonzero(surface == k)) for k in np.unique(surface)]
-    return draw_resultants(reaction, frame, mu, parts, units, canvas.axes_of(ax))
-
-
-def draw_resultants(
-    reaction: Floats,
-    frame: Floats | None,
-    mu: Floats | None,
-    parts: Sequence[tuple[str, NDArray[np.intp]]],
-    units: Mapping[str, str],
-    ax: Axes,
-) -> Axes:
-    """Draw `resultants` into existing axes.
-
-    Parameters
-    ----------
-    reaction, frame, mu
-        ``(steps, n_c, d)``, ``(n_c, d, d)`` or ``(steps, n_c, d, d)``, ``(n_c,)`` or
-        ``(n_c, 2)``.
-    parts
-        Name and contacts of each surface.
-    """
+    ax = canvas.axes_of(ax)
     for k, (_, own) in enumerate(parts):
         frames = None if frame is None else frame[..., own, :, :]
         coefficients = None if mu is None else mu[own]
@@ -104,7 +84,6 @@ def draw_resultants(
         )
     ax.axhline(0, color="black", lw=0.6)
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
-    ax.set_xlabel("load step")
     if len(parts) > 1:
         curved = frame is not None and any(
             is_curved(_normals(frame[..., o, :, :])) for _, o in parts
@@ -112,6 +91,12 @@ def draw_resultants(
         _name_surfaces([name for name, _ in parts], ax, curved, mu is not None)
     else:
         canvas.legend_above(ax)
+    return _finish(ax)
+
+
+def _finish(ax: Axes) -> Axes:
+    """Label an axis of load steps."""
+    ax.set_xlabel("load step")
     canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
@@ -192,11 +177,7 @@ def status_shares(
     path = steps_of(result)
     known = contacts_of(path, contacts)
     status = path.status[:, selection(where, len(path[0].status), known)]
-    return draw_shares(status, canvas.axes_of(ax))
-
-
-def draw_shares(status: NDArray[Any], ax: Axes) -> Axes:
-    """Draw `status_shares` of statuses ``(steps, n_c)`` into existing axes."""
+    ax = canvas.axes_of(ax)
     steps = len(status)
     number = np.arange(1, steps + 1)
     below = np.zeros(steps)
@@ -214,11 +195,8 @@ def draw_shares(status: NDArray[Any], ax: Axes) -> Axes:
     ax.set_ylim(0, 1)
     ax.set_xlim(0.2, steps + 0.8)
     ax.set_ylabel("share of contacts")
-    ax.set_xlabel("load step")
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax.xaxis)
-    canvas.bare(ax)
-    return ax
+    return _finish(ax)
 
 
 def force_displacement(
@@ -311,13 +289,10 @@ def dissipation(
         label="in all",
         **_style(len(path)),
     )
-    ax.set_xlabel("load step")
     canvas.name_axis(ax.yaxis, "work of friction", canvas.work_unit(units))
     ax.set_xlim(0.2, len(path) + 0.8)
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax.xaxis)
-    canvas.bare(ax)
-    return ax
+    return _finish(ax)
 
 
 def _style(steps: int) -> dict[str, Any]:

@@ -4,35 +4,32 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import floats
+from bipot_rs.contact.results.result import Result
 from bipot_rs.plots.body import box_in_space
-from bipot_rs.plots.data import Contacts, facets_of, names_of, surface_of
+from bipot_rs.plots.data import Contacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
-from bipot_rs.plots.path import draw_resultants, draw_shares
+from bipot_rs.plots.path import resultants, status_shares
 from bipot_rs.plots.space import draw_space
 from bipot_rs.plots.surface import draw_map, draw_status
 from bipot_rs.plots.surface_plane import is_plane
-
-Arrays = Mapping[str, NDArray[Any]]
 
 # Up to this many surfaces have separate maps; more are drawn together.
 _ROWS = 4
 
 
-def tractions(
+def write_figure(
     path: str | os.PathLike[str],
-    contacts: Arrays,
-    steps: Sequence[Mapping[str, Any]],
+    result: Result,
     *,
+    step: int = -1,
+    where: ArrayLike | str | None = None,
     title: str = "",
     units: Mapping[str, str] | None = None,
-    step: int = -1,
 ) -> None:
     """Draw one load step, and the load path.
 
@@ -40,19 +37,11 @@ def tractions(
     ----------
     path
         Picture to write; the suffix chooses the format.
-    contacts
-        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and for several
-        surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file; in 3D also
-        ``facets``, without which curved surfaces are dots. Each surface has separate
-        lines, in 3D maps.
-    steps
-        At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
+    result, step, where, units
+        As in `plots.tractions`. Each surface has separate lines, in 3D maps; a curved one
+        without ``facets`` is drawn as dots.
     title
         Title; the number of the load step is added.
-    units
-        Names of units by ``"length"``, ``"force"``, ``"stress"``.
-    step
-        Index of the step to draw, default the last.
 
     Raises
     ------
@@ -61,43 +50,28 @@ def tractions(
     """
     from matplotlib.figure import Figure
 
-    if not steps:
-        raise ValueError("steps is empty, expected at least one load step")
-    known, steps = _checked(contacts, steps)
-    names = dict(units or {})
-    at = range(len(steps))[step]
-    drawn = steps[at]
-    n, d = known["x"].shape
-    frames = np.array([one.get("frame", known["frame"]) for one in steps])
-    seen = Contacts(
-        **(known | {"frame": frames[at]}),
-        reaction=drawn["reaction"],
-        status=drawn["status"].astype(np.int8),
-        gap=np.zeros(n),
-        slip=np.zeros((n, d - 1)),
-        units=names,
-        surface=surface_of(contacts, n),
-        names=names_of(contacts),
-        facets=facets_of(contacts, n) if d == 3 else None,
-    )
+    # The title of the figure has the number of the step.
+    seen = replace(look(result, step, where=where, units=units), said="")
+    flat = seen.x.shape[1] == 2
+    several = len(result) > 1
     # Not pyplot: it would keep the figure and choose a backend for the process.
-    rows = [5.2] if d == 2 else [4.1] * len(_rows(seen))
-    heights = [*rows, *([2.6] if len(steps) > 1 else [])]
+    heights = [5.2] if flat else [4.1] * len(_rows(seen))
+    heights += [2.6] if several else []
     figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(
         len(heights), 1, height_ratios=heights, squeeze=False
     ).ravel()
-    if d == 2:
+    if flat:
         draw_tractions(seen, None, parts[0].add_subplot())
     else:
         _in_space(parts, seen)
-    if len(steps) > 1:
+    number = number_of(result, step)
+    if several and number is not None:
         left, right = parts[-1].subplots(1, 2)
-        reaction = np.array([step["reaction"] for step in steps])
-        draw_resultants(reaction, frames, seen.mu, seen.surfaces, names, left)
-        draw_shares(np.array([step["status"] for step in steps]), right)
-        said = f"load step {at + 1} of {len(steps)}"
-        title = f"{title}, {said}" if title else said
+        resultants(result, where=where, units=units, ax=left)
+        status_shares(result, where=where, ax=right)
+        place = f"load step {number[0] + 1} of {number[1]}"
+        title = f"{title}, {place}" if title else place
     figure.suptitle(title, fontsize=13, fontweight="bold")
     figure.savefig(path, dpi=150)
 
@@ -117,37 +91,6 @@ def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
         (_maps if is_plane(one) else _facets)(figure, one)
         if name:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
-
-
-def _checked(
-    contacts: Arrays, steps: Sequence[Mapping[str, Any]]
-) -> tuple[dict[str, Floats], list[dict[str, Floats]]]:
-    def taken(
-        whose: str, given: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
-    ) -> dict[str, Floats]:
-        missing = [name for name in shapes if given.get(name) is None]
-        if missing:
-            raise ValueError(f"{whose}: {', '.join(missing)} missing")
-        return {
-            name: floats(f"{name} of {whose}", given[name], shape=shape)
-            for name, shape in shapes.items()
-        }
-
-    x = taken("contacts", contacts, {"x": np.asarray(contacts.get("x")).shape})["x"]
-    if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
-        raise ValueError(f"x of contacts has shape {x.shape}, expected (n_c, 2 or 3)")
-    n, d = x.shape
-    two = d == 3 and np.asarray(contacts.get("mu")).ndim == 2
-    coefficients = (n, 2) if two else (n,)
-    shapes_known = {"area": (n,), "mu": coefficients, "frame": (n, d, d)}
-    known = taken("contacts", contacts, shapes_known)
-    shapes: dict[str, tuple[int, ...]] = {"reaction": (n, d), "status": (n,)}
-    found = []
-    for k, step in enumerate(steps):
-        # A step has frames of its own if an obstacle turns or curves.
-        own = {} if step.get("frame") is None else {"frame": (n, d, d)}
-        found.append(taken(f"step {k}", step, shapes | own))
-    return known | {"x": x}, found
 
 
 def _maps(figure: Any, seen: Contacts) -> None:

@@ -12,11 +12,11 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
-from bipot_rs.plots.boundary_facets import skin
 from bipot_rs.plots.data import Contacts, Given, drawn_model, look, model_of
+from bipot_rs.plots.geometry.boundary_facets import skin
+from bipot_rs.plots.geometry.triangles import alone, corners
 from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
-from bipot_rs.plots.triangles import alone, corners
 
 if TYPE_CHECKING:
     from bipot_rs.fem.assembly.assembly import Assembly

@@ -100,14 +100,11 @@ def study(
 def _colours(series: Sequence[Series]) -> list[Any]:
     if len(series) <= _NAMED:
         return [style.cycle(k) for k in range(len(series))]
-    from matplotlib import colormaps
-
     places = np.linspace(0, 1, len(series))
     numbers = _numbers(series)
     if numbers is not None and np.ptp(numbers) > 0:
         places = (numbers - numbers.min()) / np.ptp(numbers)
-    # The light end of the colours is hard to see on white.
-    return list(colormaps["viridis"](0.9 * places))
+    return list(style.shades()(places))
 
 
 def _numbers(series: Sequence[Series]) -> Floats | None:
@@ -121,7 +118,7 @@ def _legend(ax: Axes, series: Sequence[Series], parameter: str) -> None:
     numbers = _numbers(series)
     handles: list[Any] = []
     if len(series) > _NAMED and numbers is not None:
-        scale = style.scale_of(_shades(), numbers.min(), numbers.max())
+        scale = style.scale_of(style.shades(), numbers.min(), numbers.max())
         style.colour_bar(scale, ax, parameter, None)
         parameter = ""
     elif 1 < len(series) <= _MOST:
@@ -140,10 +137,3 @@ def _legend(ax: Axes, series: Sequence[Series], parameter: str) -> None:
         # The entry of the crosses is as wide as three others.
         wide = {"ncols": 2} if handles and handles[-1].get_marker() == "x" else {}
         style.legend_above(ax, title=title, handles=handles, **wide)
-
-
-def _shades() -> Any:
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))

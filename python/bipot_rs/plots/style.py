@@ -19,6 +19,8 @@ from bipot_rs.files import fields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap
 
 # Colours of the statuses open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
@@ -131,12 +133,20 @@ def colour_bar(
     return bar
 
 
-def scale_of(colours: Any, low: float, high: float) -> Any:
+def scale_of(colours: Any, low: float, high: float) -> ScalarMappable:
     """Colours of a bar without a picture in these colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     return ScalarMappable(Normalize(low, high), colours)
+
+
+def shades() -> ListedColormap:
+    """Colours of an order, without their light end, which is hard to see on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["viridis"](np.linspace(0, 0.9, 256)))
 
 
 def stress_unit(units: Units) -> str | None:
@@ -189,7 +199,7 @@ def say(ax: Any, text: str) -> None:
         ax.text(0.5, 0.5, text, bbox=box, **place)
 
 
-def blank() -> Any:
+def blank() -> ListedColormap:
     """Colour map with one colour, for values that are all equal."""
     from matplotlib.colors import ListedColormap
 

@@ -13,10 +13,10 @@ from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
+from bipot_rs.plots.geometry.raster import Raster
+from bipot_rs.plots.geometry.triangles import alone, of_points, split
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
-from bipot_rs.plots.raster import Raster
 from bipot_rs.plots.surface_plane import is_line, plane_of, tangents
-from bipot_rs.plots.triangles import alone, of_points, split
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.plots.data import Contacts
-
-if TYPE_CHECKING:
-    pass
 
 # Tolerance for nodes on one plane, relative to its width.
 _PLANE = 1e-6
@@ -38,10 +33,10 @@ def plane_of(seen: Contacts) -> tuple[Floats, list[str]]:
         raise ValueError("the contacts have two dimensions: use tractions instead")
     if not is_plane(seen):
         surfaces = [name for name, _ in seen.surfaces if name]
-        where = f" (one of {', '.join(surfaces)})" if len(surfaces) > 1 else ""
+        listed = f" ({', '.join(surfaces)})" if len(surfaces) > 1 else ""
         raise ValueError(
-            "the contacts lie on more than one plane: select those of one by where="
-            f"{where}, or draw them in 3D by surface3d"
+            f"the contacts lie on more than one plane: choose one surface{listed}, or a "
+            "picture in 3D"
         )
     axes, names = tangents(seen)
     return x @ axes.T, names

@@ -12,8 +12,8 @@ from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.wear.record import Wear
 from bipot_rs.plots import style
-from bipot_rs.plots.arc_length import common
 from bipot_rs.plots.data import Given, look, steps_of
+from bipot_rs.plots.geometry.arc_length import common
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

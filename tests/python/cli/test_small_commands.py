@@ -18,10 +18,10 @@ import bipot_rs as bp
 from bipot_rs.cli import app, completion
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.commands.new import templates
-from bipot_rs.cli.commands.plot import kinds
 from bipot_rs.cli.commands.schema import schema
 from bipot_rs.cli.run import cost_forecast
 from bipot_rs.cli.run.names import ENGINES
+from bipot_rs.plots.by_name import KINDS
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.scene.library import shipped, text
 from bipot_rs.scene.mistakes import SceneError
@@ -356,7 +356,7 @@ FEW = ("slip", "pressure_3d", "resultants", "convergence")
 
 @pytest.mark.parametrize(
     "drawn_kinds",
-    [FEW, pytest.param(tuple(kinds()), marks=pytest.mark.slow, id="all")],
+    [FEW, pytest.param(tuple(KINDS), marks=pytest.mark.slow, id="all")],
 )
 @pytest.mark.slow
 def test_plot_draws_each_kind(drawn_kinds: tuple[str, ...], bipot: Any) -> None:
@@ -364,7 +364,7 @@ def test_plot_draws_each_kind(drawn_kinds: tuple[str, ...], bipot: Any) -> None:
     assert bipot("run", "sheared_cube", *SMALL)[0] == 0
     told = re.sub(r"[│\s]+", " ", bipot("plot", "--help")[1])
     drawn = {}
-    for kind in kinds():
+    for kind in KINDS:
         assert re.search(rf"\b{kind}\b", told), kind
         if kind in ("tractions", "wear") or kind not in drawn_kinds:
             continue  # above, and in scene/test_wear_scenes.py

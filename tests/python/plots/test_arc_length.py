@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bipot_rs import fem
-from bipot_rs.plots.arc_length import places
+from bipot_rs.plots.geometry.arc_length import places
 
 RANDOM = np.random.default_rng(5)
 

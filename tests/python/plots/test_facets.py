@@ -8,7 +8,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem, plots
 from bipot_rs.fem.contact_surface import contact_facets
-from bipot_rs.plots import triangles
+from bipot_rs.plots.geometry import triangles
 from support.layout import overlaps
 
 
@@ -42,17 +42,23 @@ def test_the_picture_of_a_run_has_facets(tmp_path: Any, monkeypatch: Any) -> Non
     from mpl_toolkits.mplot3d.art3d import Path3DCollection, Poly3DCollection
 
     from bipot_rs.fem.contact_surface import surface_labels
-    from bipot_rs.plots.run_figure import tractions
+    from bipot_rs.plots.run_figure import write_figure
 
     model = bowl(4, "hexahedron")
-    result = model.problem().solve(prescribed=model.prescribed([[0.0, 0.0, -0.1]]))
-    known = result.contacts | surface_labels(model)
-    steps = [{"reaction": s.reaction, "status": s.status} for s in result]
+    solved = model.problem().solve(prescribed=model.prescribed([[0.0, 0.0, -0.1]]))
+    known = solved.contacts | surface_labels(model)
     kept: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
-    tractions(tmp_path / "a.png", known, steps)
-    del known["facets"]
-    tractions(tmp_path / "a.png", known, steps)
+    for without in ((), ("facets",)):
+        contacts = {name: known[name] for name in known if name not in without}
+        result = bp.Result(
+            solved.steps,
+            contacts=contacts,
+            shape=solved.shape,
+            success=True,
+            message="",
+        )
+        write_figure(tmp_path / "a.png", result)
     for figure, drawn, absent in (
         (kept[0], Poly3DCollection, Path3DCollection),
         (kept[1], Path3DCollection, Poly3DCollection),

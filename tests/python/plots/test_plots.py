@@ -19,8 +19,9 @@ import bipot_rs as bp
 from bipot_rs import fem, plots, scene
 from bipot_rs.fem.bodies.stress_recovery import stress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
-from bipot_rs.plots import raster, style, triangles
-from bipot_rs.plots.boundary_facets import skin
+from bipot_rs.plots import style
+from bipot_rs.plots.geometry import raster, triangles
+from bipot_rs.plots.geometry.boundary_facets import skin
 from bipot_rs.plots.space import sharp_edges
 from bipot_rs.plots.surface import span
 from support.layout import overlaps

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.plots.run_figure import tractions
+from bipot_rs.plots.run_figure import write_figure
 from support.layout import overlaps
 
 
@@ -35,6 +37,23 @@ def step(count: int, dim: int, k: int = 0) -> dict[str, Any]:
     }
 
 
+def path_of(known: dict[str, Any], steps: list[dict[str, Any]]) -> bp.Result:
+    """A result with these contacts and steps."""
+    n, d = known["x"].shape
+    solved = bp.solve(
+        np.eye(n * d), np.eye(n * d), np.zeros(n * d), gap=np.ones(n), mu=0.3
+    )[0]
+    fields = [{key: one[key] for key in ("reaction", "status")} for one in steps]
+    return bp.Result(
+        [replace(solved, **one) for one in fields],
+        contacts=known,
+        shape=(n, d),
+        success=True,
+        message="",
+        units={"length": "mm", "stress": "MPa"},
+    )
+
+
 def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> Any:
     """The picture written to ``path``, as a figure."""
     kept: list[Any] = []
@@ -45,7 +64,7 @@ def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> A
         save(figure, *a, **k)
 
     monkeypatch.setattr(matplotlib.figure.Figure, "savefig", keep)
-    tractions(path, *arguments, title="It", units={"length": "mm", "stress": "MPa"})
+    write_figure(path, path_of(*arguments), title="It")
     assert path.read_bytes().startswith(b"\x89PNG")
     return kept[0]
 
@@ -147,21 +166,16 @@ def test_tractions_of_open_contact(
     )
 
 
-def test_no_steps(tmp_path: Path) -> None:
-    plane = contacts(np.zeros((1, 2)), np.array([0.0, 1.0]))
-    with pytest.raises(ValueError, match="steps is empty"):
-        tractions(tmp_path / "a.png", plane, [])
-
-
 @pytest.mark.slow
 def test_pyplot_stays_out(tmp_path: Path) -> None:
     code = (
-        "import sys, numpy as np; from bipot_rs.plots.run_figure import tractions; "
+        "import sys, numpy as np, bipot_rs as bp; "
+        "from bipot_rs.plots.run_figure import write_figure; "
         "x = np.array([[0.0, 0.0], [1.0, 0.0]]); "
         "f = np.broadcast_to(np.eye(2)[::-1], (2, 2, 2)); "
-        "c = {'x': x, 'area': np.ones(2), 'mu': np.ones(2), 'frame': f}; "
-        "s = {'load': 1.0, 'reaction': np.ones((2, 2)), 'status': np.ones(2, int)}; "
-        "tractions('a.png', c, [s]); print('matplotlib.pyplot' in sys.modules)"
+        "r = bp.solve(np.eye(4), np.eye(4), -np.ones(4), gap=[0, 0], mu=1, points=x, "
+        "frame=f, area=np.ones(2)); "
+        "write_figure('a.png', r); print('matplotlib.pyplot' in sys.modules)"
     )
     run = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,125 +98,14 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     return SOLVED
 
 
-@dataclass(frozen=True)
-class Asked:
-    """The part of a result to draw.
-
-    Attributes
-    ----------
-    where
-        Name of a contact surface, ``"body.surface"``; None for all.
-    along
-        ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for the default of the picture.
-    step
-        The load step to draw, from 0; None for the last.
-    near, scale
-        As in `plots.deformed`; None for the default.
-    case
-        The `Case` with the bodies, for pictures that need their mesh.
-    """
-
-    where: str | None = None
-    along: str | None = None
-    step: int | None = None
-    near: float | None = None
-    scale: float | None = None
-    case: Any = None
-
-    def given(self, kind: str, takes: Callable[[str], bool]) -> dict[str, Any]:
-        """The options of a picture; an error if it does not take one of them."""
-        chosen = {name: getattr(self, name) for name in _OPTIONS}
-        given = {key: value for key, value in chosen.items() if value is not None}
-        for key in given:
-            if not takes(key):
-                raise ValueError(f"--{_OPTIONS[key]} cannot be used with --kind {kind}")
-        return given
-
-
-# A function that draws: the file to write, the result, a title, the part to draw.
-Picture = Callable[[Path, Any, str, Asked], None]
-
-
-def kinds() -> dict[str, Picture]:
-    """Pictures by name: those of `plots.plot`, and that of ``bipot run --plot``."""
-    from bipot_rs.plots.by_name import KINDS, Kind
-
-    def one(name: str, kind: Kind) -> Picture:
-        def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
-            given = asked.given(name, kind.takes)
-            ax = kind(result, asked.case, **given)
-            if title:
-                ax.figure.suptitle(title)
-            ax.figure.savefig(path, dpi=150, bbox_inches="tight")
-
-        return draw
-
-    drawn = {name: one(name, kind) for name, kind in KINDS.items()}
-    drawn["tractions"] = _tractions(drawn["tractions"])
-    return drawn
-
-
-def bodies() -> list[str]:
-    """Names of the pictures that need the mesh of the bodies."""
-    from bipot_rs.plots.by_name import KINDS
-
-    return [name for name, kind in KINDS.items() if kind.bodies]
-
-
-def _animated(path: Path, result: Any, kind: str, asked: Asked) -> None:
-    """Write a GIF, one frame for each load step."""
-    from bipot_rs.plots.animation import animate
-    from bipot_rs.plots.by_name import KINDS
-
-    if asked.step is not None:
-        raise ValueError("--step cannot be used with a GIF, which shows all load steps")
-    given = asked.given(kind, KINDS[kind].takes)
-    animate(result, path, kind, model=asked.case, **given)
-
-
-# Attributes of `Asked`, and the options of the command line.
+# Arguments of the pictures, and the options of the command line.
 _OPTIONS = {
-    "where": "contact",
-    "along": "along",
-    "step": "step",
-    "near": "near",
-    "scale": "scale",
+    "where": "--contact",
+    "along": "--along",
+    "step": "--step",
+    "near": "--near",
+    "scale": "--scale",
 }
-# Words in messages of `bipot_rs.plots`, and those of the command line.
-_WORDS = {
-    "along is missing": "--along is missing",
-    "near is": "--near is",
-    "kind is": "--kind is",
-    "scale is": "--scale is",
-    "by where=": "by --contact",
-    "with where= those": "with --contact those",
-    "by surface3d": "by --kind pressure_3d",
-    "by surface_map": "by --kind pressure_map",
-    "there is no contact": "--contact: there is no contact",
-}
-
-
-def _tractions(line: Picture) -> Picture:
-    """The picture of ``bipot run --plot``; with --along the line alone."""
-
-    def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
-        if asked.along is not None:
-            line(path, result, title, asked)
-            return
-        from bipot_rs.plots.data import part_of, selection
-        from bipot_rs.plots.run_figure import tractions
-
-        known = result.contacts
-        chosen = selection(asked.where, len(result[-1].status), known)
-        contacts = part_of(known, chosen)
-        steps = [
-            {"reaction": step.reaction[chosen], "status": step.status[chosen]}
-            for step in result
-        ]
-        at = len(steps) - 1 if asked.step is None else asked.step
-        tractions(path, contacts, steps, title=title, units=result.units, step=at)
-
-    return draw
 
 
 def draw(
@@ -240,7 +128,7 @@ def draw(
     name
         The folder of a run, or a result file.
     kind
-        One of `kinds`.
+        A name in `plots.by_name.KINDS`.
     out
         File to write, in the format of its suffix; by default ``KIND.png`` in the folder of
         the result. A name that ends in ``.gif`` is an animation over the load steps.
@@ -264,19 +152,21 @@ def draw(
     from bipot_rs.contact.results.saved_result import load
     from bipot_rs.files.drafts import writing
     from bipot_rs.files.export import read_result
+    from bipot_rs.plots.animation import animate
+    from bipot_rs.plots.by_name import KINDS, plot
+    from bipot_rs.plots.run_figure import write_figure
 
-    known = kinds()
-    if kind not in known:
+    if kind not in KINDS:
         raise ValueError(
-            f"--kind is {kind!r}, expected one of {', '.join(known)}"
-            + meant(kind, known)
+            f"--kind is {kind!r}, expected one of {', '.join(KINDS)}{meant(kind, KINDS)}"
         )
     if along is not None and along not in ("x", "y", "z", "arc"):
         raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
-    if kind not in bodies() and (scene is not None or settings):
+    with_bodies = [name for name, one in KINDS.items() if one.bodies]
+    if kind not in with_bodies and (scene is not None or settings):
         raise ValueError(
-            f"--scene and --set are only for --kind {', '.join(bodies())}: other pictures "
-            "need no mesh"
+            f"--scene and --set are only for --kind {', '.join(with_bodies)}: other "
+            "pictures need no mesh"
         )
     path = Path(name)
     if path.is_dir():
@@ -299,23 +189,41 @@ def draw(
     title = str(attributes.get("title", ""))
     result.units = json.loads(attributes.get("units") or "{}") or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
-    case = _case(path, attributes, scene, settings) if kind in bodies() else None
+    case = _case(path, attributes, scene, settings) if kind in with_bodies else None
     at = None if step is None else step - 1
-    asked = Asked(contact, along, at, near, scale, case)
-    try:
-        with writing(target):
-            if target.suffix.lower() == ".gif":
-                _animated(target, result, kind, asked)
-            else:
-                known[kind](target, result, title, asked)
-    except ValueError as error:
-        message = str(error)
-        if "not supported" in message:
-            raise ValueError(f"cannot draw {target}: {error}") from error
-        for word, own in _WORDS.items():
-            message = message.replace(word, own)
-        raise ValueError(message) from error
+    given = {"where": contact, "along": along, "step": at, "near": near, "scale": scale}
+    options: dict[str, Any] = {
+        name: value for name, value in given.items() if value is not None
+    }
+    for option in options:
+        if not KINDS[kind].takes(option):
+            raise ValueError(f"{_OPTIONS[option]} cannot be used with --kind {kind}")
+    with writing(target):
+        if target.suffix.lower() == ".gif":
+            if step is not None:
+                raise ValueError("--step cannot be used with a GIF of all load steps")
+            animate(result, target, kind, model=case, **options)
+            return target
+        _check_format(target)
+        if kind == "tractions" and along is None:
+            write_figure(target, result, title=title, **options)
+            return target
+        figure = plot(result, kind, model=case, **options).figure
+        if title:
+            figure.suptitle(title)
+        figure.savefig(target, dpi=150, bbox_inches="tight")
     return target
+
+
+def _check_format(target: Path) -> None:
+    """Refuse a suffix for which matplotlib has no format, before drawing."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    known = FigureCanvasBase.get_supported_filetypes()
+    if target.suffix.lower().removeprefix(".") not in known:
+        raise ValueError(
+            f"cannot draw {target}, expected a suffix of {', '.join(known)}"
+        )
 
 
 def _case(

@@ -13,6 +13,7 @@ from bipot_rs.cli.run.output_folder import RESULT
 
 if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem
+    from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
     from bipot_rs.fem.paraview import BodySeries, Part
@@ -147,11 +148,12 @@ class Output:
 
     def pictures(self, scene: Scene, case: Case) -> None:
         """Write tractions.png and, if its error is known, error.png of the last step."""
-        from bipot_rs.plots.run_figure import tractions
+        from bipot_rs.plots.run_figure import write_figure
 
         title, units = scene.title, scene.units.model_dump()
+        result = self._path(case, self._contacts())
         with self._file("tractions.png") as path:
-            tractions(path, self._contacts(), self._steps(), title=title, units=units)
+            write_figure(path, result, title=title, units=units)
         last = self.errors[-1] if self.errors else None
         if last is not None and last.total > 0:
             from bipot_rs.plots.error_map import error_map
@@ -173,17 +175,10 @@ class Output:
         """Write the problem of each load step as an FCLIB file."""
         from importlib.metadata import version
 
-        from bipot_rs.contact.results.result import Result
         from bipot_rs.fclib import write_path
         from bipot_rs.files.drafts import writing
 
-        result = Result(
-            [step for _, step in self.reached],
-            contacts={},
-            shape=case.model.points.shape,
-            success=True,
-            message=message,
-        )
+        result = self._path(case, {}, message)
         units = scene.units.model_dump().items()
         info = {
             "title": scene.title,
@@ -218,6 +213,20 @@ class Output:
                 mesh=mesh,
                 units=self._units(),
             )
+
+    def _path(
+        self, case: Case, contacts: Mapping[str, Any], message: str = ""
+    ) -> Result:
+        """The load steps as a `Result`."""
+        from bipot_rs.contact.results.result import Result
+
+        return Result(
+            [step for _, step in self.reached],
+            contacts=contacts,
+            shape=case.model.points.shape,
+            success=True,
+            message=message,
+        )
 
     def _units(self) -> dict[str, str]:
         """Names of units that the scene gives."""
