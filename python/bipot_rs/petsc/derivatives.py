@@ -62,7 +62,7 @@ class Response:
     def __init__(self, engine: PetscEngine) -> None:
         self.engine = engine
         self.motions = engine.operator.K.getLocalSize()[0]
-        self.diagonal = engine.variables.diagonal
+        self.diagonal = engine.operator.variables.diagonal
 
     def stiffness(self) -> PetscMat:
         """K."""
@@ -82,7 +82,7 @@ class Response:
         """
         d = laws.by_r.shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        variables = self.engine.variables
+        variables = self.engine.operator.variables
         core = _core.LinearisedLaws.of(variables, laws.contacts, by_r, by_v)
         if core is None:
             raise Stalled
@@ -91,28 +91,30 @@ class Response:
     def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
         interface = self.engine.operator.interface
-        return self.engine.variables.moved(
-            interface.gather(self.engine.operator.vector(rigid))
+        return self.engine.operator.variables.moved(
+            interface.gather(self.engine.operator.make_vector(rigid))
         )
 
     def work(self, v: Floats) -> Floats:
         """``Rᵀ v`` of relative displacements, the own rows."""
-        places = self.engine.variables.work(np.ascontiguousarray(v))
-        made = self.engine.operator.zeros()
+        places = self.engine.operator.variables.work(np.ascontiguousarray(v))
+        made = self.engine.operator.make_zeros()
         self.engine.operator.interface.write(places, made)
         return np.array(made.array_r)
 
     def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
         """``B_f u_f (n_c, d)`` of prescribed displacements, and forces on the own unknowns."""
-        force = self.engine.force(self.engine.operator.vector(load), prescribed)
-        return self.engine.variables.offsets(prescribed), np.array(force.array_r)
+        force = self.engine.force(self.engine.operator.make_vector(load), prescribed)
+        return self.engine.operator.variables.offsets(prescribed), np.array(
+            force.array_r
+        )
 
     def displacements(
         self, states: list[tuple[Floats, Floats, Floats, Floats]]
     ) -> Floats:
         """``u`` of unknowns and prescribed displacements, the own rows."""
         own = [
-            self.engine.displacement(self.engine.operator.vector(y), moved).array_r
+            self.engine.displacement(self.engine.operator.make_vector(y), moved).array_r
             for _, moved, _, y in states
         ]
         return np.stack(own)
@@ -141,16 +143,16 @@ class _Iterated:
         """Right sides of the laws, and those of the rows."""
         laws = math.prod(self.shape)
         own = np.ascontiguousarray(right[:laws].reshape(self.shape))
-        return own, self.engine.operator.vector(right[laws:])
+        return own, self.engine.operator.make_vector(right[laws:])
 
     def _forward(self, right: Floats) -> Floats:
         s, g = self._parts(right)
         core, operator = self.core, self.engine.operator
         at_places = operator.interface.gather(g)
         tangent, s = core.aim(s, at_places)
-        dy = self._solved(tangent, operator.right_side(tangent, g))
-        operator.add_known(tangent, dy)
-        moved = operator.interface.gather(operator.product(dy))
+        dy = self._solved(tangent, operator.make_right_side(tangent, g))
+        operator.set_known(tangent, dy)
+        moved = operator.interface.gather(operator.multiply(dy))
         dr = core.reactions(s, at_places, operator.interface.gather(dy), moved)
         return np.concatenate([dr.ravel(), dy.array_r])
 
@@ -161,9 +163,9 @@ class _Iterated:
         places = interface.gather(e)
         pulled = core.pulled(rho, places)
         interface.write(places, e)
-        b = operator.zeros()
+        b = operator.make_zeros()
         interface.write(pulled, b)
-        e.axpy(1.0, operator.product(b))
+        e.axpy(1.0, operator.multiply(b))
         places = interface.gather(e)
         cleared, left = e.copy(), places.copy()
         tangent.clear(left)
@@ -173,7 +175,7 @@ class _Iterated:
         turned = at.copy()
         tangent.pull(turned)
         interface.write(turned, u)
-        moved = interface.gather(operator.product(u))
+        moved = interface.gather(operator.multiply(u))
         w = core.multipliers(rho, places, at, moved)
         b.axpy(-1.0, u)
         return np.concatenate([w.ravel(), b.array_r])
@@ -190,7 +192,7 @@ class _Iterated:
             raise Stalled
         x, _, _ = solver.solve(right, _WANTED, transposed=transposed)
         # The residual of the iteration may be smaller than the true one.
-        if solver.residual(right, x, transposed=transposed) > _ENOUGH:
+        if solver.measure_residual(right, x, transposed=transposed) > _ENOUGH:
             raise Stalled
         return x
 
@@ -213,7 +215,7 @@ class Derivatives:
 
     @property
     def _comm(self) -> Communicator:
-        return self.engine.operator.K.comm.tompi4py()
+        return self.engine.operator.comm
 
     def jvp(self, result: Result, change: DataChange, /) -> Tangent:
         """`Result.jvp`; ``load`` is a Vec or a list of them, ``K`` a Mat."""
@@ -302,12 +304,12 @@ class Derivatives:
         return np.stack([found[min(k, len(found) - 1)] for k in range(steps)])
 
     def _product(self, K: PetscMat, u: PetscVec) -> PetscVec:
-        made = self.engine.operator.zeros()
+        made = self.engine.operator.make_zeros()
         K.mult(u, made)
         return made
 
     def _vectors(self, rows: Floats) -> list[PetscVec]:
-        return [self.engine.operator.vector(own) for own in rows]
+        return [self.engine.operator.make_vector(own) for own in rows]
 
 
 @dataclass(frozen=True)
@@ -342,7 +344,7 @@ class _Adjoint:
 
     def stiffness(self, load: Any) -> Any:
         """Derivatives by the entries of K, a Mat of its layout and pattern."""
-        PETSc = self.problem.engine.PETSc
+        PETSc = self.problem.engine.operator.PETSc
         rows = OwnRows.of(self._K)
         outside = rows.outside()
         bring = scatter(self._K, outside, PETSc)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,26 +16,22 @@ from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.petsc.linear_solver import LinearSolver
+from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
 
 
-class Verbs:
+class VectorOperations:
     """Long vectors and linear systems, as `src/primal/engine.rs` wants them.
 
     Vectors are never changed: each method returns a new one.
     """
 
-    def __init__(
-        self, operator: Operator, solver: LinearSolver, PETSc: ModuleType
-    ) -> None:
+    def __init__(self, operator: Operator, solver: LinearSolver) -> None:
         self._operator, self._solver = operator, solver
-        self._infinity = PETSc.NormType.NORM_INFINITY
-        self._comm = operator.K.comm.tompi4py()
 
     def product(self, y: PetscVec) -> PetscVec:
         """``A y``."""
-        return self._operator.product(y)
+        return self._operator.multiply(y)
 
     def add(self, y: PetscVec, s: float, x: PetscVec) -> PetscVec:
         """``y + s x``."""
@@ -54,7 +49,7 @@ class Verbs:
 
     def largest(self, y: PetscVec) -> float:
         """Largest magnitude."""
-        return float(y.norm(self._infinity))
+        return float(y.norm(self._operator.PETSc.NormType.NORM_INFINITY))
 
     def imbalance(self, e: PetscVec, forces: Floats) -> float:
         """Norm of ``e`` after forces at the places are subtracted."""
@@ -65,7 +60,7 @@ class Verbs:
 
     def terms(self, y: PetscVec) -> tuple[float, Floats]:
         """Sizes of the terms of ``A y``: their norm, and those at the places."""
-        return self._operator.terms(y)
+        return self._operator.measure_terms(y)
 
     def correction(
         self,
@@ -77,9 +72,9 @@ class Verbs:
         """A Newton correction with its known part; None without a preconditioner."""
         if not self._solver.prepare(tangent, statuses):
             return None
-        right = self._operator.right_side(tangent, e)
+        right = self._operator.make_right_side(tangent, e)
         x, products, reached = self._solver.solve(right, tol)
-        self._operator.add_known(tangent, x)
+        self._operator.set_known(tangent, x)
         return x, products, reached
 
     def estimate(
@@ -88,13 +83,13 @@ class Verbs:
         """The correction by one application of the preconditioner."""
         if not self._solver.prepare(tangent, statuses):
             return None
-        x = self._solver.apply(self._operator.right_side(tangent, e))
-        self._operator.add_known(tangent, x)
+        x = self._solver.precondition(self._operator.make_right_side(tangent, e))
+        self._operator.set_known(tangent, x)
         return x
 
     def agreed(self, decision: bool) -> bool:
         """The decision of the first rank."""
-        return bool(self._comm.bcast(decision, root=0))
+        return bool(self._operator.comm.bcast(decision, root=0))
 
 
 @dataclass
@@ -141,12 +136,10 @@ class PetscEngine:
         All prescribed degrees of freedom, in the order of the caller.
     """
 
-    variables: _core.ContactVariables
     operator: Operator
     solver: LinearSolver
-    fixed: NDArray[np.int64]
+    fixed: Ints
     shape: tuple[int, int]
-    PETSc: ModuleType
     gap: Floats | None = None
     record: Record = field(default_factory=Record)
     name = "petsc"
@@ -159,7 +152,7 @@ class PetscEngine:
             "krylov": self.record.krylov,
             "products": self.operator.products,
             "gathers": self.operator.interface.gathers,
-            "preconditioner": self.solver.preconditioner,
+            "preconditioner": self.solver.preconditioner.name,
         }
 
     def modes(self) -> Floats:
@@ -186,10 +179,12 @@ class PetscEngine:
     def path(self, at: Step | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         if at is None:
-            return PetscPath(self, _core.ContactPath(self.variables), None)
+            return PetscPath(self, _core.ContactPath(self.operator.variables), None)
         state = at.reaction, at.relative_displacement, at.status
         return PetscPath(
-            self, _core.ContactPath(self.variables, state), at.computed.displacement
+            self,
+            _core.ContactPath(self.operator.variables, state),
+            at.computed.displacement,
         )
 
     def recovery(self, _seconds: dict[str, float], _contacts: Contacts, /) -> _Recovery:
@@ -202,7 +197,7 @@ class PetscEngine:
 
     def prescribed_part(self, values: Floats) -> tuple[PetscVec, Ints]:
         """Prescribed displacements as a Vec, and the own rows of these."""
-        u = self.operator.zeros()
+        u = self.operator.make_zeros()
         first, last = u.getOwnershipRange()
         ours = (self.fixed >= first) & (self.fixed < last)
         rows = self.fixed[ours] - first
@@ -212,16 +207,16 @@ class PetscEngine:
     def force(self, load: PetscVec, prescribed: Floats) -> PetscVec:
         """``Tᵀ (f - K u_p)`` without the prescribed rows."""
         u, _ = self.prescribed_part(prescribed)
-        f = self.operator.zeros()
+        f = self.operator.make_zeros()
         self.operator.K.mult(u, f)
         f.scale(-1.0)
         f.axpy(1.0, load)
-        self.operator.forces(f)
+        self.operator.to_local_forces(f)
         return f
 
     def displacement(self, y: PetscVec, prescribed: Floats) -> PetscVec:
         """All displacements."""
-        u = self.operator.displacements(y)
+        u = self.operator.to_displacements(y)
         known, rows = self.prescribed_part(prescribed)
         u.array[rows] = known.array_r[rows]
         return u
@@ -239,7 +234,7 @@ class PetscPath:
         self.engine = engine
         self._core = core
         self._u = displacement
-        self._verbs = Verbs(engine.operator, engine.solver, engine.PETSc)
+        self._operations = VectorOperations(engine.operator, engine.solver)
 
     def step(
         self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings
@@ -248,9 +243,9 @@ class PetscPath:
         engine = self.engine
         operator = engine.operator
         engine.solver.begin()
-        y = operator.zeros() if self._u is None else operator.unknowns(self._u)
+        y = operator.make_zeros() if self._u is None else operator.to_unknowns(self._u)
         force = engine.force(load, prescribed)
-        raw = self._core.step(self._verbs, y, force, prescribed, gap, *settings)
+        raw = self._core.step(self._operations, y, force, prescribed, gap, *settings)
         engine.record.newton += raw["newton"]
         engine.record.krylov += raw["krylov"]
         engine.record.reason = raw["reason"] or ""

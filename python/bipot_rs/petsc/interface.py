@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
@@ -37,11 +38,13 @@ class Interface:
         self._layout = [np.diff(ends), ends[:-1], MPI.DOUBLE]
 
     def gather_own(self, own: Floats) -> Floats:
-        """Values at all places, from those at the own ones."""
-        found = np.empty(len(self.dofs))
-        self._comm.Allgatherv(np.ascontiguousarray(own), [found, *self._layout])
+        """Values at all places, from those at the own ones: one column or several."""
+        if own.ndim > 1:
+            return np.column_stack([self.gather_own(column) for column in own.T])
+        values = np.empty(len(self.dofs))
+        self._comm.Allgatherv(np.ascontiguousarray(own), [values, *self._layout])
         self.gathers += 1
-        return found
+        return values
 
     def gather(self, vector: PetscVec) -> Floats:
         """Values of a Vec at all places."""
@@ -51,7 +54,13 @@ class Interface:
         """Set the own places of a Vec."""
         vector.array[self.rows] = values[self.own]
 
-    def number(self, dofs: Integers) -> Ints:
+    def change(self, vector: PetscVec, operation: Callable[[Floats], None]) -> None:
+        """Let an operation change the values of a Vec at all places, in place."""
+        values = self.gather(vector)
+        operation(values)
+        self.write(values, vector)
+
+    def find_places(self, dofs: Integers) -> Ints:
         """Place of each degree of freedom; -1 for one that is no place."""
         if not len(self.dofs):
             return np.full(len(dofs), -1)

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats, Ints, PetscMat, PetscVec
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat, PetscVec
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.own_rows import OwnRows, scatter
 
@@ -24,6 +24,12 @@ class Operator:
         The stiffness, the contacts, and their places.
     fixed
         Own rows that are prescribed.
+    d
+        Number of degrees of freedom of a node.
+    PETSc
+        The module.
+    comm
+        The communicator of ``K``, of mpi4py.
     products
         Number of products with ``K`` so far.
     """
@@ -34,63 +40,54 @@ class Operator:
         variables: _core.ContactVariables,
         interface: Interface,
         fixed: Ints,
+        d: int,
         PETSc: ModuleType,
     ) -> None:
-        self.K, self.variables, self.interface, self.fixed = (
-            K,
-            variables,
-            interface,
-            fixed,
-        )
+        self.K, self.variables, self.interface = K, variables, interface
+        self.fixed, self.d, self.PETSc = fixed, d, PETSc
+        self.comm = K.comm.tompi4py()
         self.products = 0
-        self._PETSc = PETSc
         self._u, self._f = K.createVecs()
 
-    def zeros(self) -> PetscVec:
+    def make_zeros(self) -> PetscVec:
         """A new Vec of zeros."""
-        made = self.K.createVecRight()
-        made.set(0.0)
-        return made
+        vector = self.K.createVecRight()
+        vector.set(0.0)
+        return vector
 
-    def vector(self, own: Floats) -> PetscVec:
-        """A Vec with these values in the own rows."""
-        made = self.zeros()
-        made.array[:] = own
-        return made
+    def make_vector(self, own: Floats) -> PetscVec:
+        """A new Vec with these values in the own rows."""
+        vector = self.make_zeros()
+        vector.array[:] = own
+        return vector
 
-    def displacements(self, y: PetscVec) -> PetscVec:
+    def to_displacements(self, y: PetscVec) -> PetscVec:
         """``u = T y``, with zeros at prescribed degrees of freedom."""
         u = y.copy()
-        places = self.interface.gather(y)
-        self.variables.to_displacements(places)
-        self.interface.write(places, u)
+        self.interface.change(u, self.variables.to_displacements)
         return u
 
-    def unknowns(self, u: PetscVec) -> PetscVec:
+    def to_unknowns(self, u: PetscVec) -> PetscVec:
         """``y = T⁻¹ u``."""
         y = u.copy()
         y.array[self.fixed] = 0.0
-        places = self.interface.gather(y)
-        self.variables.to_local(places)
-        self.interface.write(places, y)
+        self.interface.change(y, self.variables.to_local)
         return y
 
-    def forces(self, f: PetscVec) -> None:
+    def to_local_forces(self, f: PetscVec) -> None:
         """``Tᵀ f`` without the prescribed rows, in place."""
         f.array[self.fixed] = 0.0
-        places = self.interface.gather(f)
-        self.variables.forces_to_local(places)
-        self.interface.write(places, f)
+        self.interface.change(f, self.variables.forces_to_local)
 
-    def product(self, y: PetscVec) -> PetscVec:
+    def multiply(self, y: PetscVec) -> PetscVec:
         """``A y``."""
-        made = self.K.createVecLeft()
-        self.K.mult(self.displacements(y), made)
+        product = self.K.createVecLeft()
+        self.K.mult(self.to_displacements(y), product)
         self.products += 1
-        self.forces(made)
-        return made
+        self.to_local_forces(product)
+        return product
 
-    def masked(
+    def multiply_newton(
         self,
         tangent: _core.ContactTangent,
         x: PetscVec,
@@ -106,9 +103,9 @@ class Operator:
         """
         x.copy(self._u)
         self._u.array[self.fixed] = 0.0
-        given = self.interface.gather(x)
-        tangent.clear(given)
-        moved = given.copy()
+        at_places = self.interface.gather(x)
+        tangent.clear(at_places)
+        moved = at_places.copy()
         if transposed:
             tangent.pull(moved)
         self.variables.to_displacements(moved)
@@ -116,29 +113,29 @@ class Operator:
         self.K.mult(self._u, y)
         self.products += 1
         y.array[self.fixed] = 0.0
-        found = self.interface.gather(y)
-        self.variables.forces_to_local(found)
+        forces = self.interface.gather(y)
+        self.variables.forces_to_local(forces)
         if springs is not None:
-            springs.add(given, found)
+            springs.add_forces(at_places, forces)
         elif transposed:
-            tangent.add_transposed(given, found)
+            tangent.add_transposed(at_places, forces)
         else:
-            tangent.add_laws(given, found)
-        tangent.clear(found)
-        self.interface.write(found, y)
+            tangent.add_laws(at_places, forces)
+        tangent.clear(forces)
+        self.interface.write(forces, y)
 
-    def add_known(self, tangent: _core.ContactTangent, x: PetscVec) -> None:
-        """Set the held places to their known values."""
+    def set_known(self, tangent: _core.ContactTangent, x: PetscVec) -> None:
+        """Set the held places to their known values, and prescribed rows to zero."""
         x.array[self.fixed] = 0.0
         places = self.interface.gather(x)
         tangent.clear(places)
         self.interface.write(places + tangent.known, x)
 
-    def right_side(self, tangent: _core.ContactTangent, e: PetscVec) -> PetscVec:
+    def make_right_side(self, tangent: _core.ContactTangent, e: PetscVec) -> PetscVec:
         """The right side of a Newton step, from ``e = A y - f``."""
-        known = self.zeros()
+        known = self.make_zeros()
         self.interface.write(tangent.known, known)
-        right = self.product(known)
+        right = self.multiply(known)
         moved = self.interface.gather(right)
         right.scale(-1.0)
         right.axpy(-1.0, e)
@@ -147,7 +144,7 @@ class Operator:
         self.interface.write(places, right)
         return right
 
-    def terms(self, y: PetscVec) -> tuple[float, Floats]:
+    def measure_terms(self, y: PetscVec) -> tuple[float, Floats]:
         """Norm of ``|Tᵀ| |K| |T y|``, and its values at the places.
 
         It reads a copy of the own rows of ``K``.
@@ -161,17 +158,17 @@ class Operator:
         self.interface.write(places, u)
         rows = OwnRows.of(self.K)
         outside = rows.outside()
-        everywhere = scatter(self.K, outside, self._PETSc)(u.array_r.copy())
+        everywhere = scatter(self.K, outside, self.PETSc)(u.array_r.copy())
         shape = rows.count, len(everywhere)
         np.abs(rows.values, out=rows.values)
         parts = rows.values, rows.local(outside), rows.pointer
-        found = self.zeros()
-        found.array[:] = csr_array(parts, shape=shape) @ everywhere
-        found.array[self.fixed] = 0.0
-        at = self.interface.gather(found)
-        self.variables.terms_of_forces(at)
-        self.interface.write(at, found)
-        return found.norm(), at
+        sizes: CsrMatrix = csr_array(parts, shape=shape)
+        terms = self.make_vector(sizes @ everywhere)
+        terms.array[self.fixed] = 0.0
+        at_places = self.interface.gather(terms)
+        self.variables.terms_of_forces(at_places)
+        self.interface.write(at_places, terms)
+        return terms.norm(), at_places
 
 
 class Springs:
@@ -182,6 +179,12 @@ class Springs:
         self.places = d * nodes[:, None] + np.arange(d)
         self.blocks = values.reshape(-1, d, d)
 
-    def add(self, x: Floats, out: Floats) -> None:
-        """Add the forces of displacements ``x`` to ``out``."""
-        out[self.places] += np.einsum("ikl,il->ik", self.blocks, x[self.places])
+    def list_entries(self) -> tuple[Ints, Ints, Floats]:
+        """Rows, columns and values of the springs as a matrix on the places."""
+        d = self.places.shape[1]
+        row = np.repeat(self.places, d, axis=1).ravel()
+        return row, np.tile(self.places, (1, d)).ravel(), self.blocks.ravel()
+
+    def add_forces(self, x: Floats, forces: Floats) -> None:
+        """Add the forces of displacements ``x`` to ``forces``."""
+        forces[self.places] += np.einsum("ikl,il->ik", self.blocks, x[self.places])

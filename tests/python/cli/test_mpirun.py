@@ -495,7 +495,7 @@ def test_an_error_of_one_rank_in_a_collective_phase(rank: int, tmp_path: Path) -
 IN_PETSC = """
 import bipot_rs.petsc.engine as it
 from bipot_rs.petsc.result import Step
-make_whole, product, steps = Step.make_whole, it.Verbs.product, [0]
+make_whole, product, steps = Step.make_whole, it.VectorOperations.product, [0]
 def counted(*given):
     steps[0] += 1
     return make_whole(*given)
@@ -503,7 +503,7 @@ def failing(*given):
     if steps[0] == 2:
         raise MemoryError("no memory here")
     return product(*given)
-Step.make_whole, it.Verbs.product = counted, failing
+Step.make_whole, it.VectorOperations.product = counted, failing
 """
 
 

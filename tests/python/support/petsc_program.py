@@ -18,7 +18,7 @@ from bipot_rs.petsc.library import load
 
 PETSc, MPI = load()
 
-from bipot_rs import petsc  # noqa: E402
+from bipot_rs.petsc import ContactProblem  # noqa: E402
 
 comm = MPI.COMM_WORLD
 Given = dict[str, Any]
@@ -63,7 +63,7 @@ def problem(given: Given, **other: Any) -> Any:
         known["gather"] = int(given["gather"])
     if "coordinates" in given:
         known["coordinates"] = given["coordinates"][first:last]
-    made = petsc.ContactProblem(K, B, **known | other)
+    made = ContactProblem(K, B, **known | other)
     made.K = K
     return made
 
@@ -103,12 +103,12 @@ def solve(given: Given) -> Given:
 
 def unfactored(given: Given) -> Given:
     """A load path where the first rank fails to factor."""
-    from bipot_rs.petsc.one_rank import OneRank
+    from bipot_rs.petsc.linear.one_rank import OneRankFactor
 
     def failing(_self: Any, _parts: Any) -> str:
         return "no factor today"
 
-    OneRank._factored = failing  # type: ignore[method-assign]
+    OneRankFactor._factor_rows = failing  # type: ignore[method-assign]
     return solve(given)
 
 
@@ -287,7 +287,7 @@ def with_matrix(given: Given) -> Given:
     size = (last - first, B.shape[0]), K.getSizes()[1]
     held = PETSc.Mat().createAIJ(size, csr=csr, comm=comm)
     low, high = K.getOwnershipRange()
-    made = petsc.ContactProblem(
+    made = ContactProblem(
         K,
         held,
         gap=given["gap"],

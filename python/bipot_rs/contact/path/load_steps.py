@@ -230,6 +230,13 @@ class Loading:
             "gap", offsets, "the load path", forces, lambda g, loads: (*loads, g)
         )
 
+    def _make_force(self, load: Any, end: float) -> Callable[[float], Floats]:
+        """Loads as a function of ``s``."""
+        read = self.read_forces
+        if read is None or not callable(load):
+            return _scale_or_call("load", load, self.n, end)
+        return lambda s: read(load(s))[0]
+
     def make_totals(
         self,
         load: ArrayLike | Callable[[float], ArrayLike] | None,
@@ -244,7 +251,7 @@ class Loading:
                 f"{counted(len(self.loads), 'load step')}, and adaptive steps need the load "
                 "as a function of s"
             )
-        force = _scale_or_call("load", load, self.n, end)
+        force = self._make_force(load, end)
         moved = _scale_or_call("prescribed", prescribed, self.fixed, end)
         if gap is None and self.gaps is not None:
             raise ValueError(

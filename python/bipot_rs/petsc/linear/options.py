@@ -6,9 +6,6 @@ from types import ModuleType
 
 PREFIX = "bipot_"
 
-# Iterations of one linear system after which the method has stalled.
-MOST_KRYLOV = 400
-
 KSP = {
     "ksp_type": "fgmres",
     "ksp_gmres_restart": 80,
@@ -35,7 +32,7 @@ def smoother_is_ours() -> bool:
     return {"mg_levels_ksp_type", "mg_levels_pc_type"} <= _OURS
 
 
-def are_of_the_user(PETSc: ModuleType, name: str) -> bool:
+def is_of_the_user(PETSc: ModuleType, name: str) -> bool:
     """Whether the user has set this option."""
     return name not in _OURS and bool(PETSc.Options(PREFIX).hasName(name))
 

@@ -8,13 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Integers, Ints, PetscMat
-from bipot_rs.petsc.interface import Interface
-from bipot_rs.petsc.operator import Springs
-
-# Relative shift of the diagonal where contact alone holds a body. While its contacts slide or
-# are open, a rigid motion may have no energy, and a preconditioner would return rounding errors
-# as large motions. As `linalg/amg/coarsest.rs`: the shift changes no solution.
-SHIFT = 1e-6
+from bipot_rs.petsc.operator import Operator, Springs
 
 
 class SymmetricPart:
@@ -27,20 +21,15 @@ class SymmetricPart:
     ----------
     P
         The matrix. It is the only other one of the size of ``K``.
+    d
+        Number of degrees of freedom of a node.
     around
         Values of ``A`` between places of the interface: rows, columns and values of those
         that this rank owns.
     """
 
     def __init__(
-        self,
-        A: PetscMat,
-        interface: Interface,
-        contact: Ints,
-        fixed: Ints,
-        d: int,
-        PETSc: ModuleType,
-        shift: float = 0.0,
+        self, A: PetscMat, operator: Operator, contact: Ints, shift: float
     ) -> None:
         """Take ``A`` over, with structural zeros on the diagonal where it has no entry.
 
@@ -48,27 +37,26 @@ class SymmetricPart:
         ----------
         contact
             Places of contact nodes, which may be held.
-        fixed
-            Own rows that are prescribed.
         shift
             Relative to the diagonal, which is increased by it.
         """
-        self.P, self._d = A, d
+        self.P, self.d = A, operator.d
+        interface, comm = operator.interface, operator.comm
         first, _ = A.getOwnershipRange()
         diagonal = A.getDiagonal()
         size = np.abs(diagonal.array_r)
         # A number of the size of the others, whatever the units.
-        sums = A.comm.tompi4py().allreduce(float(size.sum()))
-        counts = A.comm.tompi4py().allreduce(int((size > 0).sum()))
+        sums = comm.allreduce(float(size.sum()))
+        counts = comm.allreduce(int((size > 0).sum()))
         filled = np.where(size > 0, size, sums / counts if counts else 1.0)
         kept = diagonal.array_r.copy()
-        kept[fixed] = filled[fixed]
+        kept[operator.fixed] = filled[operator.fixed]
         diagonal.array[:] = (1 + shift) * kept
         A.setDiagonal(diagonal)
         A.assemble()
         may_hold = np.zeros(len(interface.dofs) + 1, bool)
         may_hold[contact] = True
-        around = _around(A, interface, PETSc)
+        around = _read_around(A, operator)
         inside = (around.of_row >= 0) & (around.of_column >= 0)
         self.around = (
             around.of_row[inside],
@@ -86,7 +74,7 @@ class SymmetricPart:
         self._order = np.argsort(self._keys)
         self._places = len(interface.dofs)
 
-    def set(self, held: Bools, springs: Springs | None) -> None:
+    def set_values(self, held: Bools, springs: Springs | None) -> None:
         """Write the values for held places and springs of sliding contacts."""
         dead = np.append(held, False)
         near = self._entries
@@ -96,7 +84,7 @@ class SymmetricPart:
         on_held = dead[near.of_row[at]]
         values[at[on_held]] = self._filled[on_held]
         if springs is not None:
-            self._add(values, springs)
+            self._add_springs(values, springs)
         kind = near.column.dtype
         self.P.setValuesIJV(
             self._pointer.astype(kind),
@@ -106,11 +94,9 @@ class SymmetricPart:
         )
         self.P.assemble()
 
-    def _add(self, values: Floats, springs: Springs) -> None:
+    def _add_springs(self, values: Floats, springs: Springs) -> None:
         """Add the springs of own contact nodes to the values."""
-        d = self._d
-        i = np.repeat(springs.places, d, axis=1).ravel()
-        j = np.tile(springs.places, (1, d)).ravel()
+        i, j, added = springs.list_entries()
         keys = i * (self._places + 1) + j
         if not len(keys) or not len(self._keys):
             return
@@ -118,7 +104,7 @@ class SymmetricPart:
         at[at == len(self._keys)] = 0
         at = self._order[at]
         ours = self._keys[at] == keys
-        values[at[ours]] += springs.blocks.ravel()[ours]
+        values[at[ours]] += added[ours]
 
 
 class _Entries(NamedTuple):
@@ -141,18 +127,19 @@ class _Entries(NamedTuple):
         )
 
 
-def _around(A: PetscMat, interface: Interface, PETSc: ModuleType) -> _Entries:
+def _read_around(A: PetscMat, operator: Operator) -> _Entries:
     """Entries of the own rows with a place of the interface as row or column.
 
     A copy of all own rows would take as much memory as the matrix.
     """
+    interface, PETSc = operator.interface, operator.PETSc
     first, last = A.getOwnershipRange()
     ours = interface.dofs[interface.own]
     others = np.setdiff1d(np.arange(first, last), ours, assume_unique=True)
-    row, column, values = _entries(A, ours, None, PETSc)
-    of_column = interface.number(column)
+    row, column, values = _read_entries(A, ours, None, PETSc)
+    of_column = interface.find_places(column)
     # Columns of this part are in the order of the places.
-    row_beside, place, values_beside = _entries(A, others, ours, PETSc)
+    row_beside, place, values_beside = _read_entries(A, others, ours, PETSc)
     row = np.concatenate([row, row_beside])
     order = np.argsort(row, kind="stable")
     beside = interface.dofs[place].astype(column.dtype)
@@ -161,12 +148,12 @@ def _around(A: PetscMat, interface: Interface, PETSc: ModuleType) -> _Entries:
         row[order],
         np.concatenate([column, beside])[order],
         np.concatenate([values, values_beside])[order],
-        interface.number(row[order]),
+        interface.find_places(row[order]),
         of_column[order],
     )
 
 
-def _entries(
+def _read_entries(
     A: PetscMat, rows: Ints, columns: Ints | None, PETSc: ModuleType
 ) -> tuple[Ints, Integers, Floats]:
     """Rows, columns and values of a part of a matrix; each rank names its own ones."""
@@ -181,28 +168,17 @@ def _entries(
     return np.repeat(rows, np.diff(pointer)), column, values
 
 
-def transformation(
-    K: PetscMat,
-    rows: tuple[Ints, Ints, Floats],
-    interface: Interface,
-    fixed: Ints,
-    d: int,
-    PETSc: ModuleType,
-) -> PetscMat:
+def make_transformation(operator: Operator) -> PetscMat:
     """``T`` as a matrix of PETSc, with zeros in the rows of prescribed degrees of freedom.
 
     The diagonal is part of its pattern, and so of that of ``Tᵀ K T``.
-
-    Parameters
-    ----------
-    rows
-        ``T`` by places: row pointers, columns, values.
     """
     from scipy.sparse import coo_array
 
+    K, interface, PETSc = operator.K, operator.interface, operator.PETSc
     first, last = K.getOwnershipRange()
     count = last - first
-    pointer, place, entries = rows
+    pointer, place, entries = operator.variables.transformation()
     whole = slice(pointer[interface.own.start], pointer[interface.own.stop])
     lengths = np.diff(pointer)[interface.own]
     others = np.ones(count)
@@ -211,7 +187,7 @@ def transformation(
     column = np.concatenate([np.arange(first, last), interface.dofs[place[whole]]])
     value = np.concatenate([others, entries[whole]])
     prescribed = np.zeros(count, bool)
-    prescribed[fixed] = True
+    prescribed[operator.fixed] = True
     value[prescribed[row]] = 0.0
     # Zeros are kept; duplicates on the diagonal are added.
     T = coo_array((value, (row, column)), shape=(count, K.getSize()[1])).tocsr()
@@ -219,7 +195,7 @@ def transformation(
     kind = PETSc.IntType
     matrix: PetscMat = PETSc.Mat().createAIJ(
         K.getSizes(),
-        bsize=d,
+        bsize=operator.d,
         csr=(T.indptr.astype(kind), T.indices.astype(kind), T.data),
         comm=K.comm,
     )

@@ -5,54 +5,71 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Integers, PetscVec
 from bipot_rs._lib.validation import csr, indices
 from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Springs
 from bipot_rs.petsc.own_rows import OwnRows
-from bipot_rs.petsc.symmetric_part import SymmetricPart
-
-NAME = "factor on the first rank"
 
 
 class NotFactoredError(Exception):
     """The core cannot factor the symmetric part; all ranks raise it."""
 
 
-class OneRank:
+class OneRankFactor:
     """``P⁻¹`` for the symmetric part ``P`` of a Newton step, as a shell of PETSc.
 
     The first rank holds all of ``P`` and its factor. A product takes one message from each
     other rank and one to it, where multigrid takes some for each of its levels.
     """
 
-    def __init__(self, part: SymmetricPart, d: int) -> None:
-        self._part, self._d = part, d
+    name = "factor on the first rank"
+
+    def __init__(self, part: SymmetricPart) -> None:
+        self._part = part
         self._comm = part.P.comm.tompi4py()
         self._sizes = np.diff(part.P.getOwnershipRanges()).tolist()
         # Of the first rank.
         self._factor: _core.Condensed | None = None
 
-    def prepare(self, tangent: _core.ContactTangent, springs: Springs) -> None:
-        """Make it for the held places and springs."""
-        self._part.set(tangent.held, springs)
+    def begin(self) -> None:
+        """Nothing is learned."""
+
+    def learn(self, iterations: int) -> None:
+        """Nothing is learned."""
+
+    def prepare(
+        self, tangent: _core.ContactTangent, _: NDArray[np.int8], *, new: bool
+    ) -> None:
+        """Factor the symmetric part with the held places and springs.
+
+        Raises
+        ------
+        NotFactoredError
+            It cannot be factored.
+        """
+        if not new:
+            return
+        self._part.set_values(tangent.held, Springs(tangent, self._part.d))
         rows = OwnRows.of(self._part.P)
         own = rows.pointer, rows.column, rows.values
         every = self._comm.gather(own, root=0)
-        reason = None if every is None else self._factored(every)
+        reason = None if every is None else self._factor_rows(every)
         reason = self._comm.bcast(reason, root=0)
         if reason is not None:
             raise NotFactoredError(reason)
 
-    def _factored(
+    def _factor_rows(
         self, parts: Sequence[tuple[Integers, Integers, Floats]]
     ) -> str | None:
         """Factor the rows of all ranks; the reason if that is not possible."""
         from scipy.sparse import csr_array, vstack
 
-        n = sum(self._sizes)
+        n, d = sum(self._sizes), self._part.d
         rows = [
             csr_array((values, column, pointer), shape=(len(pointer) - 1, n))
             for pointer, column, values in parts
@@ -60,7 +77,7 @@ class OneRank:
         stiffness = csr("P", vstack(rows).tocsr())
         # No contacts: those of the problem are springs and held places in P.
         none = csr("B", csr_array((0, n)))
-        gap, mu = np.zeros((0, self._d)), np.zeros((0, self._d - 1))
+        gap, mu = np.zeros((0, d)), np.zeros((0, d - 1))
         fixed = indices("fixed", None, n)
         try:
             self._factor = _core.Condensed(
@@ -70,7 +87,7 @@ class OneRank:
             return str(error)
         return None
 
-    def apply(self, _pc: object, b: PetscVec, x: PetscVec) -> None:
+    def apply(self, _pc: object, b: PetscVec, x: PetscVec, /) -> None:
         """``x = P⁻¹ b``; PETSc calls it."""
         factor = self._factor
         first = self._comm.rank == 0
@@ -79,7 +96,7 @@ class OneRank:
         self._comm.Gatherv(np.ascontiguousarray(b.array_r), pieces, root=0)
         if factor is not None:
             none = np.zeros(0)
-            state = whole, none, np.zeros((0, self._d)), none
+            state = whole, none, np.zeros((0, self._part.d)), none
             pieces = [
                 np.ascontiguousarray(factor.displacements([state])[0]),
                 self._sizes,

@@ -1,0 +1,1 @@
+"""Linear systems of Newton steps: flexible GMRES of PETSc and what preconditions it."""

@@ -1,0 +1,151 @@
+"""Preconditioners of the symmetric part of a Newton step, as PETSc calls them."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs._core as _core
+from bipot_rs._lib.types import PetscMat, PetscVec
+from bipot_rs.petsc.linear import options
+from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
+from bipot_rs.petsc.operator import Springs
+from bipot_rs.petsc.tuning import (
+    EIGENVALUE_ITERATIONS,
+    SMOOTHED_FROM,
+    SMOOTHED_TO,
+)
+
+
+class Preconditioner(Protocol):
+    """What approximates ``P⁻¹``, for the statuses of a Newton step."""
+
+    # What it is, for people.
+    name: str
+
+    def begin(self) -> None:
+        """Forget what was learned in the load step before."""
+
+    def prepare(
+        self,
+        tangent: _core.ContactTangent,
+        statuses: NDArray[np.int8],
+        *,
+        new: bool,
+    ) -> None:
+        """Make it for these statuses; ``new`` says whether they have changed."""
+
+    def apply(self, pc: object, b: PetscVec, x: PetscVec, /) -> None:
+        """``x ≈ P⁻¹ b``; PETSc calls it."""
+
+    def learn(self, iterations: int) -> None:
+        """Take notice of the iterations of a linear system."""
+
+
+class Hierarchy:
+    """What the options of PETSc choose for a matrix whose values change: as a rule multigrid.
+
+    On the finest grid its smoother inverts the block of each node, which saves a third of the
+    iterations. Coarser blocks may be singular: an aggregate may have fewer motions than
+    columns.
+    """
+
+    def __init__(self, P: PetscMat, prefix: str, PETSc: ModuleType) -> None:
+        self._P, self._prefix, self._PETSc = P, prefix, PETSc
+        self.pc = PETSc.PC().create(P.comm)
+        self.pc.setOptionsPrefix(prefix)
+        self.pc.setOperators(P, P)
+        self.pc.setFromOptions()
+        self._smoothed = False
+
+    def update(self) -> None:
+        """Make it for the present values of the matrix."""
+        self.pc.setUp()
+        if not self._smoothed:
+            self._smoothed = True
+            if self.pc.getType() == "gamg" and options.smoother_is_ours():
+                self._smooth_by_nodes()
+
+    def _smooth_by_nodes(self) -> None:
+        """Let the smoother of the finest grid invert the block of each node."""
+        level = self.pc.getMGLevels() - 1
+        if level < 1:
+            return
+        largest = self._estimate_largest_eigenvalue()
+        if not np.isfinite(largest) or largest <= 0.0:
+            return
+        # The spectrum changes little with the statuses: one estimate serves all of them.
+        interval = f"{SMOOTHED_FROM * largest},{SMOOTHED_TO * largest}"
+        chosen = {"pc_type": "pbjacobi", "ksp_chebyshev_eigenvalues": interval}
+        database = self._PETSc.Options(self._prefix)
+        names = {f"mg_levels_{level}_{name}": value for name, value in chosen.items()}
+        # `hasName` would find those of all levels, too.
+        if not names.keys().isdisjoint(database.getAll()):
+            return
+        for name, value in names.items():
+            database.setValue(name, value)
+        try:
+            self.pc.getMGSmoother(level).setFromOptions()
+        finally:
+            # In another problem this level may be a coarse one.
+            for name in names:
+                database.delValue(name)
+
+    def _estimate_largest_eigenvalue(self) -> float:
+        """Largest eigenvalue of the matrix with the blocks of its nodes inverted."""
+        b, x = self._P.createVecs()
+        first, last = b.getOwnershipRange()
+        # A quasi-random sequence: the same numbers for any number of ranks.
+        b.array[:] = np.modf(np.arange(first, last) * 0.6180339887498949)[0] - 0.5
+        solver = self._PETSc.KSP().create(self._P.comm)
+        solver.setOperators(self._P)
+        solver.setType("cg")
+        solver.getPC().setType("pbjacobi")
+        solver.setComputeEigenvalues(True)
+        solver.setTolerances(rtol=1e-12, atol=0.0, max_it=EIGENVALUE_ITERATIONS)
+        solver.setUp()
+        solver.solve(b, x)
+        return float(np.max(np.real(solver.computeEigenvalues()), initial=0.0))
+
+
+class ChosenPreconditioner:
+    """A `Hierarchy` for the symmetric part, as a shell.
+
+    Multigrid inside a solver of PETSc would use ``J`` in its smoother, which is slower and
+    not symmetric.
+    """
+
+    def __init__(self, part: SymmetricPart, prefix: str, PETSc: ModuleType) -> None:
+        self._part = part
+        self._inside = Hierarchy(part.P, prefix, PETSc)
+        self.name = str(self._inside.pc.getType())
+
+    def factor(self, mumps: bool) -> None:
+        """Use a factor by Cholesky instead of what the options choose."""
+        pc = self._inside.pc
+        pc.setType("cholesky")
+        if mumps:
+            pc.setFactorSolverType("mumps")
+        pc.setFromOptions()
+        self.name = "cholesky (MUMPS)" if mumps else "cholesky"
+
+    def begin(self) -> None:
+        """Nothing is learned."""
+
+    def prepare(
+        self, tangent: _core.ContactTangent, _: NDArray[np.int8], *, new: bool
+    ) -> None:
+        """Make it for the held places and springs."""
+        if new:
+            self._part.set_values(tangent.held, Springs(tangent, self._part.d))
+            self._inside.update()
+
+    def apply(self, _pc: object, b: PetscVec, x: PetscVec, /) -> None:
+        """``x ≈ P⁻¹ b``."""
+        self._inside.pc.apply(b, x)
+
+    def learn(self, iterations: int) -> None:
+        """Nothing is learned."""

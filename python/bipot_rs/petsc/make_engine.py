@@ -1,0 +1,230 @@
+"""From checked arguments to the engine: reads the own rows of K once, and drops the copy."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+import bipot_rs._core as _core
+from bipot_rs._lib.memory import available
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
+from bipot_rs.contact.path.choice import direct_bytes
+from bipot_rs.contact.path.contacts import Contacts
+from bipot_rs.petsc import components, own_rows, supports
+from bipot_rs.petsc.agreement import agreed
+from bipot_rs.petsc.engine import PetscEngine
+from bipot_rs.petsc.interface import Interface
+from bipot_rs.petsc.library import Library
+from bipot_rs.petsc.linear import options
+from bipot_rs.petsc.linear.joined import JoinedBodies
+from bipot_rs.petsc.linear.one_rank import OneRankFactor
+from bipot_rs.petsc.linear.preconditioner import ChosenPreconditioner, Preconditioner
+from bipot_rs.petsc.linear.solver import LinearSolver
+from bipot_rs.petsc.linear.symmetric_part import SymmetricPart, make_transformation
+from bipot_rs.petsc.motions import orthonormal, rigid_motions
+from bipot_rs.petsc.operator import Operator
+from bipot_rs.petsc.tuning import LOOSE_BODY_SHIFT
+
+# Bytes of a factor in the plane for each unknown. It grows as n log n: this is more than enough.
+_PLANE_FACTOR = 2000.0
+
+
+class Arguments(NamedTuple):
+    """Checked arguments of a problem, the same on every rank but for the coordinates.
+
+    Attributes
+    ----------
+    contacts
+        Those of all ranks.
+    fixed
+        All prescribed degrees of freedom, in the order of the caller.
+    coordinates : (own rows, d) or None
+        Of the own degrees of freedom.
+    gather
+        Number of unknowns up to which the first rank factors all of K.
+    """
+
+    contacts: Contacts
+    fixed: Ints
+    coordinates: Floats | None
+    gather: int
+
+
+class _Places(NamedTuple):
+    """The places of the interface, and B there.
+
+    Attributes
+    ----------
+    fixed
+        Prescribed rows of this rank.
+    position
+        Number of each place among all prescribed degrees of freedom; their number for a
+        free place.
+    contact
+        Columns of B by places, with those of prescribed degrees of freedom.
+    """
+
+    interface: Interface
+    fixed: Ints
+    position: Ints
+    contact: CsrMatrix
+
+
+def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
+    """Check K, find its bodies and what holds them, and make the engine.
+
+    Raises
+    ------
+    ValueError
+        K is not finite, not symmetric, or has a negative diagonal.
+    NotIterativeError
+        Something may move freely.
+    """
+    comm, d = K.comm.tompi4py(), given.contacts.d
+    rows = own_rows.OwnRows.of(K)
+    agreed(comm, rows.check_finite)
+    agreed(comm, lambda: _check_diagonal(K))
+    own_rows.check_symmetry(K, comm)
+    interface, fixed, position, contact = _number_places(K, given, library)
+    outside = rows.outside()
+    local = rows.local(outside)
+    bring = own_rows.scatter(K, outside, library.PETSc)
+    prescribed = np.zeros(rows.count, bool)
+    prescribed[fixed] = True
+    free = bring(np.where(prescribed, 0.0, 1.0)) > 0
+    of_node, count = components.bodies(comm, rows, local, free, d, bring)
+    motions = rigid_motions(comm, library.MPI, given.coordinates, rows.count, d)
+    bodies = supports.Bodies(of_node, count, motions, prescribed)
+    holding = supports.prescribed(rows, local, bodies, bring, d)
+    held = supports.held(comm, count, holding)
+    at_places = interface.gather_own(motions[interface.rows])
+    body = np.repeat(of_node, d).astype(float)
+    body_of_place = interface.gather_own(body[interface.rows]).astype(np.int64)
+    free_contact: CsrMatrix = contact.copy()
+    free_contact.data[position[free_contact.indices] < len(given.fixed)] = 0.0
+    by_contact = free_contact, at_places, body_of_place
+    loose = supports.check(comm, rows, local, bodies, bring, d, holding, by_contact)
+    blocks = interface.gather_own(_read_blocks(rows, interface, d))
+    del rows, local
+    variables = agreed(
+        comm,
+        lambda: _core.ContactVariables(
+            (contact.indptr, contact.indices, contact.data),
+            given.contacts.gap_by_component,
+            given.contacts.mu,
+            position,
+            len(given.fixed),
+            blocks.reshape(-1, d * d),
+            body_of_place[::d].copy(),
+            held.astype(np.int64),
+        ),
+    )
+    operator = Operator(K, variables, interface, fixed, d, library.PETSc)
+    solver = _make_solver(operator, motions, given.gather, loose=loose)
+    return PetscEngine(operator, solver, given.fixed, given.contacts.shape)
+
+
+def _check_diagonal(K: PetscMat) -> None:
+    first, _ = K.getOwnershipRange()
+    wrong = own_rows.negative_diagonal(K)
+    if wrong.any():
+        row = first + int(np.argmax(wrong))
+        raise ValueError(
+            f"stiffness K is indefinite: its diagonal is negative at row {row}; K must be "
+            "symmetric positive semidefinite"
+        )
+
+
+def _number_places(K: PetscMat, given: Arguments, library: Library) -> _Places:
+    """The places: the degrees of freedom of all nodes that a contact touches."""
+    d, matrix = given.contacts.d, given.contacts.operator.matrix
+    nodes = np.unique(np.unique(matrix.indices[matrix.data != 0]) // d)
+    dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+    ranges = np.asarray(K.getOwnershipRanges(), np.int64)
+    interface = Interface(K.comm.tompi4py(), library.MPI, dofs, ranges)
+    kept = csr_array(matrix, copy=True)
+    kept.eliminate_zeros()
+    entries = kept.data, interface.find_places(kept.indices), kept.indptr
+    contact = csr_array(entries, shape=(matrix.shape[0], len(dofs)))
+    order = np.argsort(given.fixed)
+    ranked = given.fixed[order]
+    position = np.full(len(dofs), len(ranked))
+    if len(ranked):
+        at = np.minimum(np.searchsorted(ranked, dofs), len(ranked) - 1)
+        there = ranked[at] == dofs
+        position[there] = order[at[there]]
+    first, last = K.getOwnershipRange()
+    own = ranked[(ranked >= first) & (ranked < last)] - first
+    return _Places(interface, own, position, contact)
+
+
+def _read_blocks(rows: own_rows.OwnRows, interface: Interface, d: int) -> Floats:
+    """Diagonal blocks of ``K`` at the own places of the interface, a row ``(d,)`` of each."""
+    blocks = np.zeros((len(interface.rows), d))
+    for k, row in enumerate(interface.rows):
+        entries = slice(rows.pointer[row], rows.pointer[row + 1])
+        column = rows.column[entries] - rows.first - (row - row % d)
+        inside = (column >= 0) & (column < d)
+        blocks[k, column[inside]] = rows.values[entries][inside]
+    return blocks
+
+
+def _make_solver(
+    operator: Operator, motions: Floats, gather: int, *, loose: bool
+) -> LinearSolver:
+    """The linear solver with its matrix, which is ``Tᵀ K T`` at first.
+
+    Parameters
+    ----------
+    motions
+        Rigid motions at the own degrees of freedom, ``(rows, m)``.
+    gather
+        As in `Arguments`.
+    loose
+        Whether contact alone holds a body.
+    """
+    PETSc, variables, d = operator.PETSc, operator.variables, operator.d
+    T = make_transformation(operator)
+    # A copy, because a product keeps what it was made of.
+    product = operator.K.PtAP(T)
+    A = product.copy()
+    product.destroy()
+    T.destroy()
+    A.setBlockSize(d)
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    A.setNearNullSpace(_make_near_null_space(operator, motions))
+    contact = (d * variables.nodes[:, None] + np.arange(d)).ravel()
+    part = SymmetricPart(A, operator, contact, LOOSE_BODY_SHIFT if loose else 0.0)
+    chosen = options.is_of_the_user(PETSc, "pc_type")
+    options.set_defaults(PETSc)
+    preconditioner: Preconditioner
+    if operator.K.getSize()[0] <= gather and not chosen:
+        preconditioner = OneRankFactor(part)
+    elif variables.join:
+        preconditioner = JoinedBodies(operator, part, contact)
+    else:
+        preconditioner = ChosenPreconditioner(part, options.PREFIX, PETSc)
+    return LinearSolver(operator, part, preconditioner, _factor_fits(operator))
+
+
+def _make_near_null_space(operator: Operator, motions: Floats) -> object:
+    """Rigid motions in the variables of the contacts, zero where prescribed."""
+    own = motions.copy()
+    own[operator.fixed] = 0.0
+    interface = operator.interface
+    for column in own.T:
+        places = interface.gather_own(column[interface.rows])
+        operator.variables.to_own_variables(places)
+        column[interface.rows] = places[interface.own]
+    vectors = [operator.make_vector(v) for v in orthonormal(operator.comm, own).T]
+    return operator.PETSc.NullSpace().create(vectors=vectors, comm=operator.K.comm)
+
+
+def _factor_fits(operator: Operator) -> bool:
+    """Whether a factor of ``K`` fits into the memory of this machine."""
+    n = operator.K.getSize()[0]
+    needed = direct_bytes(n, 0) if operator.d == 3 else _PLANE_FACTOR * n
+    free = available()
+    return bool(min(operator.comm.allgather(free is None or needed < free)))
