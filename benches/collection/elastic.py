@@ -13,7 +13,7 @@ from bipot_rs.fem.assembly.assemble import assemble
 from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.materials import Material
-from bipot_rs.fem.contact.meeting import Contact
+from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.mesh.boxes import box
 from collection.load_path import LoadPath
 

@@ -7,7 +7,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.fem.assembly.assemble import assemble
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.contact.meeting import Contact
+from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.shapes import Cylinder
 from collection.elastic import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.fem.assembly.assemble import assemble
-from bipot_rs.fem.contact.meeting import Contact
+from bipot_rs.fem.contact.contact import Contact
 from collection.elastic import block, floor, grid, loaded, moved, pair
 from collection.entry import entries
 from collection.load_path import (

@@ -12,7 +12,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation.simplices import Simplices
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.contact.meeting import both
+from bipot_rs.fem.contact.contact import both
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ from bipot_rs.discretisation.simplices import (
     strain,
 )
 from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.body import body_index
 from bipot_rs.fem.bodies.materials import Material
-from bipot_rs.fem.contact.meeting import body_index
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case

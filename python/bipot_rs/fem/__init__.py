@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bipot_rs.fem.bodies.stress_recovery import stress, thermal, von_mises
     from bipot_rs.fem.constraints.references import Remote
     from bipot_rs.fem.constraints.repetition import Cyclic, Periodic
-    from bipot_rs.fem.contact.meeting import Contact, Floating
+    from bipot_rs.fem.contact.contact import Contact, Floating
     from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
     from bipot_rs.mesh.boxes import FACES, box
     from bipot_rs.mesh.elements import second_order
@@ -67,7 +67,7 @@ __getattr__, __dir__ = lazily(
             "surface",
             "with_surfaces",
         ),
-        "bipot_rs.fem.contact.meeting": ("Contact", "Floating"),
+        "bipot_rs.fem.contact.contact": ("Contact", "Floating"),
         "bipot_rs.fem.bodies.elasticity": ("stiffness",),
         "bipot_rs.fem.bodies.loads": ("Load",),
         "bipot_rs.fem.bodies.materials": ("Material", "Orthotropic"),

@@ -113,8 +113,8 @@ def bases(normals: Floats) -> Floats:
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
-    """Check the arguments ``points`` and ``facets``; ``side`` is the suffix of their names.
+def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Surface:
+    """Check the points ``what`` and the facets ``name``, as messages call them.
 
     Raises
     ------
@@ -123,8 +123,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
         area, are folded, or have normals opposite to those of their neighbours. The
         message gives the index of the facet.
     """
-    x = vectors(f"points{side}", points, rows="n")
-    name = f"facets{side}"
+    x = vectors(what, points, rows="n")
     nodes = _facets(name, facets, len(x))
     kind = kind_of(name, x.shape[1], nodes.shape[1])
     corners = nodes[:, : kind.corners]

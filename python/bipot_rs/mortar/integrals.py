@@ -112,8 +112,8 @@ class Integrals:
         ∫ N_i N_j and ∫ N_i φ_j with the slave's shape functions, for each slave facet.
     coupling : (k, c, nodes)
         ∫ N_i φ_j with the master's shape functions, for each intersection.
-    clearance : (m, c)
-        ∫ N_i c with the clearance function c.
+    clearance : (fields, m, c)
+        ∫ N_i c with each of the functions c.
     """
 
     overlaps: Overlaps
@@ -135,8 +135,8 @@ class Weights:
         a_i > 0.
     slave, master : scipy.sparse.csr_array (n_c, nodes)
         ``v = slave u_s - master u_m``; rows add up to one.
-    clearance : (n_c,)
-        ∫ ψ_i c / a_i.
+    clearance : (fields, n_c)
+        ∫ ψ_i c / a_i of each function c; no fields without a function.
     """
 
     node: Ints
@@ -301,7 +301,7 @@ def integrate(
     mass = np.zeros((count, c, c))
     own = mass if linear else np.zeros((count, c, slave.kind.nodes))
     coupling = np.zeros((count, c, 0 if master is None else master.kind.nodes))
-    gap = np.zeros((count, c))
+    gap: list[Floats] = []
     corner = CORNER_SHAPES[c]
     for part, xi, eta, weight in _points(slave, over, master, clearance is not None):
         N = corner(xi)
@@ -313,8 +313,11 @@ def integrate(
                 np.add.at(own, part, np.einsum("tqi,tqj->tij", weighted, phi))
             if clearance is not None:
                 places = phi @ slave.points[slave.facets[over.slave[part]]]
-                found = _values(clearance, places)
-                np.add.at(gap, part, np.einsum("tqi,tq->ti", weighted, found))
+                # Field by field: each with the same bits as alone.
+                for k, field in enumerate(_values(clearance, places)):
+                    if k == len(gap):
+                        gap.append(np.zeros((count, c)))
+                    np.add.at(gap[k], part, np.einsum("tqi,tq->ti", weighted, field))
         if master is not None and eta is not None:
             phi = master.kind.shapes(eta)
             np.add.at(coupling, part, np.einsum("tqi,tqj->tij", weighted, phi))
@@ -328,7 +331,9 @@ def integrate(
 
     total = by_facet(mass)
     everything = total if linear else by_facet(own)
-    return Integrals(over, total, everything, coupling, by_facet(gap))
+    none = np.zeros((0, *total.shape[:2]))
+    means = np.stack([by_facet(one) for one in gap]) if gap else none
+    return Integrals(over, total, everything, coupling, means)
 
 
 def _resultants(
@@ -379,14 +384,19 @@ def _correct(blocks: Floats, rows: Floats, columns: Floats, size: Floats) -> Non
     blocks += lacks[:, :, None] * columns[:, None] + rows[:, :, None] * other[:, None]
 
 
-def _values(function: Places, places: Floats) -> Floats:
+def _values(function: Places, places: Floats) -> list[Floats]:
+    """Values at places ``(t, q, d)``, for each field that the function returns."""
     flat = places.reshape(-1, places.shape[-1])
     found = floats("the gap at the places", function(flat))
-    if found.shape not in ((), (1,), (len(flat),)):
+    if found.ndim == 2 and len(found) == len(flat):
+        fields = [np.ascontiguousarray(column) for column in found.T]
+    elif found.shape in ((), (1,), (len(flat),)):
+        fields = [np.broadcast_to(found, (len(flat),))]
+    else:
         raise ValueError(
             f"the gap at the places has shape {found.shape}, expected ({len(flat)},)"
         )
-    return np.broadcast_to(found, (len(flat),)).reshape(places.shape[:-1])
+    return [field.reshape(places.shape[:-1]) for field in fields]
 
 
 def _points(
@@ -513,14 +523,17 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
         blocks = dual[over.slave] @ found.coupling
         columns, width = master.facets[over.master], len(master.points)
         other = assemble(over.slave, blocks, columns, width)
-    gap = np.einsum("mij,mj->mi", dual, found.clearance)
-    gap = np.bincount(corners.ravel(), gap.ravel(), minlength=nodes)
+    means = []
+    for field in found.clearance:
+        gap = np.einsum("mij,mj->mi", dual, field)
+        gap = np.bincount(corners.ravel(), gap.ravel(), minlength=nodes)
+        means.append(gap[contacts] / total[contacts])
     return Weights(
         node=contacts,
         area=np.asarray(total[contacts]),
         slave=own,
         master=other,
-        clearance=np.asarray(gap[contacts] / total[contacts]),
+        clearance=np.array(means).reshape(len(means), len(contacts)),
     )
 
 

@@ -142,24 +142,50 @@ def pairs(
     """
     if method not in METHODS:
         raise ValueError(f"method is {shown(method)}, expected one of {list(METHODS)}")
-    limit = np.inf
-    if distance is not None:
-        limit = number("distance", distance)
-        if not limit > 0:
-            raise ValueError(f"distance is {limit:g}, expected a number > 0")
-    slave = surface("_slave", points_slave, facets_slave)
+    if distance is not None and not number("distance", distance) > 0:
+        raise ValueError(f"distance is {distance:g}, expected a number > 0")
+    slave = surface("points_slave", points_slave, "facets_slave", facets_slave)
     columns = np.shape(points_master)[1:]
     if columns != (slave.dim,) and len(columns) == 1:
         raise ValueError(
             f"points_master has {columns[0]} coordinates, but points_slave has {slave.dim}"
         )
-    master = surface("_master", points_master, facets_master)
+    master = surface("points_master", points_master, "facets_master", facets_master)
+    if not callable(clearance):
+        clearance = _clearance(clearance, len(slave.points))
+    columns = _columns(slave, dofs_slave, master, dofs_master, n)
+    return pair_surfaces(
+        slave,
+        master,
+        method=method,
+        distance=distance,
+        clearance=clearance,
+        axis=axis,
+        columns=columns,
+    )
+
+
+def pair_surfaces(
+    slave: Surface,
+    master: Surface,
+    *,
+    method: str,
+    distance: float | None = None,
+    clearance: Floats | Callable[[Floats], ArrayLike],
+    axis: ArrayLike | None,
+    columns: tuple[Ints, Ints, int],
+) -> Pairs:
+    """As `pairs`, of checked surfaces, whose names messages take.
+
+    ``columns`` are the degrees of freedom of both, and their total number.
+    """
+    limit = np.inf if distance is None else distance
     _apart(slave, master)
     function, added = None, np.zeros(())
     if callable(clearance):
         function = clearance
     else:
-        added = _clearance(clearance, len(slave.points))
+        added = clearance
     if method == "mortar":
         from bipot_rs.mortar.integrals import integrate, overlaps, weights
 
@@ -171,7 +197,6 @@ def pairs(
         found = _nodes(slave, master, limit, function)
         if not len(found.node):
             raise ValueError(_nothing(slave, master, distance))
-    columns = _columns(slave, dofs_slave, master, dofs_master, n)
     _own_dofs(slave, columns[0], master, columns[1])
     return _assembled(
         found,
@@ -217,10 +242,8 @@ def rigid_pairs(
         raise TypeError(
             f"gap is {shown(gap)}, expected a function of positions that returns distances"
         )
-    from bipot_rs.mortar.integrals import integrate, weights, whole
-
-    slave = surface("", points, facets)
-    found = weights(slave, integrate(slave, whole(slave), None, gap), None)
+    slave = surface("points", points, "facets", facets)
+    found = weigh_surface(slave, gap)
     places = slave.points[found.node]
     if normal is None:
         normals = _normals(slave, found.node)
@@ -232,7 +255,35 @@ def rigid_pairs(
                 f"{places.shape}"
             )
         normals = np.broadcast_to(given, places.shape)
-    columns = _columns(slave, dofs, None, None, n)
+    return make_rigid_pairs(
+        slave, found, normals, axis, _columns(slave, dofs, None, None, n)
+    )
+
+
+def weigh_surface(
+    slave: Surface, fields: Callable[[Floats], ArrayLike] | None = None
+) -> Weights:
+    """The contacts of a surface with a rigid obstacle, and weighted means of fields.
+
+    ``fields`` is a function of positions ``(m, d)`` that returns ``(m,)`` or, for several
+    fields, ``(m, fields)``.
+    """
+    from bipot_rs.mortar.integrals import integrate, weights, whole
+
+    return weights(slave, integrate(slave, whole(slave), None, fields), None)
+
+
+def make_rigid_pairs(
+    slave: Surface,
+    found: Weights,
+    normals: Floats,
+    axis: ArrayLike | None,
+    columns: tuple[Ints, Ints, int],
+) -> Pairs:
+    """The pairs of `weigh_surface`, whose first field is the gap.
+
+    ``normals (n_c, d)`` point from the obstacle to the nodes of the contacts.
+    """
     return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
 
 
@@ -292,8 +343,8 @@ def _apart(slave: Surface, master: Surface) -> None:
     for i, facet in enumerate(master.facets.tolist()):
         if tuple(sorted(facet)) in ours:
             raise ValueError(
-                f"facets_master has facet {i}, which is facet {ours[tuple(sorted(facet))]} "
-                "of facets_slave on the same points: a surface cannot meet itself"
+                f"{master.name} has facet {i}, which is facet {ours[tuple(sorted(facet))]} "
+                f"of {slave.name} on the same points: a surface cannot meet itself"
             )
 
 
@@ -305,23 +356,23 @@ def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
     at = int(np.argmin(far))
     cosine = np.einsum("kd,kd->k", slave.normals, master.normals[which])
     near = (
-        f"the nearest facets are {at} of facets_slave, at {place(slave.centre[at])}, "
-        f"and {which[at]} of facets_master, {far[at]:g} apart"
+        f"the nearest facets are {at} of {slave.name}, at {place(slave.centre[at])}, "
+        f"and {which[at]} of {master.name}, {far[at]:g} apart"
     )
     if (cosine > -1e-9).all():
         return (
-            "facets_slave and facets_master do not face each other: "
-            f"{near}, and the cosine of their normals is {cosine[at]:.2f}, expected about "
+            f"{slave.name} and {master.name} do not face each other: {near}, and the "
+            f"cosine of their normals is {cosine[at]:.2f}, expected about "
             "-1; normals must point out of the bodies"
         )
     along = slave.normals[at] @ (master.centre[which[at]] - slave.centre[at])
     if distance is not None and abs(along) > distance:
         return (
-            f"facets_slave and facets_master are farther apart than distance {distance:g}: "
+            f"{slave.name} and {master.name} are farther apart than distance {distance:g}: "
             f"{near}, {abs(along):g} along the normal"
         )
     return (
-        f"facets_slave and facets_master do not overlap: {near}, and no normal of one "
+        f"{slave.name} and {master.name} do not overlap: {near}, and no normal of one "
         "meets the other; check positions and the choice of facets"
     )
 
@@ -339,7 +390,7 @@ def _nodes(
 
     if slave.kind.nodes > slave.kind.corners:
         raise ValueError(
-            f"facets_slave has facets of the kind {slave.kind.name}, whose corners have zero "
+            f"{slave.name} has facets of the kind {slave.kind.name}, whose corners have zero "
             "or negative areas: use method='mortar', or linear facets"
         )
     area = slave.node_areas()
@@ -386,10 +437,11 @@ def _nodes(
         (np.ones(len(k)), (np.arange(len(k)), node[k])),
         shape=(len(k), len(slave.points)),
     )
-    gap = np.zeros(len(k))
+    means = np.zeros((0, len(k)))
     if clearance is not None:
-        gap = floats("clearance at the places", clearance(places[k]), shape=(len(k),))
-    return Weights(node[k], np.asarray(area[node[k]]), own, other, gap)
+        what = "clearance at the places"
+        means = floats(what, clearance(places[k]), shape=(len(k),))[None]
+    return Weights(node[k], np.asarray(area[node[k]]), own, other, means)
 
 
 def _columns(
@@ -439,7 +491,7 @@ def _assembled(
     dofs_slave, dofs_master, n = columns
     # Relative to one of the points: far from the origin the gap would lose digits.
     origin = slave.points[found.node[0]]
-    gap = found.clearance + clearance
+    gap = clearance + (found.clearance[0] if len(found.clearance) else 0.0)
     B = expand(found.slave, frame, dofs_slave, n)
     if master is not None:
         apart = found.slave @ (slave.points - origin)

@@ -1,18 +1,15 @@
 """Rigid obstacles, at rest or moving along the load path."""
 
-from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.motion import Approach, Motion, approach
 from bipot_rs.obstacle.protocol import Closest, Obstacle
 from bipot_rs.obstacle.shapes import (
-    Approach,
     Cylinder,
     Distance,
     Plane,
     Sphere,
     Torus,
     Union,
-    approach,
     ask,
-    onwards,
 )
 from bipot_rs.obstacle.triangulated import Surface
 
@@ -30,5 +27,4 @@ __all__ = [
     "Union",
     "approach",
     "ask",
-    "onwards",
 ]

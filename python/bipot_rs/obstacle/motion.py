@@ -1,9 +1,9 @@
-"""Rigid motions of obstacles along a load path."""
+"""Rigid motions of obstacles along a load path, and where they take an obstacle."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.obstacle.protocol import directed
+from bipot_rs.obstacle.protocol import Obstacle, directed
+from bipot_rs.obstacle.shapes import ask
 
 # More turns than this in radians are probably degrees.
 _MOST_TURNS = 100
@@ -204,3 +205,69 @@ class Motion:
         # 1 - cos θ without the loss of digits at small angles.
         versine = 2 * np.sin(angle / 2) ** 2
         return np.asarray(np.eye(self.dim) + np.sin(angle) * E + versine * (E @ E))
+
+
+class Approach(NamedTuple):
+    """Distances, normals and drag of an obstacle in some states of its motion.
+
+    Attributes
+    ----------
+    normal
+        ``(states, n, d)``, towards the node.
+    distance
+        ``(states, n)`` [m], signed.
+    drag
+        ``(states, n, d)`` [m]: displacement since the first of these states of a material
+        point that stays on the obstacle under the node.
+    """
+
+    normal: Floats
+    distance: Floats
+    drag: Floats
+
+    def after(self) -> Approach:
+        """The states after the first."""
+        return Approach(*(field[1:] for field in self))
+
+
+def approach(
+    obstacle: Obstacle,
+    motion: Motion | None,
+    points: Floats,
+    outward: Floats | None = None,
+    since: int = 0,
+) -> Approach:
+    """Follow an obstacle along its motion past fixed ``points (n, d)``.
+
+    ``outward (n, d)`` are outward directions of the body there, of any length; with them
+    a point on an edge of a `Surface` gets the normal of `Surface.facing`. The states are
+    those from ``since`` on: 0 is the start, k the end of load step k - 1.
+
+    The tangential gap is ``-drag`` in the frame of the step: a body at rest moves by
+    ``-s`` relative to an obstacle whose surface moves by ``s``. An obstacle translated by
+    ``s`` is therefore equivalent, to rounding, to supports that move all bodies by ``-s``.
+    """
+    last = 0 if motion is None else motion.steps
+    if motion is not None and motion.dim != points.shape[1]:
+        raise ValueError(
+            f"motion has {motion.dim} dimensions, but the points have {points.shape[1]}"
+        )
+    states = 1 + last - since
+    distance = np.empty((states, len(points)))
+    drag = np.zeros((states, *points.shape))
+    normal = np.empty((states, *points.shape))
+    feet = np.empty_like(points)
+    for k, state in enumerate(range(since, last + 1)):
+        before = feet
+        seen, facing = points, outward
+        if motion is not None:
+            seen = motion.back(points, state)
+            facing = None if outward is None else motion.backwards(outward, state)
+        found = ask(obstacle, seen, facing)
+        distance[k], normal[k] = found.distance, found.normal
+        if motion is not None:
+            normal[k] = motion.forwards(found.normal, state)
+        feet = points - found.distance[:, None] * normal[k]
+        if k > 0 and motion is not None:
+            drag[k] = drag[k - 1] + motion.drag(np.stack([before, feet]), state)
+    return Approach(normal, distance, drag)

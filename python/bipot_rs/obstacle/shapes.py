@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +22,6 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface
 
@@ -447,89 +445,6 @@ def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
             )
         checked.append(array)
     return Closest(*checked)
-
-
-class Approach(NamedTuple):
-    """Distances, normals and drag of an obstacle, at the start and after each load step.
-
-    Attributes
-    ----------
-    normal
-        ``(1 + steps, n, d)``, towards the node.
-    distance
-        ``(1 + steps, n)`` [m], signed.
-    drag
-        ``(1 + steps, n, d)`` [m]: displacement since the start of a material point that
-        stays on the obstacle under the node.
-    """
-
-    normal: Floats
-    distance: Floats
-    drag: Floats
-
-
-def approach(
-    obstacle: Obstacle,
-    motion: Motion | None,
-    points: Floats,
-    outward: Floats | None = None,
-) -> Approach:
-    """Follow an obstacle along its motion past fixed ``points (n, d)``.
-
-    ``outward (n, d)`` are outward directions of the body there, of any length; with them
-    a point on an edge of a `Surface` gets the normal of `Surface.facing`.
-
-    The tangential gap is ``-drag`` in the frame of the step: a body at rest moves by
-    ``-s`` relative to an obstacle whose surface moves by ``s``. An obstacle translated by
-    ``s`` is therefore equivalent, to rounding, to supports that move all bodies by ``-s``.
-    """
-    states = 1 if motion is None else 1 + motion.steps
-    if motion is not None and motion.dim != points.shape[1]:
-        raise ValueError(
-            f"motion has {motion.dim} dimensions, but the points have {points.shape[1]}"
-        )
-    distance = np.empty((states, len(points)))
-    drag = np.zeros((states, *points.shape))
-    normal = np.empty((states, *points.shape))
-    feet = np.empty_like(points)
-    for k in range(states):
-        before = feet
-        distance[k], normal[k], feet = _seen(obstacle, motion, points, k, outward)
-        if k > 0 and motion is not None:
-            drag[k] = drag[k - 1] + motion.drag(np.stack([before, feet]), k)
-    return Approach(normal, distance, drag)
-
-
-def onwards(
-    obstacle: Obstacle,
-    motion: Motion,
-    points: Floats,
-    outward: Floats | None = None,
-) -> Approach:
-    """The second step of a motion in two steps: one state, and the drag during that step.
-
-    `approach` adds this drag to that of the first step.
-    """
-    _, _, before = _seen(obstacle, motion, points, 1, outward)
-    distance, normal, feet = _seen(obstacle, motion, points, 2, outward)
-    drag = motion.drag(np.stack([before, feet]), 2)
-    return Approach(normal[None], distance[None], drag[None])
-
-
-def _seen(
-    obstacle: Obstacle,
-    motion: Motion | None,
-    points: Floats,
-    state: int,
-    outward: Floats | None = None,
-) -> tuple[Floats, Floats, Floats]:
-    """Distances, normals and feet for the obstacle in one state of its motion."""
-    seen = points if motion is None else motion.back(points, state)
-    if outward is not None and motion is not None:
-        outward = motion.backwards(outward, state)
-    found = ask(obstacle, seen, outward)
-    towards = found.normal if motion is None else motion.forwards(found.normal, state)
-    return found.distance, towards, points - found.distance[:, None] * towards
 
 
 def _place(what: str, value: ArrayLike) -> Floats:

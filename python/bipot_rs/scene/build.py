@@ -15,7 +15,7 @@ from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surface
 from bipot_rs.fem.bodies.loads import Load, PointLoad
 from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
 from bipot_rs.fem.constraints.references import Remote
-from bipot_rs.fem.contact.meeting import Contact, Floating
+from bipot_rs.fem.contact.contact import Contact, Floating
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.elements import first_order, kind_of, second_order
 from bipot_rs.obstacle.protocol import Obstacle

@@ -22,11 +22,10 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assemble import assemble as assemble_model
 from bipot_rs.fem.assembly.assemble import without_stiffness
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import unheld
 from bipot_rs.fem.checks.inspection import inspect
-from bipot_rs.fem.contact.meeting import body_index
 from bipot_rs.scene.build import make_loads, make_parts
 from bipot_rs.scene.histories import Histories, find_gaps
 from bipot_rs.scene.load_history import LoadHistory

@@ -11,7 +11,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
 from bipot_rs.fem.bodies import elasticity
-from bipot_rs.fem.contact import meeting
+from bipot_rs.fem.contact import matching
 
 Floats = NDArray[np.float64]
 CELLS = {
@@ -169,9 +169,9 @@ def test_partners_are_the_same_with_and_without_a_tree(
 ) -> None:
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
-    few = meeting.nearest_points(ours, theirs)
-    monkeypatch.setattr(meeting, "_ALL_PAIRS", 0)
-    np.testing.assert_array_equal(few, meeting.nearest_points(ours, theirs))
+    few = matching.nearest_points(ours, theirs)
+    monkeypatch.setattr(matching, "_ALL_PAIRS", 0)
+    np.testing.assert_array_equal(few, matching.nearest_points(ours, theirs))
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -13,7 +13,7 @@ from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.fem.constraints.repetition import Cyclic, Periodic
-from bipot_rs.fem.contact.meeting import Contact
+from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.shapes import Plane, Sphere
 

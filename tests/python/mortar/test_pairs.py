@@ -426,8 +426,12 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
 
     most = []
     for n in (10, 40):
-        slave = surface("_slave", *sheet(4, n, up=False))
-        master = surface("_master", *sheet(4, n + 3, up=True))
+        slave = surface(
+            "points", sheet(4, n, up=False)[0], "slave", sheet(4, n, up=False)[1]
+        )
+        master = surface(
+            "points", sheet(4, n + 3, up=True)[0], "master", sheet(4, n + 3, up=True)[1]
+        )
         s, _ = candidates(slave.centre, slave.radius, slave.normals, master)
         most.append(len(s) / len(slave.facets))
     assert most[1] < 1.2 * most[0] < 25

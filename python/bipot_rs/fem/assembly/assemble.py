@@ -11,17 +11,13 @@ import numpy as np
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
 from bipot_rs.fem.constraints.inclined_supports import Planes, planes
 from bipot_rs.fem.constraints.references import Remote, obstacle_columns, references
 from bipot_rs.fem.constraints.ties import tied
-from bipot_rs.fem.contact.meeting import (
-    Contact,
-    body_index,
-    meet,
-    relative_displacement,
-)
+from bipot_rs.fem.contact.contact import Contact
+from bipot_rs.fem.contact.meeting import meet, relative_displacement
 from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
-from bipot_rs.fem.bodies.body import Body, Box, Field
+from bipot_rs.fem.bodies.body import Body, Box, Field, body_index
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.bodies.loads import Load, PointLoad
@@ -36,12 +36,9 @@ from bipot_rs.fem.constraints.references import (
     rigid_bodies,
 )
 from bipot_rs.fem.constraints.ties import Ties
-from bipot_rs.fem.contact.meeting import (
-    Contact,
-    body_index,
-    gaps_onwards,
-)
+from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.obstacle_path import frames_of_steps
+from bipot_rs.fem.contact.rigid import follow_obstacle
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
@@ -443,11 +440,14 @@ class Assembly:
         for group, motion in enumerate(motions):
             if motion is not None:
                 at, contact = self.group == group, self.contacts[group]
-                met = gaps_onwards(self.bodies, contact, motion, self.points[at])
+                b = body_index(self.bodies, contact.body)
+                nodes = (self.contact_dofs[at, 0] - self.offset[b]) // self.dim
+                met = follow_obstacle(self.bodies[b], contact, motion, nodes, since=1)
                 turned = self.inclined is not None
-                gap[at] = met.distance[0]
-                drag[at] += met.drag[0]
-                frame[at] = frames_of_steps(contact, frame[at], met.normal, turned)[0]
+                gap[at] = met.distance[1]
+                drag[at] += met.drag[1]
+                turns = frames_of_steps(contact, frame[at], met.normal[1:], turned)
+                frame[at] = turns[0]
         return MovingGaps(gap, frame, drag)
 
     def nodal_forces(self, load: Load | PointLoad) -> Floats:

@@ -9,11 +9,10 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import Ints
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
 from bipot_rs.fem.constraints.inclined_supports import Planes
-from bipot_rs.fem.contact.meeting import body_index
 
 
 def system_stiffness(

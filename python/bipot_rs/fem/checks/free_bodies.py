@@ -10,8 +10,8 @@ import numpy as np
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.fem.assembly.assembly import Assembly
+from bipot_rs.fem.bodies.body import body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
-from bipot_rs.fem.contact.meeting import body_index
 from bipot_rs.obstacle.protocol import length
 
 # A rigid motion is free if its constraints are below this, relative to the largest:

@@ -17,7 +17,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.checks.free_bodies import has_friction, unheld
-from bipot_rs.fem.contact.meeting import outward
+from bipot_rs.fem.contact.surfaces import outward
 
 # Rounding of meshing programs and files, relative to the size of the model.
 _ROUNDING = 1e-9

@@ -23,9 +23,9 @@ from scipy import sparse
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.bodies.body import Body, Box
+from bipot_rs.fem.bodies.body import Body, Box, body_index
 from bipot_rs.fem.constraints.ties import Relations
-from bipot_rs.fem.contact.meeting import Contact, Floating, body_index, rigid_obstacle
+from bipot_rs.fem.contact.contact import Contact, Floating, rigid_obstacle
 
 # Directions in which the nodes of a set differ by less than this, relative to their
 # largest distance from the point, give no moment arm.

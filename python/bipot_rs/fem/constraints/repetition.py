@@ -17,11 +17,13 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.constraints.ties import Relations
-from bipot_rs.fem.contact.meeting import Contact, Meeting, body_index, nearest_points
+from bipot_rs.fem.contact.contact import Contact
+from bipot_rs.fem.contact.matching import nearest_points
+from bipot_rs.fem.contact.meeting import Meeting
+from bipot_rs.obstacle.motion import Approach
 from bipot_rs.obstacle.protocol import directed
-from bipot_rs.obstacle.shapes import Approach
 
 # Tolerance of coordinates from two meshers, relative to the size of the body.
 _SAME = 1e-7

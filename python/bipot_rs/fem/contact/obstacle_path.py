@@ -9,8 +9,9 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.frames import frames, turned_to
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.contact.meeting import Contact, Meeting
-from bipot_rs.obstacle.shapes import Approach
+from bipot_rs.fem.contact.contact import Contact
+from bipot_rs.fem.contact.meeting import Meeting
+from bipot_rs.obstacle.motion import Approach
 
 
 def gaps_of_steps(

@@ -17,7 +17,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.bodies.body import Body
-from bipot_rs.fem.contact.meeting import Contact, both, rigid_obstacle
+from bipot_rs.fem.contact.contact import Contact, both, rigid_obstacle
 from bipot_rs.fem.gradients.shape_derivative import AreaVectors
 from bipot_rs.obstacle.curvature import curvature
 from bipot_rs.obstacle.motion import Motion

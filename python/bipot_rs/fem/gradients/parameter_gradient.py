@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.bodies.body import Body
+from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.loads import Load
 from bipot_rs.fem.bodies.materials import Material, elasticity
@@ -32,7 +32,7 @@ from bipot_rs.fem.bodies.stress_recovery import (
     internal_forces,
     slopes_at_points,
 )
-from bipot_rs.fem.contact.meeting import Contact, body_index
+from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.gradients.contact_derivative import (
     Meets,
     of_matching,
