@@ -223,16 +223,18 @@ class ContactProblem:
 
     def __repr__(self) -> str:
         dofs = counted(self.loading.n, "degree") + " of freedom"
-        return f"ContactProblem({dofs}, {summary.places(*self.contacts.shape)})"
+        return (
+            f"ContactProblem({dofs}, {summary.describe_places(*self.contacts.shape)})"
+        )
 
     def __str__(self) -> str:
-        return summary.text(self._summary())
+        return summary.format_text(self._summary())
 
     def _repr_html_(self) -> str:
-        return summary.html(self._summary())
+        return summary.format_html(self._summary())
 
     def _summary(self) -> summary.Summary:
-        return summary.of_problem(
+        return summary.summarise_problem(
             (self.loading.n, *self.contacts.shape),
             self.loading.fixed,
             self.contacts.arrays(),

@@ -32,13 +32,13 @@ from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
-from bipot_rs.contact.results.core_answer import free_opening, read_fields
-from bipot_rs.contact.results.error_bound import ErrorBound, from_core
+from bipot_rs.contact.results.core_answer import find_opening, read_solution_fields
+from bipot_rs.contact.results.error_bound import ErrorBound, read_error_bound
 from bipot_rs.contact.results.solution import Solution
 
 # Most problems are only solved: methods for anything else import what they need.
 if TYPE_CHECKING:
-    from bipot_rs.contact.messages.diagnosis import Tried
+    from bipot_rs.contact.messages.diagnosis import FailedSolve
     from bipot_rs.contact.proof.enumeration import Answers
     from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.proof.reaction_range import ReactionRange
@@ -102,7 +102,7 @@ class ReducedProblem:
         free = vectors("q", q)
         contacts, d = free.shape
         size = contacts * d
-        parts = _islands(W, contacts, d)
+        parts = _find_islands(W, contacts, d)
         if rigid is None:
             modes, force = np.empty((0, size)), np.empty(0)
         else:
@@ -126,13 +126,13 @@ class ReducedProblem:
         return again, (self.W, self.q, self.mu)
 
     def __repr__(self) -> str:
-        return f"ReducedProblem({summary.places(*self.q.shape)})"
+        return f"ReducedProblem({summary.describe_places(*self.q.shape)})"
 
     def __str__(self) -> str:
-        return summary.text(self._summary())
+        return summary.format_text(self._summary())
 
     def _repr_html_(self) -> str:
-        return summary.html(self._summary())
+        return summary.format_html(self._summary())
 
     def _summary(self) -> summary.Summary:
         rows = self.q.size
@@ -142,10 +142,10 @@ class ReducedProblem:
         else:
             W += f"dense, {size(8.0 * rows**2)}"
         held = counted(self._motions, "motion") if self._motions else "none"
-        return f"ReducedProblem: {summary.places(*self.q.shape)}", [
+        return f"ReducedProblem: {summary.describe_places(*self.q.shape)}", [
             ("W", W),
-            ("q", summary.gaps(self.q[:, 0])),
-            ("friction", summary.friction(self.mu)),
+            ("q", summary.describe_gaps(self.q[:, 0])),
+            ("friction", summary.describe_friction(self.mu)),
             ("rigid motions", f"{held} held by contact alone"),
         ]
 
@@ -207,7 +207,7 @@ class ReducedProblem:
         rigid = np.zeros(self._motions)
         rows = found.reshape(-1, self.q.shape[1])
         raw = _core.error_bounds(self._core, rows, len(found), rigid)
-        return [from_core(bound) for bound in raw]
+        return [read_error_bound(bound) for bound in raw]
 
     def solve(
         self,
@@ -281,7 +281,7 @@ class ReducedProblem:
         TypeError, ValueError
             ``restarts`` is not a positive integer, or ``seed`` is negative.
         """
-        from bipot_rs.contact.proof.enumeration import Answers, search
+        from bipot_rs.contact.proof.enumeration import Answers, search_answers
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
@@ -298,7 +298,7 @@ class ReducedProblem:
         size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
         if self.rigid is not None:
             size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
-        return search(
+        return search_answers(
             lambda start: self.solve(tol=1e-12, max_iterations=1000, start=start),
             size,
             self.mu,
@@ -365,7 +365,7 @@ class ReducedProblem:
     def _ranges(
         self, contacts: list[int], component: int, solution: Solution | None
     ) -> list[ReactionRange]:
-        from bipot_rs.contact.proof.reaction_range import ranges
+        from bipot_rs.contact.proof.reaction_range import find_ranges
 
         component = integer("component", component, least=0, most=self.q.shape[1] - 1)
         if solution is None:
@@ -390,7 +390,7 @@ class ReducedProblem:
                 raise ValueError(
                     f"solution has a residual of {eta:.1e} here: it is of another problem"
                 )
-        return ranges(
+        return find_ranges(
             self.W, self.q, self.mu, self.rigid, solution, contacts, component
         )
 
@@ -415,7 +415,11 @@ class ReducedProblem:
         TypeError
             ``exhaust`` is not a bool.
         """
-        from bipot_rs.contact.proof.existence import Existence, dense, judge
+        from bipot_rs.contact.proof.existence import (
+            Existence,
+            judge_existence,
+            make_dense,
+        )
 
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
@@ -427,17 +431,17 @@ class ReducedProblem:
             a = self.solve(max_iterations=1).free_motion
             if a is not None and self._core.is_unresisted(a):
                 direction = (
-                    rigid_motions.at_contacts(rigid[0].T, a, self.q.shape[1]) / by
+                    rigid_motions.move_contacts(rigid[0].T, a, self.q.shape[1]) / by
                 )
-                words = rigid_motions.describe(direction, self.mu)
+                words = rigid_motions.describe_motion(direction, self.mu)
                 return Existence(
                     verdict="none",
                     reason="contact cannot carry the loads, and nothing stops this "
                     f"motion: {words}",
                     motion=direction,
                 )
-        W = by.ravel()[:, None] * dense(self.W) * by.ravel()
-        found = judge(self._core, W, by * self.q, mu, rigid)
+        W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
+        found = judge_existence(self._core, W, by * self.q, mu, rigid)
         found = replace(
             found,
             motion=None if found.motion is None else found.motion / by,
@@ -472,26 +476,26 @@ class ReducedProblem:
     def _solution(
         self, raw: dict[str, Any], method: str, max_seconds: float | None = None
     ) -> Solution:
-        from bipot_rs.contact.messages.diagnosis import Tried
-        from bipot_rs.contact.proof.existence import dense
+        from bipot_rs.contact.messages.diagnosis import FailedSolve
+        from bipot_rs.contact.proof.existence import make_dense
 
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):
             modes, amounts = self.rigid[0].T, raw["free_motion"]
-            direction = rigid_motions.at_contacts(modes, amounts, self.q.shape[1])
-            words = rigid_motions.describe(direction, free_opening(raw, self.mu))
-        tried = Tried(
+            direction = rigid_motions.move_contacts(modes, amounts, self.q.shape[1])
+            words = rigid_motions.describe_motion(direction, find_opening(raw, self.mu))
+        tried = FailedSolve(
             method=method,
             max_seconds=max_seconds,
             mu=self.mu,
-            W=lambda: dense(self.W),
+            W=lambda: make_dense(self.W),
             modes=lambda: (
                 np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
             ),
             several=self._has_several,
         )
         return Solution(
-            **read_fields(raw),
+            **read_solution_fields(raw),
             free_motion_text=words,
             inquiry=_ReducedInquiry(self._core, tried, self._model()),
         )
@@ -502,7 +506,7 @@ class _ReducedInquiry:
     """A reduced problem, for the properties of its solution that are computed on use."""
 
     core: _core.Reduced
-    tried: Tried
+    tried: FailedSolve
     model: ReducedModel
 
     def unique(self, solution: Solution, /) -> str:
@@ -518,7 +522,7 @@ class _ReducedInquiry:
         rigid = np.empty(0) if amounts is None else amounts
         reported = solution.relative_displacement
         (raw,) = _core.error_bounds(self.core, solution.reaction, 1, rigid, reported)
-        return from_core(raw)
+        return read_error_bound(raw)
 
     def diagnosis(self, solution: Solution, /) -> str:
         from bipot_rs.contact.messages.diagnosis import diagnose
@@ -532,7 +536,7 @@ class _ReducedInquiry:
 _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]
 
 
-def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
+def _find_islands(W: Any, contacts: int, d: int) -> list[_Part]:
     """Contacts, values and, if sparse, the pattern of each independent block of ``W``."""
     size = contacts * d
     if not hasattr(W, "tocsr"):

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.results.contact_fields import contact_fields as fields_of_contacts
 from bipot_rs.contact.results.contact_fields import list_instants
+from bipot_rs.contact.results.contact_fields import (
+    make_contact_fields as fields_of_contacts,
+)
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.solution import Step, recover
+from bipot_rs.contact.results.solution import Step, recover_displacements
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
@@ -46,7 +48,7 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
         A file cannot be written.
     """
     index = indexed(path)
-    recover(list(steps))
+    recover_displacements(list(steps))
     instants, units = None, None
     if isinstance(steps, Result):
         instants, units = steps.instants(), steps.units

@@ -8,7 +8,7 @@ import numpy as np
 
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.constraints.references import reference_named
@@ -43,7 +43,7 @@ def contact_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
     contacts = contacts_on(model, name)
     forces = np.zeros((len(steps), model.dim))
     for force, step in zip(forces, steps, strict=True):
-        frame = of_step(step, model.frame)[contacts]
+        frame = find_step_frames(step, model.frame)[contacts]
         force[:] = np.einsum("ck,ckd->d", step.reaction[contacts], frame)
     return forces
 

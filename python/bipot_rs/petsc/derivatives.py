@@ -30,9 +30,9 @@ from bipot_rs.contact.sensitivity.laws import Laws
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import (
     PathModel,
-    cotangents,
-    directions,
-    gap_gradient,
+    check_changes,
+    check_cotangent,
+    reshape_gap_gradient,
 )
 from bipot_rs.contact.sensitivity.tangent import Forward
 from bipot_rs.petsc.agreement import agreed, same
@@ -228,7 +228,7 @@ class Derivatives:
                 load = change.load
                 own = None if load is None else self._rows("load", load, steps)
                 data = change._replace(load=own, K=None)
-                return directions(self.model, steps, mu_now, shape, data)
+                return check_changes(self.model, steps, mu_now, shape, data)
 
             given = agreed(self._comm, check)
             same(self._comm, prescribed=given.prescribed, gap=given.gap)
@@ -259,10 +259,10 @@ class Derivatives:
             def check() -> Any:
                 u, v = given.displacement, given.relative_displacement
                 return (
-                    cotangents("reaction", given.reaction, stacked),
+                    check_cotangent("reaction", given.reaction, stacked),
                     None if u is None else self._rows("displacement", u, steps),
-                    cotangents("relative_displacement", v, stacked),
-                    cotangents("slip", given.slip, (steps, contacts, d - 1)),
+                    check_cotangent("relative_displacement", v, stacked),
+                    check_cotangent("slip", given.slip, (steps, contacts, d - 1)),
                 )
 
             r, u, v, moved = agreed(self._comm, check)
@@ -270,7 +270,7 @@ class Derivatives:
             found = Backward(result, path, r, u, v, moved)
             return Gradient(
                 result,
-                gap_gradient(self.model, found.gap_by_component),
+                reshape_gap_gradient(self.model, found.gap_by_component),
                 found.gap_by_component,
                 found.mu,
                 path.one_sided,

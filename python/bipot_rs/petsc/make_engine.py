@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
-from bipot_rs.contact.path.choice import direct_bytes
+from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.petsc import components, own_rows, supports
 from bipot_rs.petsc.agreement import agreed
@@ -225,6 +225,6 @@ def _make_near_null_space(operator: Operator, motions: Floats) -> object:
 def _factor_fits(operator: Operator) -> bool:
     """Whether a factor of ``K`` fits into the memory of this machine."""
     n = operator.K.getSize()[0]
-    needed = direct_bytes(n, 0) if operator.d == 3 else _PLANE_FACTOR * n
+    needed = forecast_bytes(n, 0) if operator.d == 3 else _PLANE_FACTOR * n
     free = available()
     return bool(min(operator.comm.allgather(free is None or needed < free)))

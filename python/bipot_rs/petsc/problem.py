@@ -178,7 +178,7 @@ class ContactProblem:
     def __repr__(self) -> str:
         dofs = counted(self._loading.n, "degree") + " of freedom"
         ranks = counted(self.comm.size, "rank")
-        places = summary.places(*self._loading.contacts.shape)
+        places = summary.describe_places(*self._loading.contacts.shape)
         return f"ContactProblem({dofs}, {places}, {ranks})"
 
     @property

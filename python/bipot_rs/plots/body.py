@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.plots import style
 from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units_of
 from bipot_rs.plots.geometry.boundary_facets import corners_of, deformed_nodes, skin
@@ -137,7 +137,10 @@ def deformed(
     tails, longest = places[:0], 0.0
     if forces:
         view = _view(model, places, near, corners)
-        reaction, frame = np.asarray(found.reaction), of_step(found, model.frame)
+        reaction, frame = (
+            np.asarray(found.reaction),
+            find_step_frames(found, model.frame),
+        )
         tails, longest = _forces(
             model, places, reaction, frame, view, largest_force, ax
         )

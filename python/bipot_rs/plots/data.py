@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import meant, mistyped
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
 from bipot_rs.mortar.pairs import Pairs
@@ -239,7 +239,7 @@ def look(
         for name, shape in shapes.items()
     }
     if own["frame"] is not None:
-        own["frame"] = of_step(solution, own["frame"])
+        own["frame"] = find_step_frames(solution, own["frame"])
     v = solution.relative_displacement
     fields = {
         "reaction": solution.reaction,

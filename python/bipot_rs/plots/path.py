@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.elliptic_friction import dissipation as by_pressure
-from bipot_rs.contact.law.frames import of_step
-from bipot_rs.contact.law.resultants import held, is_curved
+from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.contact.law.resultants import find_limit_force, is_curved
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style as canvas
@@ -121,7 +121,7 @@ def _of_surface(
         size = np.linalg.norm(reaction[..., 1:], axis=-1)
         drag, limit = size.sum(axis=1), None
         if mu is not None:
-            limit = held(reaction, mu)[1].sum(axis=1)
+            limit = find_limit_force(reaction, mu)[1].sum(axis=1)
     else:
         press, drag, limit, _ = sums(reaction, frame, mu)
         least = -1.0
@@ -309,7 +309,7 @@ def _chosen(
     if frame is not None:
         frame = floats("frame of contacts", frame, shape=(n, d, d))
         if any(step.frame is not None for step in path):
-            frame = np.stack([of_step(step, frame) for step in path])
+            frame = np.stack([find_step_frames(step, frame) for step in path])
         frame = frame[..., chosen, :, :]
     if mu is not None:
         mu = np.asarray(mu)[chosen]

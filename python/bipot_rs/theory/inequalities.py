@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number, vectors
-from bipot_rs.contact.proof.existence import dense
+from bipot_rs.contact.proof.existence import make_dense
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
 
@@ -202,7 +202,7 @@ class Response:
             zero if reaction is None else floats("reaction", reaction, shape=shape)
         )
         self.offset = zero if offset is None else floats("offset", offset, shape=shape)
-        self._W = dense(problem.W)
+        self._W = make_dense(problem.W)
         size = self._W.shape[0]
         self._R, self._e = np.empty((size, 0)), np.empty(0)
         if problem.rigid is not None:

@@ -9,7 +9,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.contact.law.slip_check import distances
+from bipot_rs.contact.law.slip_check import measure_distances
 from bipot_rs.fem.checks.review import across, review
 
 
@@ -119,7 +119,7 @@ def test_across_takes_the_narrow_side() -> None:
     for size in (1.0, 1e-3):
         strip = size * flat @ turn
         # Differences of rounding only: all distances are one.
-        assert across(strip, distances(strip)) == pytest.approx(3, rel=1e-12)
+        assert across(strip, measure_distances(strip)) == pytest.approx(3, rel=1e-12)
     assert across(flat[:, :2][:7], np.ones(7)) == 7
     # Eleven nodes scattered over a disc, as in an irregular mesh, count as more than four.
     radius, angle = np.sqrt(np.arange(11) / 10), 2.4 * np.arange(11)

@@ -29,7 +29,7 @@ def summarise(path: Path) -> dict[str, Any]:
         There is no file, or it is not a result.
     """
     from bipot_rs.contact.results.saved_result import load
-    from bipot_rs.contact.results.tables import row
+    from bipot_rs.contact.results.tables import make_row
     from bipot_rs.files.export import read_result
 
     if not path.exists():
@@ -91,7 +91,7 @@ def summarise(path: Path) -> dict[str, Any]:
             f"{found['residual']:.1e}; {moved} displacements each"
         )
         rows = [
-            row(k, float(steps[k].get("load", k)), step)
+            make_row(k, float(steps[k].get("load", k)), step)
             for k, step in enumerate(result)
         ]
         known = found["complete"] or found["planned"] is not None

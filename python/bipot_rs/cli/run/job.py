@@ -382,11 +382,11 @@ class Job(SharedRunner):
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""
-        from bipot_rs.contact.results.tables import row as of_step
-        from bipot_rs.contact.results.tables import worn
+        from bipot_rs.contact.results.tables import make_row as of_step
+        from bipot_rs.contact.results.tables import measure_wear
 
         row = of_step(k, case.step_parameter(k, step), step)
-        row |= worn(step, case.model.area)
+        row |= measure_wear(step, case.model.area)
         if self.estimator is None:
             return row
         start = perf_counter()
@@ -467,11 +467,11 @@ class Job(SharedRunner):
 
     def _tables(self, out: Output, scene: Scene, case: Case) -> None:
         """Write the tables, the contacts and the pictures."""
-        from bipot_rs.contact.results.tables import columns
+        from bipot_rs.contact.results.tables import list_columns
 
         out.contact_series(case)
         rows = self._rows(case)
-        out.table(columns(rows, self._extra()), rows)
+        out.table(list_columns(rows, self._extra()), rows)
         if self.request.plot and self.reached:
             out.pictures(scene, case)
 

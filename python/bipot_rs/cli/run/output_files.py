@@ -251,11 +251,13 @@ class Output:
 
     def _steps(self) -> list[dict[str, Any]]:
         """The fields of each step, as `bipot_rs.load` reads them."""
-        from bipot_rs.contact.results.step_record import record_of
+        from bipot_rs.contact.results.step_record import make_record
 
         # The history would be larger than all the rest.
         return [
-            record_of(step, row["load"]) | {"history": None} | _of_step(self._error(k))
+            make_record(step, row["load"])
+            | {"history": None}
+            | _of_step(self._error(k))
             for k, (row, step) in enumerate(self.reached)
         ]
 

@@ -8,15 +8,15 @@ from typing import Any
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.progress import settled
 from bipot_rs.cli.text_table import format_table, table_width
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.messages.remarks import NEVER_CLOSED
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.results.tables import (
     COMPONENTS,
     FORCES,
     WEAR,
-    columns,
-    of_surfaces,
+    list_columns,
+    list_surface_forces,
 )
 from bipot_rs.fem.contact_surface import surface_names
 
@@ -40,9 +40,9 @@ _MOST_ROWS = 60
 
 
 def forces(model: Any, step: Step) -> dict[str, float | None]:
-    """`of_surfaces` of a model, with keys such as ``"normal_force of block.bottom"``."""
-    frame = of_step(step, model.frame)
-    return of_surfaces(step, frame, model.mu, model.group, surface_names(model))
+    """`list_surface_forces` of a model, with keys such as ``"normal_force of block.bottom"``."""
+    frame = find_step_frames(step, model.frame)
+    return list_surface_forces(step, frame, model.mu, model.group, surface_names(model))
 
 
 def by_surface(
@@ -81,7 +81,7 @@ def format_steps(
     width
         Largest number of characters of a line; None: no limit.
     """
-    names = columns(rows, more)
+    names = list_columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
     shown: list[Mapping[str, Any] | None] = [

@@ -51,16 +51,16 @@ def recovered(reached: list[Reached]) -> str:
     Returns the message of that step, or "".
     """
     from bipot_rs.contact.errors import NotConvergedError
-    from bipot_rs.contact.results.solution import recover
+    from bipot_rs.contact.results.solution import recover_displacements
 
     steps = [step for _, step in reached]
     try:
-        recover(steps)
+        recover_displacements(steps)
     except NotConvergedError:
         # A block that fails has none: find them one by one, up to the first failure.
         for k, step in enumerate(steps):
             try:
-                recover([step])
+                recover_displacements([step])
             except NotConvergedError as error:
                 del reached[k:]
                 return f"load step {k + 1}: {error}"

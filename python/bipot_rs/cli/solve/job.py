@@ -21,7 +21,7 @@ from bipot_rs.cli.run.report import closing, format_steps
 from bipot_rs.cli.run.runner import MISTAKES, Runner
 from bipot_rs.cli.text_table import terminal_width
 from bipot_rs.contact.law.status import STATUS_NAMES
-from bipot_rs.contact.results.tables import COLUMNS, of_surfaces, row
+from bipot_rs.contact.results.tables import COLUMNS, list_surface_forces, make_row
 
 if TYPE_CHECKING:
     from bipot_rs.cli.solve.matrix_files import Given
@@ -108,8 +108,10 @@ class SolveMatrix(Runner):
         group = np.zeros(len(given.gap), dtype=np.int64)
 
         def on_step(k: int, step: Step) -> None:
-            forces = of_surfaces(step, given.frame, given.mu, group, ["contacts"])
-            self.reach(row(k, None, step) | forces, step)
+            forces = list_surface_forces(
+                step, given.frame, given.mu, group, ["contacts"]
+            )
+            self.reach(make_row(k, None, step) | forces, step)
 
         self.result = problem.solve(
             given.load,

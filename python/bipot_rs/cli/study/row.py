@@ -135,7 +135,7 @@ class _Attempt:
 
     def _solve(self) -> None:
         from bipot_rs.cli.run import cost_forecast
-        from bipot_rs.contact.results.tables import row as of_step
+        from bipot_rs.contact.results.tables import make_row as of_step
         from bipot_rs.scene.build import bodies
         from bipot_rs.scene.case import assemble
         from bipot_rs.scene.reading import read

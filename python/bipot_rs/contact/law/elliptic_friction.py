@@ -11,7 +11,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 
 
-def largest(mu: Floats) -> Floats:
+def find_largest(mu: Floats) -> Floats:
     """The larger coefficient of each contact, ``(n_c,)``."""
     return mu if mu.ndim == 1 else np.asarray(mu.max(axis=1), np.float64)
 
@@ -23,7 +23,7 @@ def dissipation(mu: Floats, v_t: Floats) -> Floats:
     return np.asarray(np.linalg.norm(mu * v_t, axis=1), np.float64)
 
 
-def resisting(mu: Floats, v_t: Floats) -> Floats:
+def find_resisting(mu: Floats, v_t: Floats) -> Floats:
     """``D² v_t / ‖D v_t‖``, minus friction per unit normal reaction; zero without slip."""
     size = np.linalg.norm(v_t, axis=1)
     unit = v_t / np.where(size > 0, size, 1.0)[:, None]
@@ -33,7 +33,7 @@ def resisting(mu: Floats, v_t: Floats) -> Floats:
     return np.asarray(mu**2 * unit / np.where(steep > 0, steep, 1.0)[:, None])
 
 
-def limit(mu: Floats, r_t: Floats) -> Floats:
+def find_limit(mu: Floats, r_t: Floats) -> Floats:
     """The largest friction along ``r_t`` per unit normal reaction, ``(n_c,)``."""
     if mu.ndim == 1:
         return mu

@@ -53,7 +53,7 @@ _SAME = 4 * np.finfo(np.float64).eps
 _OPPOSITE = 1e-6
 
 
-def turned_to(frame: Floats, normals: Floats) -> Floats:
+def turn_frames(frame: Floats, normals: Floats) -> Floats:
     """Frames ``(n_c, d, d)`` turned to other unit normals by the smallest rotations.
 
     Tangents turn as little as the normals do, ``t' = t - (n'·t) (n + n') / (1 + n·n')``, so
@@ -83,7 +83,7 @@ def turned_to(frame: Floats, normals: Floats) -> Floats:
     return turned
 
 
-def of_step(step: Any, frame: Floats) -> Floats:
+def find_step_frames(step: Any, frame: Floats) -> Floats:
     """Frames of the contacts in a step; ``frame`` are those of B."""
     own: Floats | None = getattr(step, "frame", None)
     return frame if own is None else own

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.contact.law.elliptic_friction import dissipation, largest, limit
+from bipot_rs.contact.law.elliptic_friction import dissipation, find_largest, find_limit
 
 # Difference of normals of one plane, if a file gives coordinates with seven digits.
 _FLAT = 1e-6
@@ -61,7 +61,7 @@ def is_curved(normal: Floats) -> bool:
     return bool(len(normal) and np.abs(normal - normal[0]).max() > _FLAT)
 
 
-def resultants(
+def list_resultants(
     reaction: Floats, frame: Floats, mu: Floats, group: Ints, count: int
 ) -> list[Resultant]:
     """Resultant forces on each contact surface.
@@ -87,7 +87,7 @@ def resultants(
         press = force[:, 0]
         curved = is_curved(axes[:, 0])
         if curved:
-            sizes, reach = held(force, coefficient)
+            sizes, reach = find_limit_force(force, coefficient)
             size, most = float(sizes.sum()), float(reach.sum())
         else:
             total = np.einsum("ik,ikd->d", force[:, 1:], axes[:, 1:])
@@ -101,7 +101,7 @@ def resultants(
     return found
 
 
-def held(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
+def find_limit_force(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
     """``‖r_t‖`` of each contact and its friction limit, ``(..., n_c)`` [N].
 
     Parameters
@@ -117,6 +117,6 @@ def held(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
     reach = mu
     if mu.ndim == 2:
         each = np.broadcast_to(mu, r_t.shape).reshape(-1, 2)
-        along = limit(each, r_t.reshape(-1, 2)).reshape(size.shape)
-        reach = np.where(size > 0, along, largest(mu))
+        along = find_limit(each, r_t.reshape(-1, 2)).reshape(size.shape)
+        reach = np.where(size > 0, along, find_largest(mu))
     return size, reach * reaction[..., 0]

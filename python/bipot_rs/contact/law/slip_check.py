@@ -12,10 +12,10 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 
 
-def distances(points: Floats) -> Floats:
+def measure_distances(points: Floats) -> Floats:
     """Distance of each point to its nearest neighbour, ``(m,)``.
 
-    >>> distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
+    >>> measure_distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
     array([1., 1., 2.])
     """
     if len(points) < 2:
@@ -35,7 +35,7 @@ def distances(points: Floats) -> Floats:
     return np.where(nearest > 0, nearest, np.inf)
 
 
-def displaced(step: Any, at: Any) -> Floats:
+def measure_displacement(step: Any, at: Any) -> Floats:
     """How far contacts are from where their geometry was taken, ``(m, d - 1)``.
 
     The geometry of a step with frames of its own is that of the moved obstacle: its motion
@@ -48,17 +48,17 @@ def displaced(step: Any, at: Any) -> Floats:
     return np.asarray(moved + carried, np.float64)
 
 
-def farthest(
+def find_farthest(
     steps: Sequence[Any], apart: Floats, at: NDArray[np.integer[Any]]
 ) -> tuple[int, int, float]:
-    """Largest `displaced` distance of a closed contact, relative to ``apart (m,)``.
+    """Largest `measure_displacement` distance of a closed contact, relative to ``apart (m,)``.
 
     ``steps`` are the steps of a `Result`, and ``at (m,)`` are the contacts to check.
     Returns the number of the step, the index into ``at``, and the ratio.
     """
     found = 0, 0, 0.0
     for k, step in enumerate(steps):
-        along = np.linalg.norm(displaced(step, at), axis=1)
+        along = np.linalg.norm(measure_displacement(step, at), axis=1)
         ratio = np.where(step.reaction[at, 0] > 0, along / apart, 0.0)
         node = int(np.argmax(ratio))
         if ratio[node] > found[2]:

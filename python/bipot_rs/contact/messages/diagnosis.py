@@ -16,9 +16,9 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.elliptic_friction import (
     dissipation,
-    largest,
-    limit,
-    resisting,
+    find_largest,
+    find_limit,
+    find_resisting,
 )
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results.solution import Solution
@@ -37,7 +37,7 @@ _SMALL, _LARGE = 1e-300, 1e300
 
 
 @dataclass(frozen=True)
-class Tried:
+class FailedSolve:
     """A solve and its problem, ``v = W r + R a + q`` of one step.
 
     Functions compute what is expensive: the dense ``W``, ``R`` (with no columns if there
@@ -55,11 +55,11 @@ class Tried:
     points: Floats | None = None
 
 
-def diagnose(tried: Tried, solution: Solution, v: Floats) -> str:
+def diagnose(tried: FailedSolve, solution: Solution, v: Floats) -> str:
     """Explain why a solve failed; ``v (n_c, d)`` is the one of the step."""
     # Numbers near the ends of doubles, which overflow here, must be explained too.
     with np.errstate(all="ignore"):
-        return _sentence(tried, solution, v)
+        return _write_sentence(tried, solution, v)
 
 
 @dataclass(frozen=True)
@@ -76,20 +76,20 @@ class Finding:
     certain: bool = False
 
 
-def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
+def _write_sentence(tried: FailedSolve, solution: Solution, v: Floats) -> str:
     if solution.outcome is Outcome.NO_EQUILIBRIUM:
-        return _contradiction(tried, solution, v)
+        return _describe_contradiction(tried, solution, v)
     W = tried.W() if 0 < v.size <= tuning.DENSE_DIAGNOSIS else None
     if W is not None and not np.isfinite(W).all():
         W = None  # the caller has changed it
-    scale = _scale(W, v, solution.reaction)
-    parts = [f"not converged: {_ending(tried, solution)}"]
-    worst = _worst(tried, solution.reaction, v, scale)
+    scale = _find_scale(W, v, solution.reaction)
+    parts = [f"not converged: {_describe_end(tried, solution)}"]
+    worst = _describe_worst(tried, solution.reaction, v, scale)
     if worst:
         parts.append(worst)
-    found = list(_findings(tried, solution, v, W))
+    found = list(_find_faults(tried, solution, v, W))
     causes = found
-    if _cut_short(solution):
+    if _is_cut_short(solution):
         # The limit is the cause of this end. Other faults would have acted later.
         causes = [finding for finding in found if finding.certain]
         if not causes:
@@ -101,19 +101,19 @@ def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
     if causes:
         named = ", and ".join(finding.cause for finding in causes)
         parts.append(f"likely cause: {named}")
-    cures = list(dict.fromkeys(_cures(tried, solution, causes, v, scale)))
+    cures = list(dict.fromkeys(_list_cures(tried, solution, causes, v, scale)))
     return "; ".join([*parts, "try " + " or ".join(cures)])
 
 
-def _cut_short(solution: Solution) -> bool:
+def _is_cut_short(solution: Solution) -> bool:
     """Whether a limit ended a solve that was still improving."""
     if solution.outcome is Outcome.STALLED or solution.residual <= solution.tolerance:
         return False
-    gain = _last_gain(solution)
+    gain = _measure_last_gain(solution)
     return gain is None or gain < tuning.STILL_FALLS
 
 
-def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
+def _describe_contradiction(tried: FailedSolve, solution: Solution, v: Floats) -> str:
     """Name the contacts that contradict each other, or the one that penetrates."""
     if not len(v):
         return ""
@@ -124,13 +124,13 @@ def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
         names = " and ".join(str(i) for i in sorted(most.tolist()))
         return f": contacts {names} push against each other the most"
     if v[deep, 0] < 0:
-        return f": {_name(tried, deep)} penetrates by {-v[deep, 0]:.3g}"
+        return f": {_name_contact(tried, deep)} penetrates by {-v[deep, 0]:.3g}"
     return ""
 
 
-def _ending(tried: Tried, solution: Solution) -> str:
+def _describe_end(tried: FailedSolve, solution: Solution) -> str:
     stalled = solution.outcome is Outcome.STALLED
-    trend = "" if stalled else _trend(solution)
+    trend = "" if stalled else _describe_trend(solution)
     judged = f"residual {solution.residual:.1e}{trend}, limit {solution.tolerance:.1e}"
     count = solution.iterations
     spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.method!r}"
@@ -162,7 +162,7 @@ def _ending(tried: Tried, solution: Solution) -> str:
     return f"{spent} stalled ({judged})"
 
 
-def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
+def _find_scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
     """Displacement per force of each contact, to compare r with v."""
     if W is not None:
         d = v.shape[1]
@@ -173,7 +173,7 @@ def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
     return np.full(len(v), np.abs(v).max(initial=0.0) / force if force > 0 else 1.0)
 
 
-def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
+def measure_violations(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
     """Violation of each part of the law (6), (8e) at each contact, ``(4, n_c)``.
 
     The rows are penetration or pull, force on an open contact, friction above its limit,
@@ -183,22 +183,22 @@ def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
     r, v = r * root[:, None], v / root[:, None]
     push, shear = r[:, 0], np.linalg.norm(r[:, 1:], axis=1)
     slip = np.linalg.norm(v[:, 1:], axis=1)
-    against = push[:, None] * resisting(mu, v[:, 1:])
+    against = push[:, None] * find_resisting(mu, v[:, 1:])
     off = np.linalg.norm(r[:, 1:] + against, axis=1)
     whole = slip + off + shear
     return np.stack(
         [
             np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
             np.maximum(np.minimum(push, v[:, 0]), 0),
-            np.maximum(shear - limit(mu, r[:, 1:]) * push, 0),
+            np.maximum(shear - find_limit(mu, r[:, 1:]) * push, 0),
             # The direction of a small slip has little weight.
             slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
         ]
     )
 
 
-def _worst(tried: Tried, r: Floats, v: Floats, scale: Floats) -> str:
-    missed = misses(r, v, tried.mu, scale)
+def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> str:
+    missed = measure_violations(r, v, tried.mu, scale)
     if not missed.size or not np.isfinite(missed).all():
         return ""
     kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
@@ -214,35 +214,35 @@ def _worst(tried: Tried, r: Floats, v: Floats, scale: Floats) -> str:
         "whose friction is above its limit",
         f"which slips by {slip:.2g}, but friction does not oppose this at its limit",
     )
-    return f"largest violation at {_name(tried, int(i))}, {said[int(kind)]}"
+    return f"largest violation at {_name_contact(tried, int(i))}, {said[int(kind)]}"
 
 
-def _name(tried: Tried, i: int) -> str:
+def _name_contact(tried: FailedSolve, i: int) -> str:
     if tried.points is None:
         return f"contact {i}"
     place = ", ".join(f"{x:.4g}" for x in tried.points[i])
     return f"contact {i} at ({place})"
 
 
-def _findings(
-    tried: Tried, solution: Solution, v: Floats, W: Floats | None
+def _find_faults(
+    tried: FailedSolve, solution: Solution, v: Floats, W: Floats | None
 ) -> Iterator[Finding]:
     """Faults of the problem. A certain one is returned alone."""
     soft = False
     if W is not None:
-        scaled, root = _scaled(W, len(tried.mu))
+        scaled, root = _scale_compliance(W, len(tried.mu))
         # Rigid motions in the scaled variables of W.
         modes = tried.modes() / root[:, None]
         modes /= np.maximum(np.linalg.norm(modes, axis=0), _SMALL)
         for sure in (
-            _out_of_range(W, v),
-            _indefinite(tried, W, scaled, modes),
-            _rounding_of_slip(tried, W, solution.reaction, v),
+            _check_range(W, v),
+            _check_definite(tried, W, scaled, modes),
+            _check_rounding_of_slip(tried, W, solution.reaction, v),
         ):
             if sure is not None:
                 yield sure
                 return
-        for finding in _of_compliance(tried, solution, W, scaled, modes):
+        for finding in _check_compliance(tried, solution, W, scaled, modes):
             soft |= finding.cause.startswith(_NEARLY_FREE)
             yield finding
     condition = tried.condition()
@@ -257,7 +257,7 @@ def _findings(
         )
 
 
-def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
+def _scale_compliance(W: Floats, contacts: int) -> tuple[Floats, Floats]:
     """``W`` scaled to a mean diagonal of 1 for each contact, and the root of the scale."""
     d = len(W) // contacts
     trace = np.abs(W.diagonal().reshape(-1, d).mean(axis=1))
@@ -267,7 +267,7 @@ def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
     return np.asarray((scaled + scaled.T) / 2, np.float64), root
 
 
-def _out_of_range(W: Floats, v: Floats) -> Finding | None:
+def _check_range(W: Floats, v: Floats) -> Finding | None:
     """Numbers near the ends of doubles, which have lost digits."""
     softest = float(np.abs(W).max(initial=0.0))
     if softest == 0:
@@ -283,8 +283,8 @@ def _out_of_range(W: Floats, v: Floats) -> Finding | None:
     return None
 
 
-def _indefinite(
-    tried: Tried, W: Floats, scaled: Floats, modes: Floats
+def _check_definite(
+    tried: FailedSolve, W: Floats, scaled: Floats, modes: Floats
 ) -> Finding | None:
     """A ``W`` with ``rᵀ W r < 0`` for reactions in balance; elastic bodies have none."""
     if not np.isfinite(scaled).all():
@@ -311,7 +311,7 @@ def _indefinite(
         # The normal one, if several are negative.
         first = k // d * d
         k = first if scaled[first, first] < -_NEGATIVE * largest else k
-        where = _name(tried, k // d)
+        where = _name_contact(tried, k // d)
         return Finding(
             f"{fault}: W_{names[k % d]} = {W[k, k]:.3g} at {where}", cure, True, True
         )
@@ -324,10 +324,12 @@ def _indefinite(
     )
 
 
-def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding | None:
+def _check_rounding_of_slip(
+    tried: FailedSolve, W: Floats, r: Floats, v: Floats
+) -> Finding | None:
     """A violation of the law that is only ``μ`` times the rounding error of ``v_t``."""
     # The rounding error of rigid motions is not known here.
-    most = largest(tried.mu)
+    most = find_largest(tried.mu)
     if (
         most.max(initial=0.0) < tuning.HUGE_FRICTION
         or not r.any()
@@ -338,9 +340,9 @@ def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding 
     # A sum of len(W) rounded terms, and q = v - W r with its own rounding error.
     bound = 4 * np.finfo(float).eps * (len(W) * moved + np.abs(v))
     exact = np.where(np.abs(v) <= bound, 0.0, v)
-    scale = _scale(W, v, r)
+    scale = _find_scale(W, v, r)
     size = np.sqrt(scale).max() * np.abs(r).max()
-    left = misses(r, exact, tried.mu, scale).max()
+    left = measure_violations(r, exact, tried.mu, scale).max()
     hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
     if (
         left > tuning.SMALL_VIOLATION * size
@@ -350,24 +352,24 @@ def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding 
     i = int(np.argmax(most * hidden / np.sqrt(scale)))
     return Finding(
         f"rounding: the reactions satisfy the law, except for mu = {most[i]:.0e} times the "
-        f"rounding error {hidden[i]:.0e} of the slip of {_name(tried, i)}",
+        f"rounding error {hidden[i]:.0e} of the slip of {_name_contact(tried, i)}",
         "a smaller mu, which gives the same solution while contacts stick",
         True,
         True,
     )
 
 
-def _of_compliance(
-    tried: Tried, solution: Solution, W: Floats, scaled: Floats, modes: Floats
+def _check_compliance(
+    tried: FailedSolve, solution: Solution, W: Floats, scaled: Floats, modes: Floats
 ) -> Iterator[Finding]:
     d = len(W) // len(tried.mu)
-    wedged = _wedged(W, tried.mu, d)
+    wedged = _check_wedging(W, tried.mu, d)
     if len(wedged):
         i = int(wedged[0])
         more = f" and {len(wedged) - 1} more" if len(wedged) > 1 else ""
-        cause = f"friction that can jam {_name(tried, i)}{more}"
+        cause = f"friction that can jam {_name_contact(tried, i)}{more}"
         yield Finding(
-            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {largest(tried.mu)[i]:.3g}",
+            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {find_largest(tried.mu)[i]:.3g}",
             "a smaller mu",
         )
     if not np.isfinite(scaled).all():
@@ -406,7 +408,7 @@ def _of_compliance(
             yield Finding(f"{cause} than all others", "adding a support")
 
 
-def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
+def _check_wedging(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
     """Contacts that can jam or have several solutions: ``‖D W_nt‖ ≥ W_nn``."""
     blocks = W.reshape(len(mu), d, len(mu), d)[
         np.arange(len(mu)), :, np.arange(len(mu))
@@ -418,7 +420,7 @@ def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
     return np.flatnonzero((pushed >= blocks[:, 0, 0]) & (pushed > 0))
 
 
-def _last_gain(solution: Solution) -> float | None:
+def _measure_last_gain(solution: Solution) -> float | None:
     """Factor of the residual over the last fifth of the iterations.
 
     It is ``None`` for too few iterations, and at least 1 if the residual did not fall.
@@ -431,8 +433,8 @@ def _last_gain(solution: Solution) -> float | None:
     return float(residuals[cut:].min()) / before if before > 0 else 1.0
 
 
-def _trend(solution: Solution) -> str:
-    gain = _last_gain(solution)
+def _describe_trend(solution: Solution) -> str:
+    gain = _measure_last_gain(solution)
     if gain is None:
         return ""
     if gain < tuning.STILL_FALLS:
@@ -440,8 +442,12 @@ def _trend(solution: Solution) -> str:
     return ", hardly falling" if gain < 1 else ", no longer falling"
 
 
-def _cures(
-    tried: Tried, solution: Solution, causes: list[Finding], v: Floats, scale: Floats
+def _list_cures(
+    tried: FailedSolve,
+    solution: Solution,
+    causes: list[Finding],
+    v: Floats,
+    scale: Floats,
 ) -> Iterator[str]:
     yield from (finding.cure for finding in causes if finding.cure)
     if not any(finding.alone for finding in causes):
@@ -449,7 +455,7 @@ def _cures(
             Outcome.ITERATION_LIMIT: "a larger max_iterations",
             Outcome.TIME_LIMIT: "a larger max_seconds",
         }.get(solution.outcome)
-        gain = _last_gain(solution)
+        gain = _measure_last_gain(solution)
         # More iterations do not help a method that has stalled. "auto" tries others.
         if limit is not None and (tried.method == "auto" or gain is None or gain < 1):
             yield limit
@@ -458,7 +464,7 @@ def _cures(
         elif limit is None and not causes:
             yield "smaller load steps, or another start"
     # η is relative to the reactions, and small if they are much larger than needed.
-    missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
+    missed = measure_violations(solution.reaction, v, tried.mu, scale).max(initial=0.0)
     moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
     if (
         solution.tolerance < solution.residual <= tuning.SMALL_VIOLATION

@@ -131,7 +131,7 @@ def _find_penetration(
         if known is None
         else f", {100 * depth / size:.2g} % of the size of the model"
     )
-    where = "" if points is None else f" at {_place(points[deepest])}"
+    where = "" if points is None else f" at {_format_place(points[deepest])}"
     yield (
         f"{inside.size} of the {counted(len(gap), 'contact')} penetrate at the start, most "
         f"of all contact {deepest}{where}, by {depth:g}{share}: the first step pushes them "
@@ -247,5 +247,5 @@ def _find_long_slip(steps: Sequence[Step], x: Floats) -> Iterator[str]:
         )
 
 
-def _place(x: Floats) -> str:
+def _format_place(x: Floats) -> str:
     return f"({', '.join(f'{c:.4g}' for c in x)})"

@@ -20,7 +20,7 @@ _ZERO = 1e-9
 _WORTH = 1e-4
 
 
-def at_contacts(modes: Floats, amounts: Floats, d: int) -> Floats:
+def move_contacts(modes: Floats, amounts: Floats, d: int) -> Floats:
     """Displacement of each contact ``(n_c, d)``, scaled so that the largest is 1.
 
     ``modes (k, d n_c)`` are the rigid motions, normal first, and ``amounts (k,)`` their
@@ -31,7 +31,7 @@ def at_contacts(modes: Floats, amounts: Floats, d: int) -> Floats:
     return field / largest if largest > 0 else field
 
 
-def left_free(
+def name_free_motions(
     fields: Floats,
     bodies: Sequence[int],
     dofs: Sequence[int],
@@ -61,11 +61,11 @@ def left_free(
         own = [k for k, b in enumerate(bodies) if b == body]
         dof = dofs[own[0]]
         whose = body_of(dof, names) if names else f"degree of freedom {dof}"
-        words += name_all(fields[own], axes, whose)
+        words += name_motions(fields[own], axes, whose)
     return tuple(words)
 
 
-def describe(
+def describe_motion(
     direction: Floats,
     mu: Floats,
     *,
@@ -100,34 +100,38 @@ def describe(
     said = []
     for names, members in sets.items():
         at = np.array(members)
-        fields = [_sliding(direction[at], mu[at]), direction[at]]
+        fields = [_remove_opening(direction[at], mu[at]), direction[at]]
         words = None
         if points is not None and frame is not None:
-            words = _rigid(fields, points[at], frame[at])
-        words = words or _most_moved(fields[0], at, len(direction))
+            words = _describe_rigid(fields, points[at], frame[at])
+        words = words or _describe_most_moved(fields[0], at, len(direction))
         said.append(f"{' against '.join(names)}, {words}" if names else words)
     return "; ".join(said)
 
 
-def _sliding(v: Floats, mu: Floats) -> Floats:
+def _remove_opening(v: Floats, mu: Floats) -> Floats:
     """The motion ``v`` for a given ``v + mu |v_t| n`` of (9)."""
     slid = v.copy()
     slid[:, 0] -= dissipation(mu, v[:, 1:])
     return slid
 
 
-def _rigid(fields: Sequence[Floats], points: Floats, frame: Floats) -> str | None:
+def _describe_rigid(
+    fields: Sequence[Floats], points: Floats, frame: Floats
+) -> str | None:
     """Describe the first field that is a rigid motion, if there is one."""
     for field in fields:
         size = np.linalg.norm(field)
         there = np.einsum("id,ide->ie", field, frame)
-        shift, turn, centre, misfit = _fit(there, points)
+        shift, turn, centre, misfit = _fit_motion(there, points)
         if size > _WORTH and misfit <= _WORTH * size:
-            return _named(shift, turn, centre, float(np.ptp(points, axis=0).max()))
+            return _name_motion(
+                shift, turn, centre, float(np.ptp(points, axis=0).max())
+            )
     return None
 
 
-def _fit(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
+def _fit_motion(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
     """Fit ``v(x) = t + ω × (x - c)`` by least squares; return t, ω, c and the misfit.
 
     In the plane ω has one component, in space three.
@@ -147,35 +151,38 @@ def _fit(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
     return x[:d], x[d:] / reach, centre, misfit
 
 
-def _named(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
+def _name_motion(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
     """Describe ``v(x) = t + ω × (x - c)``; ``reach`` is the extent of the contacts."""
     d, rate = len(centre), float(np.linalg.norm(turn))
     axes = ", ".join("xyz"[:d])
     moved = float(np.linalg.norm(shift))
-    translation = f"translation along {_numbers(shift, True)} in ({axes})"
+    translation = f"translation along {_format_numbers(shift, True)} in ({axes})"
     if rate * reach <= _WORTH * moved:
         return translation
-    turning = _turning(shift, turn, centre, reach)
+    turning = _describe_rotation(shift, turn, centre, reach)
     if rate * reach * tuning.NEARLY_TRANSLATION <= moved:
         return f"{translation} (nearly: {turning})"
     return turning
 
 
-def _turning(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
+def _describe_rotation(
+    shift: Floats, turn: Floats, centre: Floats, reach: float
+) -> str:
     """Describe a rotation by its axis."""
     rate = float(np.linalg.norm(turn))
     if len(centre) == 2:
         place = centre + np.array([-shift[1], shift[0]]) / turn[0]
-        return f"rotation about the point {_numbers(place, size=reach)}"
+        return f"rotation about the point {_format_numbers(place, size=reach)}"
     place = centre + np.cross(turn, shift) / rate**2
-    axis = f"an axis through {_numbers(place, size=reach)} along {_numbers(turn, True)}"
+    through, along = _format_numbers(place, size=reach), _format_numbers(turn, True)
+    axis = f"an axis through {through} along {along}"
     advance = float(shift @ turn) / rate**2
     if abs(advance) <= _WORTH * max(reach, float(np.linalg.norm(place - centre))):
         return f"rotation about {axis}"
     return f"screw motion about {axis}, advancing by {advance:.4g} a radian"
 
 
-def _numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
+def _format_numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
     """``(0.8, 0.6)``, with length 1 if ``unit``, and rounding errors replaced by zero.
 
     For coordinates, ``size`` is the size of the body: all may be rounding errors of zero.
@@ -186,27 +193,27 @@ def _numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
     return f"({', '.join(shown)})"
 
 
-def _most_moved(field: Floats, contacts: NDArray[np.intp], count: int) -> str:
+def _describe_most_moved(field: Floats, contacts: NDArray[np.intp], count: int) -> str:
     """Describe the contacts that move most."""
     axes = ", ".join(("n", "t1", "t2")[: field.shape[1]])
     length = np.linalg.norm(field, axis=1)
     same = np.abs(field - field[0]).max(initial=0.0) <= _WORTH
     if same:
-        who = "every contact" if len(contacts) == count else _list(contacts)
-        return f"{who} along {_numbers(field[0], True)} in ({axes})"
+        who = "every contact" if len(contacts) == count else _list_contacts(contacts)
+        return f"{who} along {_format_numbers(field[0], True)} in ({axes})"
     # Largest first; equal ones in the order of their numbers.
     order = np.argsort(-np.round(length / length.max(), 4), kind="stable")[:3]
-    most = [f"contact {contacts[i]} by {_numbers(field[i])}" for i in order]
+    most = [f"contact {contacts[i]} by {_format_numbers(field[i])}" for i in order]
     return f"{', '.join(most)} in ({axes}) most of all"
 
 
-def _list(contacts: NDArray[np.intp]) -> str:
+def _list_contacts(contacts: NDArray[np.intp]) -> str:
     shown = ", ".join(str(i) for i in contacts[:8])
     more = f" and {len(contacts) - 8} more" if len(contacts) > 8 else ""
     return f"contact{'s' if len(contacts) > 1 else ''} {shown}{more}"
 
 
-def name_all(fields: Floats, axes: tuple[str, ...], whose: str) -> list[str]:
+def name_motions(fields: Floats, axes: tuple[str, ...], whose: str) -> list[str]:
     """Describe the space of motions that ``fields (k, n_c, d)`` span.
 
     Translations along an axis are named; all other motions are rotations.

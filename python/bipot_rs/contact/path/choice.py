@@ -23,7 +23,7 @@ def check_method(method: str, engine: str) -> None:
         )
 
 
-def direct_bytes(free: int, contacts: int) -> float:
+def forecast_bytes(free: int, contacts: int) -> float:
     """Forecast of the memory of the direct engine in space."""
     return float(
         tuning.FACTOR_BYTES * (free / 1e6) ** tuning.FACTOR_GROWTH
@@ -31,7 +31,7 @@ def direct_bytes(free: int, contacts: int) -> float:
     )
 
 
-def choose(
+def choose_engine(
     free: int, contacts: int, steps: int, available: float | None
 ) -> tuple[str, str]:
     """Choose the engine of a load path in space, and say why.
@@ -43,20 +43,20 @@ def choose(
     available
         Bytes that the direct engine may use; None if unknown.
 
-    >>> choose(12_000, 400, 2, 8e9)
+    >>> choose_engine(12_000, 400, 2, 8e9)
     ('direct', '12000 free degrees of freedom are few')
-    >>> choose(148_000, 1369, 2, 8e9)
+    >>> choose_engine(148_000, 1369, 2, 8e9)
     ('iterative', 'a factorisation would take longer than 2 load steps')
-    >>> choose(148_000, 1369, 200, 8e9)
+    >>> choose_engine(148_000, 1369, 200, 8e9)
     ('iterative', 'with 1369 contacts a direct load step takes longer')
-    >>> choose(148_000, 400, 200, 8e9)
+    >>> choose_engine(148_000, 400, 200, 8e9)
     ('direct', 'one factorisation serves 200 load steps')
-    >>> choose(1_060_000, 5041, 100, 8e9)
+    >>> choose_engine(1_060_000, 5041, 100, 8e9)
     ('iterative', 'the factor would take 33.2 GB of 8 GB')
     """
     if free < tuning.LEAST_ITERATIVE:
         return "direct", f"{free} free degrees of freedom are few"
-    needed = direct_bytes(free, contacts)
+    needed = forecast_bytes(free, contacts)
     if available is not None and needed > available:
         return (
             "iterative",

@@ -18,12 +18,16 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.moving_gaps import find_rotation, rotate
-from bipot_rs.contact.results.error_bound import ErrorBound, from_core, without
+from bipot_rs.contact.results.error_bound import (
+    ErrorBound,
+    make_unavailable,
+    read_error_bound,
+)
 from bipot_rs.contact.results.solution import Solution, Step
 
 # Most paths are solved: only one that fails is diagnosed.
 if TYPE_CHECKING:
-    from bipot_rs.contact.messages.diagnosis import Tried
+    from bipot_rs.contact.messages.diagnosis import FailedSolve
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class Direct:
     def path(self, at: Step | None) -> DirectPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         stand = _read_start(at, self.core.stats["rigid_motions"])
-        path = _core.Path(self.core, stand, _working_set(at))
+        path = _core.Path(self.core, stand, _read_working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
             # An earlier step made the inverse of W, and counted this work.
             self.core.make_inverse()
@@ -144,8 +148,8 @@ class CondensedStep:
             motion,
         )
         if raw is None:
-            return without("working set", step.bipotential_gap)
-        return from_core(raw, self.data.contacts.area)
+            return make_unavailable("working set", step.bipotential_gap)
+        return read_error_bound(raw, self.data.contacts.area)
 
     def diagnosis(self, step: Any, /) -> str:
         """Why the solve failed."""
@@ -158,8 +162,8 @@ class CondensedStep:
     def derivatives(self) -> None:
         """None: `Result` differentiates the whole path."""
 
-    def _tried(self) -> Tried:
-        from bipot_rs.contact.messages.diagnosis import Tried
+    def _tried(self) -> FailedSolve:
+        from bipot_rs.contact.messages.diagnosis import FailedSolve
 
         core = self.core
 
@@ -169,11 +173,11 @@ class CondensedStep:
                 and self.unique(step) == "others exist"
             )
 
-        return Tried(
+        return FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
             mu=self.data.contacts.mu,
-            W=lambda: _compliance(core),
+            W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,
             several=several,
             condition=lambda: float(core.stats["cond_S"]),
@@ -247,7 +251,7 @@ def _read_start(
     return step.reaction, step.relative_displacement, step.status, rigid
 
 
-def _working_set(
+def _read_working_set(
     step: Step | None,
 ) -> tuple[Ints, Floats, bool] | None:
     """The working set of a step, from which the next step starts."""
@@ -257,7 +261,7 @@ def _working_set(
     return step.working_set, motion, bool(step.stats.get("bytes_beside_W", 0))
 
 
-def _compliance(core: _core.Condensed) -> Floats | None:
+def _find_compliance(core: _core.Condensed) -> Floats | None:
     if core.stats["working_set"] is not None:
         return None  # a diagnosis does not justify condensing onto all candidates
     return core.compliance()

@@ -15,12 +15,12 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.messages.diagnosis import Tried, diagnose
+from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.loose import Loose
-from bipot_rs.contact.results.core_answer import read_fields
-from bipot_rs.contact.results.error_bound import ErrorBound, without
+from bipot_rs.contact.results.core_answer import read_solution_fields
+from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
 from bipot_rs.contact.results.solution import Computed, Recovery, Solution, Step
 
 
@@ -155,7 +155,7 @@ class IterativePath:
         if raw["outcome"] == "converged":
             kept = raw["displacement"] if loose.dofs.size else None
             self._last = Step(
-                **read_fields(raw), slip=raw["slip"], computed=Computed(kept)
+                **read_solution_fields(raw), slip=raw["slip"], computed=Computed(kept)
             )
         return raw
 
@@ -239,13 +239,13 @@ class UncondensedStep:
 
     def error(self, step: Any, /) -> ErrorBound:
         """Guaranteed bound of the error."""
-        return without("engine", step.bipotential_gap)
+        return make_unavailable("engine", step.bipotential_gap)
 
     def diagnosis(self, step: Any, /) -> str:
         """Why the solve failed."""
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         d = v.shape[1]
-        tried = Tried(
+        tried = FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
             mu=self.data.contacts.mu,

@@ -32,7 +32,7 @@ from bipot_rs.contact.path.moving_gaps import (
     find_rotation,
     list_components,
 )
-from bipot_rs.contact.results.core_answer import free_opening, read_fields
+from bipot_rs.contact.results.core_answer import find_opening, read_solution_fields
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Computed, Recovery, Step
@@ -233,7 +233,7 @@ class PathSolver:
             None if turned is None or offsets is None else StepFrames(turned, offsets),
         )
         return problem.make_step(
-            **read_fields(raw),
+            **read_solution_fields(raw),
             free_motion_text=self._describe_motion(raw, moving),
             slip=raw["slip"],
             **_read_working_set(raw.get("working_set")),
@@ -267,7 +267,7 @@ class PathSolver:
         direction = None
         if step.free_motion is not None:
             modes, d = self.path.engine.modes(), self._contacts.d
-            direction = motion.at_contacts(modes, step.free_motion, d)
+            direction = motion.move_contacts(modes, step.free_motion, d)
         return (NoEquilibriumError if none else NotConvergedError)(
             message, self.result(False, message), direction
         )
@@ -344,9 +344,9 @@ class PathSolver:
             tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
             for i in range(contacts)
         ]
-        return motion.describe(
-            motion.at_contacts(modes, amounts, d),
-            free_opening(raw, self._contacts.mu),
+        return motion.describe_motion(
+            motion.move_contacts(modes, amounts, d),
+            find_opening(raw, self._contacts.mu),
             points=self._contacts.x,
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,

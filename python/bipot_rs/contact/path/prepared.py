@@ -313,7 +313,7 @@ class PreparedStiffness:
         if options.engine == "auto" and self._condensed is None:
             limit = options.memory_limit
             memory = available() if limit is None else limit
-            self._choice = choice.choose(
+            self._choice = choice.choose_engine(
                 options.free, self._contacts.count, steps, memory
             )
             if self._choice[0] == "iterative":
@@ -351,7 +351,7 @@ class PreparedStiffness:
     def name_rigid_motions(self) -> tuple[str, ...]:
         """As `ContactProblem.rigid_motions`."""
         stats = self.core.stats
-        return rigid_motion_names.left_free(
+        return rigid_motion_names.name_free_motions(
             self.core.modes().reshape(-1, *self._contacts.shape),
             stats["rigid_motion_bodies"],
             stats["rigid_motion_dofs"],

@@ -99,18 +99,18 @@ class Programme:
             best = self._follow(best, c, self.across)
         # Where what is across lost digits, G itself has more.
         best = self._follow(best, c, None)
-        return _end(best, c, self.G, self.h)
+        return _find_end(best, c, self.G, self.h)
 
     def _follow(self, p: _Point, c: Floats, across: Across) -> _Point:
         """The best point of at most so many steps."""
         best, least = p, np.inf
         for _ in range(tuning.PROGRAMME_STEPS):
-            merit = _merit(p, c, self.G, self.h)
+            merit = _measure_merit(p, c, self.G, self.h)
             if merit < least:
                 best, least = p, merit
             if merit <= _ENOUGH or (least < _NEAR and merit > _WORSE * least):
                 break
-            after = _advance(p, c, self, across)
+            after = _move_by(p, c, self, across)
             if after is None:
                 break
             p = after
@@ -129,10 +129,10 @@ class Programme:
             return None
         up, down = np.split(-found.ineqlin.marginals, 2)
         z = np.stack([up + down, up - down], axis=1)
-        return _bounded(found.x, z, c, self.G, h)
+        return _find_bounded(found.x, z, c, self.G, h)
 
 
-def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
+def _measure_merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     """The largest relative residual of an optimum or of a direction, the smaller one."""
     y, s, z = p.y / p.tau, p.s / p.tau, p.z / p.tau
     primal = np.linalg.norm(h.ravel() + G @ y - s.ravel()) / (1 + np.linalg.norm(h))
@@ -145,7 +145,7 @@ def _merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
     return min(float(np.max([primal, dual, gap])), ray)
 
 
-def _advance(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | None:
+def _move_by(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | None:
     """Take a step, a predictor with its corrector; None if rounding ends them."""
     with np.errstate(all="ignore"):
         try:
@@ -155,14 +155,14 @@ def _advance(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | 
         lam = newton.lam
         product = p.tau * p.kappa
         mean = float(np.vdot(p.s, p.z) + product) / (len(p.s) + 1)
-        towards = -_product(lam, lam)
+        towards = -_multiply(lam, lam)
         predicted = newton.step(1.0, towards, -product)
-        share = (1 - min(1.0, _longest(p, lam, predicted))) ** 3
-        towards -= _product(predicted.s, predicted.z)
+        share = (1 - min(1.0, _find_longest(p, lam, predicted))) ** 3
+        towards -= _multiply(predicted.s, predicted.z)
         towards[:, 0] += share * mean
         edge = share * mean - product - predicted.tau * predicted.kappa
         move = newton.step(1 - share, towards, edge)
-        length = min(1.0, tuning.PROGRAMME_SHARE * _longest(p, lam, move))
+        length = min(1.0, tuning.PROGRAMME_SHARE * _find_longest(p, lam, move))
         after = _Point(
             p.y + length * move.y,
             p.s + length * newton.scaling.times(move.s),
@@ -170,7 +170,12 @@ def _advance(p: _Point, c: Floats, over: Programme, across: Across) -> _Point | 
             p.tau + length * move.tau,
             p.kappa + length * move.kappa,
         )
-        inside = min(_depth(after.s), _depth(after.z), after.tau, after.kappa) > 0
+        inside = (
+            min(
+                _measure_depth(after.s), _measure_depth(after.z), after.tau, after.kappa
+            )
+            > 0
+        )
     # The embedding is homogeneous: no number grows.
     size = max(after.tau, after.kappa, float(np.abs(after.y).max(initial=0.0)))
     if not (inside and length > _SHORT and np.isfinite(size)):
@@ -233,7 +238,7 @@ class _Scaling:
     def __init__(self, s: Floats, z: Floats) -> None:
         depth_s, depth_z = np.sqrt(_square(s)), np.sqrt(_square(z))
         s, z = s / depth_s[:, None], z / depth_z[:, None]
-        mean = s + z * _signs(s.shape[1])
+        mean = s + z * _make_signs(s.shape[1])
         self.axis = mean / np.sqrt(2 * (1 + np.sum(s * z, axis=1)))[:, None]
         self.size = np.sqrt(depth_s / depth_z)
 
@@ -243,7 +248,7 @@ class _Scaling:
 
     def inverse(self, x: Floats) -> Floats:
         """``w⁻¹ x``, of vectors ``(m, d)`` or matrices ``(m, d, k)``."""
-        return self._act(x, self.axis * _signs(x.shape[1]), 1 / self.size)
+        return self._act(x, self.axis * _make_signs(x.shape[1]), 1 / self.size)
 
     def _act(self, x: Floats, axis: Floats, size: Floats) -> Floats:
         if x.ndim == 2:
@@ -255,7 +260,7 @@ class _Scaling:
         return np.concatenate([first[:, None], rest], axis=1) * size[:, None, None]
 
 
-def _signs(d: int) -> Floats:
+def _make_signs(d: int) -> Floats:
     return np.array([1.0] + [-1.0] * (d - 1))
 
 
@@ -265,17 +270,17 @@ def _square(x: Floats) -> Floats:
     return np.asarray((x[:, 0] - length) * (x[:, 0] + length))
 
 
-def _depths(x: Floats) -> Floats:
+def _measure_depths(x: Floats) -> Floats:
     """``x_0 - |x_t|`` of each row: negative outside of the cone."""
     return np.asarray(x[:, 0] - np.linalg.norm(x[:, 1:], axis=1))
 
 
-def _depth(x: Floats) -> float:
-    """The least of `_depths`."""
-    return float(_depths(x).min(initial=np.inf))
+def _measure_depth(x: Floats) -> float:
+    """The least of `_measure_depths`."""
+    return float(_measure_depths(x).min(initial=np.inf))
 
 
-def _product(x: Floats, y: Floats) -> Floats:
+def _multiply(x: Floats, y: Floats) -> Floats:
     """Jordan product of each row."""
     found = x[:, :1] * y + y[:, :1] * x
     found[:, 0] = np.sum(x * y, axis=1)
@@ -289,7 +294,7 @@ def _divide(x: Floats, y: Floats) -> Floats:
     return np.concatenate([first[:, None], rest], axis=1)
 
 
-def _longest(p: _Point, lam: Floats, move: _Point) -> float:
+def _find_longest(p: _Point, lam: Floats, move: _Point) -> float:
     """The longest step from the scaled point that stays in all cones."""
     limits = [
         -value / change
@@ -310,30 +315,30 @@ def _longest(p: _Point, lam: Floats, move: _Point) -> float:
     return min(limits, default=np.inf)
 
 
-def _end(p: _Point, c: Floats, G: Floats, h: Floats) -> Optimum:
+def _find_end(p: _Point, c: Floats, G: Floats, h: Floats) -> Optimum:
     """The point with its gap, or the direction."""
     falls = -float(c @ p.y)
     if falls > 0:
         y = p.y / falls
-        outside = -_depth((G @ y).reshape(h.shape))
+        outside = -_measure_depth((G @ y).reshape(h.shape))
         if outside <= _RAY * float(np.abs(G @ y).max()) and p.tau < p.kappa:
             return Optimum(y, False, 0.0)
-    return _bounded(p.y / p.tau, p.z / p.tau, c, G, h)
+    return _find_bounded(p.y / p.tau, p.z / p.tau, c, G, h)
 
 
-def _bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
+def _find_bounded(y: Floats, z: Floats, c: Floats, G: Floats, h: Floats) -> Optimum:
     """A point with the gap that its multipliers prove."""
     # A share of y = 0, which is in the cones, removes what rounding left outside.
     s = h + (G @ y).reshape(h.shape)
-    lack = _depths(s)
-    inside = _depths(h)
+    lack = _measure_depths(s)
+    inside = _measure_depths(h)
     share = np.divide(-lack, inside - lack, out=np.zeros(len(h)), where=lack < 0)
     y = y * (1 - float(share[share <= _SHRINK].max(initial=0.0)))
     missing = c - G.T @ z.ravel()
     z = z + (np.linalg.lstsq(G.T, missing, rcond=None)[0]).reshape(z.shape)
-    short = max(-_depth(z), 0.0)
+    short = max(-_measure_depth(z), 0.0)
     s = h + (G @ y).reshape(h.shape)
-    wide = max(-_depth(s), 0.0)
+    wide = max(-_measure_depth(s), 0.0)
     reach = float(np.abs(s[:, 0]).sum()) + float(np.abs(h[:, 0]).sum())
     gap = float(c @ y + np.vdot(h, z))
     rest = short * reach + wide * float(np.abs(z[:, 0]).sum())

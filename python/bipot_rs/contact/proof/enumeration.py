@@ -44,7 +44,7 @@ class Answers(Sequence[Solution]):
         return f"Answers({len(self)} found, {known})"
 
 
-def search(
+def search_answers(
     solve: Callable[[Floats | None], Solution],
     size: Floats,
     mu: Floats,
@@ -72,14 +72,14 @@ def search(
     """
     found: list[Solution] = []
     rng = np.random.default_rng(seed)
-    for start in _starts(rng, size, mu, dim, restarts):
+    for start in _draw_starts(rng, size, mu, dim, restarts):
         solution = solve(start)
-        if solution.converged and not any(_same(solution, s, moved) for s in found):
+        if solution.converged and not any(_are_same(solution, s, moved) for s in found):
             found.append(solution)
     return Answers(found, complete=False)
 
 
-def _same(one: Solution, other: Solution, moved: float) -> bool:
+def _are_same(one: Solution, other: Solution, moved: float) -> bool:
     # Compare v: if W is singular, many reactions have the same v. If all contacts stick,
     # v is the rounding error of the cancelled displacements.
     apart = np.abs(one.relative_displacement - other.relative_displacement)
@@ -87,7 +87,7 @@ def _same(one: Solution, other: Solution, moved: float) -> bool:
     return bool(apart.max(initial=0.0) <= _SAME * max(*sizes, moved))
 
 
-def _starts(
+def _draw_starts(
     rng: np.random.Generator, size: Floats, mu: Floats, dim: int, restarts: int
 ) -> Iterator[Floats | None]:
     """None, all contacts sticking, all slipping in one direction, then random starts."""

@@ -14,7 +14,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact import tuning
-from bipot_rs.contact.proof.existence_by_friction import holds, polygon
+from bipot_rs.contact.proof.existence_by_friction import is_held, make_polygon
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +81,7 @@ class _Scaled:
         return float(np.abs(self.q).max(initial=0.0))
 
 
-def judge(
+def judge_existence(
     core: _core.Reduced,
     W: Floats,
     q: Floats,
@@ -97,21 +97,21 @@ def judge(
     W, q, mu, rigid
         As in `ReducedProblem`, dense.
     """
-    p = _scaled(W, q, mu, rigid)
+    p = _scale_problem(W, q, mu, rigid)
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
     inside: Floats | None = None
-    if not _definite(p.W):
-        overlap = _overlap(core, p)
+    if not _is_definite(p.W):
+        overlap = _find_overlap(core, p)
         if overlap is not None:
             return Existence(
                 verdict="none",
                 reason="contacts contradict each other: no displacement opens them all",
                 overlap=overlap,
             )
-        if not symmetric or not _semidefinite(p.W):
+        if not symmetric or not _is_semidefinite(p.W):
             what = "symmetric" if not symmetric else "positive semidefinite"
             return Existence(verdict="unknown", reason=f"the compliance is not {what}")
-        inside = _inside(p)
+        inside = _find_inside(p)
         if inside is None:
             return Existence(
                 verdict="unknown",
@@ -122,14 +122,14 @@ def judge(
     reason = "supports hold every body"
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
-        pressure, rest = _balanced(core, p)
+        pressure, rest = _find_balanced(core, p)
         if pressure is None and rest is None:
             return Existence(
                 verdict="unknown",
                 reason="to balance the loads, normal reactions would have to be a billion "
                 "times as large",
             )
-        if rest is not None and holds(
+        if rest is not None and is_held(
             p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1]
         ):
             reason = "friction holds the bodies, however the pressures are distributed"
@@ -155,14 +155,14 @@ def judge(
     )
 
 
-def _scaled(
+def _scale_problem(
     W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
 ) -> _Scaled:
     contacts, d = q.shape
     matters = np.ones((contacts, d), bool)
     matters[:, 1:] = (mu > 0)[:, None]
     kept: Bools = matters.ravel()
-    scale = contact_scale(W, d)
+    scale = find_scale(W, d)
     by_row = np.repeat(scale, d)
     R, e = (np.empty((len(kept), 0)), np.empty(0)) if rigid is None else rigid
     e = np.asarray(e, np.float64)
@@ -184,7 +184,7 @@ def _scaled(
     )
 
 
-def contact_scale(W: Floats, d: int) -> Floats:
+def find_scale(W: Floats, d: int) -> Floats:
     """Factor of the displacements of each contact that makes its mean compliance 1."""
     compliance = np.diag(W).reshape(-1, d).mean(axis=1)
     positive = compliance > 0
@@ -193,7 +193,7 @@ def contact_scale(W: Floats, d: int) -> Floats:
     return np.asarray(1 / np.sqrt(np.where(positive, compliance, usual)))
 
 
-def _definite(W: Floats) -> bool:
+def _is_definite(W: Floats) -> bool:
     """Whether the symmetric part of ``W`` is positive definite beyond rounding."""
     diagonal = np.diag(W)
     if not (diagonal > 0).all():
@@ -209,12 +209,12 @@ def _definite(W: Floats) -> bool:
     return True
 
 
-def _semidefinite(W: Floats) -> bool:
+def _is_semidefinite(W: Floats) -> bool:
     values = np.linalg.eigvalsh((W + W.T) / 2)
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
 
 
-def _overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
+def _find_overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
     """Find ``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``."""
     from scipy.optimize import nnls
 
@@ -233,7 +233,7 @@ def _overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
     return overlap if core.is_contradiction(overlap) else None
 
 
-def _inside(p: _Scaled) -> Floats | None:
+def _find_inside(p: _Scaled) -> Floats | None:
     """A possible displacement with ``v_n > mu |v_t|`` at every contact.
 
     A linear programme with a polygon inside each disc finds it; it is then checked with
@@ -250,7 +250,7 @@ def _inside(p: _Scaled) -> Floats | None:
     span[p.kept] = U
     free = np.zeros(contacts * d)
     free[p.kept] = p.q / size
-    sides, inner = polygon(d - 1, tuning.SLIP_FACETS)
+    sides, inner = make_polygon(d - 1, tuning.SLIP_FACETS)
     rows, right = [], []
     span3, free2 = span.reshape(contacts, d, -1), free.reshape(contacts, d)
     for side in sides:
@@ -273,7 +273,9 @@ def _inside(p: _Scaled) -> Floats | None:
     return np.asarray(v * size / p.scale[:, None], np.float64)
 
 
-def _balanced(core: _core.Reduced, p: _Scaled) -> tuple[Floats | None, Floats | None]:
+def _find_balanced(
+    core: _core.Reduced, p: _Scaled
+) -> tuple[Floats | None, Floats | None]:
     """Find normal reactions that balance the loads, or a motion that they do not stop.
 
     Neither is returned if the reactions are larger than those of any solution.
@@ -296,7 +298,7 @@ def _balanced(core: _core.Reduced, p: _Scaled) -> tuple[Floats | None, Floats | 
     return None, columns.T @ amounts + p.e
 
 
-def dense(W: Any) -> Floats:
+def make_dense(W: Any) -> Floats:
     """``W`` as a dense array."""
     whole = W.toarray() if hasattr(W, "toarray") else W
     return np.asarray(whole, np.float64)

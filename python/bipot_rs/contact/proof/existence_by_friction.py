@@ -17,7 +17,7 @@ _FLAT = 1e-9
 _MARGIN = 1e-6
 
 
-def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
+def is_held(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
     """Whether friction dissipates more on every sliding motion than the loads supply.
 
     Each rigid motion must be a sum of a sliding and a lift. A sliding moves no contact
@@ -39,7 +39,7 @@ def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bo
     """
     from scipy.optimize import nnls
 
-    slides, lifts = _null_space(normal), _null_space(tangents)
+    slides, lifts = _find_null_space(normal), _find_null_space(tangents)
     whole = np.hstack([slides, lifts])
     if whole.shape[1] != normal.shape[1]:
         return False
@@ -53,14 +53,16 @@ def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bo
     if not size or np.linalg.norm(closed @ nnls(closed, unit)[0] - unit) < _MARGIN:
         return False
     load, pull = load / size, slides.T @ e / size
-    if not _within(press.T, load):
+    if not _is_within(press.T, load):
         return False
     moves = np.zeros((len(mu), d - 1, slides.shape[1]))
     moves[mu > 0] = (tangents @ slides).reshape(-1, d - 1, slides.shape[1])
-    return _shared(press, load, moves, pull, mu) or _limit(press, load, moves, pull, mu)
+    return _share_friction(press, load, moves, pull, mu) or _find_limit(
+        press, load, moves, pull, mu
+    )
 
 
-def _limit(
+def _find_limit(
     press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
 ) -> bool:
     """Whether the pull is below the least friction of all pressures that balance the loads.
@@ -70,7 +72,7 @@ def _limit(
     from scipy.optimize import linprog
 
     # If all contacts can press a little, the loads work against every lift.
-    if not _within(press.T, load - _MARGIN * press.sum(axis=0)):
+    if not _is_within(press.T, load - _MARGIN * press.sum(axis=0)):
         return False
     grams = np.einsum("ija,ijb->iab", moves, moves)
     reach = np.sqrt(np.trace(grams, axis1=1, axis2=2))
@@ -88,7 +90,7 @@ def _limit(
     return least.fun is not None and bool(drawn < (1 - _MARGIN) * least.fun)
 
 
-def _shared(
+def _share_friction(
     press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
 ) -> bool:
     """Whether friction in proportion to pressure balances the pull, for all pressures.
@@ -126,8 +128,8 @@ def _shared(
         1.0, float(np.linalg.norm(pull))
     ):
         return False
-    ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
-    sides, inner = polygon(tangential, tuning.FRICTION_FACETS)
+    ways = _find_null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
+    sides, inner = make_polygon(tangential, tuning.FRICTION_FACETS)
     start = x0[:free].reshape(-1, tangential)
     change = ways[:free].reshape(len(rubbing), tangential, -1)
     rows = np.einsum("sj,ija->sia", sides, change)
@@ -142,7 +144,7 @@ def _shared(
     return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
 
 
-def polygon(tangential: int, facets: int) -> tuple[Floats, float]:
+def make_polygon(tangential: int, facets: int) -> tuple[Floats, float]:
     """Normals ``(sides, tangential)`` of a polygon in the unit disc, and its inner radius."""
     if tangential == 1:
         return np.array([[1.0], [-1.0]]), 1.0
@@ -151,7 +153,7 @@ def polygon(tangential: int, facets: int) -> tuple[Floats, float]:
     return sides, float(np.cos(np.pi / facets))
 
 
-def _within(columns: Floats, load: Floats) -> bool:
+def _is_within(columns: Floats, load: Floats) -> bool:
     """Whether the load is a sum of the columns with non-negative amounts."""
     from scipy.optimize import nnls
 
@@ -160,7 +162,7 @@ def _within(columns: Floats, load: Floats) -> bool:
     )
 
 
-def _null_space(A: Floats) -> Floats:
+def _find_null_space(A: Floats) -> Floats:
     """Orthonormal columns of the null space of a matrix with a norm of about 1."""
     _, values, rows = np.linalg.svd(A)
     rank = int((values > _FLAT).sum())

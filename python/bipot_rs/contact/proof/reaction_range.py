@@ -18,7 +18,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.proof.cone_programme import Programme
-from bipot_rs.contact.proof.existence import contact_scale, dense
+from bipot_rs.contact.proof.existence import find_scale, make_dense
 from bipot_rs.contact.results.solution import Solution
 
 # A singular value below this part of the largest one, times the order, is zero: ε, and one
@@ -76,7 +76,7 @@ class ReactionRange:
         return self.largest - self.least <= 2 * self.gap
 
 
-def ranges(
+def find_ranges(
     W: Any,
     q: Floats,
     mu: Floats,
@@ -125,12 +125,12 @@ class _Answers:
     ) -> _Answers:
         d = q.shape[1]
         by, mu = _core.isotropic(mu, d)
-        compliance = by.ravel()[:, None] * dense(W) * by.ravel()
-        factor = by * contact_scale(compliance, d)[:, None]
-        scaled = dense(W) * np.outer(factor, factor)
+        compliance = by.ravel()[:, None] * make_dense(W) * by.ravel()
+        factor = by * find_scale(compliance, d)[:, None]
+        scaled = make_dense(W) * np.outer(factor, factor)
         motions = np.zeros((q.size, 0))
         if rigid is not None:
-            motions = _range(factor.ravel()[:, None] * rigid[0])
+            motions = _find_range(factor.ravel()[:, None] * rigid[0])
         r = solution.reaction / factor
         largest = float(np.abs(r).max(initial=0.0))
         size = largest if largest > 0 else 1.0
@@ -141,17 +141,17 @@ class _Answers:
         width = float(reach.max(initial=0.0)) or float(np.abs(v).max(initial=0.0))
         v = v / (width or 1.0)
         held = max(solution.tolerance, solution.residual)
-        free = _directions(r, v, mu, _TOLERANCES * held)
+        free = _find_directions(r, v, mu, _TOLERANCES * held)
         # W z + R b = 0 for some b: W z has no part across the motions.
         across = scaled - motions @ (motions.T @ scaled)
         rows = np.vstack([across, motions.T])
         blur = _TOLERANCES * solution.residual
-        x, null = _null_space(rows @ free, free, r, rows, blur)
+        x, null = _find_null_space(rows @ free, free, r, rows, blur)
         base = (free @ x).reshape(q.shape)
         span = (free @ null).reshape(*q.shape, -1)
         moved = np.linalg.norm(span, axis=(1, 2)) > _DETERMINED
         span[~moved] = 0.0
-        law = Programme(*_cones(span[moved], base[moved], mu[moved], free, moved))
+        law = Programme(*_make_cones(span[moved], base[moved], mu[moved], free, moved))
         return cls(solution.reaction, factor * size, base, span, law)
 
     def range(self, contact: int, component: int) -> ReactionRange:
@@ -199,7 +199,7 @@ class _Answers:
         )
 
 
-def _range(columns: Floats) -> Floats:
+def _find_range(columns: Floats) -> Floats:
     """Orthonormal columns that span those given."""
     length = np.linalg.norm(columns, axis=0)
     # Unit length first: rotations have other units than translations.
@@ -209,7 +209,7 @@ def _range(columns: Floats) -> Floats:
     return np.asarray(U[:, size > zero])
 
 
-def _directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
+def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
     """Orthonormal columns ``(n_c d, m)`` of the reactions that the law allows with ``v``.
 
     ``r`` and ``v`` are relative to the largest force and displacement; a displacement of at
@@ -233,7 +233,7 @@ def _directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
     return np.array(columns).reshape(-1, contacts * d).T
 
 
-def _null_space(
+def _find_null_space(
     A: Floats, free: Floats, r: Floats, rows: Floats, blur: float
 ) -> tuple[Floats, Floats]:
     """Unknowns nearest to ``r`` with the same image, and the null space of ``A``.
@@ -252,7 +252,7 @@ def _null_space(
     return x, V[rank:].T
 
 
-def _cones(
+def _make_cones(
     span: Floats, base: Floats, mu: Floats, free: Floats, moved: Any
 ) -> tuple[Floats, Floats]:
     """Vectors that lie in circular cones; half-lines of one unknown have no other component."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.files.fields import OF_CONTACTS
 from bipot_rs.files.result_mesh import ResultMesh
@@ -17,7 +17,7 @@ from bipot_rs.files.result_mesh import ResultMesh
 Contacts = Mapping[str, NDArray[Any] | None]
 
 
-def contact_fields(
+def make_contact_fields(
     step: Step, contacts: Contacts, displacement: Floats | None = None
 ) -> dict[str, NDArray[Any]]:
     """Fields at the contacts of a step, acting on the body of each contact.
@@ -39,7 +39,7 @@ def contact_fields(
     """
     frame, area = contacts.get("frame"), contacts.get("area")
     if frame is not None:
-        frame = of_step(step, frame)
+        frame = find_step_frames(step, frame)
     found: dict[str, NDArray[Any] | None] = {
         "displacement": displacement,
         "reaction_local": step.reaction,
@@ -70,7 +70,7 @@ def make_path_fields(
     instants: Sequence[Mapping[str, float]],
     mesh: ResultMesh | None = None,
 ) -> Callable[[int], dict[str, Any]]:
-    """Function of the index of a step that returns its `contact_fields`.
+    """Function of the index of a step that returns its `make_contact_fields`.
 
     The names are the same for all steps: a field that is not known in some step is left
     out in all.
@@ -78,7 +78,7 @@ def make_path_fields(
     Parameters
     ----------
     steps, contacts
-        As in `contact_fields`.
+        As in `make_contact_fields`.
     instants
         `list_instants` the steps, which are added to the fields.
     mesh
@@ -92,7 +92,7 @@ def make_path_fields(
     def fields(k: int) -> dict[str, Any]:
         step = steps[k]
         u = None if mesh is None or not moved else mesh.of_contacts(step.displacement)
-        found: dict[str, Any] = dict(contact_fields(step, contacts, u))
+        found: dict[str, Any] = dict(make_contact_fields(step, contacts, u))
         if not worn:
             found.pop("wear_depth", None)
         return {**found, **instants[k]}

@@ -10,7 +10,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.status import Outcome
 
 
-def read_fields(raw: dict[str, Any]) -> dict[str, Any]:
+def read_solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
     """Fields of `Solution` in the answer of the core."""
     taken = (
         "reaction",
@@ -27,9 +27,9 @@ def read_fields(raw: dict[str, Any]) -> dict[str, Any]:
     rigid, free = raw["rigid_motion"], raw["free_motion"]
     sequence = raw.get("minimising_sequence")
     if sequence is not None:
-        from bipot_rs.contact.results.minimising_sequence import from_raw
+        from bipot_rs.contact.results.minimising_sequence import read_sequence
 
-        sequence = from_raw(sequence, raw["reaction"].shape)
+        sequence = read_sequence(sequence, raw["reaction"].shape)
     return {name: raw[name] for name in taken} | {
         "outcome": Outcome(raw["outcome"]),
         "rigid_motion": rigid if len(rigid) else None,
@@ -41,7 +41,7 @@ def read_fields(raw: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def free_opening(raw: dict[str, Any], mu: Floats) -> Floats:
+def find_opening(raw: dict[str, Any], mu: Floats) -> Floats:
     """Ratio of opening to slip that the free motion contains: mu for a proof, else zero.
 
     A proof lies in the dual cone; a direction of divergence is a displacement.

@@ -108,7 +108,7 @@ class ErrorBound:
     __repr__ = short_repr
 
 
-def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
+def read_error_bound(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
     """Build an `ErrorBound` from the numbers that the core returns."""
     gap = raw["gap"]
     known = {
@@ -138,7 +138,7 @@ def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
     )
 
 
-def without(reason: str, gap: Floats) -> ErrorBound:
+def make_unavailable(reason: str, gap: Floats) -> ErrorBound:
     """Build an `ErrorBound` that has only the gap."""
     return ErrorBound(
         constitutive=gap,

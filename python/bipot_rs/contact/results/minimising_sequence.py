@@ -71,7 +71,7 @@ class MinimisingSequence:
         return f"{type(self).__name__}({lengths})"
 
 
-def from_raw(raw: Mapping[str, Any], shape: tuple[int, ...]) -> MinimisingSequence:
+def read_sequence(raw: Mapping[str, Any], shape: tuple[int, ...]) -> MinimisingSequence:
     """The sequence of contacts of a shape ``(n_c, d)`` from what the core returns."""
     fields = ("reaction", "balanced_reaction", "relative_displacement")
     each = {name: raw[name].reshape(len(raw[name]), *shape) for name in fields}

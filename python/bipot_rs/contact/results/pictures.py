@@ -15,14 +15,16 @@ if TYPE_CHECKING:
     from bipot_rs.contact.results.solution import Step
 
 
-def draw(result: Sequence[Step], kind: str | None, options: Mapping[str, Any]) -> Any:
+def draw_picture(
+    result: Sequence[Step], kind: str | None, options: Mapping[str, Any]
+) -> Any:
     """Draw a picture by `plots.plot`, and return its axes."""
     from bipot_rs import plots
 
     return plots.plot(result, kind, **options)
 
 
-def animate(
+def write_animation(
     result: Sequence[Step],
     path: str | os.PathLike[str],
     kind: str | None,

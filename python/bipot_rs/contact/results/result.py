@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers, one_of
-from bipot_rs.contact.law.frames import of_step
+from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results import pictures, summary, tables
 from bipot_rs.contact.results.contact_data import ContactData
 from bipot_rs.contact.results.contact_fields import list_instants, make_path_fields
@@ -28,8 +28,8 @@ from bipot_rs.contact.results.derivatives import (
     Tangent,
 )
 from bipot_rs.contact.results.error_bound import ErrorBound
-from bipot_rs.contact.results.solution import Step, recover
-from bipot_rs.contact.results.step_record import record_of
+from bipot_rs.contact.results.solution import Step, recover_displacements
+from bipot_rs.contact.results.step_record import make_record
 from bipot_rs.files import export, series
 from bipot_rs.files.result_mesh import ResultMesh
 
@@ -53,7 +53,7 @@ class Result(Sequence[Step]):
     start
         The step that the path started from, ``None`` for the unloaded bodies.
     seconds
-        Times ``condense``, ``solve`` and ``recover`` (of displacements).
+        Times ``condense``, ``solve`` and ``recover_displacements`` (of displacements).
     success, message
         Whether the whole path was solved, and a sentence about it.
     remarks
@@ -162,10 +162,10 @@ class Result(Sequence[Step]):
         )
 
     def __str__(self) -> str:
-        return summary.text(summary.of_result(self))
+        return summary.format_text(summary.summarise_result(self))
 
     def _repr_html_(self) -> str:
-        return summary.html(summary.of_result(self))
+        return summary.format_html(summary.summarise_result(self))
 
     def _stack(
         self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
@@ -205,7 +205,7 @@ class Result(Sequence[Step]):
     @property
     def displacement(self) -> Floats:
         """Displacement of all degrees of freedom, ``(steps, n)``, computed on first use."""
-        recover(self.steps)
+        recover_displacements(self.steps)
         return self._stack("displacement", (0, 0))
 
     @property
@@ -247,7 +247,7 @@ class Result(Sequence[Step]):
             )
         force, frame = self.reaction, self.contacts.get("frame")
         if frame is not None and self.steps:
-            every = np.stack([of_step(step, frame) for step in self.steps])
+            every = np.stack([find_step_frames(step, frame) for step in self.steps])
             force = np.einsum("sck,sckd->scd", force, every)
         # Without contacts there is one group, whose sum is zero.
         groups = range(int(number.max(initial=0)) + 1)
@@ -421,14 +421,14 @@ class Result(Sequence[Step]):
         if displacements is None:
             self._recover()
         elif displacements:
-            recover(self.steps)
+            recover_displacements(self.steps)
             for step in self.steps:
                 _ = step.displacement  # raises if the problem is not available
         export.write_result(
             path,
             self.contacts,
             [
-                record_of(step, self.path_parameter(k))
+                make_record(step, self.path_parameter(k))
                 for k, step in enumerate(self.steps)
             ],
             complete=self.success,
@@ -457,7 +457,7 @@ class Result(Sequence[Step]):
             if step.recovery is not None and step.recovery.has_factor()
         ]
         with suppress(MemoryError):
-            recover(ready)
+            recover_displacements(ready)
 
     def path_parameter(self, k: int) -> float:
         """Path parameter of step ``k`` in files; its time if no scene has another."""
@@ -534,7 +534,7 @@ class Result(Sequence[Step]):
         TypeError, ValueError
             A wrong argument; the message names it.
         """
-        return pictures.draw(self, kind, options)
+        return pictures.draw_picture(self, kind, options)
 
     def animate(
         self,
@@ -551,7 +551,7 @@ class Result(Sequence[Step]):
         All frames have the same scales. Arguments as there; those of `plot` are ``kind``
         and ``options``.
         """
-        return pictures.animate(
+        return pictures.write_animation(
             self,
             path,
             kind,

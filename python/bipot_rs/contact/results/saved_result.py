@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.contact.results.result import Result
-from bipot_rs.contact.results.step_record import step_of
+from bipot_rs.contact.results.step_record import read_step
 from bipot_rs.files import export
 
 
@@ -27,11 +27,11 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     """
     contacts, records, attributes, mesh = export.read_saved(path)
     area = contacts.get("area")
-    shape = _shape(contacts, records)
+    shape = _find_shape(contacts, records)
     steps = []
     for k, record in enumerate(records):
         try:
-            steps.append(step_of(record, area, shape))
+            steps.append(read_step(record, area, shape))
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise ValueError(
                 f"{path} is not a result that can be read: step {k}: {error}"
@@ -64,8 +64,8 @@ def load_result(path: str | os.PathLike[str]) -> Result:
         shape=shape,
         seconds={"condense": 0.0, "solve": 0.0, "recover": 0.0}
         | with_prefix("seconds_"),
-        units=_units(attributes) | with_prefix("unit_"),
-        remarks=_remarks(attributes),
+        units=_read_units(attributes) | with_prefix("unit_"),
+        remarks=_read_remarks(attributes),
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
         first_step=int(attributes.get("first_step", 0)),
@@ -76,7 +76,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     )
 
 
-def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+def _read_remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
     """Remarks in the attributes of a file."""
     try:
         return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
@@ -84,7 +84,7 @@ def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
         return ()
 
 
-def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
+def _read_units(attributes: Mapping[str, Any]) -> dict[str, str]:
     """Names of units in the attributes of a file of the command line."""
     try:
         units = json.loads(str(attributes.get("units", "{}")))
@@ -93,7 +93,7 @@ def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
         return {}
 
 
-def _shape(
+def _find_shape(
     contacts: Mapping[str, NDArray[Any]], records: Sequence[Mapping[str, Any]]
 ) -> tuple[int, int]:
     """``(n_c, d)``; zero for sizes that the file does not hold."""

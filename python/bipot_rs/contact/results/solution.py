@@ -160,10 +160,10 @@ class Solution:
         )
 
     def __str__(self) -> str:
-        return summary.text(summary.of_solution(self))
+        return summary.format_text(summary.summarise_solution(self))
 
     def _repr_html_(self) -> str:
-        return summary.html(summary.of_solution(self))
+        return summary.format_html(summary.summarise_solution(self))
 
     @property
     def error_estimate(self) -> tuple[float, float] | None:
@@ -196,7 +196,7 @@ class Solution:
         """
         if self.computed.error is None:
             if self.inquiry is None:
-                return error_bound.without("lost", self.bipotential_gap)
+                return error_bound.make_unavailable("lost", self.bipotential_gap)
             self.computed.error = self.inquiry.error(self)
         return self.computed.error
 
@@ -447,7 +447,7 @@ class Step(Solution):
             The problem is not available: the step was read from a file or came from
             another process, and the displacement was not computed before.
         """
-        recover([self])
+        recover_displacements([self])
         if self.computed.displacement is None:
             raise ValueError(
                 "displacement was not computed before this step was saved or sent to "
@@ -492,7 +492,7 @@ class Step(Solution):
             )
             for reaction, v in along
         ]
-        recover(steps)
+        recover_displacements(steps)
         found = [step.displacement for step in steps]
         return np.stack(found) if found else np.empty((0, self.displacement.size))
 
@@ -500,7 +500,7 @@ class Step(Solution):
         return super().__getstate__() | {"recovery": None}
 
 
-def recover(steps: Sequence[Step]) -> None:
+def recover_displacements(steps: Sequence[Step]) -> None:
     """Compute the missing displacements of steps, in blocks for each problem.
 
     One pass over the factor then serves many steps.

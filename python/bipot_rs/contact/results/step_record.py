@@ -39,7 +39,7 @@ _WRITTEN = (
 )
 
 
-def record_of(step: Step, load: float) -> dict[str, Any]:
+def make_record(step: Step, load: float) -> dict[str, Any]:
     """What a file keeps of a step; ``load`` is the number that the file gives it."""
     record = {name: getattr(step, name) for name in _WRITTEN}
     record["outcome"] = str(step.outcome)
@@ -53,7 +53,7 @@ def record_of(step: Step, load: float) -> dict[str, Any]:
     return record
 
 
-def _check_set(record: Mapping[str, Any], contacts: int) -> None:
+def _check_working_set(record: Mapping[str, Any], contacts: int) -> None:
     """Refuse a working set or a motion with wrong entries."""
     found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
     bounded = np.concatenate([[-1], found.ravel(), [contacts]])
@@ -64,7 +64,7 @@ def _check_set(record: Mapping[str, Any], contacts: int) -> None:
         raise ValueError("working_motion is wrong, expected finite numbers")
 
 
-def step_of(
+def read_step(
     record: Mapping[str, Any], area: NDArray[Any] | None, shape: tuple[int, int]
 ) -> Step:
     """The step of a record.
@@ -103,7 +103,7 @@ def step_of(
         worn = np.asarray(record["wear"])
         if worn.shape != (contacts,) or not np.isfinite(worn).all():
             raise ValueError(f"wear is wrong, expected ({contacts},) finite numbers")
-    _check_set(record, contacts)
+    _check_working_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")

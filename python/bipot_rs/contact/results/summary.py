@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted, size
-from bipot_rs.contact.law.frames import of_step
-from bipot_rs.contact.law.slip_check import distances, farthest
+from bipot_rs.contact.law.frames import find_step_frames
+from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
 
 Row = tuple[str, str]
@@ -24,10 +24,10 @@ Summary = tuple[str, Sequence[Row]]
 _SPACE = {2: "in the plane", 3: "in space"}
 
 
-def text(summary: Summary) -> str:
+def format_text(summary: Summary) -> str:
     """Lines for a terminal.
 
-    >>> print(text(("A block", [("W", "4 x 4"), ("friction", "0.3")])))
+    >>> print(format_text(("A block", [("W", "4 x 4"), ("friction", "0.3")])))
     A block
       W         4 x 4
       friction  0.3
@@ -37,10 +37,10 @@ def text(summary: Summary) -> str:
     return "\n".join([title, *(f"  {name:<{width}}  {said}" for name, said in rows)])
 
 
-def html(summary: Summary) -> str:
+def format_html(summary: Summary) -> str:
     """Table for a notebook, with all texts escaped.
 
-    >>> html(("A < B", [("q", "0")]))
+    >>> format_html(("A < B", [("q", "0")]))
     '<table><caption>A &lt; B</caption><tr><th>q</th><td>0</td></tr></table>'
     """
     from html import escape
@@ -53,19 +53,19 @@ def html(summary: Summary) -> str:
     return f"<table><caption>{escape(title)}</caption>{''.join(cells)}</table>"
 
 
-def places(contacts: int, d: int) -> str:
+def describe_places(contacts: int, d: int) -> str:
     """Number of contacts, and their dimension.
 
-    >>> places(1, 2)
+    >>> describe_places(1, 2)
     '1 contact in the plane'
     """
     return " ".join(filter(None, (counted(contacts, "contact"), _SPACE.get(d, ""))))
 
 
-def counts(status: NDArray[np.integer[Any]]) -> str:
+def describe_statuses(status: NDArray[np.integer[Any]]) -> str:
     """Contacts by status.
 
-    >>> counts(np.array([0, 2, 2], np.int8))
+    >>> describe_statuses(np.array([0, 2, 2], np.int8))
     '1 open, 0 slip, 2 stick'
     """
     return ", ".join(
@@ -73,7 +73,7 @@ def counts(status: NDArray[np.integer[Any]]) -> str:
     )
 
 
-def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
+def describe_forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
     """Sums of the normal forces and of the friction forces as vectors.
 
     Parameters
@@ -84,7 +84,7 @@ def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
         Rows ``n, t1[, t2]`` of each contact, ``(n_c, d, d)``. Without them friction is
         summed as if the tangents of all contacts were the same.
 
-    >>> forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
+    >>> describe_forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
     'normal 4 in total, friction 2 (50 %)'
     """
     press = float(reaction[:, 0].sum())
@@ -97,10 +97,10 @@ def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
     return f"normal {press:.5g} in total, friction {size:.5g}{share}"
 
 
-def friction(mu: NDArray[Any]) -> str:
+def describe_friction(mu: NDArray[Any]) -> str:
     """Smallest and largest friction coefficient.
 
-    >>> friction(np.array([0.3, 0.3])), friction(np.array([0.0, 0.3]))
+    >>> describe_friction(np.array([0.3, 0.3])), describe_friction(np.array([0.0, 0.3]))
     ('mu = 0.3', 'mu from 0 to 0.3, 1 contact without friction')
     """
     if not mu.size:
@@ -113,10 +113,10 @@ def friction(mu: NDArray[Any]) -> str:
     return said if mu.ndim == 1 else f"{said}, by direction"
 
 
-def gaps(gap: NDArray[Any]) -> str:
+def describe_gaps(gap: NDArray[Any]) -> str:
     """Smallest and largest normal gap, and how many are negative.
 
-    >>> gaps(np.array([-0.5, 1.0])), gaps(np.zeros(2))
+    >>> describe_gaps(np.array([-0.5, 1.0])), describe_gaps(np.zeros(2))
     ('from -0.5 to 1, negative at 1 contact', '0')
     """
     if not gap.size:
@@ -127,16 +127,16 @@ def gaps(gap: NDArray[Any]) -> str:
     return f"{said}, negative at {counted(below, 'contact')}" if below else said
 
 
-def seconds(taken: float) -> str:
+def format_seconds(taken: float) -> str:
     """Time to three digits.
 
-    >>> seconds(0.0123), seconds(75.0)
+    >>> format_seconds(0.0123), format_seconds(75.0)
     ('12.3 ms', '75 s')
     """
     return f"{taken:.3g} s" if taken >= 1 else f"{1e3 * taken:.3g} ms"
 
 
-def of_problem(
+def summarise_problem(
     shape: tuple[int, int, int],
     fixed: int,
     arrays: Mapping[str, NDArray[Any] | None],
@@ -148,8 +148,8 @@ def of_problem(
     gap = np.asarray(arrays["gap"])
     dofs = f"{fixed} prescribed degrees of freedom"
     common = [
-        ("gap", gaps(gap[:, 0] if gap.ndim > 1 else gap)),
-        ("friction", friction(np.asarray(arrays["mu"]))),
+        ("gap", describe_gaps(gap[:, 0] if gap.ndim > 1 else gap)),
+        ("friction", describe_friction(np.asarray(arrays["mu"]))),
     ]
     if not stats["bytes_factor"] and stats["engine"] != "direct":
         rows = [
@@ -166,18 +166,18 @@ def of_problem(
         kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
         factor = f"factor {kept} ({counted(stats['nnz_factor'], 'entry')})"
         W, peak = size(stats["bytes_compliance"]), size(stats["bytes_peak"])
-        took = seconds(stats["seconds_condense"])
+        took = format_seconds(stats["seconds_condense"])
         rows = [
             ("bodies", f"{stats['bodies']}, {dofs}, {held}"),
             *common,
             ("memory", f"{factor}, W {W}, at most {peak}"),
             ("condensed in", f"{took}, ordering by {stats['ordering']}"),
         ]
-    title = f"{counted(n, 'degree')} of freedom, {places(contacts, d)}"
+    title = f"{counted(n, 'degree')} of freedom, {describe_places(contacts, d)}"
     return f"ContactProblem: {title}", [*rows, *(("remark", said) for said in remarks)]
 
 
-def of_solution(solution: Any) -> Summary:
+def summarise_solution(solution: Any) -> Summary:
     """Summary of a `Solution` or a `Step`."""
     name, iterations = (
         type(solution).__name__,
@@ -199,47 +199,53 @@ def of_solution(solution: Any) -> Summary:
     contacts, d = solution.reaction.shape
     how = "converged in" if solution.converged else f"{solution.outcome} after"
     return f"{name}: {how} {iterations}", [
-        ("contacts", f"{places(contacts, d)}: {counts(solution.status)}"),
-        ("forces", forces(solution.reaction)),
+        (
+            "contacts",
+            f"{describe_places(contacts, d)}: {describe_statuses(solution.status)}",
+        ),
+        ("forces", describe_forces(solution.reaction)),
         ("residual", residual),
         ("unique", unique),
-        ("cost", f"{solution.work:.4g} products with W, {seconds(solution.seconds)}"),
+        (
+            "cost",
+            f"{solution.work:.4g} products with W, {format_seconds(solution.seconds)}",
+        ),
     ]
 
 
-def _slid(result: Any) -> str:
+def _describe_sliding(result: Any) -> str:
     """Largest sliding distance, if it exceeds the distance between contacts."""
     x = result.contacts.get("x")
     if x is None or not len(x):
         return ""
-    _, _, ratio = farthest(result, distances(x), np.arange(len(x)))
+    _, _, ratio = find_farthest(result, measure_distances(x), np.arange(len(x)))
     text = f", contacts slid by up to {ratio:.2g} times their distance from each other"
     return text if ratio > 1 else ""
 
 
-def of_result(result: Any) -> Summary:
+def summarise_result(result: Any) -> Summary:
     """Summary of a `Result`."""
     title = f"Result: {result.message}"
-    times = ", ".join(f"{k} {seconds(v)}" for k, v in result.seconds.items())
+    times = ", ".join(f"{k} {format_seconds(v)}" for k, v in result.seconds.items())
     if not len(result):
         contacts, d = result.shape
-        return title, [("contacts", places(contacts, d)), ("cost", times)]
+        return title, [("contacts", describe_places(contacts, d)), ("cost", times)]
     last, frame = result[-1], result.contacts.get("frame")
     if frame is not None:
-        frame = of_step(last, frame)
+        frame = find_step_frames(last, frame)
     worst = max(result, key=lambda step: step.residual)
     contacts, d = last.reaction.shape
     lost = sum(step.dissipation for step in result)
     iterations = sum(step.iterations for step in result)
     work = sum(step.work for step in result)
-    met = f"{places(contacts, d)}, at the end {counts(last.status)}"
+    met = f"{describe_places(contacts, d)}, at the end {describe_statuses(last.status)}"
     digits: list[Row] = []
     if result.stiffness_rtol is not None:
         digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
     return title, [
         ("contacts", met),
-        ("forces", f"at the end {forces(last.reaction, frame)}"),
-        ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
+        ("forces", f"at the end {describe_forces(last.reaction, frame)}"),
+        ("path", f"friction dissipated {lost:.5g} in total{_describe_sliding(result)}"),
         ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (
             "cost",

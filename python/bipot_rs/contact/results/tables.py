@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.law.resultants import resultants
+from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.solution import Step
 
@@ -24,7 +24,7 @@ FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
 
 
-def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
+def make_row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
     """The row of a load step in --json, in the table and in steps.csv."""
     load = {} if parameter is None else {"load": parameter}
     status = {
@@ -40,7 +40,7 @@ def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
     }
 
 
-def worn(step: Step, area: Floats) -> dict[str, Any]:
+def measure_wear(step: Step, area: Floats) -> dict[str, Any]:
     """`WEAR` of the end of a cycle; empty without wear."""
     if step.wear is None:
         return {}
@@ -48,7 +48,7 @@ def worn(step: Step, area: Floats) -> dict[str, Any]:
     return dict(zip(WEAR, figures, strict=True))
 
 
-def of_surfaces(
+def list_surface_forces(
     step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
 ) -> dict[str, float | None]:
     """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
@@ -58,7 +58,7 @@ def of_surfaces(
     and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
     found: dict[str, float | None] = {}
-    each = resultants(step.reaction, frame, mu, group, len(names))
+    each = list_resultants(step.reaction, frame, mu, group, len(names))
     for name, force in zip(names, each, strict=True):
         columns: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
@@ -70,7 +70,9 @@ def of_surfaces(
     return found
 
 
-def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
+def list_columns(
+    rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()
+) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
     known = rows[0] if rows else ("load",)
     forces = [key for key in known if key.startswith((*FORCES, *COMPONENTS))]
@@ -94,20 +96,26 @@ def list_steps(
     rows = []
     for k, (step, load) in enumerate(zip(steps, loads, strict=True)):
         area = contacts.get("area")
-        found = row(k, load, step) | (worn(step, area) if area is not None else {})
-        rows.append(found | _forces(step, contacts))
-    names = columns(rows, [name for name in WEAR if rows and name in rows[0]])
+        found = make_row(k, load, step) | (
+            measure_wear(step, area) if area is not None else {}
+        )
+        rows.append(found | _list_forces(step, contacts))
+    names = list_columns(rows, [name for name in WEAR if rows and name in rows[0]])
     return {name: [one.get(name) for one in rows] for name in names}
 
 
-def _forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
+def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
     frame, mu = contacts.get("frame"), contacts.get("mu")
     if frame is None or mu is None:
         return {}
     group = contacts.get("surface")
     if group is not None:
-        return of_surfaces(step, frame, mu, group, list(contacts["surface_names"]))
-    whole = of_surfaces(step, frame, mu, np.zeros(len(mu), np.int64), ["contacts"])
+        return list_surface_forces(
+            step, frame, mu, group, list(contacts["surface_names"])
+        )
+    whole = list_surface_forces(
+        step, frame, mu, np.zeros(len(mu), np.int64), ["contacts"]
+    )
     return {key.removesuffix(" of contacts"): value for key, value in whole.items()}
 
 
@@ -128,7 +136,7 @@ def list_contacts(
         names = np.asarray(contacts["surface_names"], str)
         every["surface"] = np.tile(names[contacts["surface"]], count)
     if contacts.get("x") is not None:
-        every |= {a: np.tile(contacts["x"][:, k], count) for k, a in _axes(d)}
+        every |= {a: np.tile(contacts["x"][:, k], count) for k, a in _list_axes(d)}
     for name in ("area", "mu"):
         values = contacts.get(name)
         if values is not None and np.ndim(values) == 1:
@@ -149,7 +157,7 @@ def list_contacts(
     return every
 
 
-def _axes(d: int) -> list[tuple[int, str]]:
+def _list_axes(d: int) -> list[tuple[int, str]]:
     return list(enumerate("xyz"[:d]))
 
 

@@ -40,7 +40,7 @@ class Borders:
         return found
 
 
-def borders(point: Point, compliance: Floats, tolerance: float) -> Borders:
+def find_borders(point: Point, compliance: Floats, tolerance: float) -> Borders:
     """The contacts that are on a border up to the tolerance of the step.
 
     Parameters

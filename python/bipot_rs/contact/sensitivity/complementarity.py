@@ -17,8 +17,12 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.law.status import Status
-from bipot_rs.contact.sensitivity.laws import Point, laws
-from bipot_rs.contact.sensitivity.linear import Change, Linear, right_side
+from bipot_rs.contact.sensitivity.laws import Point, linearise_laws
+from bipot_rs.contact.sensitivity.linear import (
+    LinearisedStep,
+    StepChange,
+    make_right_side,
+)
 
 # Violation of a complementarity condition, relative to the change of all border contacts,
 # that counts as rounding.
@@ -35,7 +39,9 @@ Side = tuple[int, Floats]
 class BorderProblem:
     """The complementarity problem of the border contacts."""
 
-    def __init__(self, linear: Linear, direction: Floats, of: Change) -> None:
+    def __init__(
+        self, linear: LinearisedStep, direction: Floats, of: StepChange
+    ) -> None:
         self.linear, self.of = linear, of
         self.point, known = linear.point, linear.borders
         self.at = np.flatnonzero(known.any)
@@ -59,7 +65,7 @@ class BorderProblem:
         own.by_v[place] = np.eye(d)
         own.by_mu[place] = 0.0
         made = self.linear.system(own)
-        right = right_side(own, self.of)
+        right = make_right_side(own, self.of)
         self.base = made.solve(right, -self.of.balance)
         self.columns = []
         for i, k in itertools.product(place, range(d)):
@@ -107,7 +113,7 @@ class BorderProblem:
                 z = np.asarray(
                     np.linalg.lstsq(matrix, right, rcond=_RANK)[0], np.float64
                 )
-                if _size(matrix @ z - right) > _SATISFIED * (_size(right) or 1.0):
+                if _measure(matrix @ z - right) > _SATISFIED * (_measure(right) or 1.0):
                     continue
             else:
                 z = np.asarray(np.linalg.solve(matrix, right), np.float64)
@@ -125,8 +131,8 @@ class BorderProblem:
     def _differ(self, z: Floats, known: Floats) -> bool:
         one, other = self._pair(z), self._pair(known)
         unit = np.sqrt(self.spring.reshape(-1, self.d))
-        size = _size(other[0] * unit, other[1] / unit)
-        apart = _size((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
+        size = _measure(other[0] * unit, other[1] / unit)
+        apart = _measure((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
         return apart > _SAME * size
 
     def _sides_of(self, j: int) -> list[Side]:
@@ -146,7 +152,7 @@ class BorderProblem:
         d, of = self.d, self.of.friction[self.at]
         by_r = np.tile(np.eye(d), (len(sides), 1, 1))  # open: dr = 0
         by_v, known = np.zeros_like(by_r), np.zeros((len(sides), d))
-        own = laws(self._limit(p), side, p, self.linear.movable[self.at])
+        own = linearise_laws(self._limit(p), side, p, self.linear.movable[self.at])
         by_r[own.contacts], by_v[own.contacts] = own.by_r, own.by_v
         known[own.contacts] = np.einsum("ijk,ik->ij", own.by_mu, of[own.contacts])
         springs = self.spring.reshape(-1, 1, d)
@@ -224,9 +230,9 @@ class BorderProblem:
                 after = self._at(self._preferred(z))
                 if after is None:
                     break
-                change = _size(after - z)
+                change = _measure(after - z)
                 z = after
-                if change <= 1e-14 * _size(z):
+                if change <= 1e-14 * _measure(z):
                     break
             if self._violation(z) <= _SATISFIED:
                 return z
@@ -248,7 +254,7 @@ class BorderProblem:
         dr, dv = self._pair(z)
         worst = 0.0
         unit = np.sqrt(self.spring.reshape(-1, self.d))
-        size = _size(dr * unit, dv / unit, self.p * unit.ravel(), self._rubbed(unit))
+        size = _measure(dr * unit, dv / unit, self.p * unit.ravel(), self._rubbed(unit))
         for j, i in enumerate(self.at):
             root, D = unit[j, 0], self.point.friction[i]
             r, v = dr[j] * root, dv[j] / root
@@ -298,5 +304,5 @@ def _is_singular(matrix: Floats) -> bool:
     return bool(values[-1] <= _RANK * values[0])
 
 
-def _size(*parts: Floats) -> float:
+def _measure(*parts: Floats) -> float:
     return float(np.sqrt(sum(np.sum(np.square(part)) for part in parts)))

@@ -7,11 +7,15 @@ import numpy as np
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.sensitivity.complementarity import BorderProblem
-from bipot_rs.contact.sensitivity.linear import Change, Linear, right_side
+from bipot_rs.contact.sensitivity.linear import (
+    LinearisedStep,
+    StepChange,
+    make_right_side,
+)
 from bipot_rs.contact.sensitivity.response import System
 
 
-def changed(linear: Linear, of: Change) -> tuple[Floats, Floats]:
+def differentiate_step(linear: LinearisedStep, of: StepChange) -> tuple[Floats, Floats]:
     """``dr (n_c, d)`` and ``da`` of a step whose data change.
 
     Raises
@@ -24,18 +28,18 @@ def changed(linear: Linear, of: Change) -> tuple[Floats, Floats]:
     point, direction = linear.point, linear.direction
     smooth = (point.friction[:, 0] == 0) & (point.reaction[:, 0] > 0)
     if smooth.any():
-        direction = _of_friction(linear, smooth, direction, of.friction)
+        direction = _find_friction_direction(linear, smooth, direction, of.friction)
     if linear.borders.any.any():
         return BorderProblem(linear, direction, of).solve()
     own = linear.reported
     if smooth.any():
         # The direction changes the right side alone.
         own = System(linear.laws(point.status, direction), own.core, own.shape)
-    return own.solve(right_side(own.laws, of), -of.balance)
+    return own.solve(make_right_side(own.laws, of), -of.balance)
 
 
-def _of_friction(
-    linear: Linear, smooth: Bools, direction: Floats, change: Floats
+def _find_friction_direction(
+    linear: LinearisedStep, smooth: Bools, direction: Floats, change: Floats
 ) -> Floats:
     """The direction of the friction that begins at contacts without any."""
     asked = smooth & (change != 0).any(axis=1)

@@ -15,7 +15,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.sensitivity.laws import Laws
-from bipot_rs.contact.sensitivity.response import by_rows
+from bipot_rs.contact.sensitivity.response import make_matrix
 
 
 class Stalled(Exception):
@@ -23,7 +23,7 @@ class Stalled(Exception):
 
 
 @dataclass(frozen=True)
-class _Iterated:
+class KrylovSystem:
     """A system (33) whose right sides take a Krylov solve each."""
 
     core: _core.PrimalTangent
@@ -49,7 +49,7 @@ class _Iterated:
         return found
 
 
-class Displacements:
+class DisplacementResponse:
     """The response of bodies that the iterative engine solved.
 
     Attributes
@@ -69,15 +69,15 @@ class Displacements:
 
     def stiffness(self) -> Any:
         """K, sparse, with the zeros of the blocks of its nodes."""
-        return by_rows(*self._core.stiffness())
+        return make_matrix(*self._core.stiffness())
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
         return self.diagonal > 0
 
-    def factored(self, laws: Laws) -> _Iterated:
+    def factored(self, laws: Laws) -> KrylovSystem:
         """The system (33) of these laws."""
-        return _Iterated(self._core, laws)
+        return KrylovSystem(self._core, laws)
 
     def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""

@@ -11,7 +11,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.results.derivatives import Cotangents, Gradient
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
-from bipot_rs.contact.sensitivity.model import cotangents, gap_gradient
+from bipot_rs.contact.sensitivity.model import check_cotangent, reshape_gap_gradient
 
 
 class Backward:
@@ -132,11 +132,11 @@ class Backward:
         return self._path.response.stiffness()
 
 
-def vjp(path: LinearPath, result: Any, given: Cotangents) -> Gradient:
+def find_gradient(path: LinearPath, result: Any, given: Cotangents) -> Gradient:
     """`Result.vjp`."""
     steps, (contacts, d) = len(path.steps), path.shape
     stacked = steps, contacts, d
-    u = cotangents("displacement", given.displacement, (steps, path.model.n))
+    u = check_cotangent("displacement", given.displacement, (steps, path.model.n))
     if u is not None and not path.has_factor:
         raise ValueError(
             "displacement has a cotangent, but the problem was made with loads= and has no "
@@ -145,14 +145,14 @@ def vjp(path: LinearPath, result: Any, given: Cotangents) -> Gradient:
     found = Backward(
         result,
         path,
-        cotangents("reaction", given.reaction, stacked),
+        check_cotangent("reaction", given.reaction, stacked),
         None if u is None else path.model.forces(u),
-        cotangents("relative_displacement", given.relative_displacement, stacked),
-        cotangents("slip", given.slip, (steps, contacts, d - 1)),
+        check_cotangent("relative_displacement", given.relative_displacement, stacked),
+        check_cotangent("slip", given.slip, (steps, contacts, d - 1)),
     )
     return Gradient(
         result,
-        gap_gradient(path.model, found.gap_by_component),
+        reshape_gap_gradient(path.model, found.gap_by_component),
         found.gap_by_component,
         found.mu,
         path.one_sided,

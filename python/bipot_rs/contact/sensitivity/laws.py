@@ -69,7 +69,7 @@ class Laws:
         return pulled, rubbed
 
 
-def tangents(point: Point, scale: Floats) -> Floats:
+def find_directions(point: Point, scale: Floats) -> Floats:
     """Direction ``p`` of the slip of each contact, ``(n_c, d - 1)``; zero if unknown.
 
     The reaction and the slip both have it; the one that is larger, in variables that
@@ -78,7 +78,7 @@ def tangents(point: Point, scale: Floats) -> Floats:
     D = np.where(point.friction > 0, point.friction, 1.0)
     of_slip = D * point.slip
     of_reaction = -point.reaction[:, 1:] / D
-    slips, pushes = _length(of_slip), _length(of_reaction)
+    slips, pushes = _measure_length(of_slip), _measure_length(of_reaction)
     rough = point.friction[:, 0] > 0
     # s / √w and r √w have the same unit.
     larger = rough & (pushes * scale**2 >= slips)
@@ -87,7 +87,7 @@ def tangents(point: Point, scale: Floats) -> Floats:
     return np.divide(chosen, size, where=size > 0, out=np.zeros_like(chosen))
 
 
-def laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
+def linearise_laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
     """The law of each contact that is not open, on one side of its borders.
 
     Parameters
@@ -95,7 +95,7 @@ def laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
     side
         `Status` of each contact, ``(n_c,)``.
     direction
-        Direction of slip, ``(n_c, d - 1)``, as `tangents`.
+        Direction of slip, ``(n_c, d - 1)``, as `find_directions`.
     movable
         Components that a reaction moves, ``(n_c, d)``. The reaction of others is kept
         where the law holds them.
@@ -113,7 +113,7 @@ def laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
     at = contacts[slides]
     rough = point.friction[at, 0] > 0
     parts = (by_r, by_v, by_mu)
-    for some, law in ((rough, _sliding), (~rough, _smooth)):
+    for some, law in ((rough, _linearise_sliding), (~rough, _linearise_frictionless)):
         rows = np.flatnonzero(slides)[some]
         for part, value in zip(parts, law(point, at[some], direction), strict=True):
             part[rows, 1:] = value
@@ -125,7 +125,7 @@ def laws(point: Point, side: Ints, direction: Floats, movable: Bools) -> Laws:
     return Laws(contacts, by_r, by_v, by_mu)
 
 
-def _sliding(
+def _linearise_sliding(
     point: Point, at: Ints, direction: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Tangential rows of sliding contacts with friction."""
@@ -139,14 +139,16 @@ def _sliding(
     by_mu[:, 0] = -r_n[:, None] * p * p / D
     if tangents_of == 2:
         across = np.stack([-p[:, 1], p[:, 0]], axis=1)
-        far = _length(D * s)
+        far = _measure_length(D * s)
         by_r[:, 1, 1:] = far[:, None] * across / D
         by_v[:, 1, 1:] = r_n[:, None] * across * D
         by_mu[:, 1] = -r_n[:, None] * across * (far[:, None] * p / D + s)
     return by_r, by_v, by_mu
 
 
-def _smooth(point: Point, at: Ints, direction: Floats) -> tuple[Floats, Floats, Floats]:
+def _linearise_frictionless(
+    point: Point, at: Ints, direction: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Tangential rows of contacts without friction: ``dr_t = - r_n dD p``."""
     p, r_n = direction[at], point.reaction[at, 0]
     m, tangents_of = p.shape
@@ -158,6 +160,6 @@ def _smooth(point: Point, at: Ints, direction: Floats) -> tuple[Floats, Floats, 
     return by_r, np.zeros_like(by_r), by_mu
 
 
-def _length(rows: Floats) -> Floats:
+def _measure_length(rows: Floats) -> Floats:
     found: Floats = np.linalg.norm(rows, axis=1)
     return found

@@ -9,12 +9,17 @@ import numpy as np
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.sensitivity.borders import Borders
-from bipot_rs.contact.sensitivity.laws import Laws, Point, laws, tangents
-from bipot_rs.contact.sensitivity.response import Response, System, system
+from bipot_rs.contact.sensitivity.laws import (
+    Laws,
+    Point,
+    find_directions,
+    linearise_laws,
+)
+from bipot_rs.contact.sensitivity.response import ContactResponse, System, make_system
 
 
 @dataclass(frozen=True)
-class Change:
+class StepChange:
     """Changes of the data of a step.
 
     Attributes
@@ -33,7 +38,7 @@ class Change:
     friction: Floats
 
 
-class Linear:
+class LinearisedStep:
     """The linearised problem of one step.
 
     Attributes
@@ -44,7 +49,9 @@ class Linear:
         Contacts on borders.
     """
 
-    def __init__(self, response: Response, point: Point, borders: Borders) -> None:
+    def __init__(
+        self, response: ContactResponse, point: Point, borders: Borders
+    ) -> None:
         self.response, self.point, self.borders = response, point, borders
         self._scale = np.sqrt(response.diagonal.mean(axis=1))
         self.movable: Bools = response.movable()
@@ -78,19 +85,19 @@ class Linear:
     @property
     def direction(self) -> Floats:
         """Direction of slip of each contact."""
-        return tangents(self.point, self._scale)
+        return find_directions(self.point, self._scale)
 
     def laws(self, side: Ints, direction: Floats) -> Laws:
         """The law of each contact on a side of its borders."""
-        return laws(self.point, side, direction, self.movable)
+        return linearise_laws(self.point, side, direction, self.movable)
 
     def system(self, own: Laws) -> System:
         """The system (33) of these laws."""
         contacts, d = self.point.reaction.shape
-        return system(self.response, own, (contacts, d))
+        return make_system(self.response, own, (contacts, d))
 
 
-def right_side(own: Laws, of: Change) -> Floats:
+def make_right_side(own: Laws, of: StepChange) -> Floats:
     """Right side of (33)."""
     at = own.contacts
     moved = np.einsum("ijk,ik->ij", own.by_v, of.free[at])

@@ -12,12 +12,12 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.sensitivity.borders import borders
-from bipot_rs.contact.sensitivity.displacements import Displacements
+from bipot_rs.contact.sensitivity.borders import find_borders
+from bipot_rs.contact.sensitivity.displacements import DisplacementResponse
 from bipot_rs.contact.sensitivity.laws import Point
-from bipot_rs.contact.sensitivity.linear import Linear
-from bipot_rs.contact.sensitivity.model import PathModel, along_tangents
-from bipot_rs.contact.sensitivity.response import Condensed, PathResponse
+from bipot_rs.contact.sensitivity.linear import LinearisedStep
+from bipot_rs.contact.sensitivity.model import PathModel, spread_friction
+from bipot_rs.contact.sensitivity.response import CondensedResponse, PathResponse
 
 
 class LinearPath:
@@ -61,7 +61,7 @@ class LinearPath:
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])
         self.shape = steps[0].reaction.shape
-        friction = along_tangents(self.mu, self.shape[1])
+        friction = spread_friction(self.mu, self.shape[1])
         self.points = [
             Point(
                 step.reaction,
@@ -75,13 +75,13 @@ class LinearPath:
         self.has_factor = True
         self.response = response or self._response(iterative)
         order = 0
-        if isinstance(self.response, Condensed):
+        if isinstance(self.response, CondensedResponse):
             order = len(self.response.members) * self.shape[1] + self.response.motions
         self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
-        self._linear: dict[int, Linear] = {}
+        self._linear: dict[int, LinearisedStep] = {}
         compliance = self.response.diagonal.mean(axis=1)
         self.borders = [
-            borders(point, compliance, step.tolerance)
+            find_borders(point, compliance, step.tolerance)
             for point, step in zip(self.points, steps, strict=True)
         ]
 
@@ -93,8 +93,8 @@ class LinearPath:
         self.has_factor = recovery.has_factor()
         primal = recovery.primal() if iterative else None
         if primal is not None:
-            return Displacements(primal)
-        return Condensed(recovery.condensed(), self._closed(), self.shape[0])
+            return DisplacementResponse(primal)
+        return CondensedResponse(recovery.condensed(), self._closed(), self.shape[0])
 
     def _closed(self) -> Any:
         """Contacts that close, or nearly do, in some step."""
@@ -109,11 +109,11 @@ class LinearPath:
         """Contacts on a border between two statuses, ``(steps, n_c)``."""
         return np.stack([known.any for known in self.borders])
 
-    def linear(self, k: int) -> Linear:
+    def linear(self, k: int) -> LinearisedStep:
         """The linearised problem of a step."""
         if k in self._linear:
             return self._linear[k]
-        found = Linear(self.response, self.points[k], self.borders[k])
+        found = LinearisedStep(self.response, self.points[k], self.borders[k])
         if self.kept:
             self._linear[k] = found
         return found

@@ -67,7 +67,7 @@ class PathModel:
 
 
 @dataclass(frozen=True)
-class Directions:
+class PathChange:
     """Changes of the data of each step, None for those that do not change.
 
     Attributes
@@ -84,36 +84,36 @@ class Directions:
     stiffness: Any
 
 
-def directions(
+def check_changes(
     model: PathModel,
     steps: int,
     mu: Floats,
     shape: tuple[int, int],
     change: DataChange,
-) -> Directions:
+) -> PathChange:
     """Check the arguments of `Result.jvp`."""
     load, prescribed, gap = change.load, change.prescribed, change.gap
     forces = motions = None
     fixed = len(model.fixed)
     if load is not None:
         pairs = loads(load, None, model.n, fixed)
-        forces = model.forces(_rows("load", [f for f, _ in pairs], steps))
+        forces = model.forces(_repeat_rows("load", [f for f, _ in pairs], steps))
     if prescribed is not None:
         pairs = loads(None, prescribed, model.n, fixed)
-        motions = _rows("prescribed", [u for _, u in pairs], steps)
+        motions = _repeat_rows("prescribed", [u for _, u in pairs], steps)
         if model.held is not None:
             for row in motions:
                 model.held.prescribed(row)
-    return Directions(
+    return PathChange(
         forces,
         motions,
-        None if gap is None else _gaps(model, gap, steps, shape),
-        by_tangent("mu", change.mu, mu, shape[1]),
-        _matrix(change.K, model.n),
+        None if gap is None else _check_gap(model, gap, steps, shape),
+        spread_change("mu", change.mu, mu, shape[1]),
+        _check_matrix(change.K, model.n),
     )
 
 
-def by_tangent(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Floats:
+def spread_change(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Floats:
     """A change of the friction coefficients along each tangent, ``(n_c, d - 1)``."""
     if change is None:
         return np.zeros((len(mu), d - 1))
@@ -124,27 +124,27 @@ def by_tangent(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Float
         raise ValueError(
             f"{what} has shape {found.shape}, expected a number or {mu.shape}"
         )
-    return along_tangents(found, d)
+    return spread_friction(found, d)
 
 
-def along_tangents(mu: Floats, d: int) -> Floats:
+def spread_friction(mu: Floats, d: int) -> Floats:
     """Coefficients along each tangent, ``(n_c, d - 1)``."""
     if mu.ndim == 2:
         return mu
     return np.repeat(mu[:, None], d - 1, axis=1)
 
 
-def _gaps(
+def _check_gap(
     model: PathModel, gap: ArrayLike, steps: int, shape: tuple[int, int]
 ) -> Floats:
     if model.gaps_by_component is None and np.ndim(gap) < 3:
         found = np.asarray(gap, dtype=object)
         if found.shape in ((shape[0],), shape):
             return np.repeat(gap_of_step(gap, *shape)[None], steps, axis=0)
-    return _rows("gap", list(gaps_of_steps(gap, *shape)), steps)
+    return _repeat_rows("gap", list(gaps_of_steps(gap, *shape)), steps)
 
 
-def _rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
+def _repeat_rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
     """One row for each step; a single row is used for all."""
     if len(rows) not in (1, steps):
         raise ValueError(
@@ -153,7 +153,7 @@ def _rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
     return np.stack([rows[min(k, len(rows) - 1)] for k in range(steps)])
 
 
-def _matrix(stiffness: Any, n: int) -> Any:
+def _check_matrix(stiffness: Any, n: int) -> Any:
     if stiffness is None:
         return None
     from scipy.sparse import csr_array, issparse
@@ -170,7 +170,7 @@ def _matrix(stiffness: Any, n: int) -> Any:
     return found
 
 
-def cotangents(
+def check_cotangent(
     what: str, values: ArrayLike | None, shape: tuple[int, ...]
 ) -> Floats | None:
     """A cotangent of a quantity of this shape; a single step may be left out of it."""
@@ -181,7 +181,7 @@ def cotangents(
     return floats(what, values, shape=shape)
 
 
-def gap_gradient(model: PathModel, by_component: Floats) -> Floats:
+def reshape_gap_gradient(model: PathModel, by_component: Floats) -> Floats:
     """Gradients ``(steps, n_c, d)`` in the shape of the gap of the path or problem."""
     if model.gaps_by_component is not None:
         return by_component if model.gaps_by_component else by_component[:, :, 0]

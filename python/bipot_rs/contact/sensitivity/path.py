@@ -39,14 +39,16 @@ class Differentiable:
         """`Result.jvp`."""
         from bipot_rs.contact.sensitivity import tangent
 
-        return self._derived(result, lambda path: tangent.jvp(path, result, change))
+        return self._derived(
+            result, lambda path: tangent.find_tangent(path, result, change)
+        )
 
     def vjp(self, result: Any, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
         from bipot_rs.contact.sensitivity import gradient
 
         return self._derived(
-            result, lambda path: gradient.vjp(path, result, cotangents)
+            result, lambda path: gradient.find_gradient(path, result, cotangents)
         )
 
     def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:

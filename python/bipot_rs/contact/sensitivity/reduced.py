@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
-from bipot_rs.contact.sensitivity.borders import borders
-from bipot_rs.contact.sensitivity.directional import changed
+from bipot_rs.contact.sensitivity.borders import find_borders
+from bipot_rs.contact.sensitivity.directional import differentiate_step
 from bipot_rs.contact.sensitivity.laws import Point
-from bipot_rs.contact.sensitivity.linear import Change, Linear
+from bipot_rs.contact.sensitivity.linear import LinearisedStep, StepChange
 from bipot_rs.contact.sensitivity.model import (
-    along_tangents,
-    by_tangent,
-    cotangents,
+    check_cotangent,
+    spread_change,
+    spread_friction,
 )
-from bipot_rs.contact.sensitivity.response import Given
+from bipot_rs.contact.sensitivity.response import ReducedResponse
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ReducedModel:
     mu: Floats
     modes: Floats
 
-    def linear(self, solution: Any) -> Linear:
+    def linear(self, solution: Any) -> LinearisedStep:
         """The problem, linearised at a solution.
 
         Raises
@@ -55,12 +55,14 @@ class ReducedModel:
                 f"the solution did not converge ({solution.outcome}): it has no derivatives"
             )
         r, v = solution.reaction, solution.relative_displacement
-        friction = along_tangents(self.mu, r.shape[1])
+        friction = spread_friction(self.mu, r.shape[1])
         status = solution.status.astype(np.int64)
         point = Point(r, v[:, 0], v[:, 1:], status, friction)
-        response = Given(self.core, self.W, r.shape, self.modes)
+        response = ReducedResponse(self.core, self.W, r.shape, self.modes)
         compliance = response.diagonal.mean(axis=1)
-        return Linear(response, point, borders(point, compliance, solution.tolerance))
+        return LinearisedStep(
+            response, point, find_borders(point, compliance, solution.tolerance)
+        )
 
     def jvp(
         self,
@@ -74,10 +76,10 @@ class ReducedModel:
         free = np.zeros(shape) if q is None else floats("q", q, shape=shape)
         if W is not None:
             free = free + self._moved(W, solution.reaction)
-        friction = by_tangent("mu", mu, self.mu, shape[1])
+        friction = spread_change("mu", mu, self.mu, shape[1])
         linear = self.linear(solution)
         still = np.zeros(self.modes.shape[1])
-        r, a = changed(linear, Change(free, still, friction))
+        r, a = differentiate_step(linear, StepChange(free, still, friction))
         v = free + linear.response.moved(r, a)
         return ReducedTangent(r, v, linear.borders.any)
 
@@ -98,9 +100,9 @@ class ReducedModel:
     ) -> ReducedGradient:
         """`Solution.vjp`."""
         shape = solution.reaction.shape
-        given = cotangents("reaction", reaction, shape)
+        given = check_cotangent("reaction", reaction, shape)
         r = np.zeros(shape) if given is None else given
-        moved = cotangents("relative_displacement", relative_displacement, shape)
+        moved = check_cotangent("relative_displacement", relative_displacement, shape)
         v = np.zeros(shape) if moved is None else moved
         linear = self.linear(solution)
         system = linear.adjoint()

@@ -17,7 +17,7 @@ from bipot_rs.contact.sensitivity.laws import Laws
 _ROUNDING = 8 * np.finfo(float).eps
 
 
-class Factored(Protocol):
+class FactoredSystem(Protocol):
     """A system that is ready for right sides."""
 
     @property
@@ -31,7 +31,7 @@ class Factored(Protocol):
         """The same with the transposed matrix."""
 
 
-class Response(Protocol):
+class ContactResponse(Protocol):
     """``dv = W dr + R da``, of some contacts or of all.
 
     Attributes
@@ -45,7 +45,7 @@ class Response(Protocol):
     motions: int
     diagonal: Floats
 
-    def factored(self, laws: Laws) -> Factored | None:
+    def factored(self, laws: Laws) -> FactoredSystem | None:
         """The system (33) of these laws; None if it is singular."""
 
     def moved(self, reaction: Floats, rigid: Floats) -> Floats:
@@ -55,7 +55,7 @@ class Response(Protocol):
         """Components that a reaction moves, ``(n_c, d)``."""
 
 
-class PathResponse(Response, Protocol):
+class PathResponse(ContactResponse, Protocol):
     """The response of the bodies of a load path."""
 
     @property
@@ -82,12 +82,12 @@ class System:
     """The factored system (33) of one step, and its transpose (34)."""
 
     laws: Laws
-    core: Factored
+    core: FactoredSystem
     shape: tuple[int, int]
 
     def solve(self, right: Floats, balance: Floats) -> tuple[Floats, Floats]:
         """``dr (n_c, d)`` and ``da`` of right sides ``(m, d)`` and ``(k,)``."""
-        return self._split(self.core.solve(_joined(right, balance)))
+        return self._split(self.core.solve(_join(right, balance)))
 
     def solve_transposed(self, moved: Floats, motion: Floats) -> tuple[Floats, Floats]:
         """Multipliers ``w (n_c, d)`` of the laws and ``b`` of the rigid motions.
@@ -96,7 +96,7 @@ class System:
         effect.
         """
         own = moved[self.laws.contacts]
-        return self._split(self.core.solve_transposed(_joined(own, motion)))
+        return self._split(self.core.solve_transposed(_join(own, motion)))
 
     def _split(self, solved: Floats) -> tuple[Floats, Floats]:
         m, d = len(self.laws.contacts), self.shape[1]
@@ -105,7 +105,9 @@ class System:
         return whole, solved[0, m * d :]
 
 
-def system(response: Response, laws: Laws, shape: tuple[int, int]) -> System:
+def make_system(
+    response: ContactResponse, laws: Laws, shape: tuple[int, int]
+) -> System:
     """The system of these laws.
 
     Raises
@@ -125,7 +127,7 @@ def system(response: Response, laws: Laws, shape: tuple[int, int]) -> System:
     return System(laws, core, shape)
 
 
-def by_rows(start: Any, column: Any, values: Floats) -> Any:
+def make_matrix(start: Any, column: Any, values: Floats) -> Any:
     """A square sparse matrix."""
     from scipy.sparse import csr_array
 
@@ -133,11 +135,11 @@ def by_rows(start: Any, column: Any, values: Floats) -> Any:
     return csr_array((values, column, start), shape=(n, n))
 
 
-def _joined(rows: Floats, rest: Floats) -> Floats:
+def _join(rows: Floats, rest: Floats) -> Floats:
     return np.concatenate([rows.ravel(), rest])[None]
 
 
-class Condensed:
+class CondensedResponse:
     """The response of bodies that the direct engine condensed.
 
     Attributes
@@ -167,7 +169,7 @@ class Condensed:
 
     def stiffness(self) -> Any:
         """K, sparse, without the entries between prescribed degrees of freedom."""
-        return by_rows(*self._stiffness())
+        return make_matrix(*self._stiffness())
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
@@ -210,7 +212,7 @@ class Condensed:
         return whole
 
 
-class Given:
+class ReducedResponse:
     """The response of a reduced problem, whose ``W`` may be asymmetric."""
 
     def __init__(

@@ -9,17 +9,17 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.results.derivatives import DataChange, Tangent
-from bipot_rs.contact.sensitivity.directional import changed
-from bipot_rs.contact.sensitivity.linear import Change
+from bipot_rs.contact.sensitivity.directional import differentiate_step
+from bipot_rs.contact.sensitivity.linear import StepChange
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
-from bipot_rs.contact.sensitivity.model import Directions, directions
+from bipot_rs.contact.sensitivity.model import PathChange, check_changes
 
 
 class Forward:
     """Derivatives of all steps in one direction."""
 
     def __init__(
-        self, path: LinearPath, given: Directions, displacement: Floats | None
+        self, path: LinearPath, given: PathChange, displacement: Floats | None
     ) -> None:
         self._path, self._given = path, given
         steps, shape = len(path.steps), path.shape
@@ -41,8 +41,10 @@ class Forward:
             free, balance = self._free(k)
             moved = free.copy()
             moved[:, 1:] -= before
-            change = Change(moved, balance, given.friction)
-            self.reaction[k], self._amounts[k] = changed(path.linear(k), change)
+            change = StepChange(moved, balance, given.friction)
+            self.reaction[k], self._amounts[k] = differentiate_step(
+                path.linear(k), change
+            )
             self.relative_displacement[k] = self._moved(k, free)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
@@ -87,10 +89,10 @@ class Forward:
         return np.concatenate(blocks)
 
 
-def jvp(path: LinearPath, result: Any, change: DataChange) -> Tangent:
+def find_tangent(path: LinearPath, result: Any, change: DataChange) -> Tangent:
     """`Result.jvp`."""
     shape = path.shape[0], path.shape[1]
-    given = directions(path.model, len(path.steps), path.mu, shape, change)
+    given = check_changes(path.model, len(path.steps), path.mu, shape, change)
     found = Forward(path, given, None if change.K is None else result.displacement)
     return Tangent(
         found.reaction,

@@ -46,7 +46,9 @@ class Stability:
         self._own = np.flatnonzero(meeting.diagonal() > 0)
         self._energy = sparse.csr_array(softened @ K @ softened.T)[self._own]
         self._energy = self._energy[:, self._own]
-        self._solve = _inverse(sparse.csc_array(meeting[self._own][:, self._own]))
+        self._solve = _factor_meeting(
+            sparse.csc_array(meeting[self._own][:, self._own])
+        )
         self._whole: Floats | None = None
         count = len(self._own)
         if self._solve is not None and count <= tuning.DENSE_BOUND:
@@ -95,7 +97,7 @@ class Stability:
         return float(f"{found * (1 + tuning.BOUND_RTOL):.3g}")
 
 
-def _inverse(meeting: Any) -> Any:
+def _factor_meeting(meeting: Any) -> Any:
     """Function that solves with ``B_n D⁻¹ B_nᵀ``; None if it is singular."""
     if meeting.nnz == meeting.shape[0]:
         # Each degree of freedom meets one contact.

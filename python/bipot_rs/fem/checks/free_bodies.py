@@ -237,7 +237,7 @@ def _said(
             field = field.reshape(-1, d)
             if length(field).max() <= _FREE:
                 continue
-            words_of = rigid_motions.describe(
+            words_of = rigid_motions.describe_motion(
                 field / length(field).max(),
                 np.zeros(len(field)),
                 points=model.bodies[b].points,

@@ -11,7 +11,11 @@ import numpy as np
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.law.slip_check import displaced, distances, farthest
+from bipot_rs.contact.law.slip_check import (
+    find_farthest,
+    measure_displacement,
+    measure_distances,
+)
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import MeanStress
@@ -109,10 +113,10 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
         if flat or not at.size:
             # On a rigid plane all positions are equivalent.
             continue
-        k, node, ratio = farthest(steps, distances(model.points[at]), at)
+        k, node, ratio = find_farthest(steps, measure_distances(model.points[at]), at)
         if ratio <= 1:
             continue
-        moved = displaced(steps[k], at[node])
+        moved = measure_displacement(steps[k], at[node])
         kept = "each contact keeps the point opposite to it at the start"
         if contact.against is None:
             kept = "each contact keeps the normal at the undeformed node"
@@ -131,7 +135,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
         # If the whole surface is in contact, its edges bound the zone.
         if not 0 < pressed.size < at.size:
             continue
-        nodes = across(model.points[pressed], distances(model.points[at]))
+        nodes = across(model.points[pressed], measure_distances(model.points[at]))
         if nodes < _ACROSS:
             yield (
                 f"at the end, load step {count} of {count}, the contact zone of "

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.law.frames import frames, turned_to
+from bipot_rs.contact.law.frames import frames, turn_frames
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.meeting import Meeting
@@ -70,7 +70,7 @@ def frames_of_steps(
     found = np.empty((*normals.shape[:2], *frame.shape[1:]))
     for k, normal in enumerate(normals):
         before = frame if k == 0 else found[k - 1]
-        found[k] = turned_to(before, normal)
+        found[k] = turn_frames(before, normal)
         if contact.axis is not None and (np.ndim(contact.mu) == 1 or not turned):
             other = (found[k] != before).any(axis=(1, 2))
             found[k, other] = frames(normal[other], contact.axis)

@@ -8,7 +8,7 @@ import pytest
 
 from bipot_rs.cli.progress import Progress
 from bipot_rs.cli.run.report import closing, format_steps
-from bipot_rs.contact.law.resultants import resultants
+from bipot_rs.contact.law.resultants import list_resultants
 from support.pressed_in_space import pressed
 
 RANDOM = np.random.default_rng(8)
@@ -36,7 +36,7 @@ def test_resultants_are_sums_of_vectors(d: int) -> None:
     reaction = RANDOM.standard_normal((12, d))
     frame, mu = flat_frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
     group = np.arange(12) % 3
-    found = resultants(reaction, frame, mu, group, 3)
+    found = list_resultants(reaction, frame, mu, group, 3)
     for k, one in enumerate(found):
         own = group == k
         total = np.sum([reaction[i] @ frame[i] for i in np.flatnonzero(own)], axis=0)
@@ -72,7 +72,7 @@ def test_rotation_in_a_ring_uses_friction_without_a_force(
         # All forces act in the same sense of rotation.
         way[:, 0] = np.where(np.arange(len(curve)) % 3 == 0, -1.0, 1.0)
     reaction[:, 1:] = 0.8 * way / np.linalg.norm(way, axis=1, keepdims=True)
-    (one,) = resultants(reaction, curve, mu, np.zeros(len(curve), np.int64), 1)
+    (one,) = list_resultants(reaction, curve, mu, np.zeros(len(curve), np.int64), 1)
     assert one.curved
     assert one.used == pytest.approx(1, rel=1e-14)
     assert one.normal == pytest.approx(2.0 * len(curve), rel=1e-14)
@@ -92,10 +92,10 @@ def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
     rim = way / np.linalg.norm(way / mu, axis=1, keepdims=True) * press[:, None]
     group = np.zeros(7, np.int64)
     reaction = np.column_stack([press, rim])
-    (one,) = resultants(reaction, frames(7, 3), mu, group, 1)
+    (one,) = list_resultants(reaction, frames(7, 3), mu, group, 1)
     assert one.used == pytest.approx(1, rel=1e-13)
     reaction[:, 1:] = 0
-    (still,) = resultants(reaction, frames(7, 3), mu, group, 1)
+    (still,) = list_resultants(reaction, frames(7, 3), mu, group, 1)
     assert still.used == 0
     assert still.limit == pytest.approx(press @ mu.max(axis=1), rel=1e-14)
 
@@ -108,10 +108,10 @@ def test_friction_is_fully_used_if_all_slip_in_one_direction() -> None:
     reaction[:, 0] = pressure
     reaction[:, 1:] = (mu * pressure)[:, None] * [0.6, 0.8]
     group = np.zeros(5, np.int64)
-    (same,) = resultants(reaction, frame, mu, group, 1)
+    (same,) = list_resultants(reaction, frame, mu, group, 1)
     assert same.used == pytest.approx(1, rel=1e-14)
     reaction[2, 1:] *= -1
-    (mixed,) = resultants(reaction, frame, mu, group, 1)
+    (mixed,) = list_resultants(reaction, frame, mu, group, 1)
     assert mixed.used is not None
     assert mixed.used < 0.99
 
@@ -122,18 +122,22 @@ def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
     slip = np.array([0.3, 0.7])
     drag = mu**2 * slip / np.linalg.norm(mu * slip)
     reaction = np.array([[2.0, *(2 * drag)]])
-    (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
+    (one,) = list_resultants(
+        reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1
+    )
     # The largest possible force along its own line is at least the force.
     assert one.used is not None
     assert one.used <= 1
     # Along an axis of the ellipse both are equal.
     reaction = np.array([[2.0, 0.0, 2 * 0.2]])
-    (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
+    (one,) = list_resultants(
+        reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1
+    )
     assert one.used == pytest.approx(1, rel=1e-14)
 
 
 def test_without_friction_used_is_none() -> None:
-    (one,) = resultants(
+    (one,) = list_resultants(
         np.array([[2.0, 0.0]]), np.eye(2)[None], np.zeros(1), np.zeros(1, np.int64), 1
     )
     assert one.used is None

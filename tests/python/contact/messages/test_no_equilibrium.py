@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 import bipot_rs as bp
-from bipot_rs.contact.messages.rigid_motion_names import describe
+from bipot_rs.contact.messages.rigid_motion_names import describe_motion
 from support.bodies import Body, block, uniform_shear
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
         moved = np.zeros((12, dim))
         moved[:, 0] = -turn * (points[:, 1] - 1.0)
         moved[:, 1] = 1.0 + turn * (points[:, 0] - 1.5)
-        said = describe(moved / 1.5, mu, points=points, frame=frame)
+        said = describe_motion(moved / 1.5, mu, points=points, frame=frame)
         place = f"({1.5 - 1 / turn:g}, 1{', 0' * (dim - 2)})"
         about = "the point" if dim == 2 else "an axis through"
         assert f"rotation about {about} {place}" in said

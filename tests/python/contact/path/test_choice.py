@@ -10,22 +10,24 @@ from support.pressed_in_space import arrays
 
 
 def test_long_paths_and_small_problems_are_direct() -> None:
-    assert choice.choose(tuning.LEAST_ITERATIVE - 1, 500, 1, None)[0] == "direct"
-    assert choice.choose(tuning.LEAST_ITERATIVE, 500, 10, None)[0] == "iterative"
-    assert choice.choose(tuning.LEAST_ITERATIVE, 500, 11, None)[0] == "direct"
-    assert choice.choose(tuning.LEAST_ITERATIVE, 1000, 11, None)[0] == "iterative"
+    assert choice.choose_engine(tuning.LEAST_ITERATIVE - 1, 500, 1, None)[0] == "direct"
+    assert choice.choose_engine(tuning.LEAST_ITERATIVE, 500, 10, None)[0] == "iterative"
+    assert choice.choose_engine(tuning.LEAST_ITERATIVE, 500, 11, None)[0] == "direct"
+    assert (
+        choice.choose_engine(tuning.LEAST_ITERATIVE, 1000, 11, None)[0] == "iterative"
+    )
 
 
 def test_a_factor_that_does_not_fit_is_not_made() -> None:
-    name, why = choice.choose(500_000, 10_000, 1000, 1e9)
+    name, why = choice.choose_engine(500_000, 10_000, 1000, 1e9)
     assert name == "iterative"
     assert "of 1 GB" in why
 
 
 def test_the_model_of_memory() -> None:
     """The measured factors: 12 GB at 500,000 unknowns, W of 7.2 GB for 10,000 contacts."""
-    assert choice.direct_bytes(500_000, 0) == pytest.approx(12e9, rel=0.1)
-    assert choice.direct_bytes(0, 10_000) == pytest.approx(7.2e9)
+    assert choice.forecast_bytes(500_000, 0) == pytest.approx(12e9, rel=0.1)
+    assert choice.forecast_bytes(0, 10_000) == pytest.approx(7.2e9)
 
 
 def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:

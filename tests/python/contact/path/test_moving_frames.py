@@ -11,8 +11,8 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
-from bipot_rs.contact.law.frames import frames, turned_to
-from bipot_rs.contact.law.slip_check import displaced
+from bipot_rs.contact.law.frames import frames, turn_frames
+from bipot_rs.contact.law.slip_check import measure_displacement
 from bipot_rs.theory import functionals, law
 from support.bodies import Body, block
 
@@ -85,7 +85,7 @@ def path(dim: int, steps: int = 4, seed: int = 3) -> bp.MovingGaps:
     found, frame = [], base
     for _ in range(steps):
         tilt = frame[:, 0] + 0.08 * rng.normal(size=(count, dim))
-        frame = turned_to(frame, tilt / np.linalg.norm(tilt, axis=1, keepdims=True))
+        frame = turn_frames(frame, tilt / np.linalg.norm(tilt, axis=1, keepdims=True))
         found.append(frame)
     gap = np.cumsum(rng.normal(-0.004, 0.006, size=(steps, count)), axis=0)
     drag = np.cumsum(0.01 * rng.normal(size=(steps, count, dim)), axis=0)
@@ -301,7 +301,7 @@ def test_the_motion_of_the_obstacle_is_no_distance_from_the_geometry() -> None:
     for step in result:
         u = np.einsum("cdk,cd->ck", setup(3)[2], (B @ step.displacement).reshape(-1, d))
         expected = np.einsum("ckd,cd->ck", step.frame[:, 1:], u)
-        close(displaced(step, np.arange(len(u))), expected, 1e-12)
+        close(measure_displacement(step, np.arange(len(u))), expected, 1e-12)
 
 
 def test_theory_refuses_increments_between_frames() -> None:
@@ -352,7 +352,7 @@ def test_the_smallest_rotation_of_a_frame(dim: int) -> None:
     first, second = rng.normal(size=(2, 50, dim))
     second /= np.linalg.norm(second, axis=1, keepdims=True)
     frame = frames(first)
-    turned = turned_to(frame, second)
+    turned = turn_frames(frame, second)
     eye = np.tile(np.eye(dim), (50, 1, 1))
     np.testing.assert_allclose(turned @ turned.swapaxes(1, 2), eye, atol=1e-14)
     np.testing.assert_array_equal(turned[:, 0], second)
@@ -366,8 +366,8 @@ def test_the_smallest_rotation_of_a_frame(dim: int) -> None:
         expected = np.cross(frame[:, 0], second)
         lined = np.linalg.norm(np.cross(axis, expected), axis=1)
         np.testing.assert_allclose(lined, 0, atol=1e-12)
-    assert np.array_equal(turned_to(frame, frame[:, 0]), frame)
-    opposite = turned_to(frame, -frame[:, 0])
+    assert np.array_equal(turn_frames(frame, frame[:, 0]), frame)
+    opposite = turn_frames(frame, -frame[:, 0])
     np.testing.assert_allclose(opposite @ opposite.swapaxes(1, 2), eye, atol=1e-14)
     np.testing.assert_allclose(
         np.linalg.det(opposite), np.linalg.det(frame), rtol=0, atol=1e-14

@@ -11,7 +11,7 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import _core
 from bipot_rs.contact import tuning
-from bipot_rs.contact.sensitivity.response import Condensed
+from bipot_rs.contact.sensitivity.response import CondensedResponse
 from support.random_paths import random_path
 
 
@@ -25,13 +25,13 @@ def path() -> bp.Result:
 def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The number of contacts of each tangent system that is factored."""
     found: list[int] = []
-    factored = Condensed.factored
+    factored = CondensedResponse.factored
 
-    def counted(self: Condensed, laws: Any) -> Any:
+    def counted(self: CondensedResponse, laws: Any) -> Any:
         found.append(len(laws.contacts))
         return factored(self, laws)
 
-    monkeypatch.setattr(Condensed, "factored", counted)
+    monkeypatch.setattr(CondensedResponse, "factored", counted)
     return found
 
 

@@ -175,7 +175,7 @@ def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
     def stalled(*_: Any, **__: Any) -> None:
         raise displacements.Stalled
 
-    monkeypatch.setattr(displacements._Iterated, "solve_transposed", stalled)
+    monkeypatch.setattr(displacements.KrylovSystem, "solve_transposed", stalled)
 
     def full(_engine: Iterative) -> None:
         raise MemoryError("the factor does not fit")
