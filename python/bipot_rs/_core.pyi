@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "METHODS",
     "Condensed",
     "ContactPath",
     "ContactTangent",
@@ -36,7 +37,6 @@ __all__ = [
     "forward_errors_of_step",
     "is_sparse",
     "isotropic",
-    "keep_heap",
     "largest_friction_ratio",
     "largest_reaction",
     "least_work",
@@ -60,6 +60,7 @@ largest_friction_ratio: Final[float]
 largest_reaction: Final[float]
 least_work: Final[float]
 version: Final[str]
+METHODS: Final[list[str]]
 
 def threads() -> int:
     """How many are used where no argument says it."""
@@ -575,9 +576,6 @@ def bodies(
 
 def diagonal(stiffness: _Csr, num_threads: int | None = None) -> _Floats:
     """The diagonal of `K`, whose columns ascend in each row."""
-
-def keep_heap() -> None:
-    """Keeps memory that is freed: for a process that is all ours."""
 
 def return_heap() -> None:
     """Returns freed arrays to the system, whatever a library of MPI has set."""

@@ -58,33 +58,6 @@ pub(crate) fn release(values: Vec<f64>) {
     }
 }
 
-/// Makes the heap of this process keep freed memory, for a program whose arrays of some
-/// megabytes come and go; otherwise each of them needs new pages.
-///
-/// Arrays above some megabytes still come from the system and return to it. No result depends
-/// on this; with another C library it has no effect.
-pub fn keep_heap() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    {
-        /// Increment of the heap.
-        const GROWTH: i32 = 1 << 24;
-        /// Larger arrays are not part of the heap [bytes].
-        const APART: i32 = 1 << 23;
-        // SAFETY: these calls set thresholds of the allocator, which has its own lock.
-        unsafe {
-            // One heap for all threads: each can use what another has freed.
-            libc::mallopt(libc::M_ARENA_MAX, 1);
-            libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
-            libc::mallopt(libc::M_TRIM_THRESHOLD, 8 * GROWTH);
-            libc::mallopt(libc::M_TOP_PAD, GROWTH);
-        }
-        if crate::threads::count(None).is_ok_and(|threads| threads > 1) {
-            // Without a thread, pages are touched when they are needed.
-            let _ = std::thread::Builder::new().spawn(touch_heap);
-        }
-    }
-}
-
 /// Makes the heap return freed arrays of some megabytes to the system. A library of MPI may have
 /// set that it keeps all of them; copies of a large matrix would then add up.
 ///
@@ -104,27 +77,4 @@ pub fn return_heap() {
             libc::mallopt(libc::M_TRIM_THRESHOLD, APART);
         }
     }
-}
-
-/// Allocates the memory of a job of some thousand unknowns, writes a byte into each page, and
-/// frees it. A thread does this during imports, when other cores are idle, so that the job
-/// finds pages in memory.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn touch_heap() {
-    const PAGE: usize = 1 << 12;
-    /// Below the size of separate arrays of the heap [bytes].
-    const PIECE: usize = 1 << 22;
-    const PIECES: usize = 10;
-    let touched = |_| {
-        let mut piece = Vec::<u8>::new();
-        // If memory is short, leave it to the job.
-        piece.try_reserve_exact(PIECE).ok()?;
-        for page in piece.spare_capacity_mut().chunks_mut(PAGE) {
-            page[0].write(1);
-        }
-        // Without this, the compiler would omit the writes.
-        Some(std::hint::black_box(piece))
-    };
-    let all: Vec<Vec<u8>> = (0..PIECES).map_while(touched).collect();
-    drop(all);
 }

@@ -1,14 +1,8 @@
-//! The heap of a process that runs only bipot_rs.
+//! The heap of this process.
 
 use pyo3::prelude::*;
 
 use crate::linalg::pages;
-
-/// As [`pages::keep_heap`].
-#[pyfunction]
-pub(super) fn keep_heap() {
-    pages::keep_heap();
-}
 
 /// As [`pages::return_heap`].
 #[pyfunction]

@@ -28,6 +28,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
+    use crate::solver::Method;
+
     #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
@@ -41,7 +43,7 @@ mod _core {
     #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
-    use super::heap::{keep_heap, return_heap};
+    use super::heap::return_heap;
     #[pymodule_export]
     use super::linearised_laws::PyLinearisedLaws;
     #[pymodule_export]
@@ -79,6 +81,18 @@ mod _core {
         "debug"
     } else {
         "release"
+    };
+
+    /// The names of the methods of solution.
+    #[pymodule_export]
+    const METHODS: [&str; Method::NAMES.len()] = {
+        let mut names = [""; Method::NAMES.len()];
+        let mut k = 0;
+        while k < names.len() {
+            names[k] = Method::NAMES[k].0;
+            k += 1;
+        }
+        names
     };
 
     /// The version of the crate.

@@ -25,13 +25,9 @@ def complete_scenes(prefix: str, **_: Any) -> Iterable[str]:
 
 def complete_methods(**_: Any) -> Iterable[str]:
     """Names of the contact solvers."""
-    from bipot_rs.contact.reduced import refuse_settings
+    import bipot_rs._core as _core
 
-    try:
-        refuse_settings("", 1e-10)
-    except ValueError as error:
-        return str(error).partition("expected one of ")[2].replace("'", "").split(", ")
-    return []
+    return list(_core.METHODS)
 
 
 def complete_kinds(**_: Any) -> Iterable[str]:
