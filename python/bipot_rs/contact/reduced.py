@@ -596,6 +596,4 @@ def refuse_settings(method: str, tol: float | str) -> None:
     try:
         one._core.solve(*chosen, None, None, None, None)
     except ValueError as error:
-        words = str(error)
-        known = words.partition("expected one of ")[2].replace("'", "").split(", ")
-        raise ValueError(words + (meant(method, known) if known[0] else "")) from None
+        raise ValueError(f"{error}{meant(method, _core.METHODS)}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,20 +17,24 @@ from bipot_rs.files.drafts import aside
 from bipot_rs.plots.body import deformed, usual_scale
 from bipot_rs.plots.by_name import KINDS, Kind, chosen
 from bipot_rs.plots.data import steps_of
+from bipot_rs.plots.style import figure_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Margin of values along a line above and below, as matplotlib has it.
 _MARGIN = 0.05
 
 
 def animate(
-    result: Any,
+    result: object,
     path: str | os.PathLike[str],
     kind: str | None = None,
     *,
     steps: ArrayLike | None = None,
     frames_per_second: float = 4.0,
     dpi: float = 100.0,
-    model: Any = None,
+    model: object = None,
     **options: Any,
 ) -> Path:
     """Write a GIF that shows a picture of each load step.
@@ -73,7 +77,8 @@ def animate(
         if not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
     load_library("matplotlib", extra="cli", need="pictures")
-    numbers = _numbers(steps_of(result), steps)
+    path_of_steps = steps_of(result)
+    numbers = _numbers(path_of_steps, steps)
     for name in ("step", "ax"):
         if name in options:
             raise TypeError(f"{name} cannot be given for an animation")
@@ -83,8 +88,10 @@ def animate(
         raise ValueError(
             f"kind is {kind!r}, a picture of all load steps, expected one of {able}"
         )
-    options = _common(found, result, bodies, numbers, options) | options
-    _write(target, found, result, bodies, numbers, options, frames_per_second, dpi)
+    options = _common(found, path_of_steps, bodies, numbers, options) | options
+    _write(
+        target, found, path_of_steps, bodies, numbers, options, frames_per_second, dpi
+    )
     return target
 
 
@@ -101,7 +108,11 @@ def _numbers(path: Result, steps: ArrayLike | None) -> list[int]:
 
 
 def _common(
-    found: Kind, result: Any, model: Any, numbers: list[int], options: dict[str, Any]
+    found: Kind,
+    result: Result,
+    model: object,
+    numbers: list[int],
+    options: dict[str, Any],
 ) -> dict[str, Any]:
     """The options that give all frames the same scales."""
     of_body = found.draw is deformed
@@ -129,7 +140,7 @@ def _common(
     return common
 
 
-def _ranges(ax: Any) -> list[tuple[float, float]]:
+def _ranges(ax: Axes) -> list[tuple[float, float]]:
     """Ranges of the values in a picture: of its colours, else of its lines."""
     bars = [it for it in (*ax.images, *ax.collections) if it.colorbar is not None]
     if bars:
@@ -142,7 +153,7 @@ def _ranges(ax: Any) -> list[tuple[float, float]]:
     return [(low - margin, high + margin)]
 
 
-def _corners(ax: Any) -> tuple[Floats, Floats]:
+def _corners(ax: Axes) -> tuple[Floats, Floats]:
     """Lower and upper corner of what axes show."""
     names = "xyz" if ax.name == "3d" else "xy"
     low, high = np.array([getattr(ax, f"get_{name}lim")() for name in names]).T
@@ -152,8 +163,8 @@ def _corners(ax: Any) -> tuple[Floats, Floats]:
 def _write(
     target: Path,
     found: Kind,
-    result: Any,
-    model: Any,
+    result: Result,
+    model: object,
     numbers: list[int],
     options: dict[str, Any],
     rate: float,
@@ -164,7 +175,7 @@ def _write(
     writer = PillowWriter(fps=rate)  # type: ignore[arg-type]
     with aside(target) as draft:
         for first, k in enumerate(numbers):
-            figure = found(result, model, step=k, **options).figure
+            figure = figure_of(found(result, model, step=k, **options))
             if first == 0:
                 writer.setup(figure, draft, dpi=dpi)
             writer.fig = figure

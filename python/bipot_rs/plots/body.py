@@ -19,7 +19,9 @@ from bipot_rs.plots.geometry.boundary_facets import corners_of, deformed_nodes, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import PolyCollection
+    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.fem.assembly.assembly import Assembly
     from bipot_rs.scene.case import Case
 
@@ -36,8 +38,8 @@ _VISIBLE = 2e-3
 
 
 def deformed(
-    model: Any,
-    result: Any = None,
+    model: object,
+    result: object = None,
     *,
     step: int = -1,
     scale: float | None = None,
@@ -166,7 +168,7 @@ def deformed(
     return ax
 
 
-def usual_scale(model: Any, steps: Sequence[Any]) -> float:
+def usual_scale(model: object, steps: Sequence[Any]) -> float:
     """The default factor of the displacements for the largest one of several steps."""
     model, _ = drawn_model(model)
     size, d = model.nodes.size, model.dim
@@ -197,19 +199,19 @@ def _unscaled(model: Assembly, scale: float) -> bool:
     return bool(abs(scale - 1) * gap.max(initial=0.0) > _VISIBLE * size)
 
 
-def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
+def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
     """The `fem.Assembly` of the argument ``model`` and, if there is one, its `Case`."""
     known = getattr(result, "case", None)
     if hasattr(type(given), "assemble") and known is not None:
         # The result has the assembled model already.
-        if given.scene == known.scene:
+        if getattr(given, "scene", None) == known.scene:
             return known.model, known
     elif known is not None and known.model is given:
         return given, known
     return drawn_model(given)
 
 
-def _at_rest(case: Case, result: Any, found: Any, step: int) -> Floats | None:
+def _at_rest(case: Case, result: object, found: Step, step: int) -> Floats | None:
     """Stress of the initial strains of a case at a step."""
     if any(getattr(found, name, None) is not None for name in ("s", "cycle")):
         return case.stress_at_rest(found)
@@ -256,15 +258,14 @@ def _plane(model: Assembly, places: Floats, stress: Floats, ax: Axes) -> PolyCol
     return image
 
 
-def _space(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
-
+def _space(model: Assembly, places: Floats, stress: Floats, ax: Axes3D) -> Any:
     parts = skin(model.cells)
     polygons = [polygon for facets, _ in parts for polygon in places[facets]]
     return facets_in_space(polygons, np.concatenate([stress[c] for _, c in parts]), ax)
 
 
 def facets_in_space(
-    polygons: list[Floats], values: Floats, ax: Any, **colours: Any
+    polygons: list[Floats], values: Floats, ax: Axes3D, **colours: Any
 ) -> Any:
     """Draw polygons in 3D, each in the colour of its value."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
@@ -279,7 +280,7 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
+def box_in_space(places: Floats, ax: Axes3D, zoom: float = 0.82) -> None:
     """Set the limits of axes in 3D, with equal scales."""
     low, high = places.min(axis=0), places.max(axis=0)
     # A flat box would not be visible.
@@ -327,7 +328,7 @@ def _forces(
     frame: Floats,
     extent: float,
     longest: float | None,
-    ax: Any,
+    ax: Axes,
 ) -> tuple[Floats, float]:
     """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, frame)
@@ -364,7 +365,7 @@ def _forces(
     return np.asarray(at - arrows), largest
 
 
-def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
+def _obstacles(model: Assembly, found: Step, scale: float, ax: Axes) -> Floats:
     """Draw rigid obstacles opposite to the contacts; return corners ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
@@ -407,7 +408,7 @@ def _limits(
     tails: Floats,
     bands: Floats,
     near: float | None,
-    ax: Any,
+    ax: Axes,
 ) -> None:
     if near is not None:
         x = places[model.contact_dofs[:, 0] // model.dim]
@@ -426,7 +427,7 @@ def _limits(
         _show(low - margin, high + margin, ax)
 
 
-def _show(low: Floats, high: Floats, ax: Any) -> None:
+def _show(low: Floats, high: Floats, ax: Axes) -> None:
     """Show the part between two corners."""
     if len(low) == 3:
         box_in_space(np.stack([low, high]), ax)

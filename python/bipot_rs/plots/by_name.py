@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from bipot_rs.plots.surface import QUANTITIES, slip, status_map, surface_map
 from bipot_rs.plots.surface_plane import is_plane
 from bipot_rs.plots.wear import both
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 # Quantities of flat maps that have no function of their own.
 _MAPS = ("pressure", "shear", "gap")
 
@@ -43,7 +46,7 @@ class Kind:
         The quantity that it draws, if it can draw several.
     """
 
-    draw: Callable[..., Any]
+    draw: Callable[..., Axes]
     bodies: bool = False
     quantity: str | None = None
 
@@ -51,7 +54,7 @@ class Kind:
         """Whether the function has an argument of that name."""
         return name in signature(self.draw).parameters
 
-    def __call__(self, result: Any, model: Any = None, **options: Any) -> Any:
+    def __call__(self, result: object, model: object = None, **options: Any) -> Axes:
         """Draw the result, on its model if that is known."""
         given = [model, result] if self.bodies and model is not None else [result]
         if self.quantity is not None:
@@ -83,8 +86,8 @@ KINDS: Mapping[str, Kind] = (
 
 
 def plot(
-    result: Any, kind: str | None = None, *, model: Any = None, **options: Any
-) -> Any:
+    result: object, kind: str | None = None, *, model: object = None, **options: Any
+) -> Axes:
     """Draw a picture by its name.
 
     Parameters
@@ -113,8 +116,8 @@ def plot(
 
 
 def chosen(
-    result: Any, kind: str | None, model: Any, options: Mapping[str, Any]
-) -> tuple[Kind, Any]:
+    result: object, kind: str | None, model: object, options: Mapping[str, Any]
+) -> tuple[Kind, object]:
     """The picture of a name, and the model of the result; errors name what is wrong."""
     name = _usual(result, options) if kind is None else kind
     if name not in KINDS:
@@ -138,7 +141,7 @@ def chosen(
     return found, model
 
 
-def _usual(result: Any, options: Mapping[str, Any]) -> str:
+def _usual(result: object, options: Mapping[str, Any]) -> str:
     """The picture of a result if none is named."""
     known = {k: options[k] for k in ("step", "contacts", "where") if k in options}
     path = result if isinstance(result, Result) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ _NAMED = 6
 
 
 def convergence(
-    result: Any, *, step: int | None = None, ax: Axes | None = None
+    result: object, *, step: int | None = None, ax: Axes | None = None
 ) -> Axes:
     """Residual η over work in products with W, one point for each iteration.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +20,15 @@ from bipot_rs.mortar.pairs import Pairs
 from bipot_rs.plots.geometry import triangles
 from bipot_rs.scene.units import inconsistent
 
+if TYPE_CHECKING:
+    from bipot_rs.fem.assembly.assembly import Assembly
+    from bipot_rs.scene.builder import Model
+    from bipot_rs.scene.case import Case
+
 # The argument ``contacts``: a mapping with points and frames, or the model.
-Given = Mapping[str, Any] | Any
+Given = Mapping[str, Any] | object
+# What chooses contacts: all, or numbers.
+Chosen = slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,7 @@ class Contacts:
             for k in np.unique(self.surface)
         ]
 
-    def part(self, chosen: Any) -> Contacts:
+    def part(self, chosen: Chosen) -> Contacts:
         """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
         given = {name: getattr(self, name) for name in (*arrays, "wear", "surface")}
@@ -111,7 +118,7 @@ class Contacts:
         return np.asarray(found, np.float64)
 
 
-def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
+def contacts_of(found: object, given: Given | None) -> Mapping[str, Any]:
     """Data of the contacts: those of ``contacts=``, else those of the result."""
     if given is None:
         return found.contacts if isinstance(found, Result) else {}
@@ -132,23 +139,23 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
     return known | surface_labels(model)
 
 
-def model_of(given: Any) -> tuple[Any, Any]:
+def model_of(given: object) -> tuple[Assembly | None, Case | None]:
     """The `fem.Assembly` and, if there is one, the `Case` of an argument.
 
     The argument is a `fem.Assembly`, a `Case`, a `Model` (which is assembled) or a
     `ModelResult`; (None, None) for anything else.
     """
     if hasattr(given, "contact_dofs"):
-        return given, None
-    case = getattr(given, "case", None)
+        return cast("Assembly", given), None
+    case: Case | None = getattr(given, "case", None)
     if case is None and hasattr(given, "parameter") and hasattr(given, "model"):
-        case = given
+        case = cast("Case", given)
     if case is None and hasattr(type(given), "assemble"):
-        case = given.assemble()
+        case = cast("Model", given).assemble()
     return (None, None) if case is None else (case.model, case)
 
 
-def drawn_model(given: Any) -> tuple[Any, Any]:
+def drawn_model(given: object) -> tuple[Assembly, Case | None]:
     """As `model_of`; a `TypeError` if there is no model."""
     model, case = model_of(given)
     if model is None:
@@ -156,7 +163,7 @@ def drawn_model(given: Any) -> tuple[Any, Any]:
     return model, case
 
 
-def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
+def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
     known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
     if not isinstance(known, Mapping):
@@ -168,7 +175,7 @@ def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
     return known
 
 
-def steps_of(found: Any) -> Result:
+def steps_of(found: object) -> Result:
     """The `Result` itself; an error if it is something else, or has no steps."""
     if not isinstance(found, Result):
         raise mistyped("result", found, "a Result")
@@ -177,7 +184,7 @@ def steps_of(found: Any) -> Result:
     return found
 
 
-def one_step(found: Any, step: int) -> Solution:
+def one_step(found: object, step: int) -> Solution:
     """A step of a result, or the solution itself."""
     if isinstance(found, Solution):
         return found
@@ -188,7 +195,7 @@ def one_step(found: Any, step: int) -> Solution:
     return solution
 
 
-def number_of(found: Any, step: int) -> tuple[int, int] | None:
+def number_of(found: object, step: int) -> tuple[int, int] | None:
     """Index of a step of a `Result` on the whole path, and its length; None for a step."""
     if not isinstance(found, Result):
         return None
@@ -196,7 +203,7 @@ def number_of(found: Any, step: int) -> tuple[int, int] | None:
     return (step if step < 0 else found.first_step + step) % count, count
 
 
-def said_of(found: Any, step: int) -> str:
+def said_of(found: object, step: int) -> str:
     """``load step 3 of 8``; empty for a path of one step."""
     number = number_of(found, step)
     if number is None or number[1] == 1:
@@ -205,7 +212,7 @@ def said_of(found: Any, step: int) -> str:
 
 
 def look(
-    found: Any,
+    found: object,
     step: int = -1,
     *,
     contacts: Given | None = None,
@@ -281,7 +288,7 @@ def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
     return None if given is None else triangles.checked(given, contacts)
 
 
-def numbers(chosen: Any, contacts: int) -> NDArray[np.intp]:
+def numbers(chosen: Chosen, contacts: int) -> NDArray[np.intp]:
     """Numbers of the contacts that a slice, a mask or numbers choose."""
     found: NDArray[np.intp] = np.arange(contacts)[chosen]
     return found
@@ -302,7 +309,7 @@ def selection(
     where: ArrayLike | str | None,
     contacts: int,
     known: Mapping[str, Any] = MappingProxyType({}),
-) -> Any:
+) -> Chosen:
     """Contacts chosen by a mask, by numbers or by the name of a surface; default all."""
     if where is None:
         return slice(None)

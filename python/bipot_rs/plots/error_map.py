@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.plots.body import cells_in_plane, facets_in_space
 from bipot_rs.plots.geometry.boundary_facets import skin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
 
 # Range of the colours, relative to the mean element. A mesh is best for its size when all
 # elements have about the same error.
@@ -52,7 +55,7 @@ def error_map(
 
 
 def draw(
-    figure: Any,
+    figure: Figure | SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     energies: Floats,
@@ -79,7 +82,7 @@ def draw(
 
 
 def _plane(
-    figure: Any,
+    figure: Figure | SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     share: Floats,
@@ -110,7 +113,7 @@ def _plane(
 
 
 def _space(
-    figure: Any,
+    figure: Figure | SubFigure,
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     share: Floats,

@@ -24,7 +24,7 @@ _MARKERS = 60
 
 
 def tractions(
-    result: Any,
+    result: object,
     *,
     step: int = -1,
     along: ArrayLike | str | None = None,
@@ -175,7 +175,7 @@ def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
 
 
 def _legend(
-    ax: Any, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
+    ax: Axes, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
 ) -> None:
     """Legend of lines and statuses above the axes, filled column by column."""
     zones = style.status_handles(seen.status)
@@ -291,7 +291,7 @@ def _edges(s: Floats) -> Floats:
 
 
 def strips(
-    ax: Any, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
+    ax: Axes, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
 ) -> None:
     """Draw strips of statuses at the bottom of the axes, one for each surface."""
     lines = [(name, one) for name, one in lines if one.once]
@@ -303,9 +303,14 @@ def strips(
     for k, (_, one) in enumerate(lines):
         _strip(ax, one.s, status[one.order], (k * high, (k + 1) * high))
         if len(lines) > 1:
-            edge = {"transform": ax.get_xaxis_transform(), "scaley": False}
-            ends = [one.s[0], one.s[-1]]
-            ax.plot(ends, [k * high] * 2, color=style.cycle(k), lw=2, **edge)
+            ax.plot(
+                [one.s[0], one.s[-1]],
+                [k * high] * 2,
+                color=style.cycle(k),
+                lw=2,
+                transform=ax.get_xaxis_transform(),
+                scaley=False,
+            )
     first = min(one.s[0] for _, one in lines)
     last = max(one.s[-1] for _, one in lines)
     if last > first:
@@ -313,7 +318,7 @@ def strips(
 
 
 def _strip(
-    ax: Any, s: Floats, status: NDArray[np.integer[Any]], rows: tuple[float, float]
+    ax: Axes, s: Floats, status: NDArray[np.integer[Any]], rows: tuple[float, float]
 ) -> None:
     from matplotlib.collections import PolyCollection
 

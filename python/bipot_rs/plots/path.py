@@ -39,7 +39,7 @@ _MARKERS = 80
 
 
 def resultants(
-    result: Any,
+    result: object,
     *,
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
@@ -106,7 +106,7 @@ def _of_surface(
     reaction: Floats,
     frame: Floats | None,
     mu: Floats | None,
-    ax: Any,
+    ax: Axes,
     colour: str | None,
 ) -> None:
     """Draw the lines of one surface; ``colour`` replaces the default colours."""
@@ -131,8 +131,15 @@ def _of_surface(
         number, drag, ls="--", color=colour or canvas.SHEAR, label=names[1], **style
     )
     if limit is not None:
-        band = {"color": colour or canvas.LIMIT, "alpha": 0.15, "lw": 0}
-        ax.fill_between(number, least * limit, limit, label=names[2], **band)
+        ax.fill_between(
+            number,
+            least * limit,
+            limit,
+            label=names[2],
+            color=colour or canvas.LIMIT,
+            alpha=0.15,
+            lw=0,
+        )
     if force is not None and colour is None:
         looks = ("-", "--", ":")
         for name, values, ls in zip("xyz", force.T, looks, strict=False):
@@ -141,7 +148,7 @@ def _of_surface(
             )
 
 
-def _name_surfaces(names: Sequence[str], ax: Any, curved: bool, limited: bool) -> None:
+def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -159,7 +166,7 @@ def _name_surfaces(names: Sequence[str], ax: Any, curved: bool, limited: bool) -
 
 
 def status_shares(
-    result: Any,
+    result: object,
     *,
     where: ArrayLike | str | None = None,
     ax: Axes | None = None,
@@ -200,7 +207,7 @@ def status_shares(
 
 
 def force_displacement(
-    result: Any,
+    result: object,
     displacement: ArrayLike | None = None,
     *,
     name: str | None = None,
@@ -266,7 +273,7 @@ def force_displacement(
 
 
 def dissipation(
-    result: Any, *, units: Mapping[str, str] | None = None, ax: Axes | None = None
+    result: object, *, units: Mapping[str, str] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Work of friction in each step, and accumulated from the beginning of the path.
 

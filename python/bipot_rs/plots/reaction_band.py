@@ -82,7 +82,7 @@ def reaction_band(
     return ax
 
 
-def _draw(ax: Any, s: Floats, least: Floats, found: Floats, largest: Floats) -> None:
+def _draw(ax: Axes, s: Floats, least: Floats, found: Floats, largest: Floats) -> None:
     values = np.concatenate([least, found, largest])
     values = np.append(values[np.isfinite(values)], 0.0)
     beyond = _BEYOND * (float(np.ptp(values)) or 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -17,6 +17,9 @@ from bipot_rs.plots.path import resultants, status_shares
 from bipot_rs.plots.space import draw_space
 from bipot_rs.plots.surface import draw_map, draw_status
 from bipot_rs.plots.surface_plane import is_plane
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
 
 # Up to this many surfaces have separate maps; more are drawn together.
 _ROWS = 4
@@ -93,7 +96,7 @@ def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 
 
-def _maps(figure: Any, seen: Contacts) -> None:
+def _maps(figure: Figure | SubFigure, seen: Contacts) -> None:
     """Draw contact on a flat surface: maps of pressure, shear with direction, status."""
     left, middle, right = figure.subplots(1, 3)
     draw_map(seen, "pressure", left)
@@ -103,7 +106,7 @@ def _maps(figure: Any, seen: Contacts) -> None:
         ax.set_ylabel("")
 
 
-def _facets(figure: Any, seen: Contacts) -> None:
+def _facets(figure: Figure | SubFigure, seen: Contacts) -> None:
     """Draw contact on other surfaces: their facets in 3D, or dots if they are unknown."""
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):

@@ -29,7 +29,7 @@ _RISES, _FALLS = "#b2182b", "#2166ac"
 
 
 def sensitivity(
-    gradient: Any,
+    gradient: object,
     by: str = "mu",
     *,
     of: str = "number",
@@ -122,7 +122,7 @@ def _draw_line(
     values: Floats,
     marked: Bools,
     label: tuple[str, str | None],
-    ax: Any,
+    ax: Axes,
 ) -> None:
     """Draw the derivatives along each surface, filled from zero by their sign."""
     lines, name = lines_of(seen, along)
@@ -151,7 +151,7 @@ def _draw_map(
     values: Floats,
     marked: Bools,
     label: tuple[str, str | None],
-    ax: Any,
+    ax: Axes,
 ) -> None:
     """Draw the derivatives on a flat surface, by colours symmetric about zero."""
     uv, names = plane_of(seen)
@@ -172,7 +172,7 @@ def _draw_map(
         style.note(ax, seen.said)
 
 
-def _contours(image: Any, largest: float, ax: Any) -> None:
+def _contours(image: Any, largest: float, ax: Axes) -> None:
     """Draw lines at thirds of the range, dashed if negative: in grey both signs are dark."""
     values = np.ma.masked_invalid(image.get_array())
     levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
@@ -184,7 +184,7 @@ def _contours(image: Any, largest: float, ax: Any) -> None:
         )
 
 
-def _rings(ax: Any, x: Floats, y: Floats, marked: Bools) -> None:
+def _rings(ax: Axes, x: Floats, y: Floats, marked: Bools) -> None:
     """Mark the contacts whose derivative is one-sided."""
     if marked.any():
         look: dict[str, Any] = {"facecolors": "none", "edgecolors": "black", "s": 30}

@@ -19,14 +19,16 @@ from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 
 if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+
     from bipot_rs.fem.assembly.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
 
 
 def surface3d(
-    model: Any,
-    result: Any = None,
+    model: object,
+    result: object = None,
     quantity: str = "pressure",
     *,
     step: int = -1,
@@ -124,12 +126,12 @@ def _zones(status: Floats, parts: list[Ints]) -> list[Floats]:
 def draw_space(
     seen: Contacts,
     quantity: str,
-    ax: Any,
-    model: Any = None,
+    ax: Axes3D,
+    model: Assembly | None = None,
     arrows: bool = False,
     limits: tuple[float, float] | None = None,
     **bar: Any,
-) -> Any:
+) -> Axes3D:
     """Draw `surface3d` by matplotlib into existing axes.
 
     Parameters
@@ -185,7 +187,7 @@ def draw_space(
 
 
 def _slip(
-    seen: Contacts, places: Floats, ax: Any, limits: tuple[float, float] | None
+    seen: Contacts, places: Floats, ax: Axes3D, limits: tuple[float, float] | None
 ) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
@@ -206,7 +208,7 @@ def _slip(
     ax.computed_zorder = False
 
 
-def _outline(model: Assembly, ax: Any) -> None:
+def _outline(model: Assembly, ax: Axes3D) -> None:
     """Draw the sharp edges of the bodies."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Line3DCollection,
@@ -216,7 +218,7 @@ def _outline(model: Assembly, ax: Any) -> None:
     ax.add_collection3d(Line3DCollection(lines, colors=style.QUIET, linewidths=0.7))
 
 
-def sharp_edges(model: Assembly) -> Any:
+def sharp_edges(model: Assembly) -> Ints:
     """Edges ``(m, 2)`` of the boundary at which it turns by 30 degrees or more."""
     found = []
     for facets, _ in skin(model.cells):

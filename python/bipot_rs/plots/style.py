@@ -19,8 +19,11 @@ from bipot_rs.files import fields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 # Colours of the statuses open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
@@ -63,7 +66,12 @@ def axes_of(
     return ax
 
 
-def range_of(limits: Any) -> tuple[float, float] | None:
+def figure_of(ax: Axes) -> Figure:
+    """The whole figure of axes."""
+    return ax.figure.figure
+
+
+def range_of(limits: object) -> tuple[float, float] | None:
     """The argument ``limits``: two ascending numbers, or None."""
     if limits is None:
         return None
@@ -78,7 +86,7 @@ def label(name: str, unit: str | None) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def name_axis(axis: Any, name: str, unit: str | None) -> None:
+def name_axis(axis: Axis, name: str, unit: str | None) -> None:
     """Label an axis, if necessary with a power of 1000 before the unit.
 
     Otherwise ticks would be long, or matplotlib would write the power over a legend. Call
@@ -99,7 +107,7 @@ def name_axis(axis: Any, name: str, unit: str | None) -> None:
     axis.set_label_text(label(name, unit))
 
 
-def name_axes(ax: Any, dim: int, unit: str | None) -> None:
+def name_axes(ax: Axes, dim: int, unit: str | None) -> None:
     """Label the axes of coordinates."""
     for name in "xyz"[:dim]:
         name_axis(getattr(ax, f"{name}axis"), name, unit)
@@ -107,7 +115,7 @@ def name_axes(ax: Any, dim: int, unit: str | None) -> None:
 
 def colour_bar(
     image: Any,
-    ax: Any,
+    ax: Axes,
     name: str,
     unit: str | None,
     *,
@@ -173,30 +181,31 @@ def surface_handles(names: Iterable[str]) -> list[Any]:
     ]
 
 
-def fit(ax: Any) -> None:
+def fit(ax: Axes) -> None:
     """Fit the height of a figure to one picture with equal scales in x and y."""
     wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
-    width, _ = ax.figure.get_size_inches()
+    figure = figure_of(ax)
+    width, _ = figure.get_size_inches()
     # Labels and the colour bar take 2 inches in width, labels 0.9 inches in height.
     inner = width - 2.0
     height = min(max(inner * high / wide, 2.0), 5.4)
-    ax.figure.set_size_inches(width, height + 0.9)
+    figure.set_size_inches(width, height + 0.9)
 
 
-def note(ax: Any, text: str) -> None:
+def note(ax: Axes, text: str) -> None:
     """Write a short text above the axes, on the left."""
     if text:
         ax.set_title(text, fontsize="small", loc="left")
 
 
-def say(ax: Any, text: str) -> None:
-    """Write a sentence into the middle of axes that show no values."""
-    place = {"ha": "center", "va": "center", "transform": ax.transAxes}
+def say(ax: Axes3D, text: str) -> None:
+    """Write a sentence into the middle of axes, in 2D or 3D, that show no values."""
+    place: dict[str, Any] = {"ha": "center", "va": "center"}
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     if ax.name == "3d":
-        ax.text2D(0.5, 0.97, text, **place)
+        ax.text2D(0.5, 0.97, text, transform=ax.transAxes, **place)
     else:
-        ax.text(0.5, 0.5, text, bbox=box, **place)
+        ax.text(0.5, 0.5, text, bbox=box, transform=ax.transAxes, **place)
 
 
 def blank() -> ListedColormap:
@@ -206,7 +215,7 @@ def blank() -> ListedColormap:
     return ListedColormap([COLOURS[0]])
 
 
-def legend_above(ax: Any, *, title: str = "", **more: Any) -> Any:
+def legend_above(ax: Axes, *, title: str = "", **more: Any) -> Any:
     """Add a legend above the axes, where it hides nothing, with a title."""
     if title:
         more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
@@ -233,12 +242,12 @@ def status_colours() -> dict[str, Any]:
     return {"cmap": ListedColormap(COLOURS), "vmin": 0, "vmax": 2}
 
 
-def bare(ax: Any) -> None:
+def bare(ax: Axes) -> None:
     """Remove the top and right lines of the frame."""
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def whole_numbers(axis: Any) -> None:
+def whole_numbers(axis: Axis) -> None:
     """Put ticks at whole numbers."""
     from matplotlib.ticker import MaxNLocator
 

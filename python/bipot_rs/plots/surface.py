@@ -45,7 +45,7 @@ _ARROWS = 14
 
 
 def surface_map(
-    result: Any,
+    result: object,
     quantity: str = "pressure",
     *,
     step: int = -1,
@@ -131,7 +131,7 @@ def draw_map(
     return ax
 
 
-def paint(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> Any:
+def paint(seen: Contacts, uv: Floats, values: Floats, ax: Axes, **colours: Any) -> Any:
     """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
 
     Contacts on no facet are dots.
@@ -143,11 +143,12 @@ def paint(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -
     return found
 
 
-def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Any, **colours: Any) -> None:
+def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Axes, **colours: Any) -> None:
     if seen.facets is not None:
         own = alone(seen.facets, len(uv))
         if own.size:
-            ax.scatter(*uv[own].T, c=values[own], s=9, lw=0, zorder=2, **colours)
+            u, v = uv[own].T
+            ax.scatter(u, v, c=values[own], s=9, lw=0, zorder=2, **colours)
 
 
 def surface_triangles(seen: Contacts, uv: Floats) -> Ints:
@@ -218,7 +219,7 @@ def beyond(values: Floats, low: float, high: float) -> str:
 
 
 def status_map(
-    result: Any,
+    result: object,
     *,
     step: int | None = None,
     where: ArrayLike | str | None = None,
@@ -277,7 +278,7 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
 
 
 def slip(
-    result: Any,
+    result: object,
     *,
     step: int = -1,
     along: ArrayLike | str | None = None,
@@ -330,7 +331,7 @@ def slip(
 
 
 def finish(
-    seen: Contacts, uv: Floats, names: list[str], ax: Any, margin: float = 0.0
+    seen: Contacts, uv: Floats, names: list[str], ax: Axes, margin: float = 0.0
 ) -> None:
     """Set the limits and the labels of the axes of a map, with equal scales."""
     unit = seen.units.get("length")
@@ -347,7 +348,7 @@ def _arrows(
     seen: Contacts,
     uv: Floats,
     vector: Floats,
-    ax: Any,
+    ax: Axes,
     *,
     values: Floats | None = None,
     most: float = 1.0,

@@ -24,7 +24,7 @@ _CYCLES = 5
 
 
 def wear(
-    result: Any,
+    result: object,
     quantity: str = "depth",
     *,
     cycles: ArrayLike | None = None,
@@ -88,7 +88,7 @@ def wear(
 
 
 def both(
-    result: Any,
+    result: object,
     *,
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
@@ -109,7 +109,7 @@ def both(
     return axes
 
 
-def _ends(result: Any) -> Result:
+def _ends(result: object) -> Result:
     """The ends of cycles; an error if there are none."""
     found = result.ends if isinstance(result, Wear) else result
     path = steps_of(found)

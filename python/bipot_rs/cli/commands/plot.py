@@ -155,6 +155,7 @@ def draw(
     from bipot_rs.plots.animation import animate
     from bipot_rs.plots.by_name import KINDS, plot
     from bipot_rs.plots.run_figure import write_figure
+    from bipot_rs.plots.style import figure_of
 
     if kind not in KINDS:
         raise ValueError(
@@ -208,7 +209,7 @@ def draw(
         if kind == "tractions" and along is None:
             write_figure(target, result, title=title, **options)
             return target
-        figure = plot(result, kind, model=case, **options).figure
+        figure = figure_of(plot(result, kind, model=case, **options))
         if title:
             figure.suptitle(title)
         figure.savefig(target, dpi=150, bbox_inches="tight")

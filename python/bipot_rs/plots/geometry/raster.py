@@ -7,12 +7,15 @@ colour bar.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats, Ints
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Pixels along the longer side.
 _PIXELS = 600
@@ -117,7 +120,7 @@ class Raster:
         final = np.minimum(final, self.count[0] - 1)
         return which, row, first.astype(np.int64), final.astype(np.int64)
 
-    def show(self, image: Floats, ax: Any, **colours: Any) -> Any:
+    def show(self, image: Floats, ax: Axes, **colours: Any) -> Any:
         """Draw an image ``(rows, columns)`` into axes; NaN is left blank."""
         (left, low), (right, high) = self.low, self.low + self.count * self.width
         return ax.imshow(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +25,7 @@ _BRIDGE = 1.6
 _HALVES = 2.0
 
 
-def checked(facets: Any, contacts: int) -> Ints:
+def checked(facets: object, contacts: int) -> Ints:
     """Facets ``(m, k)`` of contacts; a `ValueError` says what is wrong.
 
     Parameters
