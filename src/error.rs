@@ -101,10 +101,9 @@ pub enum Error {
     FloatingBody { dof: usize },
     /// A stiffness whose rounding hides the energy of the softest motions.
     #[error(
-        "the stiffness K has too few digits: the energy of the softest motion of the body at \
-         degree of freedom {dof} is smaller than the rounding of the entries of K. Use longer \
-         and fewer elements, which are less slender. Give `coordinates`: with them, rigid \
-         motions are known exactly"
+        "it cannot be decided whether a motion at degree of freedom {dof} is free: K has too few \
+         digits, and the energy of this motion is smaller than the rounding of its entries. Add a \
+         support that holds it, or use less slender cells"
     )]
     FewDigits { dof: usize },
     /// Displacements that are not in equilibrium with the loads and the reactions.

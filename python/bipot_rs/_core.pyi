@@ -16,6 +16,7 @@ __all__ = [
     "ContactPath",
     "ContactTangent",
     "ContactVariables",
+    "Holding",
     "LinearisedLaws",
     "Path",
     "Primal",
@@ -29,7 +30,9 @@ __all__ = [
     "assess_step",
     "bodies",
     "build_profile",
+    "connected",
     "diagonal",
+    "dof_directions",
     "error_bound_of_step",
     "error_bounds",
     "follow",
@@ -39,10 +42,14 @@ __all__ = [
     "isotropic",
     "largest_friction_ratio",
     "largest_reaction",
+    "least_balanced",
     "least_work",
+    "most_loose_bodies",
     "project",
     "reduced_tangent",
+    "resisting_rows",
     "return_heap",
+    "rigid_motions",
     "stiffness",
     "sum_of_cells",
     "threads",
@@ -58,7 +65,9 @@ _Csr = tuple[_Indices, _Indices, _Floats]
 build_profile: Final[str]
 largest_friction_ratio: Final[float]
 largest_reaction: Final[float]
+least_balanced: Final[float]
 least_work: Final[float]
+most_loose_bodies: Final[int]
 version: Final[str]
 METHODS: Final[list[str]]
 
@@ -573,6 +582,64 @@ def bodies(
     body the work of shears, the least and the greatest coordinates, and the number of
     degrees of freedom, of all and of those without a support.
     """
+
+def connected(count: int, first: _Indices, second: _Indices) -> NDArray[np.int64]:
+    """The body of each of ``count`` nodes, of which pairs are coupled.
+
+    Bodies are numbered in the order of their first nodes.
+    """
+
+def dof_directions(places: _Floats, d: int) -> NDArray[np.int64]:
+    """The direction of each degree of freedom at ``places (n, 3)``.
+
+    0, 1, 2 is a displacement along x, y, z; 3, 4, 5 a rotation about x, y, z; -1 means that
+    the places do not tell. Degrees of freedom at one point are, in ascending order, the
+    displacements of a node, then its rotations if there are as many as in a beam or a shell.
+    If nodes of several bodies are at one point, consecutive numbers belong to one node.
+    """
+
+def rigid_motions(
+    direction: NDArray[np.int64], arm: _Floats, d: int, reach: float
+) -> _Floats:
+    """Rigid motions of degrees of freedom at ``arm (n, 3)`` from the centre, ``(n, m)``.
+
+    Translations by 1 along the axes, then rotations over ``reach``: ``m`` is 3 in the plane
+    and 6 in space. An unknown direction gives zeros.
+    """
+
+def resisting_rows(
+    rows: _Csr, motions: _Floats, wanted: _Indices
+) -> tuple[NDArray[np.int64], _Floats, bool]:
+    """The rows of `K` among those ``wanted`` that resist rigid motions.
+
+    Their numbers; the forces relative to the terms of each row, ``(rows, m)``; and whether
+    some are neither rounding nor those of a spring. ``motions (n, m)`` are those at all
+    columns of the rows.
+    """
+
+@final
+class Holding:
+    """What holds some bodies with ``m`` motions each, as rows in the amounts of the motions."""
+
+    def __new__(cls, bodies: int, motions: int) -> Holding:
+        """Bodies that nothing holds."""
+    def hold(self, body: _Indices, rows: _Floats) -> None:
+        """Add rows ``(k, m)``, each with its body."""
+    def hold_rotations(self, bodies: _Indices, translations: int) -> None:
+        """Bodies of one node, which has no rotations: later motions move nothing."""
+    @property
+    def triangles(self) -> _Floats:
+        """Rows with the same meaning as those of each body, ``(bodies, m, m)``."""
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Whether no motion of each body is free."""
+    def join(self, bodies: _Indices) -> Holding:
+        """Some bodies as one, with the motions of each after those of the one before."""
+    def free_motions(self, body: int, accuracy: float) -> _Floats:
+        """Amounts of the free motions of a body, orthonormal rows ``(k, m)``.
+
+        ``accuracy`` is that of the rows that hold the body.
+        """
 
 def diagonal(stiffness: _Csr, num_threads: int | None = None) -> _Floats:
     """The diagonal of `K`, whose columns ascend in each row."""

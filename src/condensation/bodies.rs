@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::body::{Body, Imbalance, Recovered};
 use crate::condensation::forecast::Forecast;
-use crate::condensation::sparse::OwnedMatrix;
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::memory::Budget;
 use crate::reduced::validate::{check_finite, check_length};
 
@@ -169,9 +169,8 @@ impl Bodies {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
         for body in &self.list {
             for (local, &dof) in body.dofs().iter().enumerate() {
-                // The unit is a power of two, so the digits are those of the caller.
-                let entries = body.stiffness.entries(local);
-                rows[dof].extend(entries.map(|(j, k)| (body.dofs()[j], k / body.unit())));
+                let entries = body.row_of_stiffness(local);
+                rows[dof].extend(entries.map(|(j, k)| (body.dofs()[j], k)));
             }
         }
         for (p, &dof) in self.fixed().iter().enumerate() {
@@ -386,7 +385,7 @@ impl Bodies {
             ..Stats::default()
         };
         for body in &self.list {
-            let counts = body.counts();
+            let counts = body.ordered().counts();
             stats.nnz_factor += counts.nnz_factor;
             stats.flops += counts.flops;
             stats.bytes_factor += counts.bytes_factor;
@@ -400,7 +399,11 @@ impl Bodies {
         stats.seconds_factor = self.seconds[0];
         stats.seconds_compliance = self.seconds[1];
         stats.bodies = self.list.len();
-        stats.orderings = self.list.iter().filter(|body| body.ordered()).count();
+        stats.orderings = self
+            .list
+            .iter()
+            .filter(|body| body.ordered().was_ordered)
+            .count();
         let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
         stats.cond_s = most(Body::condition);
         stats.amplification = most(Body::amplification);

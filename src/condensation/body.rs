@@ -1,18 +1,17 @@
 //! One condensed body: a connected component of the free part of the stiffness.
 
-use std::sync::Arc;
+use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::OwnedMatrix;
+use crate::condensation::contact_stiffness::ContactStiffness;
+use crate::condensation::ordered::OrderedBody;
 use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
 use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
-use crate::linalg::sparse::symbolic::{Counts, Symbolic};
 
 /// If the error of `W` may exceed this many ε, it has lost the digits that the certificate
 /// needs: steps then use `v` from `K`.
@@ -70,49 +69,57 @@ impl Imbalance {
     }
 }
 
+/// The eliminated unknowns of a body.
+#[derive(Debug)]
+pub enum Interior {
+    Factored(Factor),
+    /// All loads were given in advance: their kept parts, condensed.
+    OfKnownLoads(Vec<Vec<f64>>),
+}
+
 /// One body.
 #[derive(Debug)]
 pub struct Body {
-    /// Its degrees of freedom in the numbering of the caller.
-    pub(super) dofs: Vec<usize>,
-    /// `unit K`.
-    pub(super) stiffness: OwnedMatrix,
-    /// A power of two that makes the stiffness of order one: square roots of pivots then round
-    /// equally in all units that differ by powers of two.
-    pub(super) unit: f64,
-    /// The unknowns of `S`, as local numbers.
-    pub(super) kept: Vec<usize>,
+    ordered: OrderedBody,
     /// Index among the kept unknowns of each degree of freedom; `u32::MAX` for others.
-    pub(super) place: Vec<u32>,
-    /// The positions of its degrees of freedom in space, if known.
-    pub(super) places: Option<Vec<[f64; 3]>>,
-    /// The geometry of all degrees of freedom, from which rigid motions follow.
-    pub(super) geometry: Option<Arc<Geometry>>,
-    pub(super) symbolic: Arc<Symbolic>,
-    /// Whether it was ordered.
-    pub(super) ordered: bool,
-    /// `None` if all loads were given in advance.
-    pub(super) factor: Option<Factor>,
-    /// The kept part of these loads, condensed.
-    pub(super) known: Vec<Vec<f64>>,
-    /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
-    pub(super) cholesky: Vec<f64>,
-    /// Orthonormal rigid motions `R` on the contact set.
-    pub(super) modes: Vec<Vec<f64>>,
-    /// The same motions on all its degrees of freedom, `Z`.
-    pub(super) motions: Vec<Vec<f64>>,
-    pub(super) inverse: Vec<f64>,
-    pub(super) condition: f64,
-    pub(super) amplification: f64,
+    place: Vec<u32>,
+    contact: ContactStiffness,
+    interior: Interior,
     /// Seconds until S, and after it.
-    pub(super) seconds: [f64; 2],
+    seconds: [f64; 2],
 }
 
 impl Body {
+    /// Takes the time at which its condensation began, and that at which S was made.
+    pub(super) fn new(
+        ordered: OrderedBody,
+        contact: ContactStiffness,
+        interior: Interior,
+        [begin, until_s]: [Instant; 2],
+    ) -> Self {
+        let mut place = vec![u32::MAX; ordered.dofs.len()];
+        for (k, &i) in (0_u32..).zip(&ordered.kept) {
+            place[i] = k;
+        }
+        Self {
+            ordered,
+            place,
+            contact,
+            interior,
+            seconds: [until_s - begin, until_s.elapsed()].map(|time| time.as_secs_f64()),
+        }
+    }
+
+    /// What it was before its factorisation.
+    #[must_use]
+    pub fn ordered(&self) -> &OrderedBody {
+        &self.ordered
+    }
+
     /// Number of unknowns of `S`.
     #[must_use]
     pub fn kept(&self) -> usize {
-        self.kept.len()
+        self.ordered.kept.len()
     }
 
     /// Index among the kept unknowns of a local degree of freedom.
@@ -125,32 +132,46 @@ impl Body {
     /// Its degrees of freedom in the numbering of the caller.
     #[must_use]
     pub fn dofs(&self) -> &[usize] {
-        &self.dofs
+        self.ordered.dofs()
+    }
+
+    /// The entries of a row of `K`, by local degrees of freedom. The unit is a power of two, so
+    /// that the digits are those of the caller.
+    pub fn row_of_stiffness(&self, dof: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let entries = self.ordered.stiffness.entries(dof);
+        entries.map(|(j, k)| (j, k / self.ordered.unit))
     }
 
     /// The power of two by which its stiffness is multiplied.
     #[must_use]
     pub fn unit(&self) -> f64 {
-        self.unit
+        self.ordered.unit
     }
 
     /// The largest stiffness on the diagonal of K at some local degrees of freedom.
     #[must_use]
     pub fn stiffest(&self, dofs: impl Iterator<Item = usize>) -> f64 {
-        let of = |i| self.stiffness.diagonal(i) / self.unit;
+        let of = |i| self.ordered.stiffness.diagonal(i) / self.unit();
         dofs.map(of).fold(0.0, f64::max)
     }
 
     /// The factor, unless it was dropped.
     #[must_use]
     pub fn factor(&self) -> Option<&Factor> {
-        self.factor.as_ref()
+        match &self.interior {
+            Interior::Factored(factor) => Some(factor),
+            Interior::OfKnownLoads(_) => None,
+        }
+    }
+
+    fn require_factor(&self) -> Result<&Factor, Error> {
+        self.factor().ok_or(Error::FactorDropped)
     }
 
     /// A rigid motion of all its degrees of freedom.
     #[must_use]
     pub fn motion(&self, motion: usize) -> &[f64] {
-        &self.motions[motion]
+        &self.contact.motions.whole[motion]
     }
 
     /// Seconds until S, and after it.
@@ -159,47 +180,33 @@ impl Body {
         self.seconds
     }
 
-    /// The cost of the factorisation.
-    #[must_use]
-    pub fn counts(&self) -> &Counts {
-        self.symbolic.counts()
-    }
-
-    /// Whether it was ordered, because no analysis of its pattern was known.
-    #[must_use]
-    pub fn ordered(&self) -> bool {
-        self.ordered
-    }
-
     /// Number of rigid motions that its supports leave free.
     #[must_use]
     pub fn motions(&self) -> usize {
-        self.modes.len()
+        self.contact.motions.kept.len()
     }
 
     /// Condition number of `S + α R Rᵀ` in the 1-norm.
     #[must_use]
     pub fn condition(&self) -> f64 {
-        self.condition
+        self.contact.condition
     }
 
-    /// Bound of the error of `W`, in ε: the condition number, or more if `S` is a small
-    /// difference of large entries of `K`, as for flat elements at the contact, or if the
-    /// interior rests on much softer parts.
+    /// Bound of the error of `W`, in ε: [`ContactStiffness`].
     #[must_use]
     pub fn amplification(&self) -> f64 {
-        self.amplification
+        self.contact.amplification
     }
 
     /// `(S + α R Rᵀ)⁻¹ / unit`, moved out with this unit: it is needed once.
     pub fn take_inverse(&mut self) -> (Vec<f64>, f64) {
-        (std::mem::take(&mut self.inverse), self.unit)
+        (std::mem::take(&mut self.contact.inverse), self.unit())
     }
 
     /// The degree of freedom with the largest displacement in a rigid motion.
     #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
-        let mode = &self.modes[motion];
+        let mode = &self.contact.motions.kept[motion];
         let most = (0..mode.len()).fold(0, |best, k| {
             if mode[k].abs() > mode[best].abs() {
                 k
@@ -207,14 +214,15 @@ impl Body {
                 best
             }
         });
-        self.dofs[self.kept[most]]
+        self.dofs()[self.ordered.kept[most]]
     }
 
     /// Amounts of its rigid motions in a rigid displacement of all degrees of freedom.
     #[must_use]
     pub fn motion_amounts(&self, u: &[f64]) -> Vec<f64> {
-        let kept: Vec<f64> = self.kept.iter().map(|&i| u[self.dofs[i]]).collect();
-        let modes = self.modes.iter();
+        let kept = self.ordered.kept.iter();
+        let kept: Vec<f64> = kept.map(|&i| u[self.dofs()[i]]).collect();
+        let modes = self.contact.motions.kept.iter();
         modes.map(|mode| dot_long(mode, &kept)).collect()
     }
 
@@ -223,12 +231,12 @@ impl Body {
     /// for a force with its number among those given in advance.
     #[must_use]
     pub fn condense(&self, force: &[f64], known: Option<usize>) -> Vec<f64> {
-        let mut local = self.scaled(force);
-        match (&self.factor, known) {
-            (Some(factor), _) => factor.condense(&mut local, 1),
-            (None, known) => {
-                let known = known.map_or(&[][..], |k| &self.known[k]);
-                for (&i, value) in self.kept.iter().zip(known) {
+        let mut local = self.ordered.scale_forces(force);
+        match &self.interior {
+            Interior::Factored(factor) => factor.condense(&mut local, 1),
+            Interior::OfKnownLoads(loads) => {
+                let load = known.map_or(&[][..], |k| &loads[k]);
+                for (&i, value) in self.ordered.kept.iter().zip(load) {
                     local[i] = *value;
                 }
             }
@@ -236,24 +244,15 @@ impl Body {
         local
     }
 
-    /// The part of forces on all degrees of freedom on this body, in its unit.
-    fn scaled(&self, force: &[f64]) -> Vec<f64> {
-        self.dofs.iter().map(|&i| self.unit * force[i]).collect()
-    }
-
-    fn contact_part(&self, local: &[f64]) -> Vec<f64> {
-        self.kept.iter().map(|&i| local[i]).collect()
-    }
-
     /// `e = Zᵀ f` of a load on all degrees of freedom. It is equal to `Rᵀ f_c`, because
     /// `K Z = 0`, without the rounding of a soft interior. Prescribed displacements do no work
     /// on rigid motions.
     #[must_use]
     pub fn rigid_load(&self, load: &[f64]) -> Vec<f64> {
-        if self.motions.is_empty() {
+        if self.motions() == 0 {
             return Vec::new();
         }
-        let own: Vec<f64> = self.dofs.iter().map(|&i| load[i]).collect();
+        let own: Vec<f64> = self.dofs().iter().map(|&i| load[i]).collect();
         let of_motion = |motion: &Vec<f64>| {
             let work = compensated::dot(motion, &own).value();
             let terms: f64 = motion.iter().zip(&own).map(|(m, f)| (m * f).abs()).sum();
@@ -264,13 +263,13 @@ impl Body {
                 work
             }
         };
-        self.motions.iter().map(of_motion).collect()
+        self.contact.motions.whole.iter().map(of_motion).collect()
     }
 
     /// `(S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
     #[must_use]
     pub fn free_displacement(&self, condensed: &[f64]) -> Vec<f64> {
-        let mut u = self.contact_part(condensed);
+        let mut u = self.ordered.at_contacts(condensed);
         self.balance(&mut u);
         self.solve_contact(&mut u, 1);
         u
@@ -278,7 +277,7 @@ impl Body {
 
     /// `f ← (I − R Rᵀ) f`.
     fn balance(&self, f: &mut [f64]) {
-        for mode in &self.modes {
+        for mode in &self.contact.motions.kept {
             let along = dot_long(mode, f);
             for (value, m) in f.iter_mut().zip(mode) {
                 *value -= along * m;
@@ -287,13 +286,13 @@ impl Body {
     }
 
     fn solve_contact(&self, f: &mut [f64], columns: usize) {
-        dense::solve_lower(&self.cholesky, self.kept.len(), f, columns);
-        dense::solve_lower_transpose(&self.cholesky, self.kept.len(), f, columns);
+        dense::solve_lower(&self.contact.cholesky, self.kept(), f, columns);
+        dense::solve_lower_transpose(&self.contact.cholesky, self.kept(), f, columns);
     }
 
     /// `f ← L⁻¹ f` for columns of forces on the kept unknowns, `L Lᵀ = S + α R Rᵀ`.
     pub fn half_solve_contact(&self, f: &mut [f64], columns: usize) {
-        dense::solve_lower(&self.cholesky, self.kept.len(), f, columns);
+        dense::solve_lower(&self.contact.cholesky, self.kept(), f, columns);
     }
 
     /// The displacements of this body, one column for each step: free part, reactions and rigid
@@ -312,16 +311,19 @@ impl Body {
         const MOST: usize = 30;
         /// Displacements of contacts may be this much smaller than the largest one.
         const FINE: f64 = 1e-8;
-        let (n, count) = (self.dofs.len(), rigid.len());
-        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
-        let mut forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
+        let (n, count) = (self.dofs().len(), rigid.len());
+        let factor = self.require_factor()?;
+        let mut forces: Vec<f64> = forces
+            .iter()
+            .flat_map(|f| self.ordered.scale_forces(f))
+            .collect();
         let mut u = self.response(factor, &forces, Some(pushes), rigid);
         for (f, p) in forces.iter_mut().zip(pushes) {
             *f += p;
         }
         // If contacts of a slender body hardly move, the rounding of its displacements is large
         // relative to theirs.
-        let fine = self.amplification > DIGITS;
+        let fine = self.amplification() > DIGITS;
         let mut low = vec![0.0; u.len()];
         let column = |k: usize| k * n..(k + 1) * n;
         let mut left = vec![Imbalance::default(); count];
@@ -387,11 +389,14 @@ impl Body {
         pushes: &[f64],
         rigid: &[&[f64]],
     ) -> Result<Recovered, Error> {
-        if self.amplification > DIGITS {
+        if self.amplification() > DIGITS {
             return self.displacements(forces, pushes, rigid);
         }
-        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
-        let forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
+        let factor = self.require_factor()?;
+        let forces: Vec<f64> = forces
+            .iter()
+            .flat_map(|f| self.ordered.scale_forces(f))
+            .collect();
         Ok(Recovered {
             u: self.response(factor, &forces, Some(pushes), rigid),
             low: Vec::new(),
@@ -402,10 +407,16 @@ impl Body {
     /// `f − K u` without its rigid part, which contact balances up to the tolerance, and its
     /// size.
     fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Imbalance) {
-        let (mut rest, size) = self.stiffness.residual_and_size(u, low, force);
-        let work: Vec<f64> = self.motions.iter().map(|z| dot_long(z, &rest)).collect();
-        for (mode, work) in self.modes.iter().zip(&work) {
-            for (&i, m) in self.kept.iter().zip(mode) {
+        let (mut rest, size) = self.ordered.stiffness.residual_and_size(u, low, force);
+        let work: Vec<f64> = self
+            .contact
+            .motions
+            .whole
+            .iter()
+            .map(|z| dot_long(z, &rest))
+            .collect();
+        for (mode, work) in self.contact.motions.kept.iter().zip(&work) {
+            for (&i, m) in self.ordered.kept.iter().zip(mode) {
                 rest[i] -= work * m;
             }
         }
@@ -423,7 +434,7 @@ impl Body {
         let forces = norm(force);
         let left = Imbalance {
             by_row,
-            dof: self.dofs[row],
+            dof: self.dofs()[row],
             of_forces: if forces > 0.0 {
                 norm(&rest) / forces
             } else {
@@ -442,7 +453,7 @@ impl Body {
         pushes: Option<&[f64]>,
         rigid: &[&[f64]],
     ) -> Vec<f64> {
-        let n = self.dofs.len();
+        let n = self.dofs().len();
         let mut all = Vec::with_capacity(forces.len());
         for (k, rigid) in rigid.chunks(GROUP).enumerate() {
             let own = k * GROUP * n..(k * GROUP + rigid.len()) * n;
@@ -466,11 +477,11 @@ impl Body {
         pushes: Option<Vec<f64>>,
         rigid: &[&[f64]],
     ) -> Vec<f64> {
-        let (n, m, columns) = (self.dofs.len(), self.kept.len(), GROUP);
+        let (n, m, columns) = (self.dofs().len(), self.kept(), GROUP);
         factor.condense(&mut local, columns);
         let part = |local: &[f64]| -> Vec<f64> {
             let columns = local.chunks_exact(n.max(1));
-            columns.flat_map(|x| self.contact_part(x)).collect()
+            columns.flat_map(|x| self.ordered.at_contacts(x)).collect()
         };
         let mut contact = part(&local);
         contact
@@ -495,13 +506,13 @@ impl Body {
             .chunks_exact_mut(n.max(1))
             .zip(contact.chunks_exact(m.max(1)))
         {
-            for (&i, value) in self.kept.iter().zip(contact) {
+            for (&i, value) in self.ordered.kept.iter().zip(contact) {
                 local[i] = *value;
             }
         }
         factor.recover(&mut local, columns);
         for (local, amounts) in local.chunks_exact_mut(n.max(1)).zip(rigid) {
-            for (motion, amount) in self.motions.iter().zip(*amounts) {
+            for (motion, amount) in self.contact.motions.whole.iter().zip(*amounts) {
                 for (value, z) in local.iter_mut().zip(motion) {
                     *value += amount * z;
                 }
@@ -521,10 +532,10 @@ impl Body {
     /// # Errors
     /// [`Error::FactorDropped`].
     pub fn stiffness_rounding(&self, u: &[f64]) -> Result<Vec<f64>, Error> {
-        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
-        let own: Vec<f64> = self.dofs.iter().map(|&i| u[i]).collect();
+        let factor = self.require_factor()?;
+        let own: Vec<f64> = self.dofs().iter().map(|&i| u[i]).collect();
         let size = |i: usize| {
-            let terms = self.stiffness.entries(i);
+            let terms = self.ordered.stiffness.entries(i);
             let squares: f64 = terms.map(|(j, k)| (k * own[j]).powi(2)).sum();
             2.0 * f64::EPSILON * squares.sqrt()
         };
@@ -550,19 +561,21 @@ impl Body {
     /// # Errors
     /// [`Error::FactorDropped`].
     pub fn load_rounding(&self, force: &[f64]) -> Result<Vec<f64>, Error> {
-        if self.modes.is_empty() {
+        if self.motions() == 0 {
             return Ok(Vec::new());
         }
-        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
-        let force = self.scaled(force);
+        let factor = self.require_factor()?;
+        let force = self.ordered.scale_forces(force);
         let mut forces: Vec<f64> = force.iter().map(|f| f.abs()).collect();
         let deformed = self.response(factor, &force, None, &[&[]]);
-        self.stiffness.add_absolute_product(&deformed, &mut forces);
+        self.ordered
+            .stiffness
+            .add_absolute_product(&deformed, &mut forces);
         let of_motion = |motion: &Vec<f64>| {
             let work = motion.iter().zip(&forces).map(|(d, f)| (d * f).abs());
-            16.0 * f64::EPSILON * work.sum::<f64>() / self.unit
+            16.0 * f64::EPSILON * work.sum::<f64>() / self.unit()
         };
-        Ok(self.motions.iter().map(of_motion).collect())
+        Ok(self.contact.motions.whole.iter().map(of_motion).collect())
     }
 }
 

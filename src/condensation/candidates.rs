@@ -317,8 +317,9 @@ impl<const D: usize> Candidates<D> {
             return Ok(made);
         }
         let bodies = self.bodies.list.iter().zip(self.surface.shares.iter());
-        let parts = bodies
-            .map(|(body, share)| AnalysedBody::again(body, contact_set(share, body.dofs().len())));
+        let parts = bodies.map(|(body, share)| {
+            AnalysedBody::again(body.ordered(), contact_set(share, body.dofs().len()))
+        });
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
         let made = Condensed::from_parts(
             parts,

@@ -11,17 +11,18 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use crate::bodies::connected;
+use crate::bodies::geometry::Geometry;
 use crate::condensation::analysed::{AnalysedBody, largest};
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::condensation::forecast::Notice;
 use crate::condensation::pattern_cache::{self, Lookup};
-use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::{self, OwnedMatrix, Rows};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
@@ -100,14 +101,14 @@ impl<const D: usize> SortedProblem<D> {
         given.contact.check("B", rows, n)?;
         check_finite("gap", given.gap.as_flattened())?;
         check_friction(given.mu, given.gap.len())?;
-        let position = sparse::positions("fixed", given.fixed, n)?;
+        let position = connected::positions("fixed", given.fixed, n)?;
         let symmetry = given.stiffness.check_symmetry()?;
 
-        let (free, global) = sparse::free_part(&given.stiffness, symmetry, &position);
-        let coupling = sparse::columns(&given.stiffness, given.fixed, &position);
+        let (free, global) = connected::free_part(&given.stiffness, symmetry, &position);
+        let coupling = connected::columns(&given.stiffness, given.fixed, &position);
         let component = free.view().components();
-        let mut parts = sparse::split(free, &component);
-        let local = sparse::local_numbers(&component, parts.len());
+        let mut parts = connected::split(free, &component);
+        let local = connected::local_numbers(&component, parts.len());
         let place = free_places(&position, &component, &local);
         let surface = Surface::new(&given.contact, given.gap, &place, &position, parts.len());
         for dof in parts.iter_mut().flat_map(|(dofs, _)| dofs) {

@@ -7,7 +7,8 @@
 //!    each body.
 //! 3. [`AnalysedBody`](analysed::AnalysedBody): the elimination order and its costs are
 //!    known.
-//! 4. [`Body`](body::Body): factored, and condensed onto its contacts.
+//! 4. [`Body`](body::Body): factored, and condensed onto its contacts. What can move, `bodies`
+//!    decides.
 //!
 //! [`Condensed`](condense::Condensed) has all bodies and `W`.
 //! [`Problem`](problem::Problem) is that, or the candidates of a working set.
@@ -18,11 +19,10 @@ pub mod bodies;
 pub mod body;
 pub mod candidates;
 pub mod condense;
+pub mod contact_stiffness;
 pub mod forecast;
-mod null_space;
+pub mod ordered;
 pub mod pattern_cache;
 pub mod problem;
-pub mod rigid_motions;
-pub mod sparse;
 pub mod stats;
 pub mod surface;

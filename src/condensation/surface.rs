@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use crate::condensation::body::Body;
-use crate::condensation::sparse::{OwnedMatrix, Rows};
 use crate::linalg::compensated::Sum;
 use crate::linalg::small::dot_long;
 use crate::linalg::sparse::reach::Reach;
+use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::rotation::Rotation;
 

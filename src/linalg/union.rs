@@ -43,4 +43,21 @@ impl Union {
         let (a, b) = (self.leader(i), self.leader(j));
         self.parent[a.max(b)] = a.min(b);
     }
+
+    /// The set of each index, numbered in the order of their smallest members.
+    #[must_use]
+    pub fn numbers(mut self) -> Vec<usize> {
+        let mut number = vec![usize::MAX; self.parent.len()];
+        let mut count = 0;
+        (0..number.len())
+            .map(|i| {
+                let leader = self.leader(i);
+                if number[leader] == usize::MAX {
+                    number[leader] = count;
+                    count += 1;
+                }
+                number[leader]
+            })
+            .collect()
+    }
 }

@@ -6,9 +6,9 @@
 //! `v = y + B_f u_f + g` with the prescribed `u_f`, and `Tᵀ (K u − f) = r` at the node: a contact
 //! force needs no further equation, and each master feels its part of it.
 
-use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::small::{Block, Vector};
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::own_nodes::{AboutNodes, Columns, Frame, choose};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 

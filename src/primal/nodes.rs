@@ -1,8 +1,8 @@
 //! The degrees of freedom of each node, as blocks of the stiffness.
 
-use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::rows::OwnedMatrix;
 
 /// The block of each degree of freedom.
 #[derive(Clone, Debug)]

@@ -3,18 +3,19 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
+use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
+use crate::bodies::connected;
 use crate::condensation::condense::ProblemArrays;
-use crate::condensation::sparse::{self, OwnedMatrix};
 use crate::error::Error;
 use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::rigid_motions::{rigid_motions, translations};
 use crate::linalg::amg::soft_motions::complete;
 use crate::linalg::parallel::zero_where;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::{Index, narrow};
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::interface::Interface;
@@ -60,7 +61,7 @@ impl Stiffness {
         amg::nodes::Nodes {
             motions: match &self.motions {
                 Some(motions) => motions.clone(),
-                None => rigid_motions(&coordinates, self.matrix.block_size()),
+                None => motions_of_nodes(&coordinates, self.matrix.block_size()),
             },
             coordinates,
             bodies,
@@ -93,7 +94,7 @@ impl<const D: usize> Primal<D> {
         given.contact.check("B", D * given.gap.len(), n)?;
         check_finite("gap", given.gap.as_flattened())?;
         check_friction(given.mu, given.gap.len())?;
-        let position = sparse::positions("fixed", given.fixed, n)?;
+        let position = connected::positions("fixed", given.fixed, n)?;
         given.stiffness.check_symmetry()?;
         if let Some(places) = given.places {
             check_length("coordinates", places.len(), n)?;
@@ -115,7 +116,7 @@ impl<const D: usize> Primal<D> {
         let bodies = matrix.connected();
         if let Some(at) = &nodes.coordinates {
             let motions = Motions {
-                values: &rigid_motions(at, D),
+                values: &motions_of_nodes(at, D),
                 bodies: &bodies,
             };
             supports::check::<D, I>(&given.stiffness, &contact, &nodes, motions, &position)?;
@@ -131,7 +132,7 @@ impl<const D: usize> Primal<D> {
             nodes,
             free,
             fixed: given.fixed.to_vec(),
-            coupling: sparse::columns(&given.stiffness, given.fixed, &position),
+            coupling: connected::columns(&given.stiffness, given.fixed, &position),
             position,
             spectrum,
             single: Mutex::new(Some(single)),
@@ -453,7 +454,7 @@ fn motions_of(
     stop: &AtomicBool,
 ) -> Result<Vec<f64>, Error> {
     let mut about = amg::nodes::Nodes {
-        motions: translations(matrix.nodes(), matrix.block_size()),
+        motions: translations_of_nodes(matrix.nodes(), matrix.block_size()),
         coordinates: Vec::new(),
         bodies,
     };

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyReadwriteArray1};
 use pyo3::prelude::*;
 
-use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::rows::Rows;
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;

@@ -7,6 +7,7 @@
 
 mod arrays;
 mod assembly;
+mod bodies;
 mod bound;
 mod contact_path;
 mod contact_values;
@@ -32,6 +33,8 @@ mod _core {
 
     #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
+    #[pymodule_export]
+    use super::bodies::{PyHolding, connected, dof_directions, resisting_rows, rigid_motions};
     #[pymodule_export]
     use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]
@@ -73,6 +76,16 @@ mod _core {
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const least_work: f64 = crate::reduced::existence::LEAST_WORK;
+
+    /// Least share of the rows without supports that are in balance if coordinates are right.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const least_balanced: f64 = crate::bodies::tuning::BELIEVED;
+
+    /// More bodies that contact alone holds are left to the direct engine.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const most_loose_bodies: usize = crate::bodies::holding::MOST_LOOSE;
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]

@@ -7,9 +7,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::condensation::condense::ProblemArrays;
-use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::linalg::sparse::csc::{Index, Symmetric};
+use crate::linalg::sparse::rows::Rows;
 use crate::primal::path::{PrimalPath, PrimalStep};
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};

@@ -7,6 +7,7 @@
 use std::cmp::Ordering;
 
 use crate::linalg::small::{Block, Vector};
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 
 /// `Q_i` of each contact, in the numbering of the caller.
@@ -84,5 +85,27 @@ impl<const D: usize> Rotation<D> {
             }
         }
         rows
+    }
+}
+
+impl OwnedMatrix {
+    /// `Q A` of a matrix by rows, with `D` rows for each contact.
+    #[must_use]
+    pub fn rotated<const D: usize>(&self, rotation: &Rotation<D>) -> Self {
+        let mut out = Self::default();
+        for contact in 0..rotation.contacts() {
+            let of_row = |k| {
+                self.entries(D * contact + k)
+                    .map(move |(j, value)| (k, j, value))
+            };
+            for row in rotation.rows(contact, (0..D).flat_map(of_row)) {
+                for (j, value) in row {
+                    out.index.push(j);
+                    out.values.push(value);
+                }
+                out.pointer.push(out.index.len());
+            }
+        }
+        out
     }
 }

@@ -3,11 +3,11 @@
 
 use std::sync::atomic::AtomicBool;
 
+use bipot_rs::bodies::basis::motions_of_nodes;
 use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
 use bipot_rs::linalg::amg::nodes::Nodes;
-use bipot_rs::linalg::amg::rigid_motions::rigid_motions;
 use bipot_rs::linalg::amg::settings::{Cycle, Settings};
 use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
@@ -26,7 +26,7 @@ fn blocks(body: &Assembled) -> BlockMatrix<f64> {
 
 fn about(body: &Assembled) -> Nodes {
     Nodes {
-        motions: rigid_motions(&body.coordinates, body.dim),
+        motions: motions_of_nodes(&body.coordinates, body.dim),
         coordinates: body.coordinates.clone(),
         bodies: Vec::new(),
     }

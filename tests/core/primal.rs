@@ -12,9 +12,9 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::Error;
 use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
-use bipot_rs::condensation::sparse::Rows;
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::{Block, Vector};
+use bipot_rs::linalg::sparse::rows::Rows;
 use bipot_rs::path::stepping::LoadPath;
 use bipot_rs::primal::certificate::{Point, contacts_alone, judge};
 use bipot_rs::primal::engine::Engine;

@@ -4,7 +4,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use bipot_rs::condensation::sparse::free_part;
+use bipot_rs::bodies::connected::free_part;
 use bipot_rs::error::Error;
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.petsc.own_rows import OwnRows
 
@@ -16,7 +15,7 @@ from bipot_rs.petsc.own_rows import OwnRows
 _ROWS = 1 << 13
 
 
-def bodies(
+def find_bodies(
     comm: Any,
     rows: OwnRows,
     local: Ints,
@@ -51,7 +50,7 @@ def bodies(
         couples = (rows.values[entries] != 0) & free[i] & free[j]
         a, b = pieces[node[i[couples]]], pieces[node[j[couples]]]
         apart = a != b
-        pieces = _joined(pieces, a[apart], b[apart], count)
+        pieces = _join(pieces, a[apart], b[apart], count)
     # Pieces of all ranks get different numbers, and those that meet are joined.
     starts = np.cumsum([0, *comm.allgather(count)])
     mine = pieces + starts[comm.rank]
@@ -62,10 +61,10 @@ def bodies(
     pairs = np.column_stack([mine[own:][meeting], theirs[meeting]])
     pairs = np.unique(pairs, axis=0)
     whole = np.concatenate(comm.allgather(pairs))
-    joined = _joined(np.arange(starts[-1]), whole[:, 0], whole[:, 1], starts[-1])
+    joined = _join(np.arange(starts[-1]), whole[:, 0], whole[:, 1], starts[-1])
     found = joined[mine[:own]]
     # Bodies are numbered in the order of their first nodes.
-    used = np.concatenate(comm.allgather(_in_order(found)))
+    used = np.concatenate(comm.allgather(_list_in_order(found)))
     _, at = np.unique(used, return_index=True)
     order = used[np.sort(at)]
     number = np.full(starts[-1] + 1, -1)
@@ -73,17 +72,11 @@ def bodies(
     return number[found], len(order)
 
 
-def _in_order(values: Ints) -> Ints:
+def _list_in_order(values: Ints) -> Ints:
     _, at = np.unique(values, return_index=True)
     return values[np.sort(at)]
 
 
-def _joined(pieces: Ints, a: Ints, b: Ints, count: int) -> Ints:
+def _join(pieces: Ints, a: Ints, b: Ints, count: int) -> Ints:
     """Pieces after those of ``a`` are joined with those of ``b``."""
-    if not len(a):
-        return pieces
-    # Numbers of equal pairs are added, so that they need a type that does not overflow.
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    _, label = connected_components(graph.tocsr(), directed=False)
-    found: Ints = label[pieces]
-    return found
+    return _core.connected(count, a, b)[pieces] if len(a) else pieces

@@ -94,11 +94,11 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     prescribed = np.zeros(rows.count, bool)
     prescribed[fixed] = True
     free = bring(np.where(prescribed, 0.0, 1.0)) > 0
-    of_node, count = components.bodies(comm, rows, local, free, d, bring)
+    of_node, count = components.find_bodies(comm, rows, local, free, d, bring)
     motions = rigid_motions(comm, library.MPI, given.coordinates, rows.count, d)
     bodies = supports.Bodies(of_node, count, motions, prescribed)
-    holding = supports.prescribed(rows, local, bodies, bring, d)
-    held = supports.held(comm, count, holding)
+    holding = supports.hold_by_prescribed(rows, local, bodies, bring, d)
+    supported = supports.find_supported(comm, count, holding)
     at_places = interface.gather_own(motions[interface.rows])
     body = np.repeat(of_node, d).astype(float)
     body_of_place = interface.gather_own(body[interface.rows]).astype(np.int64)
@@ -118,7 +118,7 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
             len(given.fixed),
             blocks.reshape(-1, d * d),
             body_of_place[::d].copy(),
-            held.astype(np.int64),
+            supported.astype(np.int64),
         ),
     )
     operator = Operator(K, variables, interface, fixed, d, library.PETSc)

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
-
-# Rotations in the planes of these axes.
-_PLANES = ((0, 1), (1, 2), (2, 0))
 
 
 def rigid_motions(
@@ -17,36 +15,30 @@ def rigid_motions(
 ) -> Floats:
     """Translations, then rotations, ``(rows, m)``; translations alone without coordinates.
 
-    Coordinates are taken from the centre of all nodes in units of their largest extent, so
-    that neither the origin nor the unit of length matters.
+    The centre is that of the box around all nodes, and the reach its largest side.
 
     Parameters
     ----------
     coordinates
         Of the own degrees of freedom, ``(rows, d)``.
     """
-    component = np.arange(rows) % d
-    motions = np.zeros((rows, d if coordinates is None else 3 * (d - 1)))
-    motions[np.arange(rows), component] = 1.0
     if coordinates is None:
-        return motions
+        return np.tile(np.eye(d), (rows // d, 1))
     low, high = np.full(d, np.inf), np.full(d, -np.inf)
     if rows:
         low, high = coordinates.min(axis=0), coordinates.max(axis=0)
-    low, high = _all(comm, low, MPI.MIN), _all(comm, high, MPI.MAX)
-    extent = float((high - low).max()) or 1.0
-    at = (coordinates - (0.5 * low + 0.5 * high)) / extent
-    for k, (i, j) in enumerate(_PLANES[: 2 * d - 3]):
-        ours, theirs = component == i, component == j
-        motions[ours, d + k] = -at[ours, j]
-        motions[theirs, d + k] = at[theirs, i]
-    return motions
+    low, high = _reduce(comm, low, MPI.MIN), _reduce(comm, high, MPI.MAX)
+    arm = np.zeros((rows, 3))
+    arm[:, :d] = coordinates - (0.5 * low + 0.5 * high)
+    direction = np.arange(rows, dtype=np.int64) % d
+    reach = float((high - low).max()) or 1.0
+    return _core.rigid_motions(direction, arm, d, reach)
 
 
-def _all(comm: Any, values: Floats, operation: Any) -> Floats:
-    found = np.empty_like(values)
-    comm.Allreduce(values, found, op=operation)
-    return found
+def _reduce(comm: Any, values: Floats, operation: Any) -> Floats:
+    whole = np.empty_like(values)
+    comm.Allreduce(values, whole, op=operation)
+    return whole
 
 
 def orthonormal(comm: Any, vectors: Floats) -> Floats:

@@ -24,7 +24,7 @@ from bipot_rs.fem.assembly.assemble import without_stiffness
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.stress_recovery import stress
-from bipot_rs.fem.checks.free_bodies import unheld
+from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.scene.build import make_loads, make_parts
 from bipot_rs.scene.histories import Histories, find_gaps
@@ -108,9 +108,9 @@ class Case:
                 steps=self._steps(),
             )
         except FloatingBodyError as error:
-            # The core names a degree of freedom only. `unheld` names bodies, but it
+            # The core names a degree of freedom only. `describe_free_bodies` names bodies, but it
             # does not see a free part within a body.
-            problems = list(unheld(self.model, rough=True))
+            problems = list(describe_free_bodies(self.model, rough=True))
             if not problems:
                 raise
             named = FloatingBodyError("; ".join(problems))

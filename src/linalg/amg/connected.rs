@@ -20,17 +20,6 @@ impl BlockMatrix<f64> {
                 }
             }
         }
-        let mut number = vec![u32::MAX; nodes];
-        let mut found = 0;
-        (0..nodes)
-            .map(|i| {
-                let leader = sets.leader(i);
-                if number[leader] == u32::MAX {
-                    number[leader] = narrow(found);
-                    found += 1;
-                }
-                number[leader]
-            })
-            .collect()
+        sets.numbers().into_iter().map(narrow).collect()
     }
 }

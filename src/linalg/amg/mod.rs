@@ -1,8 +1,8 @@
 //! Smoothed aggregation: an algebraic multigrid preconditioner for elasticity.
 //!
 //! [`BlockMatrix`](block_matrix::BlockMatrix) holds the stiffness by nodes,
-//! [`rigid_motions`](rigid_motions::rigid_motions) gives the near-null vectors of its
-//! [`Nodes`](nodes::Nodes), [`soft_motions`] completes them where no coordinates are known, and
+//! [`Nodes`](nodes::Nodes) its near-null vectors, which the caller gives; [`soft_motions`]
+//! completes them where no coordinates are known, and
 //! [`Multigrid`](multigrid::Multigrid) is the preconditioner. Set-up, level by level:
 //!
 //! 1. [`inverse_diagonal`], [`spectrum`]: the smoother, block Jacobi with Chebyshev polynomials;
@@ -33,7 +33,6 @@ pub mod multigrid;
 mod node_rows;
 pub mod nodes;
 mod prolongation;
-pub mod rigid_motions;
 pub mod settings;
 mod slots;
 pub mod soft_motions;

@@ -3,8 +3,7 @@
 /// Near-null vectors, coordinates and bodies of nodes.
 #[derive(Clone, Debug)]
 pub struct Nodes {
-    /// Near-null vectors, `b × m` by rows for each node, as
-    /// [`rigid_motions`](super::rigid_motions::rigid_motions) gives them.
+    /// Near-null vectors, `b × m` by rows for each node: for elasticity the rigid motions.
     pub motions: Vec<f64>,
     /// Coordinates of each node, or none. Along long cells coupled nodes are far from each other,
     /// and their coupling is weak; without coordinates all couplings count alike.

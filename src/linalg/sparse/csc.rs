@@ -329,18 +329,7 @@ impl<'a, I: Index> Symmetric<'a, I> {
                 }
             }
         }
-        let mut number = vec![usize::MAX; self.n];
-        let mut found = 0;
-        (0..self.n)
-            .map(|i| {
-                let leader = sets.leader(i);
-                if number[leader] == usize::MAX {
-                    number[leader] = found;
-                    found += 1;
-                }
-                number[leader]
-            })
-            .collect()
+        sets.numbers()
     }
 
     /// `y = K x` by rows (a row is read from its column), so that each sum has one order for

@@ -6,6 +6,7 @@ pub mod csc;
 pub mod multifrontal;
 mod ordering;
 pub mod reach;
+pub mod rows;
 mod solves;
 pub mod sparse_lu;
 mod supervariables;

@@ -7,7 +7,7 @@ import pytest
 
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.fem.checks.free_bodies import unsupported
+from bipot_rs.fem.checks.free_bodies import list_unsupported
 from bipot_rs.fem.checks.inspection import inspect
 
 FLOOR = ([0, 0, 0], [0, 0, 1.0])
@@ -195,10 +195,12 @@ def test_what_contact_alone_can_hold() -> None:
     blocks = [cube(), cube("b", -1.0)]
     slope = fem.Support("a", "top", (2,))
     spring = fem.Spring("b", "left", stiffness=3.0)
-    assert unsupported(fem.assemble(blocks, [pair])) == ["a", "b"]
-    assert unsupported(fem.assemble(blocks, [pair], [slope])) == ["b"]
-    assert unsupported(fem.assemble(blocks, [pair], springs=[spring])) == ["a"]
-    assert unsupported(fem.assemble(blocks, [pair], [slope], springs=[spring])) == []
+    assert list_unsupported(fem.assemble(blocks, [pair])) == ["a", "b"]
+    assert list_unsupported(fem.assemble(blocks, [pair], [slope])) == ["b"]
+    assert list_unsupported(fem.assemble(blocks, [pair], springs=[spring])) == ["a"]
+    assert (
+        list_unsupported(fem.assemble(blocks, [pair], [slope], springs=[spring])) == []
+    )
 
 
 @pytest.mark.parametrize(

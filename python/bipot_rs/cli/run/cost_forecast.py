@@ -50,10 +50,10 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     The geometry is checked first: the core may find a rigid motion only after its forecast.
     """
     from bipot_rs.contact.errors import FloatingBodyError
-    from bipot_rs.fem.checks.free_bodies import unheld
+    from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 
     found: dict[str, Any] = {}
-    floating = list(unheld(case.model, rough=True))
+    floating = list(describe_free_bodies(case.model, rough=True))
 
     def stop(counts: Mapping[str, Any]) -> None:
         found.update(counts)

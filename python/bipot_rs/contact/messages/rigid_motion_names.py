@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import body_of
+from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.elliptic_friction import dissipation
@@ -140,12 +141,7 @@ def _fit_motion(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, 
     centre = np.asarray(points.mean(axis=0), np.float64)
     arm = points - centre
     reach = float(np.abs(arm).max(initial=0.0)) or 1.0
-    columns = [np.tile(unit, (count, 1)) for unit in np.eye(d)]
-    if d == 2:
-        columns.append(np.column_stack([-arm[:, 1], arm[:, 0]]) / reach)
-    else:
-        columns += [np.cross(unit, arm) / reach for unit in np.eye(3)]
-    A = np.stack([c.ravel() for c in columns], axis=1)
+    A = rigid_motions(arm, reach).reshape(count * d, -1)
     x = np.asarray(np.linalg.lstsq(A, field.ravel(), rcond=None)[0], np.float64)
     misfit = float(np.linalg.norm(A @ x - field.ravel()))
     return x[:d], x[d:] / reach, centre, misfit

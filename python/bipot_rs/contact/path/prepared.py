@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
-from bipot_rs._lib.messages import body_of
+from bipot_rs._lib.messages import body_of, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
     Csr,
@@ -129,9 +129,9 @@ class StiffnessOptions:
         names = _check_bodies(bodies, n)
         digits = None
         if stiffness_rtol is not None:
-            from bipot_rs.contact.stiffness.digits import checked
+            from bipot_rs.contact.stiffness.digits import check_digits
 
-            digits = checked(stiffness_rtol, in_space, d, names)
+            digits = check_digits(stiffness_rtol, in_space, d, names)
         return cls(
             n,
             indices("fixed", fixed, n),
@@ -446,23 +446,36 @@ class PreparedStiffness:
         if dof is None:
             return error
         text = str(error) + self._explain_digits(error, parts, dof)
-        if self.options.bodies is not None:
-            text = f"{body_of(dof, self.options.bodies)}: {text}"
-        elif text == str(error):
+        where = self._describe_place(dof)
+        if not where and text == str(error):
             return error
-        named = type(error)(text)
-        if isinstance(named, FloatingBodyError):
-            named.dof = dof
-        return named
+        named: Any = type(error)(f"{where}: {text}" if where else text)
+        named.dof, named.kind = dof, getattr(error, "kind", "")
+        return named  # type: ignore[no-any-return]
+
+    def _describe_place(self, dof: int) -> str:
+        """The name of the body of a degree of freedom, and its place, if they are known."""
+        options = self.options
+        words = [] if options.bodies is None else [body_of(dof, options.bodies)]
+        at = options.coordinates if options.places is None else options.places
+        if at is not None:
+            words.append(f"at {place(at[dof])}")
+        return " ".join(words)
 
     def _explain_digits(self, error: Exception, parts: Parts, dof: int) -> str:
         """Text to add to an error of the core if few digits of K may be its cause."""
-        from bipot_rs.contact.stiffness.digits import OFFER, said_of_indefinite
+        from bipot_rs.contact.stiffness.digits import (
+            COORDINATES,
+            OFFER,
+            describe_indefinite,
+        )
 
         digits, kind = self.options.digits, getattr(error, "kind", "")
         if kind == "indefinite":
-            return said_of_indefinite(parts, self.options.fixed, dof, digits)
-        return OFFER if kind == "few_digits" and digits is None else ""
+            return describe_indefinite(parts, self.options.fixed, dof, digits)
+        if kind != "few_digits" or digits is not None:
+            return ""
+        return OFFER if self.options.coordinates is not None else COORDINATES + OFFER
 
     def _make_iterative(self, parts: Parts) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""

@@ -27,26 +27,22 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
+import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of
+from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
-from bipot_rs.contact.stiffness.rigid_motions import (
-    ABOUT,
-    UNKNOWN,
-    amounts,
-    axes_of,
-    directions,
-    motions,
-)
 
+COORDINATES = ". Give `coordinates`: with them, rigid motions are known exactly"
 OFFER = (
     ". If K was written with few digits, give stiffness_rtol and coordinates, which restore "
     "its rigid motions"
 )
 EPS = float(np.finfo(np.float64).eps)
+# Directions of degrees of freedom from here on are rotations; below 0 they are unknown.
+ABOUT = 3
 # Fewer digits would also spoil the elasticity.
 MOST = 1e-3
 # Rounding error of an entry in assembly, in ε of the geometric mean of its two diagonals.
@@ -61,9 +57,6 @@ CLEAR = 100.0
 OF_DIGITS = 1e-5
 # Smallest stiffness_rtol to suggest: twelve digits.
 LEAST_OFFER = 1e-12
-# If this part of the rows of a body is in balance, the rigid motions are right: supports
-# are in few rows. Otherwise the whole matrix is checked.
-BELIEVED = 0.25
 # Unknowns of a body up to which this check, a dense factorisation, takes seconds.
 DENSE = 3000
 # The same for a sparse factorisation.
@@ -118,12 +111,12 @@ class Digits:
         ValueError
             The error of a row is larger than ``rtol`` explains.
         """
-        K = self._mirrored(given.matrix)
+        K = self._make_symmetric(given.matrix)
         if K is None:
             return given.parts, 0.0  # the core raises and names the entry
-        direction = directions(self.places, self.d)
-        if (direction == UNKNOWN).any():
-            at = int(np.argmax(direction == UNKNOWN))
+        direction = _core.dof_directions(self.places, self.d)
+        if (direction < 0).any():
+            at = int(np.argmax(direction < 0))
             raise ValueError(
                 f"stiffness_rtol needs the coordinates of whole nodes: at the point of degree "
                 f"of freedom {at} the number of degrees of freedom does not fit, expected "
@@ -132,7 +125,7 @@ class Digits:
         rows = _Rows(K, direction, self)
         off = rows.classify()
         values = rows.restore()
-        return csr("K", _whole(K.shape, rows.i, rows.j, values)).parts, off
+        return csr("K", _make_whole(K.shape, rows.i, rows.j, values)).parts, off
 
     def amplification(self, parts: Parts, u: Floats) -> float:
         """Relative change of the energy of a displacement by the error of K, over ``rtol``.
@@ -141,22 +134,22 @@ class Digits:
         each row: ``e`` is the difference of the displacements in a row from the closest
         rigid motion. The result is some tens for a mesh that resolves bending.
         """
-        K = _of_triangle(parts)
+        K = _mirror_triangle(parts)
         K.sort_indices()
         energy = float(u @ (K @ u))
         size = np.abs(u)
         if energy <= ROUNDED * EPS * float(size @ (abs(K) @ size)):
             return 1.0  # a rigid motion to rounding
-        direction = directions(self.places, self.d)
+        direction = _core.dof_directions(self.places, self.d)
         changed, first = 0.0, 0
         while first < len(u):
             end = int(np.searchsorted(K.indptr, K.indptr[first] + BLOCK, side="right"))
             last = min(max(end - 1, first + 1), len(u))
-            changed += self._deviation(K, direction, u, first, last)
+            changed += self._sum_deviations(K, direction, u, first, last)
             first = last
         return max(1.0, changed / energy)
 
-    def _deviation(
+    def _sum_deviations(
         self, K: Any, direction: Ints, u: Floats, first: int, last: int
     ) -> float:
         """``Σ |e_i| |k_ij| |e_j|`` over some rows."""
@@ -168,9 +161,7 @@ class Digits:
             return 0.0
         row = np.repeat(np.arange(last - first), np.diff(pointer))
         arm = self.places[there] - self.places[first + row]
-        Z = np.zeros((len(there), d + len(axes_of(d))))
-        for k, one, amount in amounts(direction[there], arm, d):
-            Z[one, k] += amount
+        Z = _core.rigid_motions(direction[there], arm, d, 1.0)
         Z[:, d:] /= float(np.abs(arm).max()) or 1.0
         used = np.flatnonzero(np.diff(pointer))
         N = np.zeros((last - first, Z.shape[1], Z.shape[1]))
@@ -186,7 +177,7 @@ class Digits:
         own[row[diagonal]] = e[diagonal]
         return float((own[row] * weight * e).sum())
 
-    def _mirrored(self, given: Any) -> Any:
+    def _make_symmetric(self, given: Any) -> Any:
         """K made exactly symmetric; None if its asymmetry is larger than its error."""
         K = sparse.csr_array(given)
         other = sparse.csr_array(K.T)
@@ -207,7 +198,7 @@ class Digits:
         return sparse.csr_array((K + other) / 2)
 
 
-def checked(
+def check_digits(
     rtol: Any, places: Floats | None, d: int, bodies: Mapping[str, int] | None
 ) -> Digits:
     """Check ``stiffness_rtol`` of `ContactProblem`."""
@@ -247,17 +238,17 @@ class _Rows:
         self.values = low.data
         self.digits, self.direction = digits, direction
         self.n = K.shape[0]
-        self.m = digits.d + len(axes_of(digits.d))
+        self.m = 3 * (digits.d - 1)
         roots = np.sqrt(np.abs(K.diagonal()))
         floor = min(ASSEMBLY * EPS / digits.rtol, 1.0)
         size = np.abs(self.values)
         size = size + np.where(size > 0, floor * roots[self.i] * roots[self.j], 0.0)
         self.uncertain = size
-        self.A = self._operator()
+        self.A = self._build_operator()
         self.K = K
         self.held = np.zeros(self.n, bool)
 
-    def _operator(self) -> Any:
+    def _build_operator(self) -> Any:
         """Build ``A`` for all rows."""
         at, d = self.digits.places, self.digits.d
         apart = np.flatnonzero(self.i != self.j)
@@ -266,15 +257,14 @@ class _Rows:
         for entries, of, by in ((every, self.i, self.j), (apart, self.j, self.i)):
             here, there = of[entries], by[entries]
             arm = at[there] - at[here]
-            for k, one, amount in amounts(self.direction[there], arm, d):
-                row.append(here[one] * self.m + k)
-                column.append(entries[one])
-                value.append(amount)
+            motions = _core.rigid_motions(self.direction[there], arm, d, 1.0)
+            entry, k = np.nonzero(motions)
+            row.append(here[entry] * self.m + k)
+            column.append(entries[entry])
+            value.append(motions[entry, k])
         shape = self.n * self.m, len(self.i)
         entries_ = np.concatenate(row), np.concatenate(column)
-        A = sparse.csr_array((np.concatenate(value), entries_), shape=shape)
-        A.eliminate_zeros()
-        return A
+        return sparse.csr_array((np.concatenate(value), entries_), shape=shape)
 
     def classify(self) -> float:
         """Find the rows with supports, and return the largest error of the other rows.
@@ -302,11 +292,11 @@ class _Rows:
         shifted = share[:, : self.digits.d].max(axis=1) > SLACK * self.digits.rtol
         turned = held & ~shifted & (self.direction < ABOUT)
         if turned.any():
-            raise self._misplaced(turned, off)
+            raise self._refuse_misplaced(turned, off)
         self.held = held
-        return max(used, self._leave(held, off, forces))
+        return max(used, self._leave_supports_out(held, off, forces))
 
-    def _misplaced(self, turned: Any, off: Floats) -> ValueError:
+    def _refuse_misplaced(self, turned: Any, off: Floats) -> ValueError:
         typical = float(np.median(off[turned]))
         remedy = (
             "The coordinates do not belong to the degrees of freedom of K: check the "
@@ -325,10 +315,11 @@ class _Rows:
             f"{typical:.1e} of their terms. {remedy}"
         )
 
-    def _leave(self, held: Any, off: Floats, forces: Floats) -> float:
+    def _leave_supports_out(self, held: Any, off: Floats, forces: Floats) -> float:
         """Remove the rows with supports, except for motions that the supports leave free."""
         at, d, m = self.digits.places, self.digits.d, self.m
-        _, label = connected_components(self.K, directed=False)
+        couples = self.values != 0
+        label = _core.connected(self.n, self.i[couples], self.j[couples])
         order = np.argsort(label, kind="stable")
         bodies = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
         mixing = []
@@ -338,8 +329,8 @@ class _Rows:
             rows = dofs[held[dofs]]
             if not len(rows) or len(dofs) == 1:
                 continue
-            Z, moved = motions(self.direction[dofs], at[dofs], d)
-            free, worst = self._free(dofs, rows, Z, moved, off, forces)
+            Z, moved = _motions_of_body(self.direction[dofs], at[dofs], d)
+            free, worst = self._find_free(dofs, rows, Z, moved, off, forces)
             used = max(used, worst)
             if not free.shape[1]:
                 continue
@@ -367,13 +358,10 @@ class _Rows:
         reach = float(np.abs((at[dofs] - centre)[:, :d]).max(initial=0.0)) or 1.0
         turn = np.zeros((len(rows), m, m))
         turn[:, range(m), range(m)] = np.where(np.arange(m) < d, 1.0, 1.0 / reach)
-        for k, axis in enumerate(axes_of(d), start=d):
-            a, b = (axis + 1) % 3, (axis + 2) % 3
-            turn[:, k, a] = -arm[:, b] / reach
-            turn[:, k, b] = arm[:, a] / reach
+        turn[:, :, :d] = rigid_motions(arm[:, :d], reach).swapaxes(1, 2)
         return turn
 
-    def _free(
+    def _find_free(
         self,
         dofs: Ints,
         rows: Ints,
@@ -399,15 +387,17 @@ class _Rows:
         resistance = np.where(none, 0.0, resistance / np.where(none, 1.0, amount))
         free = resistance <= SLACK * rtol
         held = resistance[~free]
-        many = len(rows) > (1 - BELIEVED) * len(dofs)
+        # With most rows in balance the rigid motions are right: supports are in few rows.
+        # Otherwise the whole matrix is checked.
+        many = len(rows) > (1 - _core.least_balanced) * len(dofs)
         if len(held) and held.min() < CLEAR * rtol:
-            raise self._refusal(dofs, off, float(held.min()))
-        left = _complement(combined[~free], Z[np.isin(dofs, rows)])
-        if len(held) and many and not self._stiff(dofs, Z @ left, off):
-            raise self._refusal(dofs, off, float(held.min()))
+            raise self._refuse_resistance(dofs, off, float(held.min()))
+        left = _find_complement(combined[~free], Z[np.isin(dofs, rows)])
+        if len(held) and many and not self._is_stiff(dofs, Z @ left, off):
+            raise self._refuse_resistance(dofs, off, float(held.min()))
         return left, float(resistance[free].max(initial=0.0))
 
-    def _stiff(self, dofs: Ints, free: Floats, off: Floats) -> bool:
+    def _is_stiff(self, dofs: Ints, free: Floats, off: Floats) -> bool:
         """Whether K holds a body for any errors of its entries within the tolerance."""
         # Including prescribed degrees of freedom: K itself must resist.
         if len(dofs) > DENSE:
@@ -415,7 +405,7 @@ class _Rows:
         K = self.K[dofs][:, dofs].toarray()
         typical = float(np.median(off[dofs]))
         places, d = self.digits.places[dofs], self.digits.d
-        _, moved = motions(self.direction[dofs], places, d)
+        _, moved = _motions_of_body(self.direction[dofs], places, d)
         doubt = max(self.digits.rtol, min(typical, SOFTEST))
         shift = doubt * (np.abs(K) @ moved) / moved
         scale = np.abs(np.diag(K)).mean()
@@ -425,7 +415,7 @@ class _Rows:
             return False
         return True
 
-    def _refusal(self, dofs: Ints, off: Floats, least: float) -> ValueError:
+    def _refuse_resistance(self, dofs: Ints, off: Floats, least: float) -> ValueError:
         rtol = self.digits.rtol
         over = off[dofs] > SLACK * rtol
         typical = float(np.median(off[dofs][over]))
@@ -477,7 +467,7 @@ class _Rows:
             if worst <= ENOUGH:
                 break
             reduction = max(0.2 / worst, LEAST_REDUCTION)
-            values = values - scale * _least_change(G, left, reduction)
+            values = values - scale * _find_least_change(G, left, reduction)
         if worst > RESTORED:
             raise ValueError(
                 "stiffness_rtol: no change of the stored entries of K restores its rigid "
@@ -487,7 +477,20 @@ class _Rows:
         return np.asarray(best, np.float64)
 
 
-def _complement(resisted: Floats, moved: Floats) -> Floats:
+def _motions_of_body(direction: Ints, places: Floats, d: int) -> tuple[Floats, Floats]:
+    """Rigid motions of one body, and the largest motion of each degree of freedom.
+
+    The columns, ``(n, m)``, are translations by 1, and rotations about the centre that move
+    a node by about 1 at most. Motions that a body does not have, such as the rotation of a
+    straight line about itself, are zero or depend on other columns.
+    """
+    arm = places - places.mean(axis=0)
+    reach = float(np.abs(arm[:, :d]).max(initial=0.0)) or 1.0
+    Z = _core.rigid_motions(direction, arm, d, reach)
+    return Z, np.where(direction < ABOUT, 1.0, 1.0 / reach)
+
+
+def _find_complement(resisted: Floats, moved: Floats) -> Floats:
     """Motions orthogonal to the resisted ones, ``(m, free)``.
 
     A resisted motion is a combination of the rows of ``moved``, the motions of the held
@@ -501,7 +504,7 @@ def _complement(resisted: Floats, moved: Floats) -> Floats:
     return np.asarray(turned[len(resisted) :].T, np.float64)
 
 
-def _least_change(G: Any, left: Floats, reduction: float) -> Floats:
+def _find_least_change(G: Any, left: Floats, reduction: float) -> Floats:
     """Smallest x with ``G x = left`` up to the factor ``reduction``, by LSQR.
 
     ``G Gᵀ``, which has a unit diagonal, is singular, because ``Zᵀ K Z`` is symmetric for
@@ -517,7 +520,7 @@ def _least_change(G: Any, left: Floats, reduction: float) -> Floats:
     return np.asarray(found[0], np.float64)
 
 
-def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
+def _make_whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
     """Symmetric matrix with this lower triangle, by rows."""
     apart = i != j
     row = np.concatenate([i, j[apart]])
@@ -526,7 +529,7 @@ def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
     return sparse.csr_array((data, (row, column)), shape=shape)
 
 
-def _of_triangle(parts: Parts) -> Any:
+def _mirror_triangle(parts: Parts) -> Any:
     """Symmetric matrix from the lower triangle of a matrix by rows."""
     pointers, columns, values = parts
     n = len(pointers) - 1
@@ -535,7 +538,7 @@ def _of_triangle(parts: Parts) -> Any:
     return sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))
 
 
-def said_of_indefinite(
+def describe_indefinite(
     parts: Parts, fixed: Ints, dof: int, digits: Digits | None
 ) -> str:
     """Describe the most negative eigenvalue of K, and whether its digits explain it.
@@ -551,17 +554,18 @@ def said_of_indefinite(
     digits
         The error of K that the caller gave, or None.
     """
-    K = _of_triangle(parts)
+    K = _mirror_triangle(parts)
     free = np.setdiff1d(np.arange(K.shape[0]), fixed)
     K = K[free][:, free]
-    _, label = connected_components(K, directed=False)
+    row, column = K.nonzero()
+    label = _core.connected(len(free), row, column)
     at = int(np.searchsorted(free, dof))
     body = (
         np.flatnonzero(label == label[at])
         if free[at : at + 1] == dof
         else np.arange(len(free))
     )
-    least = _least_eigenvalue(K[body][:, body])
+    least = _find_least_eigenvalue(K[body][:, body])
     if least is None:
         return f"; no eigenvalue is below {-OF_DIGITS:.0e} of the largest" + _offer(
             OF_DIGITS, digits
@@ -586,7 +590,7 @@ def _offer(negative: float, digits: Digits | None) -> str:
     )
 
 
-def _least_eigenvalue(K: Any) -> float | None:
+def _find_least_eigenvalue(K: Any) -> float | None:
     """Smallest eigenvalue over the largest; None if it is small and too expensive."""
     n = K.shape[0]
     if not K.count_nonzero():

@@ -7,8 +7,10 @@ from itertools import product
 
 import numpy as np
 
+import bipot_rs._core as _core
+from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Bools, Floats, Ints
-from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
+from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
@@ -19,17 +21,17 @@ from bipot_rs.obstacle.protocol import length
 _FREE = 1e-6
 
 
-def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
+def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     """Warnings for bodies with rigid motions that no support or contact stops.
 
     Bodies in contact with each other are considered together. A contact is assumed to
     stop motion along its normal and, with friction or if ``rough``, along its tangents. A
     motion that is free under this assumption is free for any load.
     """
-    modes, owner = _modes(model)
-    modes, owner = _with_references(model, modes, owner)
-    bare = set(_bare(model))
-    supports = _supporting(model, modes)
+    modes, owner = _list_motions(model)
+    modes, owner = _add_references(model, modes, owner)
+    bare = set(_list_bare(model))
+    supports = _list_supports(model, modes)
     # Bodies without contact to a rigid obstacle.
     alone = set(range(len(model.bodies))) - {
         body_index(model.bodies, contact.body)
@@ -41,23 +43,24 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
     constraints = np.concatenate([*supports, *felt])
     count = len(model.bodies)
-    for joined in _meeting(model):
+    for joined in _group_bodies(model):
         members = [b for b in joined if b < count]
         columns = np.flatnonzero(np.isin(owner, joined))
-        own = constraints[:, columns]
-        # The triangle of QR has the same singular values as the many rows.
-        triangle = np.linalg.qr(np.vstack([own, np.zeros((len(columns),) * 2)]), "r")
-        _, values, V = np.linalg.svd(triangle)
-        free = V[values <= _FREE * values.max()].T
+        holding = _core.Holding(1, len(columns))
+        # The triangle of QR holds what the many rows hold; there may be none.
+        rows = [constraints[:, columns], np.zeros((1, len(columns)))]
+        triangle = np.asarray(np.linalg.qr(np.concatenate(rows), "r"), np.float64)
+        holding.hold(np.zeros(len(triangle), np.int64), triangle)
+        free = holding.free_motions(0, _FREE).T
         if joined != members:
             of_bodies = owner[columns] < count
-            for k in _alone(free, of_bodies):
+            for k in _list_free_points(free, of_bodies):
                 one = model.references[int(owner[columns[k]]) - count]
                 yield (
                     f"{one.kind} {one.name!r} can move freely, and no contact holds it: "
                     "prescribe its motion, or add a contact or friction that stops it"
                 )
-            free, columns = _part(free, of_bodies), columns[of_bodies]
+            free, columns = _keep_bodies(free, of_bodies), columns[of_bodies]
         if not free.shape[1]:
             continue
         several = len(members) > 1
@@ -67,39 +70,42 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
             have = "have" if several else "has"
             yield f"{whole} can move freely and {have} no support and no spring: add one"
         else:
-            words = _said(model, members, modes[:, columns], free)
+            words = _describe_motions(model, members, modes[:, columns], free)
             yield (
                 f"{whole} can move freely by {'; '.join(words)}: add a support, friction "
                 "or a contact that stops it"
             )
 
 
-def unsupported(model: Assembly) -> list[str]:
+def list_unsupported(model: Assembly) -> list[str]:
     """Names of the bodies without support or spring, which only contact can hold."""
-    return [model.bodies[b].name for b in _bare(model)]
+    return [model.bodies[b].name for b in _list_bare(model)]
 
 
-def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
+def _list_supports(model: Assembly, modes: Floats) -> list[Floats]:
     """Displacements of supports and forces of springs by rigid motions, as rows."""
-    found = [modes[_prescribed(model)]]
+    found = [modes[_list_prescribed(model)]]
     if model.inclined is not None:
         found.append(np.asarray(model.inclined.normals.T @ modes[: model.nodes.size]))
     if model.ties is not None:
         own = model.ties.dependent
         found.append(modes[own] - model.ties.within[own] @ modes)
-    return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
+    return [
+        *found,
+        *(_measure_springs(model, spring, modes) for spring in model.springs),
+    ]
 
 
-def _prescribed(model: Assembly) -> Ints:
+def _list_prescribed(model: Assembly) -> Ints:
     """Degrees of freedom that supports prescribe, without those that follow others."""
     if model.ties is None:
         return model.fixed
     return np.setdiff1d(model.fixed, model.ties.dependent)
 
 
-def _bare(model: Assembly) -> list[int]:
+def _list_bare(model: Assembly) -> list[int]:
     held = np.zeros(model.n, np.bool_)
-    held[_prescribed(model)] = True
+    held[_list_prescribed(model)] = True
     if model.inclined is not None:
         held[model.inclined.normals.tocoo().row] = True
     for remote in model.remotes:
@@ -114,7 +120,7 @@ def _bare(model: Assembly) -> list[int]:
     ]
 
 
-def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
+def _measure_springs(model: Assembly, spring: Spring, modes: Floats) -> Floats:
     """Forces of a spring by rigid motions, scaled to size 1."""
     b = body_index(model.bodies, spring.body)
     body = model.bodies[b]
@@ -126,28 +132,22 @@ def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
     return forces / largest if largest else 0.0 * forces
 
 
-def _modes(model: Assembly) -> tuple[Floats, Ints]:
+def _list_motions(model: Assembly) -> tuple[Floats, Ints]:
     """Rigid motions of all bodies ``(n, m)``, of equal size, and the body of each."""
-    d, found, owner = model.dim, [], []
+    found, owner = [], []
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
-        arm /= np.abs(arm).max()
-        fields = [np.tile(unit, (len(arm), 1)) for unit in np.eye(d)]
-        if d == 2:
-            fields.append(np.column_stack([-arm[:, 1], arm[:, 0]]))
-        else:
-            fields += [np.cross(unit, arm) for unit in np.eye(3)]
-        for one in fields:
-            column = np.zeros(model.n)
-            column[model.offset[b] : model.offset[b] + one.size] = one.ravel()
-            found.append(column)
-            owner.append(b)
-    return np.column_stack(found), np.array(owner, dtype=np.int64)
+        motions = rigid_motions(arm, float(np.abs(arm).max()))
+        columns = np.zeros((model.n, motions.shape[2]))
+        columns[model.offset[b] :][: body.points.size] = motions.reshape(
+            body.points.size, -1
+        )
+        found.append(columns)
+        owner += [b] * motions.shape[2]
+    return np.concatenate(found, axis=1), np.array(owner, dtype=np.int64)
 
 
-def _with_references(
-    model: Assembly, modes: Floats, owner: Ints
-) -> tuple[Floats, Ints]:
+def _add_references(model: Assembly, modes: Floats, owner: Ints) -> tuple[Floats, Ints]:
     """The motions with those of reference points, whose owners follow the bodies."""
     count = len(model.bodies)
     found, owners = [modes], [owner]
@@ -160,13 +160,13 @@ def _with_references(
     return np.concatenate(found, axis=1), np.concatenate(owners)
 
 
-def _part(free: Floats, of_bodies: Bools) -> Floats:
+def _keep_bodies(free: Floats, of_bodies: Bools) -> Floats:
     """The motions of the bodies alone, orthonormal."""
     U, size, _ = np.linalg.svd(free[of_bodies], full_matrices=False)
     return np.asarray(U[:, size > _FREE], np.float64)
 
 
-def _alone(free: Floats, of_bodies: Bools) -> list[int]:
+def _list_free_points(free: Floats, of_bodies: Bools) -> list[int]:
     """For each free motion of a reference point alone, its largest component."""
     if not free.shape[1]:
         return []
@@ -175,7 +175,7 @@ def _alone(free: Floats, of_bodies: Bools) -> list[int]:
     return [int(k) for k in np.argmax(np.abs(free @ V[still].T), axis=0)]
 
 
-def _pairs(model: Assembly) -> Iterator[set[int]]:
+def _list_pairs(model: Assembly) -> Iterator[set[int]]:
     """Bodies and reference points that contacts and ties connect, two by two."""
     index = {body.name: b for b, body in enumerate(model.bodies)}
     count = len(model.bodies)
@@ -193,16 +193,16 @@ def _pairs(model: Assembly) -> Iterator[set[int]]:
         yield set((np.searchsorted(model.offset, ends, side="right") - 1).tolist())
 
 
-def _meeting(model: Assembly) -> list[list[int]]:
+def _group_bodies(model: Assembly) -> list[list[int]]:
     """Groups of bodies and reference points connected by contacts and ties."""
     sets = [{b} for b in range(len(model.bodies) + len(model.references))]
-    for pair in _pairs(model):
+    for pair in _list_pairs(model):
         joined = set().union(*(one for one in sets if one & pair))
         sets = [one for one in sets if not one & pair] + [joined]
     return sorted(sorted(one) for one in sets)
 
 
-def _said(
+def _describe_motions(
     model: Assembly, members: list[int], modes: Floats, free: Floats
 ) -> list[str]:
     """Describe a space of motions: translations along the axes first, then the rest.
@@ -237,7 +237,7 @@ def _said(
             field = field.reshape(-1, d)
             if length(field).max() <= _FREE:
                 continue
-            words_of = rigid_motions.describe_motion(
+            words_of = rigid_motion_names.describe_motion(
                 field / length(field).max(),
                 np.zeros(len(field)),
                 points=model.bodies[b].points,

@@ -16,7 +16,7 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.checks.free_bodies import has_friction, unheld
+from bipot_rs.fem.checks.free_bodies import describe_free_bodies, has_friction
 from bipot_rs.fem.contact.surfaces import outward
 
 # Rounding of meshing programs and files, relative to the size of the model.
@@ -64,7 +64,7 @@ def inspect(
         *_penetrating(model),
         *_facing_away(model),
         *_without_friction(model, prescribed),
-        *unheld(model),
+        *describe_free_bodies(model),
         *_determined(model),
         *_units(model),
     ]

@@ -19,7 +19,7 @@ from bipot_rs.contact.law.slip_check import (
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import MeanStress
-from bipot_rs.fem.checks.free_bodies import unsupported
+from bipot_rs.fem.checks.free_bodies import list_unsupported
 from bipot_rs.obstacle.shapes import Plane
 
 # Largest rotation [rad] and strain that count as small. Equilibrium of the undeformed
@@ -146,7 +146,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
 
 
 def _gone(model: Assembly, last: Step) -> Iterator[str]:
-    for name in unsupported(model):
+    for name in list_unsupported(model):
         groups = [
             group
             for group, contact in enumerate(model.contacts)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs._lib.messages import instead
+from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Box, body_index
@@ -307,9 +308,7 @@ def rigid_bodies(bodies: Sequence[Body], remotes: Sequence[Remote]) -> set[str]:
 
 def rotations(arms: Floats) -> Floats:
     """``e_r × x`` of points ``(m, d)`` for each axis of rotation, ``(m, d, axes)``."""
-    if arms.shape[1] == 2:
-        return np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, :, None]
-    return np.stack([np.cross(unit, arms) for unit in np.eye(3)], axis=2)
+    return rigid_motions(arms)[:, :, arms.shape[1] :]
 
 
 def reference_named(found: Sequence[Reference], name: str) -> Reference:

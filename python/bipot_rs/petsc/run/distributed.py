@@ -22,7 +22,7 @@ from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.results.solution import Computed
 from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.results.state import Start
-from bipot_rs.fem.checks.free_bodies import unheld
+from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.petsc.engine import NO_FRAMES
 from bipot_rs.petsc.library import load
 from bipot_rs.petsc.problem import ContactProblem
@@ -69,7 +69,7 @@ class DistributedProblem:
             )
         except (FloatingBodyError, NotIterativeError) as error:
             # Meshes and supports are the same on all ranks, and so is what they say.
-            problems = list(unheld(model, rough=True))
+            problems = list(describe_free_bodies(model, rough=True))
             if not problems:
                 raise
             raise FloatingBodyError("; ".join(problems)) from error

@@ -1,0 +1,232 @@
+//! What can move: directions, rigid motions, connected bodies, and what holds them.
+
+use numpy::ndarray::Array3;
+use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::bodies::basis::{RigidMotion, list_motions};
+use crate::bodies::directions::{DofDirection, find_directions};
+use crate::bodies::holding::Holding;
+use crate::bodies::resistance::measure_resistance;
+use crate::bodies::tuning::SPRING;
+use crate::error::Error;
+use crate::linalg::union::Union;
+use crate::python::arrays::{self, Csr, Indices, Matrix};
+
+/// The direction of each degree of freedom at `places (n, 3)`: 0, 1, 2 for a displacement along
+/// x, y, z, 3, 4, 5 for a rotation about x, y, z, and -1 if the places do not tell.
+#[pyfunction]
+pub(super) fn dof_directions<'py>(
+    py: Python<'py>,
+    places: Matrix<'py>,
+    d: usize,
+) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    let directions = find_directions(arrays::rows::<3>(&places)?, d);
+    let number = |direction: Option<DofDirection>| {
+        direction.map_or(Ok(-1), |direction| match direction {
+            DofDirection::Along(axis) => i64::try_from(axis),
+            DofDirection::About(axis) => i64::try_from(3 + axis),
+        })
+    };
+    let numbers: Result<Vec<i64>, _> = directions.into_iter().map(number).collect();
+    let numbers = numbers.map_err(|e| PyValueError::new_err(e.to_string()))?;
+    Ok(PyArray1::from_vec(py, numbers))
+}
+
+/// Rigid motions of degrees of freedom at `arm (n, 3)` from the centre, `(n, m)`: translations,
+/// then rotations over `reach`. Directions as in `dof_directions`; those that are not known
+/// give zeros.
+#[pyfunction]
+pub(super) fn rigid_motions<'py>(
+    py: Python<'py>,
+    direction: PyReadonlyArray1<'py, i64>,
+    arm: Matrix<'py>,
+    d: usize,
+    reach: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (directions, arms) = (direction.as_slice()?, arrays::rows::<3>(&arm)?);
+    arrays::length("directions", directions.len(), arms.len())?;
+    let motions = list_motions(d);
+    let mut values = vec![0.0; directions.len() * motions.len()];
+    let rows = values.chunks_exact_mut(motions.len());
+    for ((row, &direction), &arm) in rows.zip(directions).zip(arms) {
+        let direction = match usize::try_from(direction) {
+            Ok(axis @ 0..3) => DofDirection::Along(axis),
+            Ok(about @ 3..6) => DofDirection::About(about - 3),
+            _ => continue,
+        };
+        for (value, motion) in row.iter_mut().zip(&motions) {
+            *value = RigidMotion::at(*motion, direction, arm, reach);
+        }
+    }
+    arrays::square(py, values, directions.len(), motions.len())
+}
+
+/// The body of each of `count` nodes, of which pairs are coupled; in the order of first nodes.
+#[pyfunction]
+pub(super) fn connected<'py>(
+    py: Python<'py>,
+    count: usize,
+    first: Indices<'py>,
+    second: Indices<'py>,
+) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    let pairs = (
+        arrays::indices(&first, "pairs")?,
+        arrays::indices(&second, "pairs")?,
+    );
+    arrays::length("pairs", pairs.1.len(), pairs.0.len())?;
+    let mut sets = Union::new(count);
+    for (&a, &b) in pairs.0.iter().zip(&pairs.1) {
+        check_index(a.max(b), count)?;
+        sets.join(a, b);
+    }
+    arrays::from_indices(py, sets.numbers())
+}
+
+/// The rows of `K` among those `wanted` that resist rigid motions: their numbers, the forces
+/// relative to the terms of each row, `(rows, m)`, and whether some of them are neither rounding
+/// nor those of a spring. `motions (n, m)` are those at all columns of these rows.
+#[pyfunction]
+pub(super) fn resisting_rows<'py>(
+    py: Python<'py>,
+    rows: Csr<'py>,
+    motions: Matrix<'py>,
+    wanted: Indices<'py>,
+) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, bool)> {
+    let pointer = arrays::indices(&rows.0, "row pointers")?;
+    let columns = arrays::indices(&rows.1, "columns")?;
+    let values = rows.2.as_slice()?;
+    let (at, m) = (motions.as_slice()?, motions.as_array().ncols());
+    let (mut numbers, mut forces, mut weak) = (Vec::new(), Vec::new(), false);
+    for row in arrays::indices(&wanted, "rows")? {
+        check_index(row + 1, pointer.len())?;
+        let entries = pointer[row]..pointer[row + 1];
+        check_index(entries.end, values.len().min(columns.len()) + 1)?;
+        let entries = columns[entries.clone()]
+            .iter()
+            .copied()
+            .zip(values[entries].iter().copied());
+        for (column, _) in entries.clone() {
+            check_index(column * m, at.len().max(1))?;
+        }
+        if let Some(row_forces) = measure_resistance(entries, m, |j, k| at[j * m + k]) {
+            weak |= row_forces.iter().all(|force| force.abs() < SPRING);
+            numbers.push(row);
+            forces.extend(row_forces);
+        }
+    }
+    let count = numbers.len();
+    let forces = arrays::square(py, forces, count, m)?;
+    Ok((arrays::from_indices(py, numbers)?, forces, weak))
+}
+
+/// What holds some bodies with `m` motions each, as rows in the amounts of the motions.
+#[pyclass(frozen, name = "Holding", module = "bipot_rs._core")]
+pub(super) struct PyHolding(std::sync::Mutex<Holding>);
+
+impl PyHolding {
+    fn with<T>(&self, work: impl FnOnce(&mut Holding) -> T) -> T {
+        let mut holding = self
+            .0
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        work(&mut holding)
+    }
+}
+
+#[pymethods]
+impl PyHolding {
+    /// Bodies that nothing holds.
+    #[new]
+    fn new(bodies: usize, motions: usize) -> Self {
+        Self(std::sync::Mutex::new(Holding::new(bodies, motions)))
+    }
+
+    /// Add rows `(k, m)`, each with its body.
+    fn hold(&self, body: Indices<'_>, rows: Matrix<'_>) -> PyResult<()> {
+        let bodies = arrays::indices(&body, "bodies")?;
+        let (values, m) = (rows.as_slice()?, rows.as_array().ncols());
+        arrays::length("bodies", bodies.len(), rows.as_array().nrows())?;
+        self.with(|holding| {
+            arrays::length("rows of motions", m, holding.motions())?;
+            for (&body, row) in bodies.iter().zip(values.chunks_exact(m.max(1))) {
+                check_index(body, holding.bodies())?;
+                holding.hold(body, row);
+            }
+            Ok(())
+        })
+    }
+
+    /// Bodies of one node, which has no rotations: motions after the translations move nothing.
+    fn hold_rotations(&self, bodies: Indices<'_>, translations: usize) -> PyResult<()> {
+        let bodies = arrays::indices(&bodies, "bodies")?;
+        self.with(|holding| {
+            for body in bodies {
+                check_index(body, holding.bodies())?;
+                holding.hold_rotations(body, translations);
+            }
+            Ok(())
+        })
+    }
+
+    /// Rows with the same meaning as those of each body, `(bodies, m, m)`.
+    #[getter]
+    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let (shape, values) = self.with(|holding| {
+            let (bodies, m) = (holding.bodies(), holding.motions());
+            let values = (0..bodies).flat_map(|body| holding.triangle(body).to_vec());
+            ((bodies, m, m), values.collect::<Vec<f64>>())
+        });
+        let array = Array3::from_shape_vec(shape, values);
+        let array = array.map_err(|e| PyValueError::new_err(e.to_string()))?;
+        Ok(PyArray3::from_owned_array(py, array))
+    }
+
+    /// Whether no motion of each body is free.
+    #[getter]
+    fn held<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        let held = self.with(|holding| (0..holding.bodies()).map(|b| holding.is_held(b)).collect());
+        PyArray1::from_vec(py, held)
+    }
+
+    /// Some bodies as one, with the motions of each after those of the one before.
+    fn join(&self, bodies: Indices<'_>) -> PyResult<Self> {
+        let bodies = arrays::indices(&bodies, "bodies")?;
+        self.with(|holding| {
+            for &body in &bodies {
+                check_index(body, holding.bodies())?;
+            }
+            Ok(Self(std::sync::Mutex::new(holding.join(&bodies))))
+        })
+    }
+
+    /// Amounts of the free motions of a body, orthonormal rows `(k, m)`; `accuracy` is that of
+    /// the rows that hold it.
+    fn free_motions<'py>(
+        &self,
+        py: Python<'py>,
+        body: usize,
+        accuracy: f64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (m, free) = self.with(|holding| {
+            check_index(body, holding.bodies())?;
+            let free = holding.find_free_motions(body, accuracy);
+            Ok::<_, PyErr>((holding.motions(), free))
+        })?;
+        let count = free.len();
+        arrays::square(py, free.concat(), count, m)
+    }
+}
+
+fn check_index(index: usize, limit: usize) -> Result<(), Error> {
+    if index < limit {
+        return Ok(());
+    }
+    Err(Error::IndexRange {
+        what: "an array of bodies",
+        position: 0,
+        found: index,
+        limit,
+    })
+}
