@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import beside_petsc
 import compare_tractions
 import fclib
 import iterations
@@ -44,16 +43,6 @@ def test_a_table_replaces_only_what_is_between_its_markers(tmp_path: Path) -> No
         "| old |", "| a | b |\n|---|---|\n| 1 \\1 | 2 |"
     ).replace("two.py -->\n", "two.py -->\ntext\n")
     assert [file.name for file in tmp_path.iterdir()] == ["README.md"]
-
-
-@pytest.mark.parametrize(
-    ("page", "name"),
-    [("no markers", "one"), (PAGE + PAGE, "one"), (PAGE, "three")],
-    ids=["none", "twice", "another"],
-)
-def test_markers_must_be_there_once(page: str, name: str) -> None:
-    with pytest.raises(ValueError, match="markers"):
-        tables.replaced(page, name, "text")
 
 
 def test_a_row_of_another_length_is_refused() -> None:
@@ -169,21 +158,6 @@ def test_a_peer_without_its_package_names_it(repository: Path) -> None:
         assert run.stderr.strip() == f"{package} is not installed"
 
 
-def test_a_peer_that_no_python_has_is_missing() -> None:
-    peer = commands.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
-    assert peer.python is None
-    assert peer.missing == "no Python here has no_such_package and numpy"
-
-
-def test_without_petsc_one_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["bench"])
-    monkeypatch.setattr(beside_petsc, "which", lambda _: None)
-    beside_petsc.main()
-    assert capsys.readouterr().out == ("Not compared with PETSc: there is no mpirun.\n")
-
-
 def test_a_row_of_iterations_counts_those_of_the_iterative_engine() -> None:
     one = iterations.row("two blocks", "small", iterations.blocks(6, 6, 10.0))
     assert one["solved by"] == "iterative"
@@ -278,12 +252,6 @@ def test_print_writes_no_files(
     monkeypatch.setattr(sys, "argv", ["bench", "--methods", "auto", "--print", *asked])
     bench.main()
     assert list(results.iterdir()) == []
-
-
-def test_exponents_are_slopes() -> None:
-    n = np.array([1e3, 1e4, 1e5])
-    # Logarithms of a power law lie on a line, to rounding.
-    assert scaling.exponent(n, 3 * n**1.5) == pytest.approx(1.5, rel=1e-12)
 
 
 def test_the_matrices_of_a_peer_are_those_of_the_scene(
