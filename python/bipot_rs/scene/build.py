@@ -18,10 +18,10 @@ from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.contact.contact import Contact, Floating
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.elements import first_order, kind_of, second_order
+from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
 from bipot_rs.obstacle.triangulated import Surface
-from bipot_rs.scene.histories import Histories
 from bipot_rs.scene.load_history import LoadHistory
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import Known, inconsistencies
@@ -144,10 +144,10 @@ def _make_obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
         raise SceneError(scene.title, [mistake]) from error
 
 
-def make_parts(scene: Scene) -> dict[str, Any]:
-    """Arguments of `fem.assemble` besides the bodies."""
+def make_parts(scene: Scene, motions: Mapping[str, Motion | None]) -> dict[str, Any]:
+    """Arguments of `fem.assemble` besides the bodies; ``motions`` of each obstacle."""
     return {
-        "contacts": make_contacts(scene),
+        "contacts": make_contacts(scene, motions),
         "supports": make_supports(scene),
         "symmetries": [Symmetry(*split(s.on)) for s in scene.symmetry],
         "springs": [
@@ -159,9 +159,8 @@ def make_parts(scene: Scene) -> dict[str, Any]:
     }
 
 
-def make_contacts(scene: Scene) -> list[Contact]:
+def make_contacts(scene: Scene, motions: Mapping[str, Motion | None]) -> list[Contact]:
     """Make the contacts, with the motion of their obstacles along the path."""
-    histories = Histories(scene)
     # Each obstacle once: a surface with many facets takes long to make.
     obstacles = {
         name: _make_obstacle(scene, name, rigid)
@@ -181,7 +180,7 @@ def make_contacts(scene: Scene) -> list[Contact]:
                 axis=c.axis,
                 pairing=c.pairing,
                 obstacle=obstacles.get(c.obstacle or ""),
-                motion=None if rigid is None else histories.make_motion(rigid),
+                motion=motions.get(c.obstacle or ""),
                 floating=None
                 if rigid is None or rigid.force is None
                 else Floating(str(c.obstacle), tuple(rigid.force.components())),
@@ -262,18 +261,18 @@ def _make_strain(table: InitialStrain, body: Body) -> Initial:
 
 
 def make_loads(
-    scene: Scene, histories: Histories, bodies: Sequence[Body], model: Assembly
+    scene: Scene, bodies: Sequence[Body], model: Assembly
 ) -> tuple[LoadHistory, ...]:
     """Make the loads of a scene, each with its nodal forces for factor 1."""
+    at_points = _make_point_loads(scene, model.dim)
     of_bodies = _make_body_loads(scene, {b.name: b for b in bodies}, model.dim)
     return tuple(
         LoadHistory(
             load if isinstance(load, Load) else None,
             number,
             model.nodal_forces(load),
-            histories.evaluate(number),
         )
-        for load, number in chain(of_bodies, _make_point_loads(scene, model.dim))
+        for load, number in chain(of_bodies, at_points)
     )
 
 

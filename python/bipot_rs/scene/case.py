@@ -27,7 +27,7 @@ from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
 from bipot_rs.scene.build import make_loads, make_parts
-from bipot_rs.scene.histories import Histories, find_gaps
+from bipot_rs.scene.histories import Histories
 from bipot_rs.scene.load_history import LoadHistory
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.root import Scene
@@ -135,11 +135,7 @@ class Case:
                 "this case was made without a scene: loads between its steps are unknown"
             )
         histories = Histories(self.scene, np.atleast_1d(np.asarray(t)))
-        loads = tuple(
-            replace(load, history=histories.evaluate(load.number))
-            for load in self.loads
-        )
-        return _make_case(self.scene, self.model, loads, histories)
+        return _make_case(self.scene, self.model, self.loads, histories)
 
     def solve(
         self,
@@ -418,9 +414,9 @@ def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) ->
     """
     try:
         make = assemble_model if stiffness else without_stiffness
-        model = make(meshed, **make_parts(scene))
         histories = Histories(scene)
-        loads = make_loads(scene, histories, meshed, model)
+        model = make(meshed, **make_parts(scene, histories.make_motions()))
+        loads = make_loads(scene, meshed, model)
         return _make_case(scene, model, loads, histories)
     except SceneError:
         raise
@@ -435,15 +431,16 @@ def _make_case(
     loads: tuple[LoadHistory, ...],
     histories: Histories,
 ) -> Case:
+    acting = tuple(replace(o, history=histories.evaluate(o.number)) for o in loads)
     load = np.zeros((len(histories.ends), model.n))
-    for one in loads:
-        np.add(load, np.outer(one.history, one.nodal), out=load)
+    for one in acting:
+        load += np.outer(one.history, one.nodal)
     return Case(
         model=model,
         load=load if load.any() else None,
         prescribed=histories.prescribe(model),
         parameter=histories.parameter,
-        loads=loads,
+        loads=acting,
         scene=scene,
-        gaps=find_gaps(scene, model, histories.ends),
+        gaps=histories.find_gaps(model),
     )

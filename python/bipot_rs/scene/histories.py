@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames, join_steps
+from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.scene.schema.contact import Rigid
@@ -92,8 +92,11 @@ class Histories:
         ]
         return np.array(prescribed).reshape(len(self.ends), len(model.fixed))
 
-    def make_motion(self, rigid: Rigid) -> Motion | None:
-        """Motion of an obstacle up to each of the ends; None if it is at rest."""
+    def make_motions(self) -> dict[str, Motion | None]:
+        """Motion of each obstacle up to each of the ends; None if it is at rest."""
+        return {name: self._make_motion(r) for name, r in self._scene.obstacle.items()}
+
+    def _make_motion(self, rigid: Rigid) -> Motion | None:
         if rigid.move is None and rigid.turn is None:
             return None
         turn = rigid.turn
@@ -114,31 +117,17 @@ class Histories:
             degrees=True,
         )
 
+    def find_gaps(self, model: Assembly) -> Floats | MovingGaps | None:
+        """Gaps where obstacles are at each of the ends; None if no obstacle moves."""
+        scene = self._scene
 
-def find_gaps(
-    scene: Scene, model: Assembly, ends: Floats
-) -> Floats | MovingGaps | None:
-    """Gaps where obstacles are at the ends of steps; None if no obstacle moves.
+        def move(before: int, end: float) -> list[Motion | None]:
+            moving = Histories(
+                scene, np.array([before, end], np.float64)
+            ).make_motions()
+            return [moving.get(c.obstacle or "") for c in scene.contact]
 
-    Those at the end of a load step are in the model. Within a load step an obstacle moves
-    on from the end of the load step before, whatever steps were taken in between.
-    """
-    if model.gaps(scene.path.count()) is None:
-        return None
-    found = []
-    for end in ends:
-        before = int(end)
-        motions: list[Motion | None] = [None] * len(scene.contact)
-        if before != end or before == 0:
-            moving = Histories(scene, np.array([before, end], np.float64))
-            motions = [
-                moving.make_motion(scene.obstacle[c.obstacle]) if c.obstacle else None
-                for c in scene.contact
-            ]
-        moved = model.move_obstacles(before, motions)
-        if moved is not None:
-            found.append(moved)
-    return drop_equal_frames(join_steps(found), model.frame)
+        return model.gaps_at(self.ends, scene.path.count(), move)
 
 
 def evaluate_amplitude(amplitude: Amplitude, t: Floats, steps: int) -> Floats:

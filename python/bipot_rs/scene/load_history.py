@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
@@ -23,12 +25,12 @@ class LoadHistory:
     nodal : (n,)
         Nodal forces for factor 1 [N].
     history : (steps,)
-        Factor at the end of each load step.
+        Factor at the end of each load step; empty before the steps are known.
     """
 
     load: Load | None
     number: Varying
     nodal: Floats
-    history: Floats
+    history: Floats = field(default_factory=lambda: np.zeros(0))
 
     __repr__ = short_repr

@@ -547,7 +547,7 @@ def test_a_roller_turns_about_its_own_middle() -> None:
     m.body("block", material="steel", cell="quadrilateral", x=side, y=side)
     m.support("block.bottom", x=0, y=0)
     m.contact("block.top", against="roller", mu=0.3)
-    found = Histories(m.scene).make_motion(m.scene.obstacle["roller"])
+    found = Histories(m.scene).make_motions()["roller"]
     assert found is not None
     assert np.asarray(found.about).tolist() == [16.0, 23.0]
     assert found.degrees

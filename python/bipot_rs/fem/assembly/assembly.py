@@ -19,7 +19,11 @@ from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.path.moving_gaps import MovingGaps
+from bipot_rs.contact.path.moving_gaps import (
+    MovingGaps,
+    drop_equal_frames,
+    join_steps,
+)
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field, body_index
@@ -411,30 +415,41 @@ class Assembly:
             )
         return self.moving
 
-    def move_obstacles(
-        self, before: int, motions: Sequence[Motion | None]
-    ) -> MovingGaps | None:
-        """Gaps after a part of a load step; None if no obstacle moves.
+    def gaps_at(
+        self,
+        ends: Floats,
+        steps: int,
+        move: Callable[[int, float], Sequence[Motion | None]],
+    ) -> Floats | MovingGaps | None:
+        """Gaps at any ends of steps, in the form of `gaps`.
+
+        Those at the end of a load step are known. Within a load step, obstacles move on
+        from the end of the load step before, whatever steps are taken in between.
 
         Parameters
         ----------
-        before
-            Number of completed load steps; the part starts there.
-        motions
-            For each contact, the motion of its obstacle in two states, the first that of
-            ``before``; None for an obstacle that stays.
-
-        Returns
-        -------
-        bipot_rs.MovingGaps
-            Of one step. They depend only on where the part ends, not on how the load step
-            is divided.
+        ends
+            From 0 to ``steps``, the number of load steps; load step k ends at k + 1.
+        move
+            Function of the number of completed load steps and an end, which returns the
+            motion of each contact's obstacle in these two states; None for one at rest.
         """
-        if self._path is None:
+        if self.gaps(steps) is None or self._path is None:
             return None
+        found = []
+        for end in ends:
+            before = int(end)
+            if before == end and before > 0:
+                found.append(self._path[before - 1])
+            else:
+                found.append(self._move_on(before, move(before, float(end))))
+        return drop_equal_frames(join_steps(found), self.frame)
+
+    def _move_on(self, before: int, motions: Sequence[Motion | None]) -> MovingGaps:
+        """Gaps after a motion in two states, the first that after some load steps."""
         gap, frame = self.gap.copy(), self.frame.copy()
         drag: Floats = np.zeros_like(self.points)
-        if before:
+        if before and self._path is not None:
             last = self._path[before - 1]
             gap, frame, drag = last.gap.copy(), last.frame.copy(), last.drag.copy()
         for group, motion in enumerate(motions):
