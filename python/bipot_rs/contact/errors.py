@@ -41,7 +41,7 @@ class BipotError(Exception):
         self.result = result
         self.direction = direction
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         known = (*self.args, self.result, self.direction)
         return type(self), known, {"dof": self.dof, "wear": self.wear}
 

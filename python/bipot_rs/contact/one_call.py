@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import MatrixLike
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
@@ -49,8 +50,8 @@ class _Keywords(_OfSolve, total=False):
 
 
 def solve(
-    K: Any,
-    B: Any,
+    K: MatrixLike,
+    B: MatrixLike,
     load: ArrayLike | None = None,
     prescribed: ArrayLike | None = None,
     *,
@@ -115,6 +116,7 @@ def solve(
     2 N, which friction holds, then by 5 N, of which friction takes 0.3 · 10 N:
 
     >>> import numpy as np
+    from bipot_rs._lib.types import MatrixLike
     >>> import bipot_rs as bp
     >>> K, B = 1000.0 * np.eye(2), np.eye(2)
     >>> result = bp.solve(K, B, [[-10.0, 2.0], [-10.0, 5.0]], gap=[0.0], mu=0.3)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, MatrixLike
 from bipot_rs._lib.validation import (
     Csr,
     Settings,
@@ -169,8 +169,8 @@ class ContactProblem:
 
     def __init__(
         self,
-        K: Any,
-        B: Any,
+        K: MatrixLike,
+        B: MatrixLike,
         *,
         gap: ArrayLike,
         mu: ArrayLike,
@@ -745,7 +745,7 @@ class ContactProblem:
         cycles_of_path = Cycles(begin, totals, arguments)
         return CycleSolver(cycles_of_path, stability, on_cycle).solve()
 
-    def update(self, K: Any) -> None:
+    def update(self, K: MatrixLike) -> None:
         """Replace the stiffness in place, for other materials or thicknesses.
 
         If ``K`` has the same pattern as before, the orderings, the symbolic analysis and

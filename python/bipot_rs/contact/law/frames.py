@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, vectors
 
 
@@ -89,7 +89,7 @@ def find_step_frames(step: Any, frame: Floats) -> Floats:
     return frame if own is None else own
 
 
-def operator(frame: Floats, sides: Sequence[Ints], n: int) -> Any:
+def operator(frame: Floats, sides: Sequence[Ints], n: int) -> CsrMatrix:
     """B of (2), CSR ``(d n_c, n)``: one node minus another, in the frames of the contacts.
 
     ``sides`` holds the degrees of freedom ``(n_c, d)`` of the nodes and, if any, of their
@@ -107,7 +107,7 @@ def operator(frame: Floats, sides: Sequence[Ints], n: int) -> Any:
         row.append(np.broadcast_to(rows[has], blocks.shape).ravel())
         column.append(np.broadcast_to(side[has][:, None], blocks.shape).ravel())
     entries = np.concatenate(data), (np.concatenate(row), np.concatenate(column))
-    B = coo_array(entries, shape=(dim * count, n)).tocsr()
+    B: CsrMatrix = coo_array(entries, shape=(dim * count, n)).tocsr()
     B.eliminate_zeros()
     return B
 

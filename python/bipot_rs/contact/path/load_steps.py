@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, mistyped
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import floats, rows_of_steps, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
@@ -37,7 +37,7 @@ class Held(Protocol):
     def dependent(self) -> Ints:
         """Degrees of freedom that follow others, prescribed as zero."""
 
-    def stiffness(self, K: Any) -> Any:
+    def stiffness(self, K: CsrMatrix) -> MatrixLike:
         """K with these supports."""
 
     def load(self, force: Floats) -> Floats:

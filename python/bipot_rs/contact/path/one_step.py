@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact.path.load_path import NO_FRAME, find_start
 from bipot_rs.contact.path.load_steps import Loading, Loads
 from bipot_rs.contact.path.moving_gaps import (
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class StepArguments(NamedTuple):
     """``W``, ``q`` and ``rigid`` of a `ReducedProblem`."""
 
-    W: Any
+    W: Floats | CsrMatrix
     q: Floats
     rigid: tuple[Floats, Floats] | None
 

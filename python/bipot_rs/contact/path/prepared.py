@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of, place
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import (
     Csr,
     Parts,
@@ -226,7 +226,7 @@ class PreparedStiffness:
     _iterative: Iterative | None
     # K, until it is condensed, or what assembles it once more.
     _parts: Parts | None
-    _assemble: Callable[[], Any] | None
+    _assemble: Callable[[], MatrixLike] | None
     _on_forecast: OnForecast | None
 
     def __init__(
@@ -275,7 +275,7 @@ class PreparedStiffness:
             return csr("K", self._assemble()).parts
         return self.core.stiffness()
 
-    def release(self, assemble: Callable[[], Any]) -> bool:
+    def release(self, assemble: Callable[[], MatrixLike]) -> bool:
         """Drop K if the iterative engine will solve; ``assemble`` makes it once more."""
         if self._iterative is None or self._choice[0] != "iterative":
             return False

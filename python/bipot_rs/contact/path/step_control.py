@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ class Increments:
 
 
 def check_increments(
-    stops: Any, first: Any, largest: Any, smallest: Any, slip: Any
+    stops: object, first: object, largest: object, smallest: object, slip: object
 ) -> Increments:
     """Check the limits, and fill in the defaults.
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import AnyArray, Floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.files.fields import OF_CONTACTS
@@ -19,7 +19,7 @@ Contacts = Mapping[str, NDArray[Any] | None]
 
 def make_contact_fields(
     step: Step, contacts: Contacts, displacement: Floats | None = None
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Fields at the contacts of a step, acting on the body of each contact.
 
     Parameters

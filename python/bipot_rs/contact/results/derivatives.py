@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 
 
 class Tangent:
@@ -59,7 +59,7 @@ class Adjoint(Protocol):
     def prescribed(self, load: Floats) -> Floats:
         """Derivatives by prescribed displacements, from the adjoint displacements."""
 
-    def stiffness(self, load: Floats) -> Any:
+    def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""
 
 
@@ -121,7 +121,7 @@ class Gradient:
         return self._adjoint.prescribed(self.load)
 
     @cached_property
-    def K(self) -> Any:
+    def K(self) -> CsrMatrix:
         """Derivatives by the entries of K, sparse ``(n, n)``, symmetric, on its pattern.
 
         The change of the number with a symmetric change ``dK`` is the sum of all products
@@ -178,13 +178,18 @@ class ReducedGradient:
     """
 
     def __init__(
-        self, q: Floats, mu: Floats, one_sided: Bools, reaction: Floats, W: Any
+        self,
+        q: Floats,
+        mu: Floats,
+        one_sided: Bools,
+        reaction: Floats,
+        W: Floats | CsrMatrix,
     ) -> None:
         self.q, self.mu, self.one_sided = q, mu, one_sided
         self._reaction, self._given = reaction, W
 
     @cached_property
-    def W(self) -> Any:
+    def W(self) -> Floats | CsrMatrix:
         """Derivatives by the entries of W, on the pattern of a sparse W, else dense.
 
         W is not assumed to be symmetric: its entries are independent data.
@@ -197,7 +202,10 @@ class ReducedGradient:
         own = csr_array(self._given)
         rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
         values = adjoint[rows] * r[own.indices]
-        return csr_array((values, own.indices, own.indptr), shape=own.shape)
+        by_entry: CsrMatrix = csr_array(
+            (values, own.indices, own.indptr), shape=own.shape
+        )
+        return by_entry
 
 
 class DataChange(NamedTuple):
@@ -233,7 +241,12 @@ class SolutionDerivatives(Protocol):
     """A reduced problem, for the derivatives of its solution."""
 
     def jvp(
-        self, solution: Any, W: Any, q: ArrayLike | None, mu: ArrayLike | None, /
+        self,
+        solution: Any,
+        W: MatrixLike | None,
+        q: ArrayLike | None,
+        mu: ArrayLike | None,
+        /,
     ) -> ReducedTangent:
         """`Solution.jvp`."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results import pictures, summary, tables
@@ -168,7 +168,7 @@ class Result(Sequence[Step]):
         return summary.format_html(summary.summarise_result(self))
 
     def _stack(
-        self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
+        self, name: str, empty: tuple[int, ...], dtype: type = np.float64
     ) -> NDArray[Any]:
         if not self.steps:
             return np.empty(empty, dtype)
@@ -222,7 +222,7 @@ class Result(Sequence[Step]):
         """
         return self.resultants(np.zeros(self.shape[0], np.int64))[:, 0]
 
-    def resultants(self, group: NDArray[np.integer[Any]]) -> Floats:
+    def resultants(self, group: Integers) -> Floats:
         """`resultant` of each group of contacts, ``(steps, groups, d)``.
 
         Parameters
@@ -292,7 +292,7 @@ class Result(Sequence[Step]):
         gap: ArrayLike | None = None,
         mu: ArrayLike | None = None,
         *,
-        K: Any = None,
+        K: MatrixLike | None = None,
     ) -> Tangent:
         """Exact derivatives of the whole path in a direction of its data (33).
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, MatrixLike
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.results import error_bound, summary
@@ -220,7 +220,7 @@ class Solution:
 
     def jvp(
         self,
-        W: Any = None,
+        W: MatrixLike | None = None,
         q: ArrayLike | None = None,
         mu: ArrayLike | None = None,
     ) -> ReducedTangent:

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted, size
+from bipot_rs._lib.types import AnyArray, Floats, Integers
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -62,7 +62,7 @@ def describe_places(contacts: int, d: int) -> str:
     return " ".join(filter(None, (counted(contacts, "contact"), _SPACE.get(d, ""))))
 
 
-def describe_statuses(status: NDArray[np.integer[Any]]) -> str:
+def describe_statuses(status: Integers) -> str:
     """Contacts by status.
 
     >>> describe_statuses(np.array([0, 2, 2], np.int8))
@@ -73,7 +73,7 @@ def describe_statuses(status: NDArray[np.integer[Any]]) -> str:
     )
 
 
-def describe_forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
+def describe_forces(reaction: Floats, frame: Floats | None = None) -> str:
     """Sums of the normal forces and of the friction forces as vectors.
 
     Parameters
@@ -97,7 +97,7 @@ def describe_forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -
     return f"normal {press:.5g} in total, friction {size:.5g}{share}"
 
 
-def describe_friction(mu: NDArray[Any]) -> str:
+def describe_friction(mu: Floats) -> str:
     """Smallest and largest friction coefficient.
 
     >>> describe_friction(np.array([0.3, 0.3])), describe_friction(np.array([0.0, 0.3]))
@@ -113,7 +113,7 @@ def describe_friction(mu: NDArray[Any]) -> str:
     return said if mu.ndim == 1 else f"{said}, by direction"
 
 
-def describe_gaps(gap: NDArray[Any]) -> str:
+def describe_gaps(gap: Floats) -> str:
     """Smallest and largest normal gap, and how many are negative.
 
     >>> describe_gaps(np.array([-0.5, 1.0])), describe_gaps(np.zeros(2))
@@ -139,7 +139,7 @@ def format_seconds(taken: float) -> str:
 def summarise_problem(
     shape: tuple[int, int, int],
     fixed: int,
-    arrays: Mapping[str, NDArray[Any] | None],
+    arrays: Mapping[str, AnyArray | None],
     stats: Mapping[str, Any],
     remarks: Sequence[str] = (),
 ) -> Summary:

@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import AnyArray, Floats, Ints
 from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.solution import Step
@@ -49,7 +48,7 @@ def measure_wear(step: Step, area: Floats) -> dict[str, Any]:
 
 
 def list_surface_forces(
-    step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
+    step: Step, frame: Floats, mu: Floats, group: Ints, names: Sequence[str]
 ) -> dict[str, float | None]:
     """`FORCES` of named surfaces; ``group (n_c,)`` is the surface number of each contact.
 
@@ -121,7 +120,7 @@ def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | N
 
 def list_contacts(
     steps: Sequence[Step], contacts: Mapping[str, Any]
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Columns of a table with a row for each contact in each load step, step by step."""
     if not steps:
         return {}

@@ -8,12 +8,11 @@ has the displacements among its unknowns, and nothing of it is factored.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.sensitivity.laws import Laws
 from bipot_rs.contact.sensitivity.response import make_matrix
 
@@ -67,7 +66,7 @@ class DisplacementResponse:
         self.motions = self._core.order
         self.diagonal = self._core.diagonal
 
-    def stiffness(self) -> Any:
+    def stiffness(self) -> CsrMatrix:
         """K, sparse, with the zeros of the blocks of its nodes."""
         return make_matrix(*self._core.stiffness())
 

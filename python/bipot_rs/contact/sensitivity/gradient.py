@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.results.derivatives import Cotangents, Gradient
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
@@ -105,7 +105,7 @@ class Backward:
         left: Floats = force - (self._stiffness @ load.T).T
         return np.ascontiguousarray(left[:, path.model.fixed])
 
-    def stiffness(self, load: Floats) -> Any:
+    def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""
         from scipy.sparse import csr_array
 
@@ -123,9 +123,9 @@ class Backward:
         # With the zeros of the pattern: a sum of two matrices would keep them out.
         mirrored = half.T.tocsr()
         mirrored.sort_indices()
-        return csr_array(
-            (half.data + mirrored.data, K.indices, K.indptr), shape=K.shape
-        )
+        values = half.data + mirrored.data
+        gradient: CsrMatrix = csr_array((values, K.indices, K.indptr), shape=K.shape)
+        return gradient
 
     @cached_property
     def _stiffness(self) -> Any:

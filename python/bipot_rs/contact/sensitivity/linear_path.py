@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
@@ -96,7 +96,7 @@ class LinearPath:
             return DisplacementResponse(primal)
         return CondensedResponse(recovery.condensed(), self._closed(), self.shape[0])
 
-    def _closed(self) -> Any:
+    def _closed(self) -> Ints:
         """Contacts that close, or nearly do, in some step."""
         closed = np.zeros(self.shape[0], bool)
         for point in self.points:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import floats, loads
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
@@ -48,7 +48,7 @@ class PathModel:
         Nodes on inclined supports.
     """
 
-    contact: Any
+    contact: CsrMatrix
     fixed: Ints
     gap_shape: tuple[int, ...]
     gaps_by_component: bool | None = None
@@ -81,7 +81,7 @@ class PathChange:
     prescribed: Floats | None
     gap: Floats | None
     friction: Floats
-    stiffness: Any
+    stiffness: CsrMatrix | None
 
 
 def check_changes(
@@ -153,21 +153,22 @@ def _repeat_rows(what: str, rows: Sequence[Floats], steps: int) -> Floats:
     return np.stack([rows[min(k, len(rows) - 1)] for k in range(steps)])
 
 
-def _check_matrix(stiffness: Any, n: int) -> Any:
+def _check_matrix(stiffness: MatrixLike | None, n: int) -> CsrMatrix | None:
     if stiffness is None:
         return None
     from scipy.sparse import csr_array, issparse
 
-    found = csr_array(stiffness if issparse(stiffness) else floats("K", stiffness))
-    if found.shape != (n, n):
-        raise ValueError(f"K has shape {found.shape}, expected {(n, n)}")
-    if not np.isfinite(found.data).all():
+    sparse = csr_array(stiffness if issparse(stiffness) else floats("K", stiffness))
+    change: CsrMatrix = sparse
+    if change.shape != (n, n):
+        raise ValueError(f"K has shape {change.shape}, expected {(n, n)}")
+    if not np.isfinite(change.data).all():
         raise ValueError("K has entries that are not finite")
-    apart = abs(found - found.T)
-    size = abs(found).max() if found.nnz else 0.0
+    apart = abs(sparse - sparse.T)
+    size = abs(sparse).max() if sparse.nnz else 0.0
     if apart.nnz and apart.max() > 1e-10 * size:
         raise ValueError("K is not symmetric, expected a symmetric change of K")
-    return found
+    return change
 
 
 def check_cotangent(

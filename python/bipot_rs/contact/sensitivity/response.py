@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Integers, Ints
 from bipot_rs.contact.errors import NotDifferentiableError
 from bipot_rs.contact.sensitivity.laws import Laws
 
@@ -127,12 +127,13 @@ def make_system(
     return System(laws, core, shape)
 
 
-def make_matrix(start: Any, column: Any, values: Floats) -> Any:
+def make_matrix(start: Integers, column: Integers, values: Floats) -> CsrMatrix:
     """A square sparse matrix."""
     from scipy.sparse import csr_array
 
     n = len(start) - 1
-    return csr_array((values, column, start), shape=(n, n))
+    matrix: CsrMatrix = csr_array((values, column, start), shape=(n, n))
+    return matrix
 
 
 def _join(rows: Floats, rest: Floats) -> Floats:
@@ -167,7 +168,7 @@ class CondensedResponse:
         """Whether W is known of all contacts."""
         return len(self.members) == len(self._place)
 
-    def stiffness(self) -> Any:
+    def stiffness(self) -> CsrMatrix:
         """K, sparse, without the entries between prescribed degrees of freedom."""
         return make_matrix(*self._stiffness())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -261,7 +260,7 @@ class WearRows:
         """
         contacts = len(area)
 
-        def stacked(rows: Sequence[Any]) -> Floats:
+        def stacked(rows: Sequence[Floats | None]) -> Floats:
             return np.array(rows, np.float64).reshape(-1, contacts)
 
         result = None if last is None else last.result()
