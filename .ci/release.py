@@ -29,10 +29,13 @@ POLICY, TAG = "manylinux2014", "manylinux_2_17"
 LINUX_TOOLS = ("ziglang>=0.17,<0.18", "auditwheel>=6.4")
 TEST_TOOLS = ("pytest", "pytest-timeout", "hypothesis")
 # Folders whose tests mostly need NumPy and SciPy only, and the marker of those that do.
-QUICK = tuple(
+QUICK = [
     f"tests/python/{name}"
-    for name in ("contact", "lib", "mortar", "obstacle", "theory", "test_analytic.py")
-)
+    for name in (
+        *("contact", "lib", "mortar", "obstacle", "theory", "test_analytic.py"),
+        "repository/test_library_names.py",
+    )
+]
 MARKED = "not slow and not needs_extra"
 NAME = r"bipot_rs-[\d.]+-cp311-abi3-\w+(\.\w+)*\.whl"
 # What surrounds this process must not enter the wheel: flags for its own processor would
