@@ -20,3 +20,10 @@ METHODS = (
 NEED_SUPPORTS = ("alternating_principles", "minimising_sequence", "pivoting")
 
 WITHOUT_SUPPORTS = tuple(name for name in METHODS if name not in NEED_SUPPORTS)
+
+# Keywords of `solve`: each engine, and each method.
+EVERY_WAY: tuple[dict[str, str], ...] = (
+    {"engine": "direct"},
+    {"engine": "iterative"},
+    *({"method": name} for name in METHODS),
+)

@@ -11,26 +11,11 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import analytic
 from support.bars import BAR, bar_problem, lost, pulled
-from support.contacts import K1, SMALL, TOL, one_node
+from support.contacts import TOL, one_node
 from support.methods import METHODS
-from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP
-
-
-@pytest.mark.slow
-def test_h19_a_thousand_cycles_do_not_drift() -> None:
-    cycles = 1000
-    problem, load = bar_problem()
-    ends = np.array([30.0] + [-30.0, 30.0] * cycles)
-    result = problem.solve(pulled(load, ends), tol=1e-13)
-    u = result.displacement[:, -1]
-    np.testing.assert_allclose(u, 0.009 * np.sign(ends), rtol=1e-10)
-    assert lost(result)[1:].sum() == pytest.approx(361.25, rel=1e-9)
-    # From the tenth cycle to the last only rounding may add up: errors of 1e-13 per step,
-    # each with its own direction.
-    assert np.ptp(np.abs(u[20:])) <= 1e-12 * 0.009 * math.sqrt(2 * cycles)
 
 
 def test_h20_work_of_aligned_steps_is_what_friction_takes() -> None:
@@ -106,23 +91,6 @@ def test_h20_energy_balance_of_a_random_path() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("path", "u_t", "r_t"),
-    [
-        ([[-1, 0], [-1, 0.4]], 0.0, -0.4),
-        ([[-0.25, 0.1], [-0.5, 0.2], [-1, 0.4]], 0.0, -0.4),
-        ([[0, 0.4], [-1, 0.4]], 0.4, 0.0),
-    ],
-)
-def test_h21_path_dependence_by_every_method(
-    path: list[list[float]], u_t: float, r_t: float, method: str
-) -> None:
-    result = one_node(path, 0.5, stiffness=np.eye(2), method=method)
-    np.testing.assert_allclose(result.displacement[-1], [0, u_t], atol=SMALL)
-    np.testing.assert_allclose(result.reaction[-1, 0], [1, r_t], atol=SMALL)
-
-
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("steps", [8, 32])
 def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
     k, limit, force = 2.0, 0.5, 0.8
@@ -137,48 +105,6 @@ def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
     last = np.linalg.norm(result.displacement[-1, 1:])
     assert last == pytest.approx(radius, rel=1e-8)
     assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("W", "r", "v"),
-    [
-        (
-            np.diag([1.0, 2.0, 5.0]),
-            [1, -0.38002548, -0.12482241],
-            [0, 0.83994904, 0.27588797],
-        ),
-        (
-            np.array([[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]]),
-            [1.07652377, -0.42297689, -0.08071613],
-            [0, 0.92899290, 0.17727851],
-        ),
-    ],
-)
-def test_h24_anisotropic_slip_by_every_method(
-    W: Array, r: list[float], v: list[float], method: str
-) -> None:
-    reduced = bp.ReducedProblem(W, np.array([[-1.0, 1.6, 0.9]]), 0.4)
-    solution = reduced.solve(method=method, tol=TOL)
-    assert solution.converged, solution.message
-    assert solution.status[0] == SLIP
-    # Eight decimals are printed.
-    np.testing.assert_allclose(solution.reaction[0], r, atol=1e-8)
-    np.testing.assert_allclose(solution.relative_displacement[0], v, atol=1e-8)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_h25_released_contact_remembers_nothing_by_every_method(method: str) -> None:
-    path = np.array([[-1.0, 1.5], [1.0, 1.5], [-1.0, -0.2]])
-    result = one_node(path, 0.3, method=method)
-    np.testing.assert_array_equal(result.reaction[1, 0], 0)
-    free = np.linalg.solve(K1, path[1])
-    np.testing.assert_allclose(result.displacement[1], free, atol=SMALL)
-    # In contact again: slip counts from where the last step left the node.
-    W = np.linalg.inv(K1)
-    (only,) = answers(Problem(W, (W @ path[2] - [0.0, free[1]])[None], 0.3))
-    np.testing.assert_allclose(result.reaction[2], only.r, atol=SMALL)
-    np.testing.assert_allclose(result.slip[2, 0], only.v[0, 1:], atol=SMALL)
 
 
 def test_no_steps_do_not_stand_for_several() -> None:

@@ -1,6 +1,5 @@
 """Hard cases: vertices, redundancy, bad input, histories. H1, H2, … are their ids."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +12,7 @@ import bipot_rs as bp
 from support.bodies import block
 from support.conditions import violation
 from support.contacts import K1, SMALL, TOL, one_node
+from support.methods import EVERY_WAY
 from support.oracle import Problem, answers
 
 Array = NDArray[np.float64]
@@ -117,34 +117,6 @@ def test_h8_redundant_supports(mu: float) -> None:
     assert result.displacement[0, 2] == pytest.approx(w, abs=1e-7)
 
 
-H16 = {
-    "K": [
-        np.diag([math.nan, 1.0]),
-        np.diag([2.0, math.inf]),
-        np.array([[2.0, 0.5], [0.1, 1.0]]),
-        np.ones((2, 3)),
-        np.diag([2.0, -1.0]),
-    ],
-    "B": [sparse.csr_array((2, 3)), sparse.csr_array([[1.0, 0.0], [0.0, math.nan]])],
-    "load": [[math.nan, 0.0], [math.inf, 0.0], [1.0, 2.0, 3.0]],
-    "gap": [[math.nan], [math.inf], [[0.0, 0.0, 0.0]]],
-    "mu": [-0.1, math.nan, math.inf, [0.1, 0.2]],
-    "area": [[0.0], [-1.0], [math.nan], [1.0, 1.0]],
-    "fixed": [[2], [-1], [0, 0]],
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [(name, bad) for name, all_bad in H16.items() for bad in all_bad]
-)
-def test_h16_bad_input_is_named(name: str, value: Any) -> None:
-    good = {"K": K1, "B": sparse.eye_array(2, format="csr"), "load": [-1.0, 0.3]}
-    arguments: dict[str, Any] = {**good, "gap": [0.0], "mu": 0.5, name: value}
-    K, B, load = (arguments.pop(key) for key in ("K", "B", "load"))
-    with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b"):
-        bp.solve(K, B, np.array(load), **arguments)
-
-
 def test_h17_no_contact_is_a_linear_solve() -> None:
     load = np.array([-1.0, 0.3])
     result = bp.solve(
@@ -160,10 +132,10 @@ def test_h17_no_contact_is_a_linear_solve() -> None:
     assert empty.reaction.shape == (0, 3)
 
 
-@pytest.mark.parametrize("engine", ["direct", "iterative"])
-def test_h25_released_contact_remembers_nothing(engine: str) -> None:
+@pytest.mark.parametrize("how", EVERY_WAY, ids=str)
+def test_h25_released_contact_remembers_nothing(how: dict[str, str]) -> None:
     path = np.array([[-1.0, 1.5], [1.0, 1.5], [-1.0, -0.2]])
-    result = one_node(path, 0.3, engine=engine)
+    result = one_node(path, 0.3, **how)
     assert result.status[1, 0] == OPEN
     np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
     free = np.linalg.solve(K1, path[1])

@@ -1,6 +1,5 @@
 """Solutions do not depend on units, frames, numbering, threads and processes."""
 
-import multiprocessing
 from typing import Any
 
 import numpy as np
@@ -236,27 +235,3 @@ def test_projection_is_the_same_on_any_number_of_threads(
         assert np.array_equal(status[k::7], s)
     monkeypatch.setenv("BIPOT_NUM_THREADS", "1")
     assert np.array_equal(bp.project(tau, mu)[0], whole)
-
-
-def _child(queue: Any) -> None:
-    queue.put(solve(*pressed_cube(6), num_threads=2).reaction)
-
-
-def test_a_forked_child_can_solve() -> None:
-    # A thread pool does not survive a fork: a child that waits for the threads of its
-    # parent never ends.
-    here = solve(*pressed_cube(6), num_threads=2).reaction
-    context = multiprocessing.get_context("fork")
-    queue: Any = context.SimpleQueue()
-    child = context.Process(target=_child, args=(queue,))
-    child.start()
-    try:
-        child.join(0.0)
-        reader = queue._reader
-        assert reader.poll(20), "the forked child hangs"
-        assert np.array_equal(queue.get(), here)
-        child.join(20)
-        assert child.exitcode == 0
-    finally:
-        if child.is_alive():
-            child.kill()
