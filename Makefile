@@ -106,7 +106,7 @@ mpi-test: $(STAMP) ## install PETSc and MPI if they are missing (Debian, Ubuntu)
 $(MPI_STAMP): $(STAMP) .ci/petsc
 	/usr/bin/python3 -m venv --clear --system-site-packages $(MPI_VENV)
 	$(MPI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'numpy<2' \
-		scipy h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'argcomplete>=3.1' 'rich>=14' 'pydantic>=2.10' 'matplotlib>=3.9'
+		scipy h5py 'scikit-fem>=12' 'meshio>=5.3.5' 'argcomplete>=3.1' 'rich>=14' 'pydantic>=2.10' 'tomli-w>=1.1' 'matplotlib>=3.9'
 	cp -r $(VENV)/lib/python3*/site-packages/bipot_rs-*.dist-info $(MPI_VENV)/lib/python3*/site-packages/
 	echo '$(CURDIR)/python' > $$(echo $(MPI_VENV)/lib/python3*/site-packages)/bipot_rs.pth
 	@touch $@
