@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 
@@ -43,8 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _print(summary(found))
             return int(any(one.faults for one in found))
         generate(given.folder, given.only and given.only.split(","), on_file=_progress)
-    except BrokenPipeError:
-        raise
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -66,10 +63,4 @@ def _progress(row: Row) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except BrokenPipeError:
-        # Nobody reads the output any more, as after `| head`. Python would print a traceback
-        # when it flushes it at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+    sys.exit(main())

@@ -231,28 +231,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         assert ended.value.code == 2
 
 
-def test_a_reader_that_stops_reading_is_no_error() -> None:
-    """As ``| head``: the program ends, and prints no traceback."""
-    command = [sys.executable, "-m", "collection", "--list"]
-    ends = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, cwd=ROOT / "benches", **ends) as program:  # type: ignore[call-overload]
-        program.stdout.close()
-        assert program.wait(60) == 1
-        assert program.stderr.read() == b""
-
-
-def test_the_manifest_is_checked(written: Path, tmp_path: Path) -> None:
-    text = (written / "MANIFEST.csv").read_text(encoding="utf-8")
-    for wrong, said in (
-        (text.replace("file,path", "file,way"), "has the columns"),
-        (text.replace(",local,", ","), "13 cells, expected 14"),
-        (text.replace(",local,2,3,", ",local,2,three,"), "invalid literal"),
-    ):
-        (tmp_path / "MANIFEST.csv").write_text(wrong, encoding="utf-8")
-        with pytest.raises(ValueError, match=said):
-            check(tmp_path)
-
-
 def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:
     page = (ROOT / "docs" / "collection.md").read_text(encoding="utf-8")
     assert page.endswith(FILES + "\n" + RULES)
