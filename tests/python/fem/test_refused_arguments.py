@@ -1,4 +1,4 @@
-"""Arguments of finite elements, files and pictures that are refused, by their names."""
+"""Arguments of finite elements and files that are refused, by their names."""
 
 import math
 import re
@@ -11,7 +11,6 @@ import pytest
 import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.files import export
-from bipot_rs.plots import run_figure
 
 
 def refused(call: Callable[[], Any], *words: str) -> None:
@@ -61,7 +60,7 @@ def test_finite_elements() -> None:
     for bad in (math.nan, "hard", [1.0], [1.0, 2.0, 3.0], np.ones((2, 9, 9)), 1j):
         refused(lambda b=bad: model.traction("block", "top", b), "force on body")
         refused(lambda b=bad: model.body_force("block", b), "force on body")
-    refused(lambda: model.pressure("block", "top", [1.0]), "value")  # type: ignore[arg-type]
+    refused(lambda: model.pressure("block", "top", [1.0]), "pressure")  # type: ignore[arg-type]
     for values in ([], [[0.0]], [[0.0, math.nan]], [["a", "b"]], [[0.0] * 3]):
         refused(lambda v=values: model.prescribed(v), "values")
     for bad in ([1.0, 0.0], [[0.0, 0.0]], [[math.nan, 1.0]], [[1.0] * 4], [["x", "y"]]):
@@ -71,25 +70,9 @@ def test_finite_elements() -> None:
     refused(lambda: fem.box([[0.0, 1.0]] * 2, "pentagon"), "cell", "pentagon")
 
 
-def test_files_and_pictures(tmp_path: Any) -> None:
-    _, model = _bodies()
-    known = {"x": model.points, "area": model.area, "mu": model.mu}
-    contacts = known | {"frame": model.frame}
-    n = len(model.points)
-    step = {"reaction": np.zeros((n, 2)), "status": np.zeros(n, np.int8)}
-    picture = tmp_path / "x.png"
-    for name in contacts:
-        lacking = {k: v for k, v in contacts.items() if k != name}
-        refused(lambda c=lacking: run_figure.tractions(picture, c, [step]), name)
-        wrong = contacts | {name: np.ones((n + 1, 2, 2, 2))}
-        refused(lambda c=wrong: run_figure.tractions(picture, c, [step]), name, "shape")
-    for name in step:
-        wrong_step = step | {name: np.full(n + 1, np.nan)}
-        refused(lambda s=wrong_step: run_figure.tractions(picture, contacts, [s]), name)
-    refused(lambda: run_figure.tractions(picture, contacts, []), "steps")
-    assert not picture.exists()
+def test_files(tmp_path: Any) -> None:
     refused(lambda: export.write_result(3, {}, [], complete=True), "path")  # type: ignore[arg-type]
     not_ours = tmp_path / "text.h5"
     not_ours.write_text("no result")
     with pytest.raises(OSError, match=r"text\.h5|signature"):
-        bp.load(not_ours)
+        bp.load_result(not_ours)
