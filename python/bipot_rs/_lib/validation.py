@@ -505,14 +505,17 @@ class Settings(NamedTuple):
 
 
 def settings(
-    method: str, tol: float, max_iterations: int | None, max_seconds: float | None
+    method: str,
+    tol: float,
+    max_iterations: int | None,
+    max_seconds: float | None,
+    maxiter: int | None = None,
 ) -> Settings:
     """Check the types of the settings; the core checks their ranges."""
     if not isinstance(method, str):
         raise TypeError(f"method is {shown(method)}, expected a name")
-    limit = (
-        None if max_iterations is None else positive("max_iterations", max_iterations)
-    )
+    limit = iteration_limit(max_iterations, maxiter)
+    limit = None if limit is None else positive("max_iterations", limit)
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
     return Settings(method, number("tol", tol), limit, seconds)
 

@@ -16,7 +16,6 @@ from bipot_rs._lib.validation import (
     Settings,
     callback,
     csr,
-    iteration_limit,
     matrices,
     settings,
 )
@@ -477,8 +476,7 @@ class ContactProblem:
         >>> np.array_equal(rest.slip, whole.slip[1:])
         True
         """
-        limit = iteration_limit(max_iterations, maxiter)
-        checked = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
         callback("on_step", on_step)
         steps = self.loading.list_totals(load, prescribed, gap, start)
         engine = self.stiffness.choose_engine(len(steps), method)
@@ -567,8 +565,7 @@ class ContactProblem:
             solve_adaptively,
         )
 
-        limit = iteration_limit(max_iterations, maxiter)
-        checked = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
         callback("on_step", on_step)
         callback("gap", gap)
         plan = check_increments(stops, first, largest, smallest, slip)
@@ -627,8 +624,7 @@ class ContactProblem:
         """
         from bipot_rs.contact.path.cases import Case, solve_cases
 
-        limit = iteration_limit(max_iterations, maxiter)
-        checked = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
 
         def begin_paths(steps: int) -> Callable[[Case], PathSolver]:
             engine = self.stiffness.choose_engine(steps, method)
@@ -726,8 +722,7 @@ class ContactProblem:
         from bipot_rs.contact.wear.jumps import CycleSolver
         from bipot_rs.contact.wear.stability import Stability
 
-        limit = iteration_limit(max_iterations, maxiter)
-        checked = settings(method, tol, limit, max_seconds)
+        checked = settings(method, tol, max_iterations, max_seconds, maxiter)
         callback("on_cycle", on_cycle)
         arguments = check_wear(self.contacts, coefficient, cycles, jump, rtol, start)
         totals = self.loading.list_totals(load, prescribed, gap)

@@ -21,7 +21,6 @@ from bipot_rs._lib.validation import (
     floats,
     friction,
     integer,
-    iteration_limit,
     positive,
     settings,
     threads,
@@ -107,7 +106,9 @@ class ReducedProblem:
             modes, force = np.empty((0, size)), np.empty(0)
         else:
             if not hasattr(rigid, "__len__") or len(rigid) != 2:
-                raise TypeError("rigid is wrong, expected the pair (R, e)")
+                raise TypeError(
+                    f"rigid is {validation.shown(rigid)}, expected the pair (R, e)"
+                )
             border = floats("R of rigid", rigid[0], ndim=2)
             if border.shape[0] != size:
                 raise ValueError(
@@ -241,8 +242,7 @@ class ReducedProblem:
         TypeError, ValueError
             An argument is wrong; the message names it.
         """
-        limit = iteration_limit(max_iterations, maxiter)
-        chosen = settings(method, tol, limit, max_seconds)
+        chosen = settings(method, tol, max_iterations, max_seconds, maxiter)
         validation.callback("callback", callback)
         reaction, rigid = None, None
         if isinstance(start, Solution):
@@ -382,13 +382,17 @@ class ReducedProblem:
                 f"solution is a {type(solution).__name__}, expected a Solution"
             )
         elif not solution.converged:
-            raise ValueError("solution did not converge")
+            raise ValueError(
+                "solution did not converge, and its slip does not tell which reactions "
+                "are answers: solve with a larger max_iterations or another method"
+            )
         else:
             reaction = floats("solution", solution.reaction, shape=self.q.shape)
             eta = self.residual(reaction, solution.rigid_motion)
             if eta > 10 * max(solution.tolerance, solution.residual):
                 raise ValueError(
-                    f"solution has a residual of {eta:.1e} here: it is of another problem"
+                    f"solution has the residual {eta:.1e} in this problem: pass a solution of "
+                    "this problem, or leave it out"
                 )
         return find_ranges(
             self.W, self.q, self.mu, self.rigid, solution, contacts, component

@@ -27,7 +27,6 @@ from bipot_rs._lib.validation import (
     floats,
     indices,
     integer,
-    iteration_limit,
     settings,
 )
 from bipot_rs.contact.messages.remarks import examine_arrays
@@ -330,8 +329,7 @@ class ContactProblem:
         start: Start | None,
     ) -> Settings:
         """Settings of the solver, after a start with other frames is refused."""
-        limit = iteration_limit(max_iterations, maxiter)
-        checked = settings("newton", tol, limit, max_seconds)
+        checked = settings("newton", tol, max_iterations, max_seconds, maxiter)
         before = find_start(start, self._loading.contacts.shape)
         if before is not None and before.frame is not None:
             raise ValueError(NO_FRAMES)

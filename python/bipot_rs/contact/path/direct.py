@@ -246,7 +246,8 @@ def _read_start(
         rigid = np.zeros(motions)
     if len(rigid) != motions:
         raise ValueError(
-            f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
+            f"start has {counted(len(rigid), 'rigid motion')}, expected {motions}: pass a "
+            "result of a problem with the same supports"
         )
     return step.reaction, step.relative_displacement, step.status, rigid
 

@@ -390,7 +390,8 @@ def find_start(start: Start | None, shape: tuple[int, int]) -> Step | None:
     step = last_step(start)
     if step is not None and step.reaction.shape != shape:
         raise ValueError(
-            f"start has reactions of shape {step.reaction.shape}, expected {shape}"
+            f"start has reactions of shape {step.reaction.shape}, expected {shape}: "
+            "pass a result of a problem with the same contacts"
         )
     return step
 

@@ -295,8 +295,6 @@ class PreparedStiffness:
     def make_direct(self) -> Direct:
         """The direct engine; condenses if that was not done before."""
         if self._condensed is None:
-            if self._parts is None and self._assemble is None:
-                raise ValueError("the stiffness of this problem is not available")
             self._condensed = self._condense(self.matrix(), None, self._on_forecast)
             self._parts = self._assemble = None
         return Direct(self._condensed)

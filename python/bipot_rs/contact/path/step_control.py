@@ -116,7 +116,8 @@ def solve_adaptively(
         s = start.s
         if s > plan.stops[-1]:
             raise ValueError(
-                f"start is at s = {s:g}, beyond the last of stops, {plan.stops[-1]:g}"
+                f"start is at s = {s:g}, beyond the last of stops, {plan.stops[-1]:g}: give "
+                "stops that lie behind it"
             )
         ahead = plan.first if start.ahead is None else start.ahead
         ahead = min(max(ahead, plan.smallest), plan.largest)

@@ -49,7 +49,8 @@ def _find_friction_direction(
     if lost.any():
         raise ValueError(
             f"mu of contact {int(np.argmax(lost))} is zero, and its direction "
-            "is negative: friction coefficients cannot be negative"
+            "is negative: friction coefficients cannot be negative, so give zero or a "
+            "positive direction there"
         )
     # Friction has no effect where the tangential displacement is prescribed.
     loose = linear.movable[:, 1:].any(axis=1)

@@ -56,7 +56,7 @@ class LinearPath:
         if model.held is not None and model.held.dependent.size:
             raise ValueError(
                 "the model has a rigid set, a cyclic symmetry or a periodicity: "
-                "derivatives of its results are not available"
+                "derivatives of its results are not available; use differences of results"
             )
         self.model, self.steps = model, steps
         self.mu: Floats = np.asarray(contacts["mu"])

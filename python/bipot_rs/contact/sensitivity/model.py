@@ -163,7 +163,11 @@ def _check_matrix(stiffness: MatrixLike | None, n: int) -> CsrMatrix | None:
     if change.shape != (n, n):
         raise ValueError(f"K has shape {change.shape}, expected {(n, n)}")
     if not np.isfinite(change.data).all():
-        raise ValueError("K has entries that are not finite")
+        at = int(np.argmin(np.isfinite(change.data)))
+        raise ValueError(
+            f"K has {change.data[at]} in column {change.indices[at]}, expected finite "
+            "numbers"
+        )
     apart = abs(sparse - sparse.T)
     size = abs(sparse).max() if sparse.nnz else 0.0
     if apart.nnz and apart.max() > 1e-10 * size:

@@ -52,7 +52,8 @@ class ReducedModel:
         """
         if not solution.converged:
             raise ValueError(
-                f"the solution did not converge ({solution.outcome}): it has no derivatives"
+                f"the solution did not converge ({solution.outcome}) and has no "
+                "derivatives: solve with a larger max_iterations or another method"
             )
         r, v = solution.reaction, solution.relative_displacement
         friction = spread_friction(self.mu, r.shape[1])

@@ -103,7 +103,8 @@ def _find_state(start: Wear | Start | None, shape: tuple[int, int]) -> WearState
     state = start.state
     if state.depth.shape != shape[:1]:
         raise ValueError(
-            f"start has the wear of {len(state.depth)} contacts, expected {shape[0]}"
+            f"start has the wear of {len(state.depth)} contacts, expected {shape[0]}: "
+            "continue the Wear of the same problem"
         )
     find_start(state.at, shape)
     return state

@@ -349,7 +349,7 @@ def test_wrong_arguments() -> None:
     with pytest.raises(TypeError, match="solution is a list, expected a Solution"):
         problem.reaction_ranges(solution=[1])  # type: ignore[arg-type]
     other = wedge(0.2, 0.1).solve()
-    with pytest.raises(ValueError, match="it is of another problem"):
+    with pytest.raises(ValueError, match="pass a solution of this problem"):
         problem.reaction_ranges(solution=other)
     with pytest.raises(ValueError, match="solution did not converge"):
         problem.reaction_ranges(solution=problem.solve(max_iterations=1, tol=1e-300))
