@@ -25,11 +25,9 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
+from bipot_rs.discretisation.tuning import ENOUGH, MOST_ITERATIONS, WINDOW
 from bipot_rs.fem.bodies.materials import Material
 
-# Two digits of the energy are enough: stop when the last `_LAST` iterations together gain
-# less than the fraction `_ENOUGH`; `_MOST` limits their number.
-_ENOUGH, _LAST, _MOST = 0.01, 8, 500
 # A force on a given component of traction is either of the size of the others or rounding.
 _NONE = 1e-12
 # Added to the diagonal, scaled to one, of a singular matrix to make it definite.
@@ -88,13 +86,13 @@ class SelfStress:
         missing = hat - stress[:, None, None]
         left = float(error_energy(cells, self.material, missing).sum())
         # In 2D the preconditioner is a factorisation: one iteration is almost exact.
-        last = 1 if cells.dim == 2 else _LAST
+        last = 1 if cells.dim == 2 else WINDOW
         m = moments.ravel().copy()
         rest = Z.T @ (work.ravel() - H @ m)
         direction = better = self._precondition(rest)
         size = float(rest @ better)
         gains: list[float] = []
-        while size > 0 and len(gains) < _MOST:
+        while size > 0 and len(gains) < MOST_ITERATIONS:
             change = Z @ direction
             bent = H @ change
             stiffness = float(change @ bent)
@@ -104,7 +102,7 @@ class SelfStress:
             m += length * change
             gains.append(0.5 * length * size)
             left -= gains[-1]
-            if len(gains) >= last and sum(gains[-last:]) <= _ENOUGH * left:
+            if len(gains) >= last and sum(gains[-last:]) <= ENOUGH * left:
                 break
             rest = rest - length * (Z.T @ bent)
             better = self._precondition(rest)

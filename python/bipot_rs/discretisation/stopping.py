@@ -15,11 +15,7 @@ from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.discretisation.estimator import Estimator
-
-SHARE = 0.1
-# Above the first, statuses are unreliable; below the second, no time is saved.
-LOOSEST, TIGHTEST = 1e-2, 1e-10
-_ATTEMPTS = 4
+from bipot_rs.discretisation.tuning import ATTEMPTS, LOOSEST, SHARE, TIGHTEST
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ def tolerance(
         raise ValueError(f"share is {share:g}, expected above 0 and at most 1")
     tol, work = LOOSEST, 0.0
     mesh, iteration = 0.0, 0.0
-    for _ in range(_ATTEMPTS):
+    for _ in range(ATTEMPTS):
         try:
             done, spent = _first(estimator, problem, method, tol, max_iterations)
         except BipotError:

@@ -11,9 +11,8 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
+from bipot_rs.mortar.tuning import FACING
 
-# Facets may touch if their normals are opposite to within 60°: cosine of the normals.
-_FACING = -0.5
 # A facet thinner than this fraction of its longest edge is degenerate; a quadrilateral of
 # this skewness has a corner of 180°.
 _FLAT, _FOLDED = 1e-12, 1 - 1e-9
@@ -291,7 +290,7 @@ def candidates(
     reach = (radius[s] + other.radius[m]) * (1 + 1e-9)
     # The difference of squares has the rounding of the larger square.
     rounding = 1e-12 * away**2
-    kept = np.einsum("pd,pd->p", normals[s], other.normals[m]) < _FACING
+    kept = np.einsum("pd,pd->p", normals[s], other.normals[m]) < FACING
     kept &= (aside <= reach**2 + rounding) & (np.abs(away) <= distance + reach)
     s, m = s[kept], m[kept]
     order = np.lexsort([m, s])

@@ -63,20 +63,14 @@ from bipot_rs.mortar.shape_functions import (
     reference,
     skewness,
 )
+from bipot_rs.mortar.tuning import FEW_INTERSECTIONS, JOINED, POINTS_AT_ONCE, SWING
 
 Places = Callable[[Floats], Any]
 
-# Covered fraction of a node's area below which it has no contact; mean square of dual
-# functions above which they are not used on a facet.
-_JOINED, _SWING = 0.05, 10.0
 # An intersection below this fraction of the smaller facet is rounding.
 _SLIVER = 1e-12
 # Skewness of a parallelogram, to rounding.
 _SKEW = 1e-12
-# Up to this number of intersections of a facet, all their pairs are compared.
-_FEW = 128
-# Number of Gauss points at a time; bounds the memory.
-_CHUNK = 2**18
 
 
 @dataclass(frozen=True)
@@ -247,7 +241,7 @@ def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
     first = np.searchsorted(s, s)
     count = np.searchsorted(s, s, side="right") - first
     place = np.arange(len(s)) - first
-    few = count <= _FEW
+    few = count <= FEW_INTERSECTIONS
     for step in range(1, int(place[few].max(initial=0)) + 1):
         one: Ints = np.flatnonzero(few & (place >= step))
         other = one - step
@@ -416,7 +410,7 @@ def _points(
         group = np.flatnonzero(degree == one)
         points = one // 2 + 1 if slave.dim == 2 else (one // 2 + 1) ** 2
         polygon = 1 if slave.dim == 2 else over.polygons.shape[1] - 2
-        step = max(1, _CHUNK // int(points * polygon))
+        step = max(1, POINTS_AT_ONCE // int(points * polygon))
         for first in range(0, len(group), step):
             part = group[first : first + step]
             if slave.dim == 2:
@@ -541,7 +535,7 @@ def _kept(slave: Surface, covered: Floats) -> Any:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)
-    kept = (part > 0) & (part >= _JOINED * slave.node_areas())
+    kept = (part > 0) & (part >= JOINED * slave.node_areas())
     bare = (covered.sum(axis=1) > 0) & ~kept[slave.corners].any(axis=1)
     kept[slave.corners[bare, covered[bare].argmax(axis=1)]] = True
     return kept
@@ -573,7 +567,7 @@ def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
     inverse *= scale[:, :, None] * scale[:, None]
     size = covered.sum(axis=1)
     square = area**2 * np.einsum("mii->mi", inverse)
-    swings = (square > _SWING * size[:, None]).any(axis=1)
+    swings = (square > SWING * size[:, None]).any(axis=1)
     use = (apart & ~swings)[:, None, None]
     return np.where(use, area[:, :, None] * inverse @ join, join), area
 

@@ -13,9 +13,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.protocol import Obstacle, directed
 from bipot_rs.obstacle.shapes import ask
-
-# More turns than this in radians are probably degrees.
-_MOST_TURNS = 100
+from bipot_rs.obstacle.tuning import MOST_TURNS
 
 
 @dataclass(frozen=True)
@@ -119,11 +117,11 @@ class Motion:
         if self.degrees:
             return np.deg2rad(rotation)
         turns = np.abs(rotation) / (2 * np.pi)
-        if turns.max(initial=0.0) > _MOST_TURNS:
+        if turns.max(initial=0.0) > MOST_TURNS:
             at = int(np.argmax(turns))
             raise ValueError(
                 f"rotation at the end of load step {at + 1} is {rotation[at]:g}, {turns[at]:.0f} "
-                f"turns: expected radians, at most {_MOST_TURNS} turns; use degrees=True "
+                f"turns: expected radians, at most {MOST_TURNS} turns; use degrees=True "
                 "for degrees, or for more turns"
             )
         return rotation

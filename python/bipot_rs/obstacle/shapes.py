@@ -24,16 +24,18 @@ from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface
+from bipot_rs.obstacle.tuning import (
+    DIFFERENCE_STEP,
+    FINE_GRADIENT,
+    FOOT_OFF,
+    STEP_REDUCTION,
+)
 
 # A normal at a distance from the axis or centre below this fraction of the radius has
 # lost half of its digits.
 _CENTRE = 1e-8
 # Tolerance of |∇d| = 1, and of d(foot) = 0 relative to the extent of the points.
 _UNIT = 1e-6
-# Step over the extent of the points: balances truncation, step⁴, and rounding, ε/step.
-_STEP = 1e-3
-# The step is reduced by the first factor until |∇d| = 1 holds to the second.
-_FINER, _FINE = 1 / 8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,7 @@ class Distance:
         else:
             # For a single point on the surface, only its coordinates give a size.
             known = extent if extent > 1e3 * rounding else far or 1.0
-            slope = self._finest(x, _STEP * known, rounding)
+            slope = self._finest(x, DIFFERENCE_STEP * known, rounding)
         size = length(slope)
         off = np.abs(size - 1)
         if not (off <= _UNIT).all():
@@ -287,15 +289,17 @@ class Distance:
         """Gradients by differences; the step is reduced where their length is not 1."""
         slope = self._slope(x, step)
         off = np.abs(length(slope) - 1)
-        again = np.flatnonzero(off > _FINE)
-        while again.size and step * _FINER >= least:
-            step *= _FINER
+        again = np.flatnonzero(off > FINE_GRADIENT)
+        while again.size and step * STEP_REDUCTION >= least:
+            step *= STEP_REDUCTION
             finer = self._slope(x[again], step)
             missed = np.abs(length(finer) - 1)
             better = missed < off[again]
             slope[again[better]], off[again[better]] = finer[better], missed[better]
             # A small error that a smaller step does not reduce is rounding.
-            again = again[(off[again] > _FINE) & (better | (off[again] > _UNIT))]
+            again = again[
+                (off[again] > FINE_GRADIENT) & (better | (off[again] > _UNIT))
+            ]
         return slope
 
     def _slope(self, x: Floats, step: float) -> Floats:
@@ -358,9 +362,6 @@ _OWN = (Plane, Sphere, Cylinder, Torus, Distance, Surface, Union)
 # Tolerance for other classes: of |n| = 1, and of the foot relative to the extent of the
 # points.
 _TOLERANCE = 1e-6
-# Largest distance of a foot over the distance of its point. Some obstacles give distances
-# to first order only, such as a height profile; with a wrong sign the ratio is 2.
-_NEARLY = 0.1
 
 
 def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Closest:
@@ -401,7 +402,7 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
                 f"{what}: at {place(points[at])} its {words} {miss[at]:.3g}"
             )
     again = np.abs(_answer(what, obstacle, found.foot).distance)
-    far = again > np.maximum(slack, _NEARLY * np.abs(found.distance))
+    far = again > np.maximum(slack, FOOT_OFF * np.abs(found.distance))
     if far.any():
         at = int(np.argmax(far))
         raise ValueError(

@@ -20,6 +20,7 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
 from bipot_rs.obstacle.protocol import Closest, length, taken
+from bipot_rs.obstacle.tuning import POINTS_AT_ONCE
 
 # A facet thinner than this fraction of its longest edge has no normal.
 _THIN = 1e-12
@@ -31,8 +32,6 @@ _ON = 1e-10
 _RIM = 1e-6
 # Sums of vectors below this fraction of their lengths are zero but for rounding.
 _CANCELS = 1e-9
-# Points located at once: some ten megabytes.
-_AT_ONCE = 2**13
 
 
 class Surface:
@@ -242,9 +241,9 @@ class Surface:
         return Closest(sign * far, normal, foot)
 
     def _portions(self, x: Floats | Ints) -> Iterator[slice]:
-        """Slices of at most `_AT_ONCE` points."""
-        for first in range(0, len(x), _AT_ONCE):
-            yield slice(first, first + _AT_ONCE)
+        """Slices of at most `POINTS_AT_ONCE` points."""
+        for first in range(0, len(x), POINTS_AT_ONCE):
+            yield slice(first, first + POINTS_AT_ONCE)
 
     def _search(self, x: Floats) -> tuple[Floats, Ints, Ints]:
         """Closest points, their facets, and the parts of the facets they lie on."""

@@ -170,7 +170,7 @@ def test_partners_are_the_same_with_and_without_a_tree(
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
     few = matching.nearest_points(ours, theirs)
-    monkeypatch.setattr(matching, "_ALL_PAIRS", 0)
+    monkeypatch.setattr(matching, "ALL_PAIRS", 0)
     np.testing.assert_array_equal(few, matching.nearest_points(ours, theirs))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from bipot_rs.fem.constraints.inclined_supports import Planes, planes
 from bipot_rs.fem.constraints.references import Remote, obstacle_columns, references
 from bipot_rs.fem.constraints.ties import tied
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.fem.contact.meeting import meet, relative_displacement
+from bipot_rs.fem.contact.meeting import Meeting, meet, relative_displacement
 from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
 
 if TYPE_CHECKING:
@@ -91,93 +91,50 @@ def without_stiffness(
 
     K takes most of the memory of a body; `Assembly.stiffness_rows` makes parts of it.
     """
-    if not bodies:
-        raise ValueError("bodies is empty, expected at least one")
-    dims = {body.dim for body in bodies}
-    if len(dims) > 1:
-        raise ValueError("bodies mix two and three dimensions")
-    names = [body.name for body in bodies]
-    if len(set(names)) < len(names):
-        raise ValueError(f"names of bodies repeat: {names}")
-    dim = dims.pop()
-    ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
-    offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
+    dim, offset, n = _number_bodies(bodies)
+    nodes = np.concatenate([body.points for body in bodies])
     mirrors = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
     straight = [
         Support(s.body, s.surface, (k,)) for s, (k, _) in mirrors if k is not None
     ]
     supports = [*supports, *straight]
+    support_dofs = [_find_dofs(bodies, offset, support) for support in supports]
+    held = [np.zeros(0, np.int64), *(dofs.ravel() for dofs in support_dofs)]
+    fixed = np.unique(np.concatenate(held))
 
-    support_dofs = []
-    for support in supports:
-        b = body_index(bodies, support.body)
-        if not set(support.components) <= set(range(dim)):
-            raise ValueError(
-                f"components of the support on {support.surface!r} are "
-                f"{list(support.components)}, expected some of {list(range(dim))}"
-            )
-        try:
-            nodes = bodies[b].members(support.surface, support.within, support.at)
-        except ValueError as error:
-            raise ValueError(f"support on {support.surface!r}: {error}") from None
-        components = np.array(support.components, dtype=np.int64)
-        support_dofs.append(offset[b] + dim * nodes + components[:, None])
-    flat = [dofs.ravel() for dofs in support_dofs]
-    fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
-
-    found = [meet(bodies, offset, n, contact) for contact in contacts]
-    points = np.concatenate([body.points for body in bodies])
+    meetings = [meet(bodies, offset, n, contact) for contact in contacts]
     cuts: list[Images] = []
     if repetitions:
         from bipot_rs.fem.constraints.repetition import images, merged, refuse_floating
 
         cuts = [images(bodies, offset, one) for one in repetitions]
-        for one in cuts:
-            found = merged(found, contacts, one, cuts, points)
-    points_of, relations = references(bodies, offset, contacts, remotes)
-    for one in cuts:
-        refuse_floating(contacts, one)
-    relations += [one.relations() for one in cuts]
+        for cut in cuts:
+            meetings = merged(meetings, contacts, cut, cuts, nodes)
+            refuse_floating(contacts, cut)
+    met = _stack(meetings, contacts, dim)
+    B, bare = relative_displacement(meetings, n), None
 
-    def stacked(name: str, *shape: int) -> Floats:
-        return np.concatenate(
-            [np.zeros((0, *shape)), *(getattr(m, name) for m in found)]
-        )
-
-    gap, frame = stacked("gap"), stacked("frame", dim, dim)
-    dofs = np.concatenate([np.zeros((0, 2), np.int64), *(m.dofs for m in found)])
-    group = np.repeat(np.arange(len(contacts)), [len(m.gap) for m in found]).astype(int)
-    pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
-    mu = pairs.reshape(-1, 2)[group]
-    if all(np.ndim(c.mu) == 0 for c in contacts):
-        mu = mu[:, 0].copy()
-    B = relative_displacement(found, n)
-    free = np.ones(n)
-    free[fixed] = 0.0
-    inclined, bare = _inclined(bodies, offset, mirrors, fixed, points), None
+    inclined = _incline(bodies, offset, mirrors, fixed, nodes)
     if inclined is not None:
-        if dim == 3:
-            # Contacts with two friction coefficients keep their tangents.
-            plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[group]
-            turned = inclined.tangents(frame, dofs[:, 0], plain)
-            B = in_frames(turned, frame, B)
-            frame = turned
-        bare = B
-        B = inclined.relative(B)
+        met = _turn_tangents(met, contacts, inclined)
+        bare = in_frames(met.frame, met.frame_of_rows, B)
+        B = inclined.relative(bare)
+    points_of, relations = references(bodies, offset, contacts, remotes)
+    relations += [cut.relations() for cut in cuts]
     ties = None
     if points_of or relations:
         bare = B if bare is None else bare
-        n += dim * sum(one.nodes for one in points_of)
-        fixed = np.concatenate([fixed, *(one.fixed for one in points_of)])
+        n += dim * sum(point.nodes for point in points_of)
         B.resize((B.shape[0], n))
-        B = B + obstacle_columns(contacts, group, frame, points_of, n)
-        ties = tied(relations, fixed, with_points(points, points_of), inclined)
+        B = B + obstacle_columns(contacts, met.group, met.frame, points_of, n)
+        fixed = np.concatenate([fixed, *(point.fixed for point in points_of)])
+        ties = tied(relations, fixed, with_points(nodes, points_of), inclined)
         B, fixed = ties.relative(B), ties.fixed
-        free = np.ones(n)
-        free[fixed] = 0.0
-    path = gaps_of_steps(found, contacts, frame, inclined is not None)
+    path = gaps_of_steps(meetings, contacts, met.frame, inclined is not None)
+    free = np.ones(n)
+    free[fixed] = 0.0
     whole = B if ties is not None or bare is None else bare
-    mu[_without_slip(B, whole, free, frame, path)] = 0.0
+    met.mu[_without_slip(B, whole, free, met.frame, path)] = 0.0
 
     return Assembly(
         bodies=tuple(bodies),
@@ -186,18 +143,18 @@ def without_stiffness(
         offset=offset,
         K=None,
         B=B,
-        gap=gap,
-        mu=mu,
-        area=stacked("area"),
-        points=stacked("points", dim),
-        frame=frame,
+        gap=met.gap,
+        mu=met.mu,
+        area=met.area,
+        points=met.points,
+        frame=met.frame,
         fixed=fixed,
-        contact_dofs=dofs,
-        group=group.astype(np.int64),
+        contact_dofs=met.dofs,
+        group=met.group,
         support_dofs=tuple(support_dofs),
         dim=dim,
-        moving=None if path is None else drop_equal_frames(path, frame),
-        nodes=points,
+        moving=None if path is None else drop_equal_frames(path, met.frame),
+        nodes=nodes,
         symmetries=len(straight),
         springs=tuple(springs),
         inclined=inclined,
@@ -208,6 +165,89 @@ def without_stiffness(
         _bare=bare,
         _path=path,
     )
+
+
+def _number_bodies(bodies: Sequence[Body]) -> tuple[int, tuple[int, ...], int]:
+    """Dimension, first degree of freedom of each body, and their total number."""
+    if not bodies:
+        raise ValueError("bodies is empty, expected at least one")
+    dims = {body.dim for body in bodies}
+    if len(dims) > 1:
+        raise ValueError("bodies mix two and three dimensions")
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names):
+        raise ValueError(f"names of bodies repeat: {names}")
+    dim = dims.pop()
+    ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
+    return dim, tuple(int(end) for end in ends[:-1]), int(ends[-1])
+
+
+def _find_dofs(bodies: Sequence[Body], offset: Sequence[int], support: Support) -> Ints:
+    """Degrees of freedom of a support, ``(components, nodes)``."""
+    b = body_index(bodies, support.body)
+    known = list(range(bodies[b].dim))
+    if not set(support.components) <= set(known):
+        raise ValueError(
+            f"components of the support on {support.surface!r} are "
+            f"{list(support.components)}, expected some of {known}"
+        )
+    try:
+        nodes = bodies[b].members(support.surface, support.within, support.at)
+    except ValueError as error:
+        raise ValueError(f"support on {support.surface!r}: {error}") from None
+    components = np.array(support.components, dtype=np.int64)
+    return offset[b] + bodies[b].dim * nodes + components[:, None]
+
+
+@dataclass(frozen=True)
+class _Contacts:
+    """The arrays of all contacts, as in `Assembly`."""
+
+    gap: Floats
+    mu: Floats
+    area: Floats
+    points: Floats
+    frame: Floats
+    frame_of_rows: Floats
+    dofs: Ints
+    group: Ints
+
+
+def _stack(
+    meetings: Sequence[Meeting], contacts: Sequence[Contact], dim: int
+) -> _Contacts:
+    def stacked(name: str, *shape: int) -> Floats:
+        empty = np.zeros((0, *shape))
+        return np.concatenate([empty, *(getattr(m, name) for m in meetings)])
+
+    counts = [len(m.gap) for m in meetings]
+    group = np.repeat(np.arange(len(contacts)), counts).astype(np.int64)
+    pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
+    mu = pairs.reshape(-1, 2)[group]
+    if all(np.ndim(c.mu) == 0 for c in contacts):
+        mu = mu[:, 0].copy()
+    no_dofs, frame = np.zeros((0, 2), np.int64), stacked("frame", dim, dim)
+    return _Contacts(
+        gap=stacked("gap"),
+        mu=mu,
+        area=stacked("area"),
+        points=stacked("points", dim),
+        frame=frame,
+        frame_of_rows=frame,
+        dofs=np.concatenate([no_dofs, *(m.dofs for m in meetings)]),
+        group=group,
+    )
+
+
+def _turn_tangents(
+    met: _Contacts, contacts: Sequence[Contact], inclined: Planes
+) -> _Contacts:
+    """The contacts with tangents along the inclined planes of their nodes."""
+    if met.frame.shape[1] == 2:
+        return met
+    # Contacts with two friction coefficients keep their tangents.
+    plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[met.group]
+    return replace(met, frame=inclined.tangents(met.frame, met.dofs[:, 0], plain))
 
 
 def _without_slip(
@@ -242,7 +282,7 @@ def _without_slip(
     return found
 
 
-def _inclined(
+def _incline(
     bodies: Sequence[Body],
     offset: Sequence[int],
     mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],

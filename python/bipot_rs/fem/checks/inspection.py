@@ -18,17 +18,17 @@ from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies, has_friction
 from bipot_rs.fem.contact.surfaces import outward
+from bipot_rs.fem.tuning import (
+    LARGE_LOAD,
+    LEAST_IN_PASCAL,
+    LONGEST_IN_METRES,
+    RANGE_IN_MEGAPASCAL,
+    SHORTEST_IN_MILLIMETRES,
+    SMALL_DISPLACEMENT,
+)
 
 # Rounding of meshing programs and files, relative to the size of the model.
 _ROUNDING = 1e-9
-# Displacements above this fraction of the size of the model are not small.
-_SMALL = 0.1
-# Young's moduli in Pa are above the first number, those of metals in MPa in the range.
-# Parts in m are shorter than the first length, parts in mm longer than the second.
-_PASCAL, _MEGAPASCAL = 1e9, (1e4, 1e6)
-_LONG, _SHORT = 10.0, 0.05
-# Mean stresses above this fraction of Young's modulus cause strains that are not small.
-_SOFT = 0.05
 
 
 def inspect(
@@ -165,7 +165,7 @@ def _far(
         moved = float(np.abs(floats("prescribed", prescribed)).max(initial=0.0))
     loaded = load is not None and bool(np.any(floats("load", load) != 0))
     # Twice: rotations and Poisson's effect may exceed the prescribed displacements.
-    reach = max(_SMALL * size if loaded else 0.0, 2 * moved)
+    reach = max(SMALL_DISPLACEMENT * size if loaded else 0.0, 2 * moved)
     for group, at in _groups(model):
         gap = model.gap[at]
         if model.moving is not None:
@@ -191,14 +191,14 @@ def _units(model: Assembly) -> Iterator[str]:
     0.05 mm to 10 m. For a bridge, or a grain of sand in mm, the warning is false.
     """
     size = _size(model)
-    low, high = _MEGAPASCAL
+    low, high = RANGE_IN_MEGAPASCAL
     for body in model.bodies:
         young = _stiffest(body.material)
         if young is None:
             continue
-        if young >= _PASCAL and size >= _LONG:
+        if young >= LEAST_IN_PASCAL and size >= LONGEST_IN_METRES:
             guess, other = "Pa with lengths in m", "for lengths in mm use MPa"
-        elif low <= young <= high and size <= _SHORT:
+        elif low <= young <= high and size <= SHORTEST_IN_MILLIMETRES:
             guess, other = "MPa with lengths in mm", "for lengths in m use Pa"
         else:
             continue
@@ -226,7 +226,7 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
         section = float(np.prod(sides)) * body.depth
         mean = float(forces.sum(axis=1).max(initial=0.0)) / section
-        if young is not None and mean > _SOFT * young:
+        if young is not None and mean > LARGE_LOAD * young:
             yield (
                 f"units may be mixed: the loads of body {body.name!r} over its largest "
                 f"section are {mean:.3g}, {100 * mean / young:.2g} % of its Young's modulus "

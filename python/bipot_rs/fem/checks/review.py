@@ -20,15 +20,11 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import MeanStress
 from bipot_rs.fem.checks.free_bodies import list_unsupported
+from bipot_rs.fem.tuning import NODES_ACROSS, SMALL_ROTATION
 from bipot_rs.obstacle.shapes import Plane
 
-# Largest rotation [rad] and strain that count as small. Equilibrium of the undeformed
-# bodies with fixed normals neglects terms of their order.
-_SMALL = 0.05
 # Gaps below this fraction of the displacements are zero.
 _ROUNDING = 1e-9
-# With fewer nodes across a contact zone its pressure is inaccurate.
-_ACROSS = 4.0
 
 
 def review(model: Assembly, steps: Sequence[Step]) -> list[str]:
@@ -75,18 +71,18 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
             for name, values in _sizes(mean.gradient(own)):
                 cell = int(np.argmax(values))
                 value = float(values[cell])
-                if value <= max(_SMALL, worst.get(name, (0.0, ""))[0]):
+                if value <= max(SMALL_ROTATION, worst.get(name, (0.0, ""))[0]):
                     continue
                 figure = f"{100 * value:.2g} %"
                 if name == "rotations":
                     figure = f"{np.rad2deg(value):.2g}°, {value:.2g} rad,"
-                beyond = int((values > _SMALL).sum())
+                beyond = int((values > SMALL_ROTATION).sum())
                 worst[name] = (
                     value,
                     (
                         f"{name} up to {figure} of body {body.name!r} at "
                         f"{place(body.points[body.cells[cell]].mean(axis=0))} in load step "
-                        f"{k + 1} of {len(steps)}, above {_SMALL:g} in {beyond} of its "
+                        f"{k + 1} of {len(steps)}, above {SMALL_ROTATION:g} in {beyond} of its "
                         f"{len(values)} cells: the theory assumes small displacements, and "
                         "its error is of this order"
                     ),
@@ -117,14 +113,12 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
         if ratio <= 1:
             continue
         moved = measure_displacement(steps[k], at[node])
-        kept = "each contact keeps the point opposite to it at the start"
-        if contact.against is None:
-            kept = "each contact keeps the normal at the undeformed node"
         yield (
             f"contacts of {_named(model, group)} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "
             f"{place(model.points[at[node]])} in load step {k + 1} of {len(steps)}, "
-            f"{ratio:.2g} times their distance from each other: {kept}"
+            f"{ratio:.2g} times their distance from each other: such slips are outside the "
+            "small-displacement theory: do not use this result"
         )
 
 
@@ -136,7 +130,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
         if not 0 < pressed.size < at.size:
             continue
         nodes = across(model.points[pressed], measure_distances(model.points[at]))
-        if nodes < _ACROSS:
+        if nodes < NODES_ACROSS:
             yield (
                 f"at the end, load step {count} of {count}, the contact zone of "
                 f"{_named(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "

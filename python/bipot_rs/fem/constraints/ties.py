@@ -25,6 +25,7 @@ from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.fem.constraints.inclined_supports import Planes
+from bipot_rs.fem.tuning import PREFERRED
 
 # Coefficients below this, relative to their relation, are rounding: mesh files give
 # coordinates with seven digits.
@@ -33,9 +34,6 @@ _SAME = 1e-5
 _GONE = 1e-14
 # Sums below this part of the sum of their terms are rounding.
 _NOTHING = 64 * float(np.finfo(np.float64).eps)
-# A preferred degree of freedom becomes dependent if its coefficient is at least this part of
-# the largest one.
-_PREFERRED = 0.1
 
 
 @dataclass(frozen=True)
@@ -252,7 +250,7 @@ def _separated(
         first = own.dofs[:, 0]
         lead = np.abs(own.coefficients[:, 0])
         simple = (uses[first] == 1) & ~prescribed[first]
-        simple &= lead >= _PREFERRED * np.abs(own.coefficients).max(axis=1)
+        simple &= lead >= PREFERRED * np.abs(own.coefficients).max(axis=1)
         dofs, share = own.dofs[simple, 1:], own.coefficients[simple]
         rows.append(np.repeat(first[simple], dofs.shape[1]))
         columns.append(dofs.ravel())
@@ -295,7 +293,7 @@ class _Elimination:
             return
         preferred = int(dofs[0])
         pivot = preferred
-        if abs(free.get(preferred, 0.0)) < _PREFERRED * largest:
+        if abs(free.get(preferred, 0.0)) < PREFERRED * largest:
             pivot = max(free, key=lambda dof: abs(free[dof]))
         lead = row.pop(pivot)
         self._solve(pivot, {dof: -value / lead for dof, value in row.items()})

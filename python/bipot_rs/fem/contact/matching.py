@@ -7,9 +7,7 @@ import numpy as np
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.contact.contact import Contact, both
-
-# Up to this number of pairs, comparing all nodes is faster than importing a tree.
-_ALL_PAIRS = 2**20
+from bipot_rs.fem.tuning import ALL_PAIRS
 
 
 def match_nodes(
@@ -40,7 +38,7 @@ def match_nodes(
 
 def nearest_points(ours: Floats, theirs: Floats) -> Ints:
     """Index in ``theirs`` of the point nearest to each of ``ours``."""
-    if len(ours) * len(theirs) > _ALL_PAIRS:
+    if len(ours) * len(theirs) > ALL_PAIRS:
         from scipy.spatial import cKDTree
 
         _, match = cKDTree(theirs).query(ours)
