@@ -12,7 +12,7 @@
 //! equations of `docs/theory.md`, which also fixes signs and units.
 //!
 //! The layers, each of which uses only the earlier ones: [`error`], [`panics`], [`threads`],
-//! [`linalg`] (no mechanics), [`bodies`] (what can move), [`assembly`] (stiffness of meshes), [`law`] (one contact), [`reduced`] (all contacts in the
+//! [`tasks`], [`linalg`] (no mechanics), [`bodies`] (what can move), [`assembly`] (stiffness of meshes), [`law`] (one contact), [`reduced`] (all contacts in the
 //! reactions, no algorithm), [`condensation`] (from bodies to the reduced problem and back),
 //! [`solver`] (algorithms on the reduced problem), [`proof`] (proofs about their solutions),
 //! [`path`] (load steps, also with many more candidates than contacts), [`primal`] (load steps in
@@ -32,6 +32,7 @@ pub mod primal;
 pub mod proof;
 pub mod reduced;
 pub mod solver;
+pub mod tasks;
 pub mod threads;
 
 #[cfg(feature = "python")]

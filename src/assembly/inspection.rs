@@ -7,10 +7,9 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::linalg::sparse::csc::narrow;
 use crate::linalg::union::Union;
+use crate::tasks;
 
 /// The sum of a row is below this part of its entries if no support was written into it.
 const FREE: f64 = 1e-2;
@@ -41,21 +40,17 @@ where
     usize: TryFrom<I>,
 {
     let at = |index: I| usize::try_from(index).unwrap_or(usize::MAX);
-    (0..k.pointer.len().saturating_sub(1))
-        .into_par_iter()
-        .with_min_len(ROWS)
-        .map(|i| {
-            let row = at(k.pointer[i])..at(k.pointer[i + 1]);
-            let columns = &k.index[row.clone()];
-            let place = columns.partition_point(|&j| at(j) < i);
-            let found = columns.get(place).is_some_and(|&j| at(j) == i);
-            if found {
-                k.values[row.start + place]
-            } else {
-                0.0
-            }
-        })
-        .collect()
+    tasks::collect(k.pointer.len().saturating_sub(1), |i| {
+        let row = at(k.pointer[i])..at(k.pointer[i + 1]);
+        let columns = &k.index[row.clone()];
+        let place = columns.partition_point(|&j| at(j) < i);
+        let found = columns.get(place).is_some_and(|&j| at(j) == i);
+        if found {
+            k.values[row.start + place]
+        } else {
+            0.0
+        }
+    })
 }
 
 /// The bodies of K: nodes that its entries couple.
@@ -108,14 +103,11 @@ where
         let columns = k.index[row.clone()].iter().map(|&j| at(j));
         columns.zip(&k.values[row])
     };
-    let rows: Vec<Vec<Row>> = (0..n.div_ceil(ROWS))
-        .into_par_iter()
-        .map(|task| {
-            let rows = task * ROWS..n.min((task + 1) * ROWS);
-            let rows = rows.map(|i| row(places, i, entries(i), |dof| split(dof).1));
-            rows.collect()
-        })
-        .collect();
+    let rows: Vec<Vec<Row>> = tasks::map(0..n.div_ceil(ROWS), |_, task| {
+        let rows = task * ROWS..n.min((task + 1) * ROWS);
+        let rows = rows.map(|i| row(places, i, entries(i), |dof| split(dof).1));
+        rows.collect()
+    });
     // Each set is led by its smallest member: the parts may be joined in any order.
     let joined = |rows: Range<usize>| {
         let mut sets = Union::new(count);
@@ -133,11 +125,10 @@ where
         sets
     };
     let parts = rayon::current_num_threads();
-    let mut sets = (0..parts)
-        .into_par_iter()
-        .map(|part| joined(n * part / parts..n * (part + 1) / parts))
-        .reduce_with(Union::with)
-        .unwrap_or_default();
+    let sets = tasks::map(0..parts, |_, part| {
+        joined(n * part / parts..n * (part + 1) / parts)
+    });
+    let mut sets = sets.into_iter().reduce(Union::with).unwrap_or_default();
     let mut number = vec![u32::MAX; count];
     let mut found = Bodies::default();
     for node in 0..count {

@@ -1,9 +1,8 @@
 //! The nodes that share a cell with each node: the sparsity pattern of K in blocks.
 
-use rayon::prelude::*;
-
 use crate::assembly::cells::Cells;
 use crate::linalg::pages::zeros;
+use crate::tasks;
 
 /// Rows shorter than this are not worth a task of their own.
 const LEAST_ROWS: usize = 1024;
@@ -46,37 +45,31 @@ impl Pattern {
         let nodes = cells.nodes();
         let rows = chunk_of_rows(nodes);
         let mut start = vec![0; nodes + 1];
-        start[1..]
-            .par_chunks_mut(rows)
-            .enumerate()
-            .for_each(|(chunk, lengths)| {
-                let mut seen = Seen::new(nodes);
-                for (row, length) in lengths.iter_mut().enumerate() {
-                    seen.visit(cells, &around, chunk * rows + row, |_| *length += 1);
-                }
-            });
+        tasks::for_each(start[1..].chunks_mut(rows), |chunk, lengths| {
+            let mut seen = Seen::new(nodes);
+            for (row, length) in lengths.iter_mut().enumerate() {
+                seen.visit(cells, &around, chunk * rows + row, |_| *length += 1);
+            }
+        });
         for row in 0..nodes {
             start[row + 1] += start[row];
         }
         let mut column = zeros(start[nodes]);
         let bounds: Vec<usize> = start.iter().copied().step_by(rows).collect();
-        parts(&mut column, &bounds)
-            .into_par_iter()
-            .enumerate()
-            .for_each(|(chunk, mut rest)| {
-                let mut seen = Seen::new(nodes);
-                for row in chunk * rows..nodes.min((chunk + 1) * rows) {
-                    let (own, later) =
-                        std::mem::take(&mut rest).split_at_mut(start[row + 1] - start[row]);
-                    let mut next = 0;
-                    seen.visit(cells, &around, row, |node| {
-                        own[next] = node;
-                        next += 1;
-                    });
-                    own.sort_unstable();
-                    rest = later;
-                }
-            });
+        tasks::for_each(parts(&mut column, &bounds), |chunk, mut rest| {
+            let mut seen = Seen::new(nodes);
+            for row in chunk * rows..nodes.min((chunk + 1) * rows) {
+                let (own, later) =
+                    std::mem::take(&mut rest).split_at_mut(start[row + 1] - start[row]);
+                let mut next = 0;
+                seen.visit(cells, &around, row, |node| {
+                    own[next] = node;
+                    next += 1;
+                });
+                own.sort_unstable();
+                rest = later;
+            }
+        });
         Self { start, column }
     }
 
@@ -110,35 +103,29 @@ impl Pattern {
         let nodes = self.nodes();
         let rows = chunk_of_rows(nodes);
         let mut pointer = vec![I::default(); D * nodes + 1];
-        pointer[1..]
-            .par_chunks_mut(D)
-            .enumerate()
-            .for_each(|(node, ends)| {
-                let length = D * (self.start[node + 1] - self.start[node]);
-                for (k, end) in ends.iter_mut().enumerate() {
-                    *end = I::of(D * D * self.start[node] + (k + 1) * length);
-                }
-            });
+        tasks::for_each_together(pointer[1..].chunks_mut(D), LEAST_ROWS, |node, ends| {
+            let length = D * (self.start[node + 1] - self.start[node]);
+            for (k, end) in ends.iter_mut().enumerate() {
+                *end = I::of(D * D * self.start[node] + (k + 1) * length);
+            }
+        });
         let mut index: Vec<I> = zeros(D * D * self.blocks());
         let bounds: Vec<usize> = (0..nodes)
             .step_by(rows)
             .map(|node| D * D * self.start[node])
             .collect();
-        parts(&mut index, &bounds)
-            .into_par_iter()
-            .enumerate()
-            .for_each(|(chunk, part)| {
-                let mut entries = part.iter_mut();
-                for node in chunk * rows..nodes.min((chunk + 1) * rows) {
-                    for _ in 0..D {
-                        for &column in self.row(node) {
-                            for (m, entry) in entries.by_ref().take(D).enumerate() {
-                                *entry = I::of(D * column as usize + m);
-                            }
+        tasks::for_each(parts(&mut index, &bounds), |chunk, part| {
+            let mut entries = part.iter_mut();
+            for node in chunk * rows..nodes.min((chunk + 1) * rows) {
+                for _ in 0..D {
+                    for &column in self.row(node) {
+                        for (m, entry) in entries.by_ref().take(D).enumerate() {
+                            *entry = I::of(D * column as usize + m);
                         }
                     }
                 }
-            });
+            }
+        });
         (pointer, index)
     }
 }

@@ -2,7 +2,10 @@
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
+use crate::tasks;
+
+/// Cells in one task.
+const CELLS: usize = 1024;
 
 /// Classes of equal cells.
 #[derive(Clone, Debug)]
@@ -21,15 +24,13 @@ pub(crate) fn shapes(
     key: impl Fn(usize, &mut Vec<u64>) + Sync,
 ) -> Option<Shapes> {
     let mut hashes = vec![0_u64; count];
-    hashes
-        .par_iter_mut()
-        .enumerate()
-        .with_min_len(1024)
-        .for_each_init(Vec::new, |own, (cell, hash)| {
+    tasks::for_each_with(hashes.chunks_mut(CELLS), Vec::new, |own, task, hashes| {
+        for (k, hash) in hashes.iter_mut().enumerate() {
             own.clear();
-            key(cell, own);
+            key(task * CELLS + k, own);
             *hash = own.iter().fold(0, |hash, bits| mixed(hash ^ bits));
-        });
+        }
+    });
     let mut classes = HashMap::new();
     let (mut first, mut which) = (Vec::new(), vec![0; count]);
     for (cell, (hash, class)) in (0..).zip(hashes.iter().zip(&mut which)) {
@@ -43,22 +44,20 @@ pub(crate) fn shapes(
         }
     }
     // Different cells may have the same hash.
-    let equal = which
-        .par_iter()
-        .enumerate()
-        .with_min_len(1024)
-        .map_init(
-            || (Vec::new(), Vec::new()),
-            |(own, other), (cell, &class)| {
-                own.clear();
-                other.clear();
-                key(cell, own);
-                key(first[class as usize] as usize, other);
-                own == other
-            },
-        )
-        .all(|equal| equal);
-    equal.then_some(Shapes { first, which })
+    let equal = tasks::map(which.chunks(CELLS), |task, classes| {
+        let (mut own, mut other) = (Vec::new(), Vec::new());
+        classes.iter().enumerate().all(|(k, &class)| {
+            own.clear();
+            other.clear();
+            key(task * CELLS + k, &mut own);
+            key(first[class as usize] as usize, &mut other);
+            own == other
+        })
+    });
+    equal
+        .iter()
+        .all(|&equal| equal)
+        .then_some(Shapes { first, which })
 }
 
 /// A bijection in which each bit changes about half of all bits (Stafford's thirteenth).

@@ -1,8 +1,7 @@
 //! K of a mesh, in compressed rows.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-
-use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Integrator, LANES, Law, Reference};
@@ -11,6 +10,7 @@ use crate::assembly::shapes::shapes;
 use crate::assembly::sum::add;
 use crate::error::Error;
 use crate::linalg::pages::zeros;
+use crate::tasks;
 
 /// Numbers of the matrices of cells that a thread makes before it adds them: 1 MB, which stays
 /// in its cache.
@@ -128,16 +128,16 @@ impl<const D: usize> Elastic<'_, D> {
         cell: impl Fn(usize) -> usize + Sync,
     ) -> Result<(), Error> {
         let size = (D * self.cells.corners()).pow(2);
-        let bad = matrices
-            .par_chunks_mut(LANES * size)
-            .enumerate()
-            .with_min_len(16)
-            .map_init(
-                || {
-                    let corners = vec![[[0.0; LANES]; D]; self.cells.corners()];
-                    (Integrator::new(self.reference), corners)
-                },
-                |(integrator, corners), (at, matrices)| {
+        let bad = Mutex::new(None::<usize>);
+        tasks::for_each_with(
+            matrices.chunks_mut(16 * LANES * size),
+            || {
+                let corners = vec![[[0.0; LANES]; D]; self.cells.corners()];
+                (Integrator::new(self.reference), corners)
+            },
+            |(integrator, corners), task, matrices| {
+                for (k, matrices) in matrices.chunks_mut(LANES * size).enumerate() {
+                    let at = 16 * task + k;
                     // The last cell fills the lanes that are left over.
                     let last = matrices.len() / size - 1;
                     let own: [usize; LANES] =
@@ -152,12 +152,15 @@ impl<const D: usize> Elastic<'_, D> {
                     }
                     let laws = own.map(|cell| &self.laws[self.material(cell)]);
                     let valid = integrator.matrices(corners, laws, matrices);
-                    let bad = own.iter().zip(valid).filter(|(_, valid)| !valid);
-                    bad.map(|(&cell, _)| cell).min()
-                },
-            )
-            .flatten_iter()
-            .min();
+                    let folded = own.iter().zip(valid).filter(|(_, valid)| !valid);
+                    if let Some(cell) = folded.map(|(&cell, _)| cell).min() {
+                        let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+                        *bad = Some(bad.map_or(cell, |other| other.min(cell)));
+                    }
+                }
+            },
+        );
+        let bad = bad.into_inner().unwrap_or_else(PoisonError::into_inner);
         bad.map_or(Ok(()), |cell| Err(Error::FoldedCell { cell }))
     }
 }

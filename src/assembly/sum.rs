@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::assembly::cells::Cells;
 use crate::assembly::pattern::{Pattern, parts};
+use crate::tasks;
 
 /// One of so many nodes of the cells decides where the rows are cut for the threads.
 const SAMPLE: usize = 16;
@@ -26,35 +25,32 @@ pub(crate) fn add<'a, const D: usize>(
         .iter()
         .map(|&node| D * D * pattern.start(node))
         .collect();
-    parts(values, &bounds)
-        .into_par_iter()
-        .enumerate()
-        .for_each(|(part, values)| {
-            let end = cuts.get(part + 1).copied().unwrap_or(pattern.nodes());
-            let rows = cuts[part]..end;
-            let mut order: Vec<usize> = Vec::with_capacity(cells.corners());
-            for cell in range.clone() {
-                let nodes = cells.of(cell);
-                if !nodes.iter().any(|&node| rows.contains(&(node as usize))) {
-                    continue;
-                }
-                // Ascending nodes: one walk along the row finds them all.
-                order.clear();
-                order.extend(0..nodes.len());
-                order.sort_by_key(|&j| nodes[j]);
-                let own = matrix(cell);
-                for (i, &node) in nodes.iter().enumerate() {
-                    let node = node as usize;
-                    if rows.contains(&node) {
-                        let from = D * D * pattern.start(node) - bounds[part];
-                        let columns = pattern.row(node);
-                        let row = &mut values[from..][..D * D * columns.len()];
-                        let blocks = &own[i * nodes.len() * D * D..][..nodes.len() * D * D];
-                        add_row::<D>(columns, nodes, &order, blocks, row);
-                    }
+    tasks::for_each(parts(values, &bounds), |part, values| {
+        let end = cuts.get(part + 1).copied().unwrap_or(pattern.nodes());
+        let rows = cuts[part]..end;
+        let mut order: Vec<usize> = Vec::with_capacity(cells.corners());
+        for cell in range.clone() {
+            let nodes = cells.of(cell);
+            if !nodes.iter().any(|&node| rows.contains(&(node as usize))) {
+                continue;
+            }
+            // Ascending nodes: one walk along the row finds them all.
+            order.clear();
+            order.extend(0..nodes.len());
+            order.sort_by_key(|&j| nodes[j]);
+            let own = matrix(cell);
+            for (i, &node) in nodes.iter().enumerate() {
+                let node = node as usize;
+                if rows.contains(&node) {
+                    let from = D * D * pattern.start(node) - bounds[part];
+                    let columns = pattern.row(node);
+                    let row = &mut values[from..][..D * D * columns.len()];
+                    let blocks = &own[i * nodes.len() * D * D..][..nodes.len() * D * D];
+                    add_row::<D>(columns, nodes, &order, blocks, row);
                 }
             }
-        });
+        }
+    });
 }
 
 fn add_row<const D: usize>(

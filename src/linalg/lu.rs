@@ -7,10 +7,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::dense;
+use crate::tasks;
 
 /// Columns of a panel.
 const PANEL: usize = 64;
@@ -125,11 +124,13 @@ pub(crate) fn factor(
         odd ^= exchanges % 2 == 1;
         let moved = |column: &mut [f64]| reorder(&mut column[first..], &rows);
         if rows.iter().enumerate().any(|(k, &row)| k != row) {
-            done.par_chunks_mut(n).with_min_len(TILE).for_each(moved);
+            tasks::for_each(done.chunks_mut(TILE * n), |_, tile| {
+                tile.chunks_exact_mut(n).for_each(moved);
+            });
             reorder(&mut order[first..], &rows);
         }
         let panel = &*panel;
-        right.par_chunks_mut(TILE * n).for_each(|tile| {
+        tasks::for_each(right.chunks_mut(TILE * n), |_, tile| {
             tile.chunks_exact_mut(n).for_each(moved);
             dense::lu_update(tile, panel, n, first);
         });

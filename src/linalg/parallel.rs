@@ -1,9 +1,8 @@
 //! Long vectors on all threads of the pool, with the same bits for any number of them: the
 //! chunks are fixed, and their partial sums are added in order.
 
-use rayon::prelude::*;
-
 use crate::linalg::real::Real;
+use crate::tasks;
 
 /// Entries of one task, and of one partial sum.
 const CHUNK: usize = 4096;
@@ -11,11 +10,8 @@ const CHUNK: usize = 4096;
 /// `a · b`, summed in double precision.
 #[must_use]
 pub fn dot<T: Real>(a: &[T], b: &[T]) -> f64 {
-    let partial: Vec<f64> = a
-        .par_chunks(CHUNK)
-        .zip(b.par_chunks(CHUNK))
-        .map(|(a, b)| dot_of_chunk(a, b))
-        .collect();
+    let chunks = a.chunks(CHUNK).zip(b.chunks(CHUNK));
+    let partial = tasks::map(chunks, |_, (a, b)| dot_of_chunk(a, b));
     partial.iter().sum()
 }
 
@@ -37,9 +33,10 @@ fn dot_of_chunk<T: Real>(a: &[T], b: &[T]) -> f64 {
 #[must_use]
 pub fn largest<T: Real>(a: &[T]) -> f64 {
     let greater = |x: f64, y: f64| if x > y || x.is_nan() { x } else { y };
-    a.par_chunks(CHUNK)
-        .map(|a| a.iter().map(|x| x.double().abs()).fold(0.0, greater))
-        .reduce(|| 0.0, greater)
+    let of_chunk = |_: usize, a: &[T]| a.iter().map(|x| x.double().abs()).fold(0.0, greater);
+    tasks::map(a.chunks(CHUNK), of_chunk)
+        .into_iter()
+        .fold(0.0, greater)
 }
 
 /// Euclidean norm. If squares are outside the range of doubles, the vector is first divided by
@@ -56,8 +53,8 @@ pub fn norm<T: Real>(a: &[T]) -> f64 {
     if squares.is_nan() || size == 0.0 || size.is_infinite() {
         return squares.sqrt();
     }
-    let part = |a: &[T]| -> f64 { a.iter().map(|x| (x.double() / size).powi(2)).sum() };
-    let partial: Vec<f64> = a.par_chunks(CHUNK).map(part).collect();
+    let part = |_: usize, a: &[T]| -> f64 { a.iter().map(|x| (x.double() / size).powi(2)).sum() };
+    let partial = tasks::map(a.chunks(CHUNK), part);
     size * partial.iter().sum::<f64>().sqrt()
 }
 
@@ -75,30 +72,30 @@ pub fn xpay<T: Real>(x: &[T], s: f64, y: &mut [T]) {
 
 /// `y ← f(y)`, entry by entry.
 pub fn map<T: Real>(y: &mut [T], f: impl Fn(T) -> T + Sync) {
-    y.par_chunks_mut(CHUNK)
-        .for_each(|y| y.iter_mut().for_each(|y| *y = f(*y)));
+    tasks::for_each(y.chunks_mut(CHUNK), |_, y| {
+        y.iter_mut().for_each(|y| *y = f(*y))
+    });
 }
 
 /// Sets the entries to zero where the mask is `value`.
 pub fn zero_where(mask: &[bool], value: bool, y: &mut [f64]) {
-    y.par_chunks_mut(CHUNK)
-        .zip(mask.par_chunks(CHUNK))
-        .for_each(|(y, mask)| {
+    tasks::for_each(
+        y.chunks_mut(CHUNK).zip(mask.chunks(CHUNK)),
+        |_, (y, mask)| {
             for (y, &mask) in y.iter_mut().zip(mask) {
                 if mask == value {
                     *y = 0.0;
                 }
             }
-        });
+        },
+    );
 }
 
 /// `y ← f(y, x)`, entry by entry.
 pub fn map2<X: Real, Y: Real>(y: &mut [Y], x: &[X], f: impl Fn(Y, X) -> Y + Sync) {
-    y.par_chunks_mut(CHUNK)
-        .zip(x.par_chunks(CHUNK))
-        .for_each(|(y, x)| {
-            for (y, &x) in y.iter_mut().zip(x) {
-                *y = f(*y, x);
-            }
-        });
+    tasks::for_each(y.chunks_mut(CHUNK).zip(x.chunks(CHUNK)), |_, (y, x)| {
+        for (y, &x) in y.iter_mut().zip(x) {
+            *y = f(*y, x);
+        }
+    });
 }

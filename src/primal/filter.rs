@@ -6,17 +6,13 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::amg::changed_rows::ChangedRows;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Options, Symbolic};
-
-/// Rows of one task.
-const ROWS: usize = 256;
+use crate::tasks;
 
 /// A factor of `P_cc`, `c` the free components of the relative displacements and of the masters.
 #[derive(Debug)]
@@ -145,22 +141,16 @@ impl<const D: usize> Filter<D> {
 
     /// The rows of `b − P x` at the nodes of the interface; others keep the `b` that `r` has.
     pub(super) fn subtract_rows(&self, rows: &ChangedRows, x: &[f64], r: &mut [f64]) {
-        let numbers: Vec<usize> = (0..rows.nodes.len()).collect();
-        let products: Vec<Vector<D>> = numbers
-            .par_chunks(ROWS)
-            .flat_map_iter(|chunk| {
-                chunk.iter().map(|&row| {
-                    let parts = rows.row(row).map(|(column, block)| {
-                        Block::<D>::from_column_slice(block) * at::<D>(x, column)
-                    });
-                    let mut sum: Vector<D> = parts.sum();
-                    if let Some(spring) = &self.springs[row] {
-                        sum += spring * at::<D>(x, rows.nodes[row] as usize);
-                    }
-                    sum
-                })
-            })
-            .collect();
+        let products = tasks::collect(rows.nodes.len(), |row| {
+            let parts = rows
+                .row(row)
+                .map(|(column, block)| Block::<D>::from_column_slice(block) * at::<D>(x, column));
+            let mut sum: Vector<D> = parts.sum();
+            if let Some(spring) = &self.springs[row] {
+                sum += spring * at::<D>(x, rows.nodes[row] as usize);
+            }
+            sum
+        });
         for (&node, product) in rows.nodes.iter().zip(products) {
             subtract(r, node as usize, product);
         }

@@ -4,8 +4,6 @@
 
 use std::sync::Mutex;
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::changed_rows::ChangedRows;
 use crate::linalg::amg::multigrid::Multigrid;
@@ -13,6 +11,7 @@ use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::frames::Frames;
 use crate::primal::transformation::{ABSENT, Row, RowSum, Transformation};
+use crate::tasks;
 
 /// Rows of one task.
 const ROWS: usize = 256;
@@ -38,53 +37,44 @@ impl Interface {
         for (row, &node) in changes.nodes.iter().enumerate() {
             number[node as usize] = narrow(row);
         }
-        let nodes = changes.nodes.par_chunks(ROWS);
-        let right: Vec<Row<D>> = nodes
-            .flat_map_iter(|nodes| {
-                let mut sum = RowSum::new(matrix.nodes());
-                let rows: Vec<Row<D>> = nodes
-                    .iter()
-                    .map(|&node| {
-                        for (q, block) in matrix.blocks_of_row(node as usize) {
-                            changes.add(Block::from_column_slice(block), q, &mut sum);
-                        }
-                        sum.take()
-                    })
-                    .collect();
-                rows
-            })
-            .collect();
-        let parts: Vec<ChangedRows> = changes
-            .nodes
-            .par_chunks(ROWS)
-            .map(|nodes| {
-                let mut sum = RowSum::new(matrix.nodes());
-                let mut rows = ChangedRows::new(D);
-                for &node in nodes {
-                    // `Tᵀ` times these rows.
-                    let mut add = |left: Option<Block<D>>, row: usize| {
-                        for &(column, block) in &right[number[row] as usize] {
-                            sum.add(column, left.map_or(block, |left| left.tr_mul(&block)));
-                        }
-                    };
-                    if changes.row(node as usize).is_none() {
-                        add(None, node as usize);
-                    }
-                    for &(slave, block) in changes.column(node as usize) {
-                        add(Some(block), slave as usize);
-                    }
-                    let mut row = sum.take();
-                    row.sort_unstable_by_key(|&(column, _)| column);
-                    for (column, block) in row {
-                        rows.column.push(column);
-                        rows.values.extend_from_slice(block.as_slice());
-                    }
-                    rows.nodes.push(node);
-                    rows.start.push(rows.column.len());
+        let right = tasks::map(changes.nodes.chunks(ROWS), |_, nodes| {
+            let mut sum = RowSum::new(matrix.nodes());
+            let of_node = |&node: &u32| {
+                for (q, block) in matrix.blocks_of_row(node as usize) {
+                    changes.add(Block::from_column_slice(block), q, &mut sum);
                 }
-                rows
-            })
-            .collect();
+                sum.take()
+            };
+            nodes.iter().map(of_node).collect::<Vec<Row<D>>>()
+        });
+        let right: Vec<Row<D>> = right.into_iter().flatten().collect();
+        let parts = tasks::map(changes.nodes.chunks(ROWS), |_, nodes| {
+            let mut sum = RowSum::new(matrix.nodes());
+            let mut rows = ChangedRows::new(D);
+            for &node in nodes {
+                // `Tᵀ` times these rows.
+                let mut add = |left: Option<Block<D>>, row: usize| {
+                    for &(column, block) in &right[number[row] as usize] {
+                        sum.add(column, left.map_or(block, |left| left.tr_mul(&block)));
+                    }
+                };
+                if changes.row(node as usize).is_none() {
+                    add(None, node as usize);
+                }
+                for &(slave, block) in changes.column(node as usize) {
+                    add(Some(block), slave as usize);
+                }
+                let mut row = sum.take();
+                row.sort_unstable_by_key(|&(column, _)| column);
+                for (column, block) in row {
+                    rows.column.push(column);
+                    rows.values.extend_from_slice(block.as_slice());
+                }
+                rows.nodes.push(node);
+                rows.start.push(rows.column.len());
+            }
+            rows
+        });
         let mut rows = ChangedRows::new(D);
         for part in parts {
             rows.extend(part);

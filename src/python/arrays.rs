@@ -1,17 +1,16 @@
 //! Conversion of NumPy arrays to slices and back. Python checks types and shapes; here only
 //! memory safety is checked.
 
-use numpy::ndarray::Array2;
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
-use pyo3::prelude::*;
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::pages::zeros;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
+use crate::tasks;
 use crate::threads;
+use numpy::ndarray::Array2;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -111,15 +110,15 @@ pub(super) fn many_indices(
         usize: TryFrom<T>,
     {
         let mut wide = zeros(values.len());
-        let parts = wide.par_chunks_mut(TASK).zip(values.par_chunks(TASK));
-        let whole = parts.map(|(wide, values)| {
+        let parts = wide.chunks_mut(TASK).zip(values.chunks(TASK));
+        let whole = tasks::map(parts, |_, (wide, values)| {
             wide.iter_mut().zip(values).all(|(wide, &value)| {
                 let found = usize::try_from(value).ok();
                 *wide = found.unwrap_or_default();
                 found.is_some()
             })
         });
-        whole.reduce(|| true, |a, b| a & b).then_some(wide)
+        whole.iter().all(|&whole| whole).then_some(wide)
     }
     /// Entries of one task.
     const TASK: usize = 1 << 16;

@@ -2,11 +2,6 @@
 
 use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
-use pyo3::exceptions::PyValueError;
-use pyo3::prelude::*;
-use rayon::prelude::*;
-
 use crate::assembly::cells::Cells;
 use crate::assembly::element::{Law, Reference};
 use crate::assembly::inspection::{self, Bodies, Rows};
@@ -15,6 +10,10 @@ use crate::assembly::stiffness::{self as core, Elastic};
 use crate::error::Error;
 use crate::python::arrays::{self, Csr as GivenCsr, Indices, Matrix, Vector};
 use crate::python::interrupt;
+use crate::tasks;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
 
 /// Nodes of cells `(c, cells)`, of 32 or 64 bits.
 #[derive(FromPyObject)]
@@ -317,7 +316,9 @@ where
         .pointer
         .last()
         .is_some_and(|&last| at(last) == k.index.len());
-    if rise && last && k.index.par_iter().all(|&j| at(j) < n) {
+    let within = |_: usize, part: &[I]| part.iter().all(|&j| at(j) < n);
+    let inside = tasks::map(k.index.chunks(1 << 16), within);
+    if rise && last && inside.iter().all(|&inside| inside) {
         Ok(())
     } else {
         Err(Error::SparseStructure { what: "K", row: 0 })

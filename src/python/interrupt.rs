@@ -5,6 +5,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use pyo3::prelude::*;
+use rayon::ThreadPool;
 
 use crate::error::Error;
 use crate::panics::caught;
@@ -39,28 +40,40 @@ pub(super) fn watch<T: Send>(
 ) -> PyResult<T> {
     let pool = threads::pool(threads::count(num_threads)?)?;
     let stop = AtomicBool::new(false);
+    let (mut work, mut result) = (Some(work), None);
+    let mut task = || result = work.take().map(|work| caught(|| work(&stop)));
+    let signal = run_task(py, &pool, &stop, tell, &mut task);
+    match (signal, result) {
+        (Some(raised), _) => Err(raised),
+        (None, Some(result)) => Ok(result??),
+        (None, None) => Err(Error::Interrupted.into()),
+    }
+}
+
+/// Runs `task` in the pool, and returns the exception that was raised meanwhile. It is not
+/// generic: rayon and the channel are compiled once, not for every type of a result.
+fn run_task(
+    py: Python<'_>,
+    pool: &ThreadPool,
+    stop: &AtomicBool,
+    tell: &(dyn Fn(Python<'_>) -> PyResult<()> + Sync),
+    task: &mut (dyn FnMut() + Send),
+) -> Option<PyErr> {
     let look = |py: Python<'_>| {
         py.check_signals()?;
         tell(py)
     };
-    let mut signal = None;
-    let result = py.detach(|| {
+    py.detach(|| {
         // A worker of the pool does the work: starting a thread would take longer than a small
         // problem.
         pool.in_place_scope(|scope| {
-            let (done, finished) = mpsc::channel();
-            let stop = &stop;
+            let (running, ended) = mpsc::channel::<()>();
             scope.spawn(move |_| {
-                // The receiver exists longer than this task.
-                let _ = done.send(caught(|| work(stop)));
+                task();
+                drop(running);
             });
-            loop {
-                match finished.recv_timeout(LOOK) {
-                    Ok(result) => return Some(result),
-                    // Nothing was sent: the task did not run.
-                    Err(mpsc::RecvTimeoutError::Disconnected) => return None,
-                    Err(mpsc::RecvTimeoutError::Timeout) => {}
-                }
+            let mut signal = None;
+            while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
                 if signal.is_none()
                     && let Err(raised) = Python::attach(look)
                 {
@@ -68,11 +81,7 @@ pub(super) fn watch<T: Send>(
                     stop.store(true, Ordering::Relaxed);
                 }
             }
+            signal
         })
-    });
-    match (signal, result) {
-        (Some(raised), _) => Err(raised),
-        (None, Some(result)) => Ok(result??),
-        (None, None) => Err(Error::Interrupted.into()),
-    }
+    })
 }

@@ -3,12 +3,6 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use numpy::PyArray2;
-use pyo3::exceptions::PyValueError;
-use pyo3::prelude::*;
-use pyo3::types::PyDict;
-use rayon::prelude::*;
-
 use crate::condensation::problem::Problem;
 use crate::error::Error;
 use crate::law::cone::Status;
@@ -21,6 +15,11 @@ use crate::python::problem::{AnyProblem, PyCondensed, moved};
 use crate::python::solver::{settings, solution_dict};
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::solver::{Outcome, Settings};
+use crate::tasks;
+use numpy::PyArray2;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 enum AnyPath {
     Two(Arc<Problem<2>>, working_set::WorkingSetPath<2>),
@@ -289,10 +288,10 @@ pub(super) fn follow<'py>(
     let scalings: Vec<_> = paths.iter().map(|path| path.elliptic.clone()).collect();
     let all: Vec<&mut PyPath> = paths.iter_mut().map(|path| &mut **path).collect();
     let followed = interrupt::run(py, num_threads, |stop| {
-        all.into_par_iter()
-            .zip(&asked)
-            .map(|(path, steps)| path.follow(steps, &settings, stop))
-            .collect::<Result<Vec<_>, Error>>()
+        let results = tasks::map(all.into_iter().zip(&asked), |_, (path, steps)| {
+            path.follow(steps, &settings, stop)
+        });
+        results.into_iter().collect::<Result<Vec<_>, Error>>()
     })?;
     let mut out = Vec::with_capacity(followed.len());
     for ((steps, error), elliptic) in followed.into_iter().zip(&scalings) {

@@ -3,12 +3,6 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
-use pyo3::prelude::*;
-use pyo3::types::PyDict;
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::law::{cone, elliptic};
@@ -24,6 +18,11 @@ use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
 use crate::solver::paper::principles::minimising_sequence::Sequence;
 use crate::solver::{self, Method, Settings, Solution, Start};
+use crate::tasks;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Nodes in one task: few enough for balance, many enough for the cost of a task.
 const NODES_A_TASK: usize = 4096;
@@ -131,10 +130,10 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
                 of_chunk(0, &mut out, &mut status);
             } else {
                 pool.install(|| {
-                    out.par_chunks_mut(NODES_A_TASK)
-                        .zip(status.par_chunks_mut(NODES_A_TASK))
-                        .enumerate()
-                        .for_each(|(chunk, (out, status))| of_chunk(chunk, out, status));
+                    let parts = out
+                        .chunks_mut(NODES_A_TASK)
+                        .zip(status.chunks_mut(NODES_A_TASK));
+                    tasks::for_each(parts, |chunk, (out, status)| of_chunk(chunk, out, status));
                 });
             }
         })

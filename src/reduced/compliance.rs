@@ -8,8 +8,6 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::compensated::Sum;
 use crate::linalg::small::Block;
@@ -19,6 +17,7 @@ use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
 use crate::reduced::rotation::Rotation;
+use crate::tasks;
 
 /// First block of each row, columns and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
@@ -277,7 +276,10 @@ impl<'a, const D: usize> Compliance<'a, D> {
         if D * positions.len() < PARALLEL_ROWS {
             positions.iter().map(at).collect()
         } else {
-            positions.par_iter().with_min_len(32).map(at).collect()
+            let rows = tasks::map(positions.chunks(32), |_, part| {
+                part.iter().map(at).collect::<Vec<_>>()
+            });
+            rows.concat()
         }
     }
 

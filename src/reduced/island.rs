@@ -9,8 +9,6 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
@@ -20,6 +18,7 @@ use crate::linalg::sparse::blocks::Blocks;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
 use crate::reduced::rotation::Rotation;
+use crate::tasks;
 
 /// With fewer rows, a second thread does not make a product faster.
 pub(super) const PARALLEL_ROWS: usize = 768;
@@ -64,8 +63,8 @@ impl<const D: usize> Part<'_, D> {
             Part::Dense(matrix) => {
                 let n = D * caller.len();
                 let mut turned = vec![0.0; matrix.len()];
-                let rows = turned.par_chunks_exact_mut((D * n).max(1)).enumerate();
-                rows.for_each(|(i, rows)| {
+                let rows = turned.chunks_exact_mut((D * n).max(1));
+                tasks::for_each(rows, |i, rows| {
                     for j in 0..caller.len() {
                         let at = |k: usize, l: usize| matrix[(D * i + k) * n + D * j + l];
                         let block = of(i, j, &Block::from_fn(at));
@@ -297,10 +296,14 @@ impl<'a, const D: usize> Island<'a, D> {
                 *value = of_row(row);
             }
         } else {
-            out.par_iter_mut()
-                .with_min_len(64)
-                .zip(matrix.par_chunks_exact(m))
-                .for_each(|(value, row)| *value = of_row(row));
+            tasks::for_each(
+                out.chunks_mut(64).zip(matrix.chunks(64 * m)),
+                |_, (out, rows)| {
+                    for (value, row) in out.iter_mut().zip(rows.chunks_exact(m)) {
+                        *value = of_row(row);
+                    }
+                },
+            );
         }
     }
 
@@ -368,7 +371,7 @@ impl<'a, const D: usize> Island<'a, D> {
         if m < PARALLEL_ROWS {
             out.chunks_mut(ROWS).enumerate().for_each(of_rows);
         } else {
-            out.par_chunks_mut(ROWS).enumerate().for_each(of_rows);
+            tasks::for_each(out.chunks_mut(ROWS), |task, out| of_rows((task, out)));
         }
     }
 
@@ -424,8 +427,11 @@ fn each<const D: usize>(y: &mut [[f64; D]], of: impl Fn(usize) -> [f64; D] + Syn
     if y.len() < PARALLEL {
         y.iter_mut().enumerate().for_each(|(i, y)| *y = of(i));
     } else {
-        let rows = y.par_iter_mut().with_min_len(PARALLEL / 8).enumerate();
-        rows.for_each(|(i, y)| *y = of(i));
+        tasks::for_each(y.chunks_mut(PARALLEL / 8), |task, y| {
+            for (k, y) in y.iter_mut().enumerate() {
+                *y = of(task * (PARALLEL / 8) + k);
+            }
+        });
     }
 }
 

@@ -1,10 +1,9 @@
 //! Aggregates: groups of coupled nodes, each of which becomes one node of the next level.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
 use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::sparse::csc::narrow;
+use crate::tasks;
 
 /// Nodes by aggregate.
 #[derive(Clone, Debug)]
@@ -54,8 +53,7 @@ impl Aggregates {
         let count = self.count();
         let mut coordinates = vec![0.0; count * d];
         // Without coordinates there is no chunk.
-        let centres = coordinates.par_chunks_mut(d.max(1)).enumerate();
-        centres.with_min_len(1 << 10).for_each(|(g, centre)| {
+        for (g, centre) in coordinates.chunks_mut(d.max(1)).enumerate() {
             let own = self.members_of(g);
             #[expect(clippy::cast_precision_loss, reason = "a count of members")]
             let share = (own.len() as f64).recip();
@@ -63,7 +61,7 @@ impl Aggregates {
                 let along = own.iter().map(|&i| about.coordinates[i as usize * d + k]);
                 *centre = share * along.sum::<f64>();
             }
-        });
+        }
         let bodies = if about.bodies.is_empty() {
             Vec::new()
         } else {
@@ -173,34 +171,29 @@ fn couplings(matrix: &BlockMatrix<f32>, about: &Nodes) -> Vec<f32> {
         let norm = squares.sum::<f64>().sqrt() as f32;
         norm
     };
-    let rows: Vec<Vec<f32>> = (0..matrix.nodes().div_ceil(ROWS))
-        .into_par_iter()
-        .map(|task| {
-            let (mut norms, mut distances) = (Vec::new(), Vec::new());
-            for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
-                let least = ROUNDING * norm(matrix.diagonal_block(i));
-                let columns = &matrix.column[matrix.row(i)];
-                distances.clear();
-                distances.extend(columns.iter().map(|&j| match j as usize {
-                    j if j != i && about.together(i, j) => {
-                        about.squared_distance(matrix.nodes(), i, j)
-                    }
-                    _ => f64::INFINITY,
-                }));
-                let far = farthest(&distances);
-                for (at, &distance) in matrix.row(i).zip(&distances) {
-                    let near = distance <= far && distance < f64::INFINITY;
-                    let norm = if near {
-                        norm(&matrix.values[at * size..(at + 1) * size])
-                    } else {
-                        0.0
-                    };
-                    norms.push(if norm > least { norm } else { 0.0 });
-                }
+    let rows = tasks::map(0..matrix.nodes().div_ceil(ROWS), |_, task| {
+        let (mut norms, mut distances) = (Vec::new(), Vec::new());
+        for i in task * ROWS..matrix.nodes().min((task + 1) * ROWS) {
+            let least = ROUNDING * norm(matrix.diagonal_block(i));
+            let columns = &matrix.column[matrix.row(i)];
+            distances.clear();
+            distances.extend(columns.iter().map(|&j| match j as usize {
+                j if j != i && about.together(i, j) => about.squared_distance(matrix.nodes(), i, j),
+                _ => f64::INFINITY,
+            }));
+            let far = farthest(&distances);
+            for (at, &distance) in matrix.row(i).zip(&distances) {
+                let near = distance <= far && distance < f64::INFINITY;
+                let norm = if near {
+                    norm(&matrix.values[at * size..(at + 1) * size])
+                } else {
+                    0.0
+                };
+                norms.push(if norm > least { norm } else { 0.0 });
             }
-            norms
-        })
-        .collect();
+        }
+        norms
+    });
     rows.concat()
 }
 

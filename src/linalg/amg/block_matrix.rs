@@ -1,12 +1,11 @@
 //! A sparse matrix in square blocks, one row of blocks for each node.
 
-use rayon::prelude::*;
-
 use crate::linalg::pages::zeros;
 use crate::linalg::parallel::largest;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::{Index, Symmetric, narrow};
+use crate::tasks;
 
 /// The place of an unknown that no node has, and of a component that no unknown has.
 pub const ABSENT: u32 = u32::MAX;
@@ -213,7 +212,7 @@ impl BlockMatrix<f32> {
         }
         let (start, column) = (&self.start, &self.column);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * b);
-        parts.into_par_iter().enumerate().for_each(|(task, part)| {
+        tasks::for_each(parts, |task, part| {
             let rows = task * ROWS..nodes.min((task + 1) * ROWS);
             let mut blocks = part.chunks_exact_mut(b * b);
             for i in rows {
@@ -264,7 +263,7 @@ fn blocks<const B: usize, I: Index>(
     let (start, column) = pattern::<B, I>(k, place, dof);
     let mut values = zeros(column.len() * size + PADDING);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
-    parts.into_par_iter().enumerate().for_each(|(task, part)| {
+    tasks::for_each(parts, |task, part| {
         for i in task * ROWS..nodes.min((task + 1) * ROWS) {
             let row = start[i] as usize..start[i + 1] as usize;
             let from = (row.start - start[task * ROWS] as usize) * size;
@@ -301,33 +300,30 @@ fn pattern<const B: usize, I: Index>(
     dof: &[u32],
 ) -> (Vec<u32>, Vec<u32>) {
     let nodes = dof.len() / B;
-    let parts: Vec<(Vec<u32>, Vec<u32>)> = (0..nodes.div_ceil(ROWS))
-        .into_par_iter()
-        .map(|task| {
-            let (mut counts, mut columns, mut row) = (Vec::new(), Vec::new(), Vec::new());
-            for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-                row.clear();
-                row.push(narrow(i));
-                for &dof in &dof[B * i..B * (i + 1)] {
-                    if dof == ABSENT {
-                        continue;
-                    }
-                    for (j, _) in k.column(dof as usize) {
-                        let node = place[j] / narrow(B);
-                        // The components of a node usually follow one another.
-                        if place[j] != ABSENT && row.last() != Some(&node) {
-                            row.push(node);
-                        }
+    let parts = tasks::map(0..nodes.div_ceil(ROWS), |_, task| {
+        let (mut counts, mut columns, mut row) = (Vec::new(), Vec::new(), Vec::new());
+        for i in task * ROWS..nodes.min((task + 1) * ROWS) {
+            row.clear();
+            row.push(narrow(i));
+            for &dof in &dof[B * i..B * (i + 1)] {
+                if dof == ABSENT {
+                    continue;
+                }
+                for (j, _) in k.column(dof as usize) {
+                    let node = place[j] / narrow(B);
+                    // The components of a node usually follow one another.
+                    if place[j] != ABSENT && row.last() != Some(&node) {
+                        row.push(node);
                     }
                 }
-                row.sort_unstable();
-                row.dedup();
-                counts.push(narrow(row.len()));
-                columns.extend_from_slice(&row);
             }
-            (counts, columns)
-        })
-        .collect();
+            row.sort_unstable();
+            row.dedup();
+            counts.push(narrow(row.len()));
+            columns.extend_from_slice(&row);
+        }
+        (counts, columns)
+    });
     let mut start = vec![0];
     let mut column = Vec::with_capacity(parts.iter().map(|(_, columns)| columns.len()).sum());
     let mut sum = 0;

@@ -1,15 +1,10 @@
 //! Products by rows of blocks, alone or fused with what follows them: a matrix is read from
 //! memory once for each step.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::real::Real;
-
-/// Tasks that a thread takes at once, at most: rayon would give each of two threads a quarter of
-/// all, and one that comes late would be waited for.
-const TOGETHER: usize = 4;
+use crate::tasks;
 
 /// What becomes of the product `A x` in the rows of one task.
 trait Finish<T>: Send {
@@ -101,10 +96,9 @@ impl<T: Real> BlockMatrix<T> {
     pub fn product(&self, x: &[T], y: &mut [T]) {
         assert_eq!(x.len(), self.b * self.nodes());
         assert_eq!(y.len(), x.len());
-        y.par_chunks_mut(ROWS * self.b)
-            .enumerate()
-            .with_max_len(TOGETHER)
-            .for_each(|(task, y)| run(self, x, task, Store { y }));
+        tasks::for_each(y.chunks_mut(ROWS * self.b), |task, y| {
+            run(self, x, task, Store { y });
+        });
     }
 }
 
@@ -128,11 +122,10 @@ impl<T: Real> Finish<T> for Subtract<'_, T> {
 /// `y = b − A x`.
 pub(super) fn residual<T: Real>(matrix: &BlockMatrix<T>, x: &[T], b: &[T], y: &mut [T]) {
     let size = ROWS * matrix.b;
-    y.par_chunks_mut(size)
-        .zip(b.par_chunks(size))
-        .enumerate()
-        .with_max_len(TOGETHER)
-        .for_each(|(task, (y, b))| run(matrix, x, task, Subtract { b, y }));
+    let parts = y.chunks_mut(size).zip(b.chunks(size));
+    tasks::for_each(parts, |task, (y, b)| {
+        run(matrix, x, task, Subtract { b, y });
+    });
 }
 
 /// The numbers of one step of a Chebyshev iteration, see [`step`].
@@ -185,23 +178,19 @@ pub(super) fn step(
     with: Coefficients,
 ) {
     let size = ROWS * matrix.b;
-    y.par_chunks_mut(size)
-        .zip(d.par_chunks_mut(size))
-        .zip(b.par_chunks(size))
-        .zip(inverse.par_chunks(size * matrix.b))
-        .enumerate()
-        .with_max_len(TOGETHER)
-        .for_each(|(task, (((y, d), b), inverse))| {
-            let then = Step {
-                inverse,
-                b,
-                x,
-                d,
-                y,
-                with,
-            };
-            run(matrix, x, task, then);
-        });
+    let changed = y.chunks_mut(size).zip(d.chunks_mut(size));
+    let read = b.chunks(size).zip(inverse.chunks(size * matrix.b));
+    tasks::for_each(changed.zip(read), |task, ((y, d), (b, inverse))| {
+        let then = Step {
+            inverse,
+            b,
+            x,
+            d,
+            y,
+            with,
+        };
+        run(matrix, x, task, then);
+    });
 }
 
 struct FirstStep<'a, const B: usize> {
@@ -243,31 +232,29 @@ pub(super) fn first_step(
     with: Coefficients,
 ) {
     let rows = ROWS * size;
-    y.par_chunks_mut(rows)
-        .zip(d.par_chunks_mut(rows))
-        .zip(b.par_chunks(rows))
-        .zip(inverse.par_chunks(rows * size))
-        .for_each(|(((y, d), b), inverse)| match size {
-            2 => widest(FirstStep::<2> {
-                inverse,
-                b,
-                d,
-                y,
-                with,
-            }),
-            3 => widest(FirstStep::<3> {
-                inverse,
-                b,
-                d,
-                y,
-                with,
-            }),
-            _ => widest(FirstStep::<6> {
-                inverse,
-                b,
-                d,
-                y,
-                with,
-            }),
-        });
+    let changed = y.chunks_mut(rows).zip(d.chunks_mut(rows));
+    let read = b.chunks(rows).zip(inverse.chunks(rows * size));
+    tasks::for_each(changed.zip(read), |_, ((y, d), (b, inverse))| match size {
+        2 => widest(FirstStep::<2> {
+            inverse,
+            b,
+            d,
+            y,
+            with,
+        }),
+        3 => widest(FirstStep::<3> {
+            inverse,
+            b,
+            d,
+            y,
+            with,
+        }),
+        _ => widest(FirstStep::<6> {
+            inverse,
+            b,
+            d,
+            y,
+            with,
+        }),
+    });
 }

@@ -1,13 +1,12 @@
 //! A matrix that differs from another one in the rows and columns of some nodes.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::ROWS;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
+use crate::tasks;
 
 /// Whole rows of blocks of a symmetric matrix at some nodes.
 #[derive(Clone, Debug)]
@@ -130,36 +129,31 @@ impl BlockMatrix<f64> {
             }
             row.sort_unstable_by_key(|&(column, _)| column);
         };
-        let parts: Vec<(Vec<u32>, Vec<u32>, Vec<f32>)> = (0..nodes.div_ceil(ROWS))
-            .into_par_iter()
-            .map(|task| {
-                let (mut counts, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
-                let mut row = Vec::new();
-                for i in task * ROWS..nodes.min((task + 1) * ROWS) {
-                    sources(i, &mut row);
-                    counts.push(narrow(row.len()));
-                    for &(j, source) in &row {
-                        columns.push(j);
-                        for at in 0..size {
-                            let mirror = at % b * b + at / b;
-                            let value = match source {
-                                Source::Old(block) => {
-                                    single(self.values[block * size + at], self.exponent)
-                                }
-                                Source::Changed(block) => {
-                                    single(changed.values[block * size + at], 0)
-                                }
-                                Source::Mirror(block) => {
-                                    single(changed.values[block * size + mirror], 0)
-                                }
-                            };
-                            values.push(value);
-                        }
+        let parts = tasks::map(0..nodes.div_ceil(ROWS), |_, task| {
+            let (mut counts, mut columns, mut values) = (Vec::new(), Vec::new(), Vec::new());
+            let mut row = Vec::new();
+            for i in task * ROWS..nodes.min((task + 1) * ROWS) {
+                sources(i, &mut row);
+                counts.push(narrow(row.len()));
+                for &(j, source) in &row {
+                    columns.push(j);
+                    for at in 0..size {
+                        let mirror = at % b * b + at / b;
+                        let value = match source {
+                            Source::Old(block) => {
+                                single(self.values[block * size + at], self.exponent)
+                            }
+                            Source::Changed(block) => single(changed.values[block * size + at], 0),
+                            Source::Mirror(block) => {
+                                single(changed.values[block * size + mirror], 0)
+                            }
+                        };
+                        values.push(value);
                     }
                 }
-                (counts, columns, values)
-            })
-            .collect();
+            }
+            (counts, columns, values)
+        });
         let blocks = parts.iter().map(|(_, columns, _)| columns.len()).sum();
         let (mut start, mut column) = (vec![0], Vec::with_capacity(blocks));
         let mut values = Vec::with_capacity(blocks * size + PADDING);

@@ -1,8 +1,7 @@
 //! Changes of variables at some nodes, and the sizes of the terms of a product.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS, cut};
+use crate::tasks;
 
 /// A node that keeps its variables.
 const SAME: u32 = u32::MAX;
@@ -29,7 +28,7 @@ impl BlockMatrix<f32> {
         };
         let (start, column) = (&self.start, &self.column);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * b);
-        parts.into_par_iter().enumerate().for_each(|(task, part)| {
+        tasks::for_each(parts, |task, part| {
             let mut blocks = part.chunks_exact_mut(b * b);
             let mut old = vec![0.0_f32; b * b];
             for i in task * ROWS..nodes.min((task + 1) * ROWS) {
@@ -73,21 +72,19 @@ impl BlockMatrix<f64> {
         let b = self.b;
         assert_eq!(x.len(), b * self.nodes());
         assert_eq!(y.len(), x.len());
-        y.par_chunks_mut(b * ROWS)
-            .enumerate()
-            .for_each(|(task, y)| {
-                for (k, y) in y.chunks_exact_mut(b).enumerate() {
-                    y.fill(0.0);
-                    for at in self.row(task * ROWS + k) {
-                        let first = b * self.column[at] as usize;
-                        let block = &self.values[at * b * b..(at + 1) * b * b];
-                        for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
-                            for (value, a) in y.iter_mut().zip(column) {
-                                *value += (a * x).abs();
-                            }
+        tasks::for_each(y.chunks_mut(b * ROWS), |task, y| {
+            for (k, y) in y.chunks_exact_mut(b).enumerate() {
+                y.fill(0.0);
+                for at in self.row(task * ROWS + k) {
+                    let first = b * self.column[at] as usize;
+                    let block = &self.values[at * b * b..(at + 1) * b * b];
+                    for (column, x) in block.chunks_exact(b).zip(&x[first..first + b]) {
+                        for (value, a) in y.iter_mut().zip(column) {
+                            *value += (a * x).abs();
                         }
                     }
                 }
-            });
+            }
+        });
     }
 }

@@ -1,7 +1,5 @@
 //! The matrix of the next level, `Pᵀ A P`, in two products.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::prolongation::{Prolongation, chosen};
@@ -10,6 +8,7 @@ use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
+use crate::tasks;
 
 /// Calls a kernel with the sizes of the blocks of `P` and the lanes of their rows.
 macro_rules! with_sizes {
@@ -94,9 +93,10 @@ fn times_prolongation(
     let skipped = |i: usize| needed.is_some_and(|needed| !needed[i]);
     let (nodes, size) = (matrix.nodes(), p.b * p.m);
     let mut start = vec![0; nodes + 1];
-    chosen(start[1..].chunks_mut(ROWS), ROWS, needed).for_each_init(
+    tasks::for_each_with(
+        chosen(start[1..].chunks_mut(ROWS), ROWS, needed),
         || Slots::new(p.coarse_nodes()),
-        |slots, (task, counts)| {
+        |slots, _, (task, counts)| {
             for (k, count) in counts.iter_mut().enumerate() {
                 if skipped(task * ROWS + k) {
                     continue;
@@ -119,9 +119,10 @@ fn times_prolongation(
     let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |i| start[i] as usize);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
-    chosen(columns.into_iter().zip(parts), ROWS, needed).for_each_init(
+    tasks::for_each_with(
+        chosen(columns.into_iter().zip(parts), ROWS, needed),
         || Slots::new(p.coarse_nodes()),
-        |slots, (task, (columns, values))| {
+        |slots, _, (task, (columns, values))| {
             let rows = Rows {
                 matrix,
                 p,
@@ -225,24 +226,25 @@ const COARSE_ROWS: usize = 16;
 fn upper_triangle(p: &Prolongation, product: &Product, changed: Option<&[bool]>) -> Upper {
     let nodes = p.coarse_nodes();
     let tasks = (0..nodes).step_by(COARSE_ROWS);
-    let parts: Vec<(usize, Upper)> = chosen(tasks, COARSE_ROWS, changed)
-        .map_init(
-            || Slots::new(nodes),
-            |slots, (_, first)| {
-                let mut upper = Upper::default();
-                let rows = CoarseRows {
-                    p,
-                    product,
-                    changed,
-                    rows: first..nodes.min(first + COARSE_ROWS),
-                    slots,
-                    upper: &mut upper,
-                };
-                with_sizes!(p, SizedCoarseRows, rows);
-                (first, upper)
-            },
-        )
+    let mut parts: Vec<(usize, Upper)> = chosen(tasks, COARSE_ROWS, changed)
+        .into_iter()
+        .map(|(_, first)| (first, Upper::default()))
         .collect();
+    tasks::for_each_with(
+        &mut parts,
+        || Slots::new(nodes),
+        |slots, _, (first, upper)| {
+            let rows = CoarseRows {
+                p,
+                product,
+                changed,
+                rows: *first..nodes.min(*first + COARSE_ROWS),
+                slots,
+                upper,
+            };
+            with_sizes!(p, SizedCoarseRows, rows);
+        },
+    );
     let mut whole = Upper::default();
     for (first, part) in parts {
         whole.counts.resize(first, 0);
@@ -348,8 +350,7 @@ fn whole(upper: &Upper, m: usize, exponent: i32) -> BlockMatrix<f32> {
     let mut values = zeros(blocks * size + PADDING);
     let columns = cut(&mut column, nodes, |g| start[g] as usize);
     let parts = cut(&mut values, nodes, |g| start[g] as usize * size);
-    let tasks = columns.into_par_iter().zip(parts).enumerate();
-    tasks.for_each(|(task, (columns, values))| {
+    tasks::for_each(columns.into_iter().zip(parts), |task, (columns, values)| {
         let mut columns = columns.iter_mut();
         let mut blocks = values.chunks_exact_mut(size);
         let mut next = || Some((columns.next()?, blocks.next()?));

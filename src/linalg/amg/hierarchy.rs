@@ -2,8 +2,6 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::BlockMatrix;
@@ -152,14 +150,11 @@ impl BlockMatrix<f32> {
     pub(super) fn replace_dead(&mut self, dead: &[bool]) {
         let b = self.b;
         let size = b * b;
-        let own: Vec<usize> = (0..self.nodes())
-            .into_par_iter()
-            .map(|i| self.diagonal(i))
-            .collect();
-        for (&at, dead) in own.iter().zip(dead.chunks_exact(b)) {
+        for (node, dead) in dead.chunks_exact(b).enumerate() {
             if !dead.contains(&true) {
                 continue;
             }
+            let at = self.diagonal(node);
             let block = &mut self.values[at * size..(at + 1) * size];
             let largest = (0..b).map(|l| block[l * b + l]).fold(0.0, f32::max);
             for l in (0..b).filter(|&l| dead[l]) {

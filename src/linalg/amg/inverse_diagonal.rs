@@ -1,27 +1,22 @@
 //! Inverses of the diagonal blocks, which scale the smoother.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
+use crate::tasks;
 
 /// The inverse of each diagonal block, by columns; `None` if a diagonal is not positive.
 pub(super) fn inverse_diagonal(matrix: &BlockMatrix<f32>) -> Option<Vec<f32>> {
     let b = matrix.b;
     let mut inverse = zeros(matrix.nodes() * b * b);
-    let valid = inverse
-        .par_chunks_mut(ROWS * b * b)
-        .enumerate()
-        .map(|(task, part)| {
-            let mut valid = true;
-            for (k, inverse) in part.chunks_exact_mut(b * b).enumerate() {
-                valid &= invert_node(matrix, task * ROWS + k, inverse);
-            }
-            valid
-        })
-        .reduce(|| true, |a, b| a & b);
-    valid.then_some(inverse)
+    let valid = tasks::map(inverse.chunks_mut(ROWS * b * b), |task, part| {
+        let mut valid = true;
+        for (k, inverse) in part.chunks_exact_mut(b * b).enumerate() {
+            valid &= invert_node(matrix, task * ROWS + k, inverse);
+        }
+        valid
+    });
+    valid.iter().all(|&valid| valid).then_some(inverse)
 }
 
 /// Writes the inverse of the diagonal block of a node; returns whether the diagonal is positive.

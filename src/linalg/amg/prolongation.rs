@@ -5,10 +5,6 @@
 //! near-null vectors `B = T C` without force as `A` does. `P` then has few blocks along long
 //! cells, where its smoothing would gain nothing.
 
-use rayon::iter::MaxLen;
-use rayon::prelude::*;
-use rayon::vec::IntoIter;
-
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::nodes::Nodes;
@@ -18,6 +14,7 @@ use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
+use crate::tasks;
 
 /// Blocks `b × m`, by rows of fine nodes, and their places by coarse nodes.
 #[derive(Clone, Debug)]
@@ -84,9 +81,10 @@ impl Prolongation {
         let start = &self.start;
         let columns = cut(&mut self.column, nodes, |i| start[i] as usize);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * m);
-        chosen(columns.into_iter().zip(parts), ROWS, needed).for_each_init(
+        tasks::for_each_with(
+            chosen(columns.into_iter().zip(parts), ROWS, needed),
             || Slots::new(of.aggregates.count()),
-            |slots, (task, (columns, values))| {
+            |slots, _, (task, (columns, values))| {
                 let rows = Rows {
                     of,
                     omega: f32::rounded(of.omega),
@@ -109,21 +107,18 @@ impl Prolongation {
 }
 
 /// The tasks of `rows` rows each that have a `needed` one, with their numbers; without a choice
-/// all. Few tasks have the rows of a change, and each of them is long: no thread takes several
-/// at once.
+/// all.
 pub(super) fn chosen<T: Send>(
     tasks: impl Iterator<Item = T>,
     rows: usize,
     needed: Option<&[bool]>,
-) -> MaxLen<IntoIter<(usize, T)>> {
+) -> Vec<(usize, T)> {
     let wanted = |task: usize| {
         needed.is_none_or(|needed| {
             needed[task * rows..needed.len().min((task + 1) * rows)].contains(&true)
         })
     };
-    let tasks: Vec<(usize, T)> = tasks.enumerate().filter(|(k, _)| wanted(*k)).collect();
-    let together = needed.map_or(usize::MAX, |_| 1);
-    tasks.into_par_iter().with_max_len(together)
+    tasks.enumerate().filter(|(k, _)| wanted(*k)).collect()
 }
 
 /// What `P` is made of.
@@ -143,9 +138,10 @@ pub(super) struct Smoothed<'a> {
 fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
     let nodes = matrix.nodes();
     let mut start = vec![0; nodes + 1];
-    start[1..].par_chunks_mut(ROWS).enumerate().for_each_init(
+    tasks::for_each_with(
+        start[1..].chunks_mut(ROWS),
         || Slots::new(aggregates.count()),
-        |slots, (task, counts)| {
+        |slots, task, counts| {
             for (k, count) in counts.iter_mut().enumerate() {
                 let i = task * ROWS + k;
                 for at in matrix.row(i) {

@@ -1,10 +1,9 @@
 //! Near-null vectors, cut into aggregates and made orthonormal in each.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
+use crate::tasks;
 
 /// Numbers of a row of `T`, six or fewer near-null vectors and zeros.
 pub(super) const LANES: usize = 8;
@@ -93,21 +92,18 @@ impl Tentative {
         b: usize,
         m: usize,
     ) -> Vec<Self> {
-        which
-            .par_chunks(TASK)
-            .map(|which| {
-                let mut part = Self {
-                    rows: Vec::new(),
-                    coarse: Vec::new(),
-                    dead: Vec::new(),
-                    m,
-                };
-                for &g in which {
-                    part.aggregate(aggregates.members_of(g as usize), vectors, held, b, m);
-                }
-                part
-            })
-            .collect()
+        tasks::map(which.chunks(TASK), |_, which| {
+            let mut part = Self {
+                rows: Vec::new(),
+                coarse: Vec::new(),
+                dead: Vec::new(),
+                m,
+            };
+            for &g in which {
+                part.aggregate(aggregates.members_of(g as usize), vectors, held, b, m);
+            }
+            part
+        })
     }
 
     /// The rows of `T` that node `j` would have in another aggregate: `B_j C⁻¹`. `vectors` are

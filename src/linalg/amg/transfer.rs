@@ -1,12 +1,11 @@
 //! Products with `P` and `Pᵀ`.
 
-use rayon::prelude::*;
-
 use crate::linalg::amg::block_matrix::ROWS;
 use crate::linalg::amg::galerkin::with_sizes;
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::amg::wide::{Work, widest};
 use crate::linalg::real::Real;
+use crate::tasks;
 
 /// Coarse nodes in one task.
 const COARSE_ROWS: usize = 64;
@@ -14,33 +13,29 @@ const COARSE_ROWS: usize = 64;
 impl Prolongation {
     /// `coarse = Pᵀ r`, by rows of `Pᵀ`, so that each sum has one order.
     pub(super) fn restrict(&self, r: &[f32], coarse: &mut [f32]) {
-        coarse
-            .par_chunks_mut(COARSE_ROWS * self.m)
-            .enumerate()
-            .for_each(|(task, to)| {
-                let rows = Transfer {
-                    p: self,
-                    first: task * COARSE_ROWS,
-                    from: r,
-                    to,
-                };
-                with_sizes!(self, Restrict, rows);
-            });
+        let parts = coarse.chunks_mut(COARSE_ROWS * self.m);
+        tasks::for_each(parts, |task, to| {
+            let rows = Transfer {
+                p: self,
+                first: task * COARSE_ROWS,
+                from: r,
+                to,
+            };
+            with_sizes!(self, Restrict, rows);
+        });
     }
 
     /// `x ← x + P e`.
     pub(super) fn add_prolonged(&self, e: &[f32], x: &mut [f32]) {
-        x.par_chunks_mut(ROWS * self.b)
-            .enumerate()
-            .for_each(|(task, to)| {
-                let rows = Transfer {
-                    p: self,
-                    first: task * ROWS,
-                    from: e,
-                    to,
-                };
-                with_sizes!(self, Prolong, rows);
-            });
+        tasks::for_each(x.chunks_mut(ROWS * self.b), |task, to| {
+            let rows = Transfer {
+                p: self,
+                first: task * ROWS,
+                from: e,
+                to,
+            };
+            with_sizes!(self, Prolong, rows);
+        });
     }
 }
 

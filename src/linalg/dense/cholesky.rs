@@ -2,11 +2,6 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use faer::linalg::matmul::triangular::BlockStructure;
-use faer::prelude::{Reborrow, ReborrowMut};
-use faer::{Accum, MatMut, MatRef, Par};
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::dense::kernels::{
     faer_matmul, solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -16,6 +11,10 @@ use crate::linalg::dense::layout::{part, transpose_into};
 use crate::linalg::dense::panel::{blocks_from, factor_panel};
 use crate::linalg::dense::product::TILE;
 use crate::linalg::packed::Panel;
+use crate::tasks;
+use faer::linalg::matmul::triangular::BlockStructure;
+use faer::prelude::{Reborrow, ReborrowMut};
+use faer::{Accum, MatMut, MatRef, Par};
 
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower triangle of `a`
 /// is read and becomes `L`; the strict upper one becomes zero.
@@ -83,41 +82,38 @@ pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usi
 fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel) {
     let count = columns.len() / n;
     let blocks = blocks_from(panel, layout, layout.np);
-    columns
-        .par_chunks_mut(part(n) * n)
-        .enumerate()
-        .for_each(|(tile, columns)| {
-            let (from, width) = (tile * part(n), columns.len() / n);
-            let columns = MatMut::from_column_major_slice_mut(columns, n, width);
-            let (mut square, mut below) = columns
-                .split_at_row_mut(n - count + from)
-                .1
-                .split_at_row_mut(width);
+    tasks::for_each(columns.chunks_mut(part(n) * n), |tile, columns| {
+        let (from, width) = (tile * part(n), columns.len() / n);
+        let columns = MatMut::from_column_major_slice_mut(columns, n, width);
+        let (mut square, mut below) = columns
+            .split_at_row_mut(n - count + from)
+            .1
+            .split_at_row_mut(width);
+        for u in &blocks {
+            let u = u.subcols(from, width);
+            triangular_matmul(
+                square.rb_mut(),
+                BlockStructure::TriangularLower,
+                Accum::Add,
+                u.transpose(),
+                BlockStructure::Rectangular,
+                u,
+                BlockStructure::Rectangular,
+                -1.0,
+                Par::Seq,
+            );
+        }
+        let rows = below.nrows();
+        for i in (0..rows).step_by(TILE) {
+            let height = TILE.min(rows - i);
             for u in &blocks {
-                let u = u.subcols(from, width);
-                triangular_matmul(
-                    square.rb_mut(),
-                    BlockStructure::TriangularLower,
-                    Accum::Add,
-                    u.transpose(),
-                    BlockStructure::Rectangular,
-                    u,
-                    BlockStructure::Rectangular,
-                    -1.0,
-                    Par::Seq,
-                );
+                let left = u.subcols(from + width + i, height).transpose();
+                let right = u.subcols(from, width);
+                let tile = below.rb_mut().subrows_mut(i, height);
+                faer_matmul(tile, Accum::Add, left, right, -1.0, Par::Seq);
             }
-            let rows = below.nrows();
-            for i in (0..rows).step_by(TILE) {
-                let height = TILE.min(rows - i);
-                for u in &blocks {
-                    let left = u.subcols(from + width + i, height).transpose();
-                    let right = u.subcols(from, width);
-                    let tile = below.rb_mut().subrows_mut(i, height);
-                    faer_matmul(tile, Accum::Add, left, right, -1.0, Par::Seq);
-                }
-            }
-        });
+        }
+    });
 }
 
 /// `X ← L⁻¹ X` for `columns` right-hand sides of length `n`.
@@ -155,7 +151,7 @@ fn solve(
         return;
     }
     let l = MatRef::from_column_major_slice(l, n, n);
-    x.par_chunks_mut(COLUMNS * n).for_each(|x| {
+    tasks::for_each(x.chunks_mut(COLUMNS * n), |_, x| {
         let width = x.len() / n;
         work(l, MatMut::from_column_major_slice_mut(x, n, width));
     });

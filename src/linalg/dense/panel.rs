@@ -1,19 +1,18 @@
 //! Fronts: partial Cholesky factorisation of a panel, and its update.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{
-    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
-};
-use faer::linalg::matmul::triangular::BlockStructure;
-use faer::{Accum, MatMut, MatRef, Par, Spec};
-use rayon::prelude::*;
-
 use crate::linalg::dense::kernels::{
     faer_matmul, leave_wide, solve_lower_triangular_in_place, triangular_matmul,
 };
 use crate::linalg::dense::layout::part;
 use crate::linalg::dense::product::TILE;
 use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
+use crate::tasks;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{
+    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
+};
+use faer::linalg::matmul::triangular::BlockStructure;
+use faer::{Accum, MatMut, MatRef, Par, Spec};
 
 /// Partial Cholesky of a front: its first rows, an upper triangle, become `U = Lᵀ`, by blocks
 /// of rows.
@@ -62,7 +61,7 @@ pub(crate) fn factor_panel<E: Send>(
         })?;
         let lower = MatRef::from_column_major_slice(lower, b, b);
         let tile_width = if shared { part(nf) } else { TILE };
-        let work = |(tile, columns): (usize, &mut [f64])| {
+        let work = |tile: usize, columns: &mut [f64]| {
             let first = b + tile * tile_width;
             let width = columns.len() / b;
             let mut columns = MatMut::from_column_major_slice_mut(columns, b, width);
@@ -74,11 +73,11 @@ pub(crate) fn factor_panel<E: Send>(
         };
         debug_assert_eq!(tail.len(), b * (nf - rows.end));
         if shared {
-            tail.par_chunks_mut(b * tile_width)
-                .enumerate()
-                .for_each(work);
+            tasks::for_each(tail.chunks_mut(b * tile_width), work);
         } else {
-            tail.chunks_mut(b * tile_width).enumerate().for_each(work);
+            for (tile, columns) in tail.chunks_mut(b * tile_width).enumerate() {
+                work(tile, columns);
+            }
         }
     }
     Ok(())
@@ -177,7 +176,7 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
             strips.push((first + k * narrow, end, strip));
         }
     }
-    let work = |(j, rows, strip): (usize, usize, &mut [f64])| {
+    let work = |_: usize, (j, rows, strip): (usize, usize, &mut [f64])| {
         let width = strip.len() / rows;
         let strip = MatMut::from_column_major_slice_mut(strip, rows, width);
         let mut block = strip.split_at_row_mut(j + width).0;
@@ -210,8 +209,8 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
         }
     };
     if shared {
-        strips.into_par_iter().rev().for_each(work);
+        tasks::for_each(strips.into_iter().rev(), work);
     } else {
-        strips.into_iter().for_each(work);
+        strips.into_iter().for_each(|strip| work(0, strip));
     }
 }

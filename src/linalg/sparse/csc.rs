@@ -1,9 +1,8 @@
 //! Checked view of a symmetric sparse matrix.
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::union::Union;
+use crate::tasks;
 
 /// Largest asymmetry of a pair, relative to `√|K_ii K_jj|`.
 ///
@@ -270,9 +269,8 @@ impl<'a, I: Index> Symmetric<'a, I> {
         /// Columns in one task, at least: each has a cursor for every column.
         const LEAST: usize = 1 << 14;
         let columns = self.n.div_ceil(2 * rayon::current_num_threads()).max(LEAST);
-        let tasks = (0..self.n.div_ceil(columns)).into_par_iter();
         // Entries with their partners, of the columns of each task.
-        let paired = tasks.map(|task| {
+        let paired = tasks::map(0..self.n.div_ceil(columns), |_, task| {
             let first = task * columns;
             // As in `pairs`; the cursor of a column has passed its upper entries when its turn
             // comes.
@@ -300,7 +298,7 @@ impl<'a, I: Index> Symmetric<'a, I> {
             Some(paired)
         });
         // An upper entry of a later task may lack its partner.
-        let whole = paired.try_reduce(|| 0, |a, b| Some(a + b));
+        let whole = paired.into_iter().sum::<Option<usize>>();
         whole == Some(self.values.len())
     }
 
@@ -342,7 +340,7 @@ impl<'a, I: Index> Symmetric<'a, I> {
         const ROWS: usize = 1024;
         assert_eq!(x.len(), self.n);
         assert_eq!(y.len(), self.n);
-        y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+        tasks::for_each(y.chunks_mut(ROWS), |chunk, y| {
             for (k, y) in y.iter_mut().enumerate() {
                 *y = self.column(chunk * ROWS + k).map(|(i, v)| v * x[i]).sum();
             }

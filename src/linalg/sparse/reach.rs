@@ -1,11 +1,10 @@
 //! Half solves `L⁻¹ b` of vectors with few entries: they use only the fronts between these
 //! entries and the root.
 
-use rayon::prelude::*;
-
 use crate::linalg::dense::forward;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Front, Symbolic};
+use crate::tasks;
 
 /// Columns in one task. Fewer columns are filled up with zeros: products of another width may
 /// sum in another order, and a column would depend on the others.
@@ -64,7 +63,7 @@ impl Factor {
     pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
         let symbolic = &*self.symbolic;
         let (p, m) = (reach.pivots.len(), symbolic.kept());
-        let of_chunk = |columns: &[&[(usize, f64)]]| {
+        let of_chunk = |_: usize, columns: &[&[(usize, f64)]]| {
             let n = symbolic.n;
             let mut x = vec![0.0; n * columns.len()];
             for (column, x) in columns.iter().zip(x.chunks_exact_mut(n.max(1))) {
@@ -89,7 +88,7 @@ impl Factor {
             }
             (inside, kept)
         };
-        let chunks: Vec<_> = columns.par_chunks(COLUMNS).map(of_chunk).collect();
+        let chunks = tasks::map(columns.chunks(COLUMNS), of_chunk);
         let mut inside = Vec::with_capacity(p * columns.len());
         let mut kept = Vec::with_capacity(m * columns.len());
         for chunk in chunks {

@@ -1,11 +1,10 @@
 //! Condensation of loads, and recovery of unknowns, with a factor.
 
-use rayon::prelude::*;
-
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::task_tree::{downwards, upwards};
 use crate::linalg::sparse::tree_solves::{Backward, Columns, Forward};
+use crate::tasks;
 
 /// Columns solved together: enough for the rate of a product, and few enough that the waiting
 /// data are small relative to the factor.
@@ -61,8 +60,7 @@ impl Factor {
         if x.is_empty() {
             return;
         }
-        x.par_chunks_mut(n * COLUMNS)
-            .for_each(|x| work(x, x.len() / n));
+        tasks::for_each(x.chunks_mut(n * COLUMNS), |_, x| work(x, x.len() / n));
     }
 
     pub(crate) fn panel(&self, front: &Front) -> &[f64] {

@@ -7,14 +7,13 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::lu;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::symbolic::{Counts, Front, Options, Symbolic};
+use crate::tasks;
 
 /// Columns in one task.
 const TILE: usize = 64;
@@ -238,18 +237,18 @@ impl EliminatedFront {
         } = self;
         let nu = upper.len() / np.max(1);
         let tile = np * TILE;
-        upper.par_chunks_mut(tile).for_each(|columns| {
+        tasks::for_each(upper.chunks_mut(tile), |_, columns| {
             for column in columns.chunks_exact_mut(np) {
                 lu::reorder(column, rows);
             }
             dense::lu_upper(pivots, np, columns);
         });
-        lower
-            .par_chunks_mut(tile)
-            .for_each(|columns| dense::lu_lower(pivots, np, columns));
-        let tiles = update.par_chunks_mut(nu.max(1) * TILE);
+        tasks::for_each(lower.chunks_mut(tile), |_, columns| {
+            dense::lu_lower(pivots, np, columns);
+        });
+        let tiles = update.chunks_mut(nu.max(1) * TILE);
         let lower: &[f64] = lower;
-        tiles.zip(upper.par_chunks(tile)).for_each(|(rest, upper)| {
+        tasks::for_each(tiles.zip(upper.chunks(tile)), |_, (rest, upper)| {
             if !stop.load(Ordering::Relaxed) {
                 dense::lu_rest(lower, upper, np, rest);
             }

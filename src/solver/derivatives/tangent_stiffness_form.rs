@@ -11,14 +11,13 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Scaling;
 use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, Factored};
+use crate::tasks;
 
 /// The form pays if it has at most this share of the unknowns of the other: both make a matrix,
 /// and this one multiplies by `W` and its inverse.
@@ -243,8 +242,7 @@ fn matrix<const D: usize>(
     if n == 0 {
         return matrix;
     }
-    let rows = matrix.par_chunks_mut(n).with_min_len(16).zip(unknowns);
-    rows.for_each(|(out, u)| {
+    tasks::for_each_together(matrix.chunks_mut(n).zip(unknowns), 16, |_, (out, u)| {
         let (by_r, by_v) = by[u.position];
         let (by_r, by_v) = (by_r.row(u.component), by_v.row(u.component));
         for (value, other) in out.iter_mut().zip(unknowns) {

@@ -11,14 +11,13 @@
 
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
+use crate::tasks;
 
 /// The law of one closed contact, in the variables of the problem.
 #[derive(Clone, Copy, Debug)]
@@ -217,7 +216,7 @@ fn matrix<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>]) -> Vec<f6
         return matrix;
     }
     let (of_laws, balance) = matrix.split_at_mut(contact * n);
-    let of_contact = |(i, out): (usize, &mut [f64])| {
+    let of_contact = |i: usize, out: &mut [f64]| {
         let law = &laws[i];
         for (j, other) in laws.iter().enumerate() {
             let w = problem.compliance.pair(law.position, other.position);
@@ -238,11 +237,7 @@ fn matrix<const D: usize>(problem: &Reduced<D>, laws: &[ClosedLaw<D>]) -> Vec<f6
             }
         }
     };
-    of_laws
-        .par_chunks_mut(D * n)
-        .with_min_len(16)
-        .enumerate()
-        .for_each(of_contact);
+    tasks::for_each_together(of_laws.chunks_mut(D * n), 16, of_contact);
     for (mode, out) in modes.iter().zip(balance.chunks_exact_mut(n)) {
         for (j, law) in laws.iter().enumerate() {
             for l in 0..D {

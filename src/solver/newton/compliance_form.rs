@@ -7,8 +7,6 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::dense;
@@ -21,6 +19,7 @@ use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use crate::tasks;
 
 /// With more unknowns, GMRES with the blocks of the contacts comes before an LU. Measured on
 /// pressed and sheared cubes with a whole face in contact, it takes as long at 700 unknowns and
@@ -229,33 +228,29 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             rest = after;
         }
         let scaling = &self.problem.scaling;
-        of_rows
-            .into_par_iter()
-            .with_min_len(16)
-            .for_each(|(row, out)| {
-                let to_v = scaling.to_v[row.node];
-                for other in &self.rows {
-                    let w = self.problem.compliance.pair(row.node, other.node);
-                    let block = row.by_v * w * (to_v / scaling.to_r[other.node]);
-                    for i in 0..row.width {
-                        for j in 0..other.width {
-                            out[i * n + other.first + j] = block[(i, j)];
-                        }
-                    }
-                }
+        tasks::for_each_together(of_rows, 16, |_, (row, out)| {
+            let to_v = scaling.to_v[row.node];
+            for other in &self.rows {
+                let w = self.problem.compliance.pair(row.node, other.node);
+                let block = row.by_v * w * (to_v / scaling.to_r[other.node]);
                 for i in 0..row.width {
-                    for j in 0..row.width {
-                        out[i * n + row.first + j] +=
-                            row.by_r[(i, j)] + self.shift * row.by_v[(i, j)];
+                    for j in 0..other.width {
+                        out[i * n + other.first + j] = block[(i, j)];
                     }
                 }
-                for (c, mode) in modes.iter().enumerate() {
-                    let motion = row.by_v * Vector::from(mode[row.node]);
-                    for i in 0..row.width {
-                        out[i * n + self.contact + c] = motion[i];
-                    }
+            }
+            for i in 0..row.width {
+                for j in 0..row.width {
+                    out[i * n + row.first + j] += row.by_r[(i, j)] + self.shift * row.by_v[(i, j)];
                 }
-            });
+            }
+            for (c, mode) in modes.iter().enumerate() {
+                let motion = row.by_v * Vector::from(mode[row.node]);
+                for i in 0..row.width {
+                    out[i * n + self.contact + c] = motion[i];
+                }
+            }
+        });
         for (mode, out) in modes.iter().zip(border.chunks_exact_mut(n.max(1))) {
             for row in &self.rows {
                 out[row.first..row.first + row.width].copy_from_slice(&mode[row.node][..row.width]);

@@ -7,8 +7,6 @@
 
 use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
@@ -17,6 +15,7 @@ use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::compliance_form::Solved;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use crate::tasks;
 
 /// Unknowns of one contact: components `from..D` of `dv̂`.
 #[derive(Clone, Copy, Debug)]
@@ -179,31 +178,28 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             of_unknowns.push((u, own));
             rest = after;
         }
-        of_unknowns
-            .into_par_iter()
-            .with_min_len(16)
-            .for_each(|(u, out)| {
-                let at = &self.law.at[u.node];
-                let to_r = scaling.to_r[u.node];
-                for other in &self.unknowns {
-                    let t = self.problem.compliance.inverse_pair(u.node, other.node);
-                    let mut block = at.by_r * t * (to_r / scaling.to_v[other.node]);
-                    if u.node == other.node {
-                        block += at.by_v;
-                    }
-                    for i in u.from..D {
-                        for j in other.from..D {
-                            out[(i - u.from) * n + other.first + j - other.from] = block[(i, j)];
-                        }
+        tasks::for_each_together(of_unknowns, 16, |_, (u, out)| {
+            let at = &self.law.at[u.node];
+            let to_r = scaling.to_r[u.node];
+            for other in &self.unknowns {
+                let t = self.problem.compliance.inverse_pair(u.node, other.node);
+                let mut block = at.by_r * t * (to_r / scaling.to_v[other.node]);
+                if u.node == other.node {
+                    block += at.by_v;
+                }
+                for i in u.from..D {
+                    for j in other.from..D {
+                        out[(i - u.from) * n + other.first + j - other.from] = block[(i, j)];
                     }
                 }
-                for (c, pushed) in borders.iter().enumerate() {
-                    let by_a = at.by_r * Vector::from(pushed[u.node]) * to_r;
-                    for i in u.from..D {
-                        out[(i - u.from) * n + self.contact + c] = -by_a[i];
-                    }
+            }
+            for (c, pushed) in borders.iter().enumerate() {
+                let by_a = at.by_r * Vector::from(pushed[u.node]) * to_r;
+                for i in u.from..D {
+                    out[(i - u.from) * n + self.contact + c] = -by_a[i];
                 }
-            });
+            }
+        });
         // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), because W is symmetric.
         for (mode, (row, pushed)) in scaling
             .modes

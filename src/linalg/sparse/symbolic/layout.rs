@@ -2,14 +2,13 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::linalg::packed::{Panel, Run};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::tree::Tree;
+use crate::tasks;
 
 /// Fronts, rows and numbering, while they are made.
 pub(super) struct Layout<'a> {
@@ -147,11 +146,9 @@ impl<'a> Layout<'a> {
             }
         };
         let pivots = |front: &Front| front.first..front.first + front.np;
-        let counts: Vec<usize> = self
-            .fronts
-            .par_iter()
-            .map(|front| pivots(front).map(count).sum())
-            .collect();
+        let counts = tasks::collect(self.fronts.len(), |f| {
+            pivots(&self.fronts[f]).map(count).sum::<usize>()
+        });
         let mut entries = vec![(0, 0); counts.iter().sum()];
         let mut rest = entries.as_mut_slice();
         let mut parts = Vec::with_capacity(counts.len());
@@ -164,14 +161,9 @@ impl<'a> Layout<'a> {
             from += count;
         }
         let scratch = || vec![0_u32; self.order.len()];
-        // Few work arrays: each is as long as the order.
-        parts
-            .into_par_iter()
-            .enumerate()
-            .with_min_len(self.fronts.len().div_ceil(64).max(1))
-            .for_each_init(scratch, |shift, (f, part)| {
-                self.place_entries_of(f, k, pattern, shift, part);
-            });
+        tasks::for_each_with(parts, scratch, |shift, f, part| {
+            self.place_entries_of(f, k, pattern, shift, part);
+        });
         entries
     }
 

@@ -13,8 +13,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use crate::error::Error;
 use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
@@ -25,6 +23,7 @@ use crate::linalg::sparse::symbolic::layout::Layout;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;
 use crate::linalg::sparse::tree::{Tree, flops_of};
+use crate::tasks::collect;
 
 /// Up to this work for each node, METIS is not used if coordinates have given an order [flop]:
 /// METIS takes about 10 µs for each node, and half of this work takes no longer.
@@ -243,7 +242,7 @@ impl Symbolic {
             panels,
             stack: tasks.peak,
             stack_dropped: tasks.peak_dropped,
-            fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
+            fingerprints: collect(n, |j| fingerprint(k, j)),
         };
         Ok(Self {
             plan: Arc::new(plan),
@@ -370,8 +369,8 @@ impl Plan {
                 found: k.n(),
             });
         }
-        let other = |&j: &usize| fingerprint(k, j) != self.fingerprints[j];
-        match (0..self.n).into_par_iter().find_first(other) {
+        let same = collect(self.n, |j| fingerprint(k, j) == self.fingerprints[j]);
+        match same.iter().position(|&same| !same) {
             Some(row) => Err(Error::SparseStructure {
                 what: "K, taken for the pattern analysed before,",
                 row,
