@@ -23,6 +23,7 @@ pub mod assembly;
 pub mod bodies;
 pub mod condensation;
 pub mod error;
+mod fitted;
 pub mod law;
 pub mod linalg;
 pub mod panics;

@@ -12,13 +12,8 @@ use crate::condensation::problem::Problem;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::path::stepping::{LoadPath, State, Step};
+use crate::path::tuning;
 use crate::solver::{Outcome, Settings, Solution};
-
-/// Contacts that may always be added together.
-const AT_ONCE: usize = 256;
-
-/// Above one candidate in so many, `W` of all candidates costs less.
-const MOST: usize = 3;
 
 /// The working set of a step. With it and the state, another path continues bitwise equally.
 #[derive(Clone, Debug, Default)]
@@ -194,12 +189,13 @@ impl<const D: usize> WorkingSetPath<D> {
                 self.view = Some(view);
                 return Ok((step, state));
             }
-            asked.truncate(AT_ONCE.max(2 * members.len()));
+            asked.truncate(tuning::added_at_once().max(2 * members.len()));
             let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
             members.sort_unstable();
             // If some contacts give no solution, or one that K does not confirm, add all other
             // contacts.
-            view = if whole || MOST * members.len() >= problem.contacts() {
+            view = if whole || tuning::all_candidates_above() * members.len() >= problem.contacts()
+            {
                 all(problem, stop)?
             } else {
                 candidates.view(members, mu, Some(&view))?
@@ -345,7 +341,7 @@ fn differs<const D: usize>(
     total: &[[f64; D]],
 ) -> bool {
     /// Relative to the largest terms: far above the rounding of an accurate `W`.
-    const MOST: f64 = 1e-9;
+    const DIFFERENT: f64 = 1e-9;
     let gap = &problem.surface().gap;
     let (mut apart, mut size) = (0.0_f64, 0.0_f64);
     for (&i, own) in members.iter().zip(own) {
@@ -355,7 +351,7 @@ fn differs<const D: usize>(
             size = size.max((b - g).abs()).max(g.abs());
         }
     }
-    apart > MOST * size
+    apart > DIFFERENT * size
 }
 
 /// Contacts to add after a step of the members, the worst first, and the total relative

@@ -6,12 +6,9 @@ use crate::error::Error;
 use crate::linalg::small::Block;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::Frame;
+use crate::primal::tuning;
 use crate::reduced::compliance::{Compliance, Part};
 use crate::reduced::validate::{check_finite, check_length};
-
-/// `W_ii K_ii` of a node on the surface of a mesh, about. It only scales the law of each
-/// contact: a wrong factor costs iterations.
-const COMPLIANCE_OF_NODE: f64 = 2.0;
 
 /// The contacts of a problem.
 #[derive(Clone, Debug)]
@@ -103,7 +100,7 @@ fn node_compliance<const D: usize>(
                 }
             }
             for (k, sum) in sum.into_iter().enumerate() {
-                block[k * D + k] = COMPLIANCE_OF_NODE * sum;
+                block[k * D + k] = tuning::compliance_of_node() * sum;
             }
         }
         (vec![i], Part::Dense(block.into()))

@@ -9,11 +9,8 @@ use crate::linalg::small::{Block, Vector};
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
 use crate::primal::tangent::{Sliding, Tangent};
+use crate::primal::tuning;
 use crate::solver::derivatives::tangent_system::ClosedLaw;
-
-/// Compliance that the multiplier `M` adds to a law, relative to that of its contact: a contact
-/// that hardly slips has no stiffer spring than its inverse. The equations stay exact.
-const LEAST_COMPLIANCE: f64 = 1e-3;
 
 /// The law of one closed contact, multiplied by `M`.
 #[derive(Clone, Debug)]
@@ -185,7 +182,7 @@ impl<const D: usize> Multiplied<D> {
         });
         let compliance = contacts.compliance.block(law.position).diagonal();
         #[expect(clippy::cast_precision_loss, reason = "a dimension")]
-        let least = LEAST_COMPLIANCE * compliance.sum() / D as f64;
+        let least = tuning::least_compliance() * compliance.sum() / D as f64;
         let mut multiplied = law.by_r + by_v * least;
         for k in (0..D).filter(|&k| held[k]) {
             multiplied.fill_row(k, 0.0);

@@ -12,11 +12,7 @@ use crate::primal::engine::{Correction, Engine, Terms};
 use crate::primal::preconditioner::Preconditioner;
 use crate::primal::problem::Primal;
 use crate::primal::tangent::Tangent;
-
-/// Iterations of one linear system after which the method has stalled, and the size of the
-/// Krylov space before a restart.
-const MOST_KRYLOV: usize = 400;
-const BASIS: usize = 80;
+use crate::primal::tuning;
 
 /// The engine of one load step.
 #[derive(Debug)]
@@ -99,8 +95,8 @@ impl<'p, const D: usize> Local<'p, D> {
             right,
             Limits {
                 tol,
-                restart: BASIS,
-                most: MOST_KRYLOV,
+                restart: tuning::basis(),
+                most: tuning::most_iterations(),
             },
             self.stop,
         )?;

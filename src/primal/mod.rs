@@ -32,3 +32,4 @@ pub mod problem;
 mod supports;
 pub mod tangent;
 pub mod transformation;
+mod tuning;

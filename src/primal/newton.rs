@@ -13,27 +13,13 @@ use crate::primal::certificate::{Judged, Point, contacts_alone, judge};
 use crate::primal::contacts::Contacts;
 use crate::primal::engine::Engine;
 use crate::primal::tangent::Tangent;
+use crate::primal::tuning;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
 use crate::solver::newton::linearisation::Linearisation;
+use crate::solver::newton::search::search;
 use crate::solver::{Outcome, Settings};
 
-/// Largest number of Newton steps.
-const MOST_STEPS: usize = 60;
-
-/// Largest number of halvings of a step.
-const MOST_HALVINGS: usize = 6;
-
-/// A step may be worse than the last point, but not worse than the worst of this many points.
-const MEMORY: usize = 4;
-
-/// Share of the statuses that change while a coarse solution of the step is enough.
-const MANY: f64 = 0.002;
-/// Relative residual of the linear system while many statuses change, while some do, and after.
-/// A smaller one for many changes saves no Newton step and costs a fifth more iterations.
-const COARSE: f64 = 1e-2;
-const MIDDLE: f64 = 1e-5;
-const FINE: f64 = 1e-8;
 /// The same where one step is the solution: little above rounding.
 const EXACT: f64 = 1e-12;
 
@@ -42,13 +28,6 @@ const EXACT: f64 = 1e-12;
 /// while its soft motions are far from the solution: η does not see this. A larger rounding floor
 /// is not accepted either: the direct engine computes such bodies in twice the precision.
 const SETTLED: f64 = 1e-9;
-
-/// Points that the certificate accepts and the displacements do not, after which the method has
-/// stalled: `K` has too few digits.
-const MOST_UNSETTLED: usize = 4;
-
-/// Steps without a better point after which the method has stalled.
-const PATIENCE: usize = 12;
 
 /// Why the method ended without a solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -210,7 +189,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                 Verdict::Unsettled => {
                     unsettled += 1;
                     reason = Reason::Digits;
-                    FINE
+                    tuning::fine_residual()
                 }
                 Verdict::Unlawful => {
                     let error = if first { 1.0 } else { eta };
@@ -219,7 +198,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                     linear_tolerance(of_all, tol, error)
                 }
             };
-            if unsettled > MOST_UNSETTLED {
+            if unsettled > tuning::unsettled_points() {
                 break;
             }
             if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1))? {
@@ -292,7 +271,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     fn ended(&mut self, best: usize) -> Result<Option<Outcome>, E::Error> {
         let limit = self.settings.max_seconds;
         Ok(
-            if self.steps >= MOST_STEPS || self.steps - best > PATIENCE {
+            if self.steps >= tuning::newton_steps() || self.steps - best > tuning::patience() {
                 Some(Outcome::Stalled)
             } else if self.steps >= self.settings.max_iterations {
                 Some(Outcome::IterationLimit)
@@ -340,7 +319,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         let of_prescribed = tangent.prescribed_reactions(frames, &point.r, v, moved);
         let share = recent.map_or(1.0, |recent| {
             let r = sum(moved, &of_prescribed);
-            search(reduced, point, (&r[..], &v[..]), recent)
+            choose_share(reduced, point, (&r[..], &v[..]), recent)
         });
         let prescribed = prescribed_part(self.contacts, &point.r, &of_prescribed, share);
         Taken { share, prescribed }
@@ -493,37 +472,24 @@ struct Taken<const D: usize> {
     prescribed: Vec<[f64; D]>,
 }
 
-/// The share of a step that reduces the merit below the worst of the last points, whose merits
-/// are `recent`; if none does, the share with the smallest merit. The full step changes
-/// reactions and relative displacements by `dr` and `dv`.
-fn search<V, const D: usize>(
+/// The share of a step that [`search`] accepts; if none, the share with the smallest merit. The
+/// full step changes reactions and relative displacements by `dr` and `dv`.
+fn choose_share<V, const D: usize>(
     reduced: &Reduced<D>,
     point: &Point<V, D>,
     (dr, dv): (&[[f64; D]], &[[f64; D]]),
     recent: &[f64],
 ) -> f64 {
-    let last = recent.iter().rev().take(MEMORY);
-    let bar = last.fold(0.0_f64, |most, &merit| most.max(merit));
     let moved = |from: &[[f64; D]], by: &[[f64; D]], share: f64| -> Vec<[f64; D]> {
         let sum = |(x, d): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * d[k]);
         from.iter().zip(by).map(sum).collect()
     };
-    let (mut share, mut best) = (1.0, (f64::INFINITY, 1.0));
-    for _ in 0..=MOST_HALVINGS {
-        let there = merit(
-            reduced,
-            &moved(&point.r, dr, share),
-            &moved(&point.v, dv, share),
-        );
-        if there <= (1.0 - 1e-4 * share) * bar {
-            return share;
-        }
-        if there < best.0 {
-            best = (there, share);
-        }
-        share *= 0.5;
-    }
-    best.1
+    let of_share = |share: f64| {
+        let (r, v) = (moved(&point.r, dr, share), moved(&point.v, dv, share));
+        (merit(reduced, &r, &v), ())
+    };
+    let accepted = search(recent, tuning::halvings() + 1, of_share);
+    accepted.map_or_else(|least| least, |accepted| accepted.share)
 }
 
 /// The condition of a preconditioned system that takes `products` to reduce its residual by
@@ -553,9 +519,9 @@ fn share(changed: usize, all: usize) -> f64 {
 fn linear_tolerance(changed: Option<f64>, tol: f64, error: f64) -> f64 {
     let wanted = match changed {
         None => EXACT,
-        Some(share) if share > MANY => COARSE,
-        Some(share) if share > 0.0 => MIDDLE,
-        Some(_) => FINE,
+        Some(share) if share > tuning::many_changes() => tuning::coarse_residual(),
+        Some(share) if share > 0.0 => tuning::middle_residual(),
+        Some(_) => tuning::fine_residual(),
     };
     wanted.max(0.1 * tol / error.max(tol))
 }

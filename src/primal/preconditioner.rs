@@ -27,15 +27,7 @@ use crate::primal::filter::Filter;
 use crate::primal::interface::Interface;
 use crate::primal::problem::Primal;
 use crate::primal::tangent::Tangent;
-
-/// Iterations of one linear system after which a stronger smoother is used.
-const SLOW: usize = 40;
-const STRONGER_DEGREE: usize = 4;
-
-/// Share of slipping and open contacts, and iterations of one linear system, above which the
-/// hierarchy follows the statuses of contacts between bodies.
-const LOOSE: f64 = 0.6;
-const SLOW_GLUED: usize = 30;
+use crate::primal::tuning;
 
 /// The preconditioner of one load step.
 #[derive(Debug)]
@@ -160,7 +152,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
             .count();
         #[expect(clippy::cast_precision_loss, reason = "counts")]
         let share = loose as f64 / self.statuses.len().max(1) as f64;
-        let follow = share > LOOSE || joined.slow;
+        let follow = share > tuning::loose_share() || joined.slow;
         joined.held.clone_from(&tangent.held);
         if !follow {
             self.multigrid = None;
@@ -251,11 +243,13 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         if let Some(joined) = &mut self.joined
             && self.multigrid.is_none()
         {
-            joined.slow |= iterations > SLOW_GLUED;
-        } else if iterations > SLOW && self.cycle.degree < STRONGER_DEGREE {
-            self.cycle.degree = STRONGER_DEGREE;
+            joined.slow |= iterations > tuning::slow_glued();
+        } else if iterations > tuning::slow_iterations()
+            && self.cycle.degree < tuning::stronger_degree()
+        {
+            self.cycle.degree = tuning::stronger_degree();
             if let Some(multigrid) = &mut self.multigrid {
-                multigrid.set_degree(STRONGER_DEGREE);
+                multigrid.set_degree(tuning::stronger_degree());
             }
         }
     }

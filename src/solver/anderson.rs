@@ -7,9 +7,7 @@
 use std::collections::VecDeque;
 
 use crate::linalg::least_squares;
-
-/// Number of stored steps.
-const MEMORY: usize = 10;
+use crate::solver::tuning;
 
 /// The last steps.
 #[derive(Debug, Default)]
@@ -31,7 +29,7 @@ impl Anderson {
     pub fn extrapolate(&mut self, f: &[f64], payload: &[f64]) -> Option<Vec<f64>> {
         if let Some((last_f, last_p)) = &self.last {
             let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).collect();
-            if self.steps.len() == MEMORY {
+            if self.steps.len() == tuning::anderson_memory() {
                 self.steps.pop_front();
             }
             self.steps

@@ -1,211 +1,264 @@
-//! The default method. Gauss–Seidel sweeps find the statuses, Newton finds the digits. If both
-//! stall, proximal points continue, and then an interior-point method starts again.
+//! The default method: rounds of stages. Gauss–Seidel sweeps find the statuses, Newton finds the
+//! digits; the stages that follow are for problems where these two fail.
 //!
-//! Decisions count work in products with `W`, not time, so that runs repeat bit for bit. The
-//! constants were chosen by the median / mean number of products to η = 1e-10 on the sets of
-//! `benches/problems.py`, seeds 0–149.
-//!
-//! | proximal points from failure | held | floating | rigid, unsolved |
+//! | stage | in rounds: supported, floating, many | gives up | next |
 //! |---|---|---|---|
-//! | 1 | 16 / 39 | 31 / 149 | 1 of 150 |
-//! | 2 | 16 / 30 | 31 / 122 | 0 |
-//! | 3 | 16 / 30 | 31 / 84 | 2 |
-//! | none | 16 / 30 | 31 / 46 | 30 |
+//! | sweeps | all | after 5, 20, 40, … 1280 sweeps, or the cost of two Newton steps | the point |
+//! | Newton | all | 40 steps, or no decrease in a step | the point, if better |
+//! | start from zero | –, 2, 2 | | the point zero, once |
+//! | all statuses | 3, 3, – | more than 6 contacts, or not plane | the answer, or the proof that there is none |
+//! | proximal points | from 2, from 3, from 1 | 60 outer steps | the point, if much better |
+//! | interior point | from 5, from 6, from 1 | 260 steps a path, each path once | the point, without sweeps |
 //!
-//! Without the rule of `GAIN` one floating body in four hundred is not solved.
+//! *Floating* are bodies that only contact holds; *many* contacts have a sparse `W`. Any stage
+//! ends the method at a solution or a limit of the caller: the monitor checks each point. If the
+//! rounds improve nothing for 5000 iterations, [`solve`](crate::solver::solve::solve) tries the
+//! statuses of all plane contacts that can be enumerated, then projections from zero
+//! (`fallback.rs`).
+//!
+//! Decisions count work in products with `W`, not time, so that runs repeat bit for bit.
 
-use crate::error::Error;
 use crate::reduced::reduced::Reduced;
+use crate::solver::auto::Turn::{From, Never, Once};
 use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{GaussSeidelPoint, Sweeper};
 use crate::solver::interior;
-use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::newton::newton::{self, NewtonEnd};
-use crate::solver::outcome::Outcome;
-use crate::solver::proximal::{self, Attempt};
+use crate::solver::monitor::Monitor;
+use crate::solver::newton::compliance_form::Solved;
+use crate::solver::newton::newton;
+use crate::solver::outcome::{Ended, Outcome};
+use crate::solver::proximal;
 use crate::solver::settings::Start;
+use crate::solver::tuning;
 
-/// Sweeps before the first Newton attempt.
-const FIRST_SWEEPS: usize = 5;
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    Sweeps,
+    Newton,
+    FromZero,
+    AllStatuses,
+    Proximal,
+    Interior,
+}
 
-/// Sweeps after the first failure of Newton; the number doubles after each further failure.
-const NEXT_SWEEPS: usize = 20;
-const MOST_SWEEPS: usize = 1280;
+/// The rounds of a stage.
+#[derive(Clone, Copy, Debug)]
+enum Turn {
+    Never,
+    Once(usize),
+    From(usize),
+}
 
-/// After this many failures, a body that only contact holds starts again from zero.
-const COLD: usize = 2;
+impl Turn {
+    fn comes(self, round: usize) -> bool {
+        match self {
+            Never => false,
+            Once(only) => round == only,
+            From(first) => round >= first,
+        }
+    }
+}
 
-/// After this many failures, proximal points are tried before the next sweeps. The second
-/// number is for bodies that only contact holds, which have started again from zero before.
-const PROXIMAL: usize = 2;
-const PROXIMAL_HELD: usize = 3;
-
-/// Attempts with proximal points before the interior-point method.
-const INTERIOR: usize = 3;
-
-/// With this many contacts and a sparse `W`, Newton steps take so long that proximal points
-/// follow the first failure and the interior-point method follows their first attempt. They get
-/// this number of steps, half of what they need themselves; between two interior-point paths
-/// they get more, because they then complete most attempts.
-const MANY: usize = 500;
-const BEFORE_INTERIOR: usize = 20;
-const AFTER_INTERIOR: usize = 250;
-
-/// With at most this many plane contacts, all statuses are tried in milliseconds, after this
-/// many failures.
-const FEW: usize = 6;
-const EXHAUST: usize = 3;
-
-/// Sweeps continue from the result of Newton or proximal points if these have reduced η at
-/// least by this factor. Otherwise sweeps that were about to find the statuses would lose them.
-const GAIN: f64 = 0.3;
+/// The stages of a round in their order; rounds for supported bodies, for floating ones, and for
+/// many contacts. The median / mean number of products to η = 1e-10 on the sets of
+/// `benches/problems.py`, seeds 0–149:
+///
+/// | proximal points from round | held | floating | rigid, unsolved |
+/// |---|---|---|---|
+/// | 1 | 16 / 39 | 31 / 149 | 1 of 150 |
+/// | 2 | 16 / 30 | 31 / 122 | 0 |
+/// | 3 | 16 / 30 | 31 / 84 | 2 |
+/// | never | 16 / 30 | 31 / 46 | 30 |
+const STAGES: [(Stage, [Turn; 3]); 6] = [
+    (Stage::Sweeps, [From(1), From(1), From(1)]),
+    (Stage::Newton, [From(1), From(1), From(1)]),
+    (Stage::FromZero, [Never, Once(2), Once(2)]),
+    (Stage::AllStatuses, [Once(3), Once(3), Never]),
+    (Stage::Proximal, [From(2), From(3), From(1)]),
+    (Stage::Interior, [From(5), From(6), From(1)]),
+];
 
 /// Runs until the monitor stops it.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
-    let sweeper = Sweeper::new(problem, start);
-    let mut point = sweeper.start(start, monitor);
-    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
-        return Ok(outcome);
+) -> Result<(), Ended> {
+    let mut chain = Chain::new(problem, start, monitor)?;
+    let floats = !problem.rigid.modes.is_empty();
+    let column = if chain.many { 2 } else { usize::from(floats) };
+    for round in 1.. {
+        for (stage, turns) in STAGES {
+            if turns[column].comes(round) {
+                chain.make(stage, monitor)?;
+            }
+        }
+        chain.end_round();
     }
-    if !start.closed.is_empty() {
-        // In a load step, closed contacts start as sticking and open contacts as open. Most of
-        // them keep this status, and of several solutions the path keeps its own.
-        let closed = |node: usize| start.closed[node];
-        if let Some(held) = newton::held_at(problem, closed, monitor)? {
-            point = sweeper.point(held.r, &held.rigid);
-            monitor.count(1.0);
-            if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, true)? {
-                return Ok(outcome);
+    Ok(())
+}
+
+/// What the stages pass on.
+struct Chain<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    start: &'p Start<D>,
+    sweeper: Sweeper<'p, D>,
+    point: GaussSeidelPoint<D>,
+    /// Sweeps of this round, and of the next one with sweeps.
+    sweeps: usize,
+    next_sweeps: usize,
+    /// Attempts with proximal points so far, and the next interior-point path.
+    attempts: usize,
+    path: usize,
+    /// Whether an interior-point path has given the point.
+    resumed: bool,
+    /// Whether Newton steps take so long that the other stages come first.
+    many: bool,
+}
+
+impl<'p, const D: usize> Chain<'p, D> {
+    fn new(
+        problem: &'p Reduced<'p, D>,
+        start: &'p Start<D>,
+        monitor: &mut Monitor<D>,
+    ) -> Result<Self, Ended> {
+        let sweeper = Sweeper::new(problem, start);
+        let mut point = sweeper.start(start, monitor);
+        sweeper.look(&point, monitor, false)?;
+        if !start.closed.is_empty() {
+            // In a load step, closed contacts start as sticking and open contacts as open. Most
+            // of them keep this status, and of several solutions the path keeps its own.
+            let closed = |node: usize| start.closed[node];
+            if let Some(held) = newton::held_at(problem, closed, monitor)? {
+                point = sweeper.point(held.r, &held.rigid);
+                monitor.count(1.0);
+                sweeper.look(&point, monitor, true)?;
+            }
+        }
+        let whole = problem.compliance.whole();
+        Ok(Self {
+            problem,
+            start,
+            sweeper,
+            point,
+            // With a start value, Newton comes first.
+            sweeps: if start.reaction.is_empty() {
+                tuning::first_sweeps()
+            } else {
+                0
+            },
+            next_sweeps: tuning::next_sweeps(),
+            attempts: 0,
+            path: 0,
+            resumed: false,
+            many: problem.contacts() >= tuning::many_contacts()
+                && whole.is_ok_and(|whole| whole.is_some()),
+        })
+    }
+
+    fn make(&mut self, stage: Stage, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        match stage {
+            Stage::Sweeps => self.sweep(monitor),
+            Stage::Newton => {
+                let rigid = self.sweeper.rigid_motion(&self.point);
+                let better = newton::run(self.problem, &self.point.r, &rigid, monitor)?;
+                if let Some(better) = better {
+                    self.take_if_better(better);
+                }
+                Ok(())
+            }
+            Stage::FromZero => {
+                // The bilateral start may be near a minimum of the merit that is no solution.
+                if self.start.closed.is_empty() {
+                    self.point = self.sweeper.start(&Start::default(), monitor);
+                }
+                Ok(())
+            }
+            Stage::AllStatuses if self.problem.contacts() <= tuning::few_contacts() => {
+                try_statuses(self.problem, monitor)
+            }
+            Stage::AllStatuses => Ok(()),
+            Stage::Proximal => {
+                // Many contacts: half of the steps that they need themselves; between two
+                // interior-point paths more, because they then complete most attempts.
+                let most = match (self.many, self.attempts) {
+                    (true, 0) => tuning::steps_before_interior(),
+                    (true, _) => tuning::steps_after_interior(),
+                    (false, _) => usize::MAX,
+                };
+                let rigid = self.sweeper.rigid_motion(&self.point);
+                let attempt = (self.attempts, most);
+                let end = proximal::run(self.problem, &self.point.r, &rigid, monitor, attempt)?;
+                self.attempts += 1;
+                self.take_if_better(end);
+                Ok(())
+            }
+            Stage::Interior => {
+                // For any η: if it was lost there, no later point helps.
+                if let Some(end) = interior::run(self.problem, &mut self.path, monitor)? {
+                    self.point = self.sweeper.point(end.r, &end.rigid);
+                    self.resumed = true;
+                }
+                Ok(())
             }
         }
     }
-    // With a start value, Newton comes first.
-    let mut sweeps = if start.reaction.is_empty() {
-        FIRST_SWEEPS
-    } else {
-        0
-    };
-    let mut next = NEXT_SWEEPS;
-    let large = problem.contacts() >= MANY
-        && problem
-            .compliance
-            .whole()
-            .is_ok_and(|whole| whole.is_some());
-    let proximal_from = if large {
-        1
-    } else if problem.rigid.modes.is_empty() {
-        PROXIMAL
-    } else {
-        PROXIMAL_HELD
-    };
-    let interior_from = proximal_from + if large { 0 } else { INTERIOR };
-    let mut path = 0;
-    for failure in 1.. {
-        if let Some(outcome) = sweeper.run(&mut point, monitor, sweeps)? {
-            return Ok(outcome);
-        }
+
+    /// The sweeps of a round; before the first Newton attempt, at least the cost of two Newton
+    /// steps.
+    fn sweep(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        self.sweeper.run(&mut self.point, monitor, self.sweeps)?;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a small cost"
         )]
-        let step = newton::step_cost(problem, &sweeper.law(&point)).0 as usize;
-        if sweeps > 0 && step > sweeps {
-            // Before the first Newton attempt, sweeps get the cost of two Newton steps.
-            if let Some(outcome) =
-                sweeper.run(&mut point, monitor, step.saturating_mul(2) - sweeps)?
-            {
-                return Ok(outcome);
-            }
+        let step = newton::step_cost(self.problem, &self.sweeper.law(&self.point)).0 as usize;
+        if self.sweeps > 0 && step > self.sweeps {
+            let more = step.saturating_mul(2) - self.sweeps;
+            self.sweeper.run(&mut self.point, monitor, more)?;
         }
-        let rigid = sweeper.rigid_motion(&point);
-        match newton::run(problem, &point.r, &rigid, monitor)? {
-            NewtonEnd::Stop(outcome) => return Ok(outcome),
-            NewtonEnd::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
-            NewtonEnd::Stalled => {}
-        }
-        if failure == COLD && !problem.rigid.modes.is_empty() && start.closed.is_empty() {
-            // The bilateral start may be near a minimum of the merit that is no solution:
-            // sweeps try once from zero.
-            point = sweeper.start(&Start::default(), monitor);
-        }
-        if failure == EXHAUST
-            && problem.contacts() <= FEW
-            && let Some(outcome) = exhaust(problem, monitor)?
-        {
-            return Ok(outcome);
-        }
-        if failure >= proximal_from {
-            let number = failure - proximal_from;
-            let most = match (large, number) {
-                (true, 0) => BEFORE_INTERIOR,
-                (true, _) => AFTER_INTERIOR,
-                (false, _) => usize::MAX,
-            };
-            let rigid = sweeper.rigid_motion(&point);
-            match proximal::attempt(problem, &point.r, &rigid, monitor, (number, most))? {
-                Attempt::Stop(outcome) => return Ok(outcome),
-                Attempt::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
-            }
-        }
-        if failure >= interior_from {
-            match interior::run(problem, &mut path, monitor)? {
-                NewtonEnd::Stop(outcome) => return Ok(outcome),
-                NewtonEnd::Better(r, rigid) => {
-                    // For any η: if it was lost there, no later point helps.
-                    point = sweeper.point(r, &rigid);
-                    sweeps = 0;
-                    continue;
-                }
-                NewtonEnd::Stalled => {}
-            }
-        }
-        sweeps = next;
-        next = (2 * next).min(MOST_SWEEPS);
+        Ok(())
     }
-    Ok(Outcome::Stalled)
-}
 
-/// The point where sweeps continue: `(r, a)`, the result of another method, if it is better.
-fn further<const D: usize>(
-    sweeper: &Sweeper<D>,
-    point: GaussSeidelPoint<D>,
-    r: Vec<[f64; D]>,
-    rigid: &[f64],
-) -> GaussSeidelPoint<D> {
-    let end = sweeper.point(r, rigid);
-    if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
-        end
-    } else {
-        point
+    /// Continues from the result of another method if this has reduced η enough. Otherwise
+    /// sweeps that were about to find the statuses would lose them.
+    fn take_if_better(&mut self, end: Solved<D>) {
+        let end = self.sweeper.point(end.r, &end.rigid);
+        if self.sweeper.residual(&end) <= tuning::gain() * self.sweeper.residual(&self.point) {
+            self.point = end;
+        }
+    }
+
+    fn end_round(&mut self) {
+        if std::mem::take(&mut self.resumed) {
+            self.sweeps = 0;
+        } else {
+            self.sweeps = self.next_sweeps;
+            self.next_sweeps = (2 * self.next_sweeps).min(tuning::most_sweeps());
+        }
     }
 }
 
-/// Tries all statuses of a few contacts: it gives a solution, a proof that there is none, or
-/// `None`.
-fn exhaust<const D: usize>(
+/// Tries all statuses of a few plane contacts: a solution or a proof that there is none ends the
+/// method.
+fn try_statuses<const D: usize>(
     problem: &Reduced<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Option<Outcome>, Error> {
-    let Some(found) = enumerate::few(problem, monitor.stop())? else {
-        return Ok(None);
+) -> Result<(), Ended> {
+    let Some(few) = enumerate::few(problem, monitor.stop())? else {
+        return Ok(());
     };
-    if found.proves_none(problem) {
-        return Ok(Some(Outcome::NoEquilibrium));
+    if few.proves_none(problem) {
+        return Err(Ended::Stopped(Outcome::NoEquilibrium));
     }
-    for (r, rigid) in found.answers {
+    for (r, rigid) in few.answers {
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
-        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
-            return Ok(Some(outcome));
-        }
+        monitor.look(&r, &v, &rigid, true)?;
     }
-    Ok(None)
+    Ok(())
 }

@@ -11,14 +11,12 @@ use crate::solver::enumerate;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::{Method, Settings};
 use crate::solver::solution::Solution;
-
-/// With at most this many contacts, all statuses are tried in milliseconds.
-const QUICK: usize = 7;
+use crate::solver::tuning;
 
 /// Whether friction is so large that the error of the law may be within the tolerance at every
 /// point that balances the loads. A body that friction alone holds is pressed by the loads over
 /// μ. An opening of this size violates the law, but not the tolerance.
-pub(super) fn hides<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
+pub(super) fn may_hide_openings<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
     /// Factor of the tolerance: a pressure above this share of the loads is visible.
     const IN_SIGHT: f64 = 100.0;
     let largest = problem.mu.iter().fold(0.0_f64, |m, &mu| m.max(mu));
@@ -26,12 +24,12 @@ pub(super) fn hides<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
 }
 
 /// Withdraws a solution if trying all statuses of a few contacts proves that there is none.
-pub(super) fn confirm<const D: usize>(
+pub(super) fn withdraw_if_none<const D: usize>(
     problem: &Reduced<D>,
     solution: &mut Solution<D>,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
-    if problem.contacts() > QUICK {
+    if problem.contacts() > tuning::quick_contacts() {
         return Ok(());
     }
     let started = Instant::now();
@@ -45,14 +43,14 @@ pub(super) fn confirm<const D: usize>(
 
 /// Tries all statuses of a few contacts if every method has stalled. It finds a solution or
 /// proves that there is none.
-pub(super) fn exhaust<const D: usize>(
+pub(super) fn try_statuses<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     solution: &mut Solution<D>,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
     let started = Instant::now();
-    if settings.max_seconds.is_finite() && problem.contacts() > QUICK {
+    if settings.max_seconds.is_finite() && problem.contacts() > tuning::quick_contacts() {
         return Ok(());
     }
     let Some(found) = enumerate::few(problem, stop)? else {
@@ -76,7 +74,7 @@ pub(super) fn exhaust<const D: usize>(
 
 /// Projections from zero, if every method has stalled. They may still converge slowly: they
 /// need no regular matrix and no statuses.
-pub(super) fn last_resort<const D: usize>(
+pub(super) fn project_from_zero<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     solution: &mut Solution<D>,

@@ -8,7 +8,6 @@
 //! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep. Anderson's method treats
 //! `r̂` and `â` as one unknown.
 
-use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::one_node::{self, Habit};
 use crate::linalg::small::{Block, Vector};
@@ -17,17 +16,9 @@ use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::linearisation::Linearisation;
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
-
-/// The proximal parameter δ in scaled variables. With a smaller value a sweep hardly changes
-/// the rigid motions; with a larger one only the updates of `â` balance the forces.
-const DELTA: f64 = 0.3;
-
-/// An extrapolated point is accepted if its residual is below this many times that of its
-/// sweep. It need not be better at once, but a much worse one destroys the result of the
-/// sweeps.
-const TRUST: f64 = 1.2;
+use crate::solver::tuning;
 
 /// Sweeps between two fresh evaluations of `v`, whose running sum accumulates rounding.
 const REFRESH: usize = 50;
@@ -56,28 +47,24 @@ pub struct Sweeper<'p, const D: usize> {
 /// Runs until the monitor stops it.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
-        return Ok(outcome);
-    }
+    sweeper.look(&point, monitor, false)?;
     loop {
-        if let Some(outcome) = sweeper.run(&mut point, monitor, usize::MAX)? {
-            return Ok(outcome);
-        }
+        sweeper.run(&mut point, monitor, usize::MAX)?;
     }
 }
 
 impl<const D: usize> GaussSeidelPoint<D> {
     /// `â + (R̂ᵀ r̂ + ê)/δ`: the rigid motion of a point of the proximal form.
     fn motion(&self) -> Vec<f64> {
-        let total = |(a, s): (&f64, &f64)| a + s / DELTA;
+        let total = |(a, s): (&f64, &f64)| a + s / tuning::sweep_delta();
         self.a.iter().zip(&self.s).map(total).collect()
     }
 
@@ -111,7 +98,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             let mut block = problem.compliance.block(i);
             for mode in &scaling.modes {
                 let motion = Vector::<D>::from(mode[i]);
-                block += motion * motion.transpose() * (scaling.to_r[i] / scaling.to_v[i] / DELTA);
+                block += motion
+                    * motion.transpose()
+                    * (scaling.to_r[i] / scaling.to_v[i] / tuning::sweep_delta());
             }
             block
         });
@@ -183,13 +172,13 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// Passes a point to the monitor.
     ///
     /// # Errors
-    /// [`Error::Interrupted`].
+    /// [`Ended`].
     pub fn look(
         &self,
         point: &GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         iterated: bool,
-    ) -> Result<NextStep, Error> {
+    ) -> Result<NextStep, Ended> {
         monitor.look(
             &point.r,
             &self.total(point),
@@ -215,46 +204,42 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// Makes `count` accelerated sweeps, unless the monitor stops them before.
     ///
     /// # Errors
-    /// [`Error::Interrupted`].
+    /// [`Ended`].
     pub fn run(
         &self,
         point: &mut GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
-    ) -> Result<Option<Outcome>, Error> {
+    ) -> Result<(), Ended> {
         let mut anderson = Anderson::default();
         for sweep in 1..=count {
             let before = (point.r.clone(), point.a.clone());
             self.sweep(point);
             monitor.count(1.0);
-            match self.look(point, monitor, true)? {
-                NextStep::Stop(outcome) => return Ok(Some(outcome)),
-                NextStep::Refresh => {
-                    self.refresh(point);
-                    anderson.restart();
-                    continue;
-                }
-                NextStep::Continue => {}
+            if self.look(point, monitor, true)? == NextStep::Refresh {
+                self.refresh(point);
+                anderson.restart();
+                continue;
             }
             if sweep % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
                 self.refresh(point);
             }
             for (a, s) in point.a.iter_mut().zip(&point.s) {
-                *a += s / DELTA;
+                *a += s / tuning::sweep_delta();
             }
             let mut f = self.scaled_change(point, &before.0);
             f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
             if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
                 let next = point.unpack(&next);
-                if self.residual(&next) <= TRUST * self.residual(point) {
+                if self.residual(&next) <= tuning::extrapolation_trust() * self.residual(point) {
                     *point = next;
                 } else {
                     anderson.restart();
                 }
             }
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Changes a point to given reactions and rigid motions.
@@ -269,7 +254,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         self.refresh(&mut point);
         // The rigid motion of the point is the given one.
         for (a, s) in point.a.iter_mut().zip(&point.s) {
-            *a -= s / DELTA;
+            *a -= s / tuning::sweep_delta();
         }
         point
     }
@@ -310,7 +295,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             for ((mode, s), a) in scaling.modes.iter().zip(&mut point.s).zip(&mut motion) {
                 let ds = (0..D).map(|k| mode[i][k] * dr[k]).sum::<f64>() * scaling.to_r[i];
                 *s += ds;
-                *a += ds / DELTA;
+                *a += ds / tuning::sweep_delta();
             }
             point.r[i] = next;
         }

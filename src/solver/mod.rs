@@ -16,6 +16,7 @@ pub mod proximal;
 pub mod settings;
 pub mod solution;
 pub mod solve;
+mod tuning;
 
 pub use crate::solver::outcome::Outcome;
 pub use crate::solver::settings::{Method, Settings, Start};

@@ -8,23 +8,16 @@ use crate::law::cone::project;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{self, Certificate};
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::{Ended, Outcome};
 use crate::solver::settings::Settings;
+use crate::solver::tuning;
 
-/// Iterations without a better point after which a solver has stalled.
-const PATIENCE: usize = 5000;
-
-/// If η is below the rounding floor but above the tolerance, iterations continue while they
-/// halve η within this number.
-const REST: usize = 5;
-
-/// The next step of a solver.
+/// The next step of a solver that goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NextStep {
     Continue,
     /// The running `v` has converged and a fresh one has not: evaluate it again.
     Refresh,
-    Stop(Outcome),
 }
 
 /// Progress of a solve, readable by another thread at any time.
@@ -155,16 +148,16 @@ impl<'p, const D: usize> Monitor<'p, D> {
     /// the start.
     ///
     /// # Errors
-    /// [`Error::Interrupted`].
+    /// [`Ended`] at a solution or a limit, or if the caller interrupts.
     pub fn look(
         &mut self,
         r: &[[f64; D]],
         v: &[[f64; D]],
         a: &[f64],
         iterated: bool,
-    ) -> Result<NextStep, Error> {
+    ) -> Result<NextStep, Ended> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
+            return Err(Error::Interrupted.into());
         }
         self.log.iterations += usize::from(iterated);
         if norm(a) >= norm(&self.furthest_rigid) {
@@ -176,10 +169,10 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.history.push((self.log.work, nothing.residual));
             self.log.best_reaction.fill([0.0; D]);
             self.log.best_rigid.copy_from_slice(a);
-            return Ok(NextStep::Stop(Outcome::Converged));
+            return Err(Ended::Stopped(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
-        let at_rest = self.log.iterations >= self.last_halved + REST;
+        let at_rest = self.log.iterations >= self.last_halved + tuning::rest();
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
             let within = within_cones(self.problem, r);
@@ -196,11 +189,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
             }
             self.tell();
             if converged {
-                return Ok(NextStep::Stop(Outcome::Converged));
+                return Err(Ended::Stopped(Outcome::Converged));
             }
             // The running v was too good, or η is not sufficient: check again at half of it.
             self.refuted = eta;
-            return Ok(self.limits().map_or(NextStep::Refresh, NextStep::Stop));
+            self.check_limits()?;
+            return Ok(NextStep::Refresh);
         }
         if eta < self.best {
             // An improvement of less than a tenth of a percent does not count for the patience.
@@ -216,7 +210,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.halved = eta;
             self.last_halved = self.log.iterations;
         }
-        Ok(self.limits().map_or(NextStep::Continue, NextStep::Stop))
+        self.check_limits()?;
+        Ok(NextStep::Continue)
     }
 
     fn tell(&self) {
@@ -257,16 +252,18 @@ impl<'p, const D: usize> Monitor<'p, D> {
         &self.furthest_rigid
     }
 
-    fn limits(&self) -> Option<Outcome> {
-        if self.log.iterations >= self.settings.max_iterations {
-            Some(Outcome::IterationLimit)
-        } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
-            Some(Outcome::TimeLimit)
-        } else if self.log.iterations > self.last_better + PATIENCE {
-            Some(Outcome::Stalled)
-        } else {
-            None
-        }
+    fn check_limits(&self) -> Result<(), Ended> {
+        Err(Ended::Stopped(
+            if self.log.iterations >= self.settings.max_iterations {
+                Outcome::IterationLimit
+            } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
+                Outcome::TimeLimit
+            } else if self.log.iterations > self.last_better + tuning::monitor_patience() {
+                Outcome::Stalled
+            } else {
+                return Ok(());
+            },
+        ))
     }
 
     #[must_use]

@@ -1,4 +1,6 @@
-//! The outcome of a solve.
+//! The outcome of a solve, and how it ends a method.
+
+use crate::error::Error;
 
 /// Why a solver stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,5 +23,21 @@ impl Outcome {
             Self::TimeLimit => "time_limit",
             Self::NoEquilibrium => "no_equilibrium",
         }
+    }
+}
+
+/// The end of a method from outside: `?` passes it on through all that the method calls. A
+/// method that returns `Ok` has stalled.
+#[derive(Debug)]
+pub enum Ended {
+    /// The monitor stopped it, with a solution or at a limit.
+    Stopped(Outcome),
+    /// The caller interrupted it, or the problem is at fault.
+    Failed(Error),
+}
+
+impl From<Error> for Ended {
+    fn from(error: Error) -> Self {
+        Self::Failed(error)
     }
 }

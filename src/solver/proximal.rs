@@ -7,63 +7,42 @@
 //! which makes the outer iteration superlinear, and increases after a failure, more after each
 //! consecutive one.
 
-use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
-use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::newton::newton::{self, Near, NewtonEnd};
-use crate::solver::outcome::Outcome;
+use crate::solver::monitor::Monitor;
+use crate::solver::newton::compliance_form::Solved;
+use crate::solver::newton::newton::{self, Near};
+use crate::solver::outcome::Ended;
+use crate::solver::tuning;
 
 /// Initial `α` in units of the compliance of a contact itself; each attempt uses the next. With
 /// a single value, 2 of 150 assemblies of rigid bodies are not solved.
 const FIRST: [f64; 3] = [0.1, 1.0, 0.01];
 
-/// Factor of `α` after a success.
-const FALL: f64 = 0.2;
-
-/// Factor of `α` after a failure, and the factor of that factor after each further one; two
-/// consecutive successes reset it. On flows of 7000 grains a fixed factor alternates between
-/// the same two values of `α`.
-const RISE: f64 = 5.0;
-const STEEPEST: f64 = 1e4;
-
 /// Between these limits `α` is above rounding and does not hold the point.
 const LEAST: f64 = 1e-13;
 const MOST: f64 = 1.0;
 
-/// An outer iteration reduces the merit to this share.
-const ENOUGH: f64 = 0.05;
-
-/// Outer iterations of an attempt.
-const OUTER: usize = 60;
-
-/// The end of an attempt.
-#[derive(Debug)]
-pub enum Attempt<const D: usize> {
-    /// The monitor stopped it.
-    Stop(Outcome),
-    /// It used all its iterations; `(r, a)` is the last point.
-    Spent(Vec<[f64; D]>, Vec<f64>),
-}
-
-/// Makes the `number`-th attempt from `(r, a)`, with at most `most` Newton steps.
+/// Makes the `number`-th attempt from `(r, a)`, with at most `most` Newton steps; returns its
+/// last point.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
-pub fn attempt<const D: usize>(
+/// [`Ended`].
+pub fn run<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
     (number, most): (usize, usize),
-) -> Result<Attempt<D>, Error> {
+) -> Result<Solved<D>, Ended> {
     let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
-    let (mut alpha, mut rise, mut successes) = (FIRST[number % FIRST.len()], RISE, 0);
+    let (mut alpha, mut rise, mut successes) =
+        (FIRST[number % FIRST.len()], tuning::alpha_rise(), 0);
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
     let mut left = merit(problem, &r, &v);
     let started = monitor.iterations();
-    for _ in 0..OUTER {
+    for _ in 0..tuning::proximal_outer() {
         if monitor.iterations() - started >= most {
             break;
         }
@@ -72,12 +51,11 @@ pub fn attempt<const D: usize>(
             centre: r.clone(),
             ..Near::nothing()
         };
-        let enough = ENOUGH * left;
+        let enough = tuning::proximal_enough() * left;
         let (next, next_rigid) =
             match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
-                NewtonEnd::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
-                NewtonEnd::Better(next, next_rigid) => (next, next_rigid),
-                NewtonEnd::Stalled => (r.clone(), rigid.clone()),
+                Some(better) => (better.r, better.rigid),
+                None => (r.clone(), rigid.clone()),
             };
         let next_v = problem.relative_displacement(&next, &next_rigid);
         monitor.count(1.0);
@@ -85,22 +63,20 @@ pub fn attempt<const D: usize>(
         if near.merit(problem, &next, &next_v) <= enough {
             successes += 1;
             if successes >= 2 {
-                rise = RISE;
+                rise = tuning::alpha_rise();
             }
-            alpha = (FALL * alpha).max(LEAST);
+            alpha = (tuning::alpha_fall() * alpha).max(LEAST);
             (r, rigid, v, left) = (next, next_rigid, next_v, there);
         } else {
             successes = 0;
             alpha = (rise * alpha).min(MOST);
-            rise = (rise * RISE).min(STEEPEST);
+            rise = (rise * tuning::alpha_rise()).min(tuning::steepest_rise());
             if there < left {
                 (r, rigid, v, left) = (next, next_rigid, next_v, there);
             }
         }
         monitor.measure_floor(&r, &rigid);
-        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
-            return Ok(Attempt::Stop(outcome));
-        }
+        monitor.look(&r, &v, &rigid, false)?;
     }
-    Ok(Attempt::Spent(r, rigid))
+    Ok(Solved { r, rigid })
 }

@@ -10,11 +10,13 @@ use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::auto;
 use crate::solver::enumerate;
-use crate::solver::fallback::{confirm, exhaust, hides, last_resort};
+use crate::solver::fallback::{
+    may_hide_openings, project_from_zero, try_statuses, withdraw_if_none,
+};
 use crate::solver::gauss_seidel;
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::newton::newton;
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::{Ended, Outcome};
 use crate::solver::paper::multipliers::{self, LAGRANGIAN, RETURN};
 use crate::solver::paper::pivoting;
 use crate::solver::paper::principles::alternating_principles;
@@ -24,6 +26,7 @@ use crate::solver::paper::principles::stress_principle;
 use crate::solver::paper::uzawa::{self, Variant};
 use crate::solver::settings::{Method, Settings, Start};
 use crate::solver::solution::{Solution, finish};
+use crate::solver::tuning;
 
 /// Solves the reduced problem.
 ///
@@ -70,24 +73,29 @@ pub fn solve_watched<const D: usize>(
     let opening = bilateral_start(problem, start, &mut monitor)?;
     let start = opening.as_ref().unwrap_or(start);
     let mut sequence = Sequence::default();
-    let outcome = match settings.method {
-        Method::Auto => auto::run(problem, start, &mut monitor)?,
-        Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
-        Method::Newton => newton::alone(problem, start, &mut monitor)?,
-        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, &mut monitor)?,
-        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, &mut monitor)?,
+    let ended = match settings.method {
+        Method::Auto => auto::run(problem, start, &mut monitor),
+        Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor),
+        Method::Newton => newton::alone(problem, start, &mut monitor),
+        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, &mut monitor),
+        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, &mut monitor),
         Method::UzawaTwoProjection => {
-            uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
+            uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)
         }
-        Method::ReturnMapping => multipliers::run(problem, RETURN, start, &mut monitor)?,
-        Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, &mut monitor)?,
-        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
-        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
-        Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,
+        Method::ReturnMapping => multipliers::run(problem, RETURN, start, &mut monitor),
+        Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, &mut monitor),
+        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor),
+        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor),
+        Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor),
         Method::MinimisingSequence => {
-            minimising_sequence::run(problem, start, &mut monitor, &mut sequence)?
+            minimising_sequence::run(problem, start, &mut monitor, &mut sequence)
         }
-        Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,
+        Method::Pivoting => pivoting::run(problem, start, &mut monitor),
+    };
+    let outcome = match ended {
+        Ok(()) => Outcome::Stalled,
+        Err(Ended::Stopped(outcome)) => outcome,
+        Err(Ended::Failed(error)) => return Err(error),
     };
     let furthest = monitor.furthest_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
@@ -98,8 +106,8 @@ pub fn solve_watched<const D: usize>(
         // A method gives this outcome only after it has tried all statuses.
         solution.statuses_tried = enumerate::statuses(&problem.mu);
     }
-    if solution.outcome == Outcome::Converged && hides(problem, settings.tol) {
-        confirm(problem, &mut solution, stop)?;
+    if solution.outcome == Outcome::Converged && may_hide_openings(problem, settings.tol) {
+        withdraw_if_none(problem, &mut solution, stop)?;
     }
     // A point that converged only within the rounding floor may have reactions that grew
     // between walls until their rounding hides the overlap.
@@ -112,10 +120,10 @@ pub fn solve_watched<const D: usize>(
         solution.outcome = Outcome::NoEquilibrium;
     }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
-        exhaust(problem, settings, &mut solution, stop)?;
+        try_statuses(problem, settings, &mut solution, stop)?;
     }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
-        last_resort(problem, settings, &mut solution, |slow| {
+        project_from_zero(problem, settings, &mut solution, |slow| {
             solve_watched(problem, slow, &Start::default(), stop, progress)
         })?;
     }
@@ -129,10 +137,6 @@ pub fn solve_watched<const D: usize>(
     }
     Ok(solution)
 }
-
-/// A bilateral start with a larger residual leaves most of the load unbalanced; a start from
-/// zero has 1.
-const TRUSTED_START: f64 = 0.5;
 
 /// The start of bodies that only contact holds, if the caller gives none: the bilateral
 /// solution. It balances all forces better than an iteration, unless most of the balance comes
@@ -154,7 +158,7 @@ fn bilateral_start<const D: usize>(
     }
     let v = problem.relative_displacement(&reaction, &rigid);
     monitor.count(1.0);
-    let trusted = residual(problem, &reaction, &v, &rigid) <= TRUSTED_START;
+    let trusted = residual(problem, &reaction, &v, &rigid) <= tuning::trusted_start();
     Ok(trusted.then(|| Start {
         reaction,
         rigid,
@@ -177,6 +181,8 @@ pub fn certified<const D: usize>(
     let mut monitor = Monitor::new(problem, settings, stop, &progress);
     let v = problem.relative_displacement(r, a);
     monitor.count(1.0);
-    monitor.look(r, &v, a, false)?;
-    Ok(finish(problem, settings, monitor, Outcome::Stalled))
+    match monitor.look(r, &v, a, false) {
+        Err(Ended::Failed(error)) => Err(error),
+        _ => Ok(finish(problem, settings, monitor, Outcome::Stalled)),
+    }
 }

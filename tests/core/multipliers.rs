@@ -12,7 +12,7 @@ use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Block;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::newton::newton::{Near, NewtonEnd, run_near};
+use bipot_rs::solver::newton::newton::{Near, run_near};
 use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
 use bipot_rs::solver::{Method, Outcome, Settings, Start, certified, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -61,10 +61,10 @@ fn penalised<const D: usize>(
             return case.compliance.scatter(&r);
         }
         match run_near(&problem, &law, &r, &rigid, enough, &mut monitor).unwrap() {
-            NewtonEnd::Better(next, motion) => (r, rigid) = (next, motion),
-            end => {
+            Some(next) => (r, rigid) = (next.r, next.rigid),
+            None => {
                 let left = law.merit(&problem, &r, &v) / cold;
-                panic!("{end:?} {method:?} {penalty} {left:e}")
+                panic!("{method:?} {penalty} {left:e}")
             }
         }
     }

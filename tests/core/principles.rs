@@ -14,7 +14,7 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::paper::principles::convex::{Least, PrinciplePoint, least};
+use bipot_rs::solver::paper::principles::convex::{PrinciplePoint, minimise};
 use bipot_rs::solver::paper::principles::minimising_sequence::Sequence;
 use bipot_rs::solver::paper::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
@@ -140,10 +140,7 @@ fn answer<const D: usize>(
     let (settings, progress) = (settings(1e-15), Progress::default());
     let mut monitor = Monitor::new(problem, &settings, &GO, &progress);
     let enough = 1e-13 * from.merit(problem);
-    match least(problem, frozen, from, enough, &mut monitor).unwrap() {
-        Least::At(point) => point,
-        Least::Stop(outcome) => panic!("{outcome:?}"),
-    }
+    minimise(problem, frozen, from, enough, &mut monitor).unwrap()
 }
 
 /// Reactions in the cones, of the size of answers.

@@ -2,6 +2,7 @@
 
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
 use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::tuning;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
 
@@ -20,17 +21,8 @@ pub(super) struct Aggregates {
     pub(super) coupled: Vec<bool>,
 }
 
-/// A neighbour that is so many times as far as the nearest one is weakly coupled: a cell couples
-/// in proportion to the inverse squares of its sides. Diagonals of cubes, and two cells of the
-/// second order, stay below.
-const FAR: f64 = 3.0;
-
 /// A distance below this part of the largest one is that of nodes at the same place.
 const SAME_PLACE: f64 = 1e-6;
-
-/// Fewer neighbours than this stand in a line: their neighbours join the aggregate too, because
-/// three nodes in a line would become one with nearly as many unknowns.
-const PLANE: usize = 3;
 
 impl Aggregates {
     pub(super) fn count(&self) -> usize {
@@ -107,7 +99,7 @@ impl Aggregates {
                 of_node[j as usize] = count;
                 ring += 1;
             }
-            if ring < PLANE {
+            if ring < tuning::plane() {
                 for (&l, _) in neighbours(i).flat_map(|(&j, _)| neighbours(j as usize)) {
                     if of_node[l as usize] == ABSENT {
                         of_node[l as usize] = count;
@@ -202,7 +194,7 @@ fn farthest(distances: &[f64]) -> f64 {
     let finite = distances.iter().filter(|d| d.is_finite());
     let largest = finite.clone().copied().fold(0.0, f64::max);
     let apart = finite.filter(|&&d| d > SAME_PLACE * SAME_PLACE * largest);
-    FAR * FAR * apart.copied().fold(f64::INFINITY, f64::min)
+    tuning::far() * tuning::far() * apart.copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Indices of each group, ascending: start of each group, and all indices. [`ABSENT`] is in no

@@ -3,6 +3,7 @@
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::settings::Cycle;
+use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{axpy, dot, map2, norm};
 use crate::linalg::real::Real;
 
@@ -72,8 +73,6 @@ pub(super) fn visit(
 
 /// At most two steps of flexible conjugate gradients on the first of `levels`.
 fn iterate(levels: &mut [Level], below: &mut [Work], own: &mut Work, shared: Shared<'_>) {
-    /// A residual this much smaller needs no second step.
-    const ENOUGH: f64 = 0.25;
     let Work {
         b,
         x,
@@ -91,7 +90,7 @@ fn iterate(levels: &mut [Level], below: &mut [Work], own: &mut Work, shared: Sha
     let step = along / energy;
     let before = norm(b);
     axpy(-step, first_product, b);
-    if norm(b) <= ENOUGH * before {
+    if norm(b) <= tuning::second_step() * before {
         map2(x, first, |_, first: f32| f32::rounded(step) * first);
         return;
     }

@@ -13,15 +13,13 @@ use crate::linalg::amg::nodes::Nodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tentative::Tentative;
+use crate::linalg::amg::tuning;
 
 /// At most so many unknowns are solved with a dense factor.
 pub(super) const DENSE: usize = 800;
 /// Each level has at most a third of the unknowns of the one before: nobody has a matrix with
 /// more levels.
 const MOST_LEVELS: usize = 30;
-/// `ω λ` of the smoothed prolongation.
-const OMEGA: f64 = 4.0 / 3.0;
-
 pub(super) fn failure(reason: &'static str) -> Error {
     Error::Multigrid { reason }
 }
@@ -37,7 +35,7 @@ pub(super) fn running(stop: &AtomicBool) -> Result<(), Error> {
 
 /// `ω` of a level, from the bound of its spectrum.
 pub(super) fn omega(spectrum: f64) -> f64 {
-    OMEGA / spectrum
+    tuning::omega() / spectrum
 }
 
 /// A level, what it was made of, and the matrix of the next one.

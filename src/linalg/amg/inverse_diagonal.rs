@@ -1,6 +1,7 @@
 //! Inverses of the diagonal blocks, which scale the smoother.
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
+use crate::linalg::amg::tuning;
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::tasks;
@@ -37,16 +38,17 @@ pub(super) fn invert_node(matrix: &BlockMatrix<f32>, node: usize, inverse: &mut 
 /// its diagonal is positive.
 ///
 /// A direction without stiffness would have an infinite inverse. A pivot is therefore at least
-/// `LEAST` of its diagonal, some ten times the rounding of single precision: a larger pivot
+/// `tuning::least_pivot()` of its diagonal, some ten times the rounding of single precision: a larger pivot
 /// makes the inverse smaller, so the bound of the spectrum remains valid.
 fn invert(a: &mut [f64], b: usize) -> bool {
-    const LEAST: f64 = 1e-6;
     let diagonal: [f64; 6] = std::array::from_fn(|k| if k < b { a[k * b + k] } else { 1.0 });
     if !diagonal.iter().all(|&d| d > 0.0 && d.is_finite()) {
         return false;
     }
     for k in 0..b {
-        let pivot = a[k * b + k].max(LEAST * diagonal[k]).recip();
+        let pivot = a[k * b + k]
+            .max(tuning::least_pivot() * diagonal[k])
+            .recip();
         a[k * b + k] = 1.0;
         for j in 0..b {
             a[k * b + j] *= pivot;

@@ -39,4 +39,5 @@ pub mod soft_motions;
 mod spectrum;
 mod tentative;
 mod transfer;
+mod tuning;
 mod wide;

@@ -2,16 +2,10 @@
 
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::block_rows::{Coefficients, first_step};
+use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{axpy, dot, xpay};
 use crate::linalg::random_signs::random_signs;
 use crate::linalg::real::Real;
-
-/// Steps of the Lanczos iteration: the largest Ritz value is then within a few percent of the
-/// largest eigenvalue.
-const STEPS: usize = 10;
-/// Factor that turns the Ritz value into a bound. The smoother also damps what is slightly
-/// above its bound.
-const SAFETY: f64 = 1.05;
 
 /// A bound of the largest eigenvalue, from the coefficients of conjugate gradients with the
 /// preconditioner `D`; `None` if the numbers leave the range.
@@ -28,7 +22,7 @@ pub(super) fn bound(matrix: &BlockMatrix<f32>, inverse: &[f32]) -> Option<f64> {
     // The tridiagonal matrix of Lanczos: diagonal, and squares beside it.
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     let (mut last, mut carried) = (0.0, 0.0);
-    for step in 0..STEPS {
+    for step in 0..tuning::spectrum_steps() {
         first_step(matrix.b, inverse, &r, &mut d, &mut z, unit);
         let size = dot(&r, &z);
         if !(size > 0.0) {
@@ -50,7 +44,7 @@ pub(super) fn bound(matrix: &BlockMatrix<f32>, inverse: &[f32]) -> Option<f64> {
         carried = 1.0 / alpha;
     }
     let largest = largest_eigenvalue(&diagonal, &beside);
-    (largest > 0.0 && largest.is_finite()).then_some(SAFETY * largest)
+    (largest > 0.0 && largest.is_finite()).then_some(tuning::spectrum_safety() * largest)
 }
 
 /// The largest eigenvalue of a symmetric tridiagonal matrix with `diagonal` and the squares

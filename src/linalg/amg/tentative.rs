@@ -1,6 +1,7 @@
 //! Near-null vectors, cut into aggregates and made orthonormal in each.
 
 use crate::linalg::amg::aggregates::Aggregates;
+use crate::linalg::amg::tuning;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
@@ -114,8 +115,6 @@ impl Tentative {
         j: usize,
         vectors: &[f64],
     ) -> [[f32; LANES]; B] {
-        /// A larger one is that of a motion that the aggregate hardly has.
-        const LARGEST: f64 = 64.0;
         let (m, g) = (self.m, aggregate as usize);
         let coarse = &self.coarse[g * m * m..][..m * m];
         let dead = &self.dead[g * m..][..m];
@@ -125,7 +124,7 @@ impl Tentative {
             for c in (0..m).filter(|&c| !dead[c]) {
                 let before: f64 = (0..c).map(|e| x[e] * coarse[e * m + c]).sum();
                 let value = (own[c] - before) / coarse[c * m + c];
-                if value.abs() <= LARGEST {
+                if value.abs() <= tuning::largest_extension() {
                     x[c] = value;
                 }
             }

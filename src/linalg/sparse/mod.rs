@@ -14,3 +14,4 @@ pub mod symbolic;
 mod task_tree;
 mod tree;
 mod tree_solves;
+mod tuning;

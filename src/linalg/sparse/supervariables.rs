@@ -3,29 +3,11 @@
 use std::collections::HashMap;
 
 use crate::linalg::sparse::csc::{mix, narrow};
-
-/// A vertex with more neighbours than this many times `√N` is ordered last: dissection cannot
-/// separate the vertices around it.
-const DENSE: f64 = 10.0;
-
-/// Equal neighbourhoods define the nodes if there are this many times fewer nodes than
-/// unknowns. If hardly any are equal, entries that happen to vanish are missing in K.
-const FEWER: f64 = 0.6;
-
-/// Consecutive unknowns belong to one node, up to [`MOST`] of them, if this share of all their
-/// neighbours are neighbours of both. Nodes of one element share half of their neighbours.
-const COMMON: f64 = 0.75;
+use crate::linalg::sparse::tuning;
 
 /// Consecutive unknowns count as one neighbour: if directions are weakly coupled, each
 /// direction is joined to the same nodes by other unknowns.
 const THREE: usize = 3;
-
-/// The same share for single unknowns, if directions are coupled: 0.46 on a grid of bricks
-/// whose directions are coupled only between nodes off the axes.
-const ACTING: f64 = 0.25;
-
-/// Largest number of degrees of freedom of a node, that of a shell.
-const MOST: usize = 6;
 
 /// The graph of nodes. Interior nodes come first, then the kept ones.
 #[derive(Debug)]
@@ -115,14 +97,15 @@ impl SupervariableGraph {
         let group = |is_one: &SameNode| Groups::new(column, kept, place, is_one);
         let equal = group(&|lead, j, _| same(column, lead, j));
         #[expect(clippy::cast_precision_loss, reason = "a threshold")]
-        let most = FEWER * (place.len() - kept.len()) as f64;
+        let most = tuning::fewer_nodes() * (place.len() - kept.len()) as f64;
         #[expect(clippy::cast_precision_loss, reason = "a threshold")]
         let is_fewer = |groups: &Groups| groups.interior as f64 <= most;
         let groups = if is_fewer(&equal) {
             equal
         } else {
             let alike = group(&|lead, j, after| {
-                after < MOST && is_alike(column(lead), column(j)) || same(column, lead, j)
+                after < tuning::node_size() && is_alike(column(lead), column(j))
+                    || same(column, lead, j)
             });
             if is_fewer(&alike) { alike } else { equal }
         };
@@ -221,7 +204,7 @@ impl SupervariableGraph {
         reason = "a threshold, exact or not"
     )]
     pub(crate) fn split_dense(&self) -> (Vec<u32>, Vec<u32>) {
-        let limit = (DENSE * (self.interior as f64).sqrt()) as usize + 64;
+        let limit = (tuning::dense_degree() * (self.interior as f64).sqrt()) as usize + 64;
         (0..narrow(self.interior)).partition(|&v| self.neighbours(v as usize).len() <= limit)
     }
 
@@ -268,7 +251,7 @@ fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
 /// nodes, and some are the same. Directions without any coupling are better eliminated
 /// separately.
 fn is_alike(a: &[usize], b: &[usize]) -> bool {
-    common(a, b, THREE) >= COMMON && common(a, b, 1) >= ACTING
+    common(a, b, THREE) >= tuning::common_share() && common(a, b, 1) >= tuning::acting_share()
 }
 
 /// The share of the neighbours in either sorted list that is in both; `width` consecutive ones

@@ -19,26 +19,12 @@ use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::tuning;
 use crate::tasks;
-
-/// With more unknowns, GMRES with the blocks of the contacts comes before an LU. Measured on
-/// pressed and sheared cubes with a whole face in contact, it takes as long at 700 unknowns and
-/// half as long at 1300.
-const LARGE: usize = 1000;
-
-/// Usual products of GMRES for a step, and their limit.
-const PRODUCTS: f64 = 40.0;
-const MOST_PRODUCTS: usize = 200;
-
-/// Operations of a sparse LU that take as long as one of a sparse product: its fronts are
-/// small, but stay in the cache.
-const SPARSE_SPEED: f64 = 2.0;
 
 /// Largest remainder of a sparse LU, relative to the right side: its rows are exchanged within
 /// fronts only; a few products correct the error.
 const LEFT: f64 = 1e-10;
-const MENDING: usize = 5;
-
 /// Cost of a step with `n` unknowns, in products with `W`.
 #[must_use]
 pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
@@ -49,12 +35,12 @@ pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     }
     let m = D * problem.contacts();
     let direct = factorisation_cost(problem, n);
-    if n <= LARGE {
+    if n <= tuning::iterative_order() {
         return direct;
     }
     #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
     let share = n as f64 / m as f64;
-    direct.min(PRODUCTS * share)
+    direct.min(tuning::gmres_products() * share)
 }
 
 /// Cost of the factors of a whole sparse `W`, in products with it.
@@ -64,7 +50,7 @@ pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
     let product = (D * D * whole.blocks.stored()) as f64;
     // An LU has twice the operations of a symmetric factorisation; a product has two for each
     // entry.
-    whole.analysis.counts().flops / (SPARSE_SPEED * product)
+    whole.analysis.counts().flops / (tuning::sparse_speed() * product)
 }
 
 /// Rows of one closed contact.
@@ -157,21 +143,21 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 let factors = Preconditioner::new(self, factors)?;
                 let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
-                let found = gmres::solve(apply, precondition, &x, LEFT, MENDING)?;
+                let found = gmres::solve(apply, precondition, &x, LEFT, tuning::mending_steps())?;
                 #[expect(clippy::cast_precision_loss, reason = "a few")]
                 count(found.products as f64);
                 let finite = found.x.iter().all(|c| c.is_finite());
                 return Ok(finite.then(|| self.moved(r, rigid, &found.x)));
             }
-            if n > LARGE {
+            if n > tuning::iterative_order() {
                 return Ok(None);
             }
             // Singular without the rigid motions, or up to their rounding.
-        } else if n > LARGE {
+        } else if n > tuning::iterative_order() {
             let blocks = Preconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
-            let found = gmres::solve(apply, precondition, &x, tol, MOST_PRODUCTS)?;
+            let found = gmres::solve(apply, precondition, &x, tol, tuning::most_gmres_products())?;
             #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
             count((found.products * n) as f64 / (D * self.problem.contacts()) as f64);
             if found.residual <= tol && found.x.iter().all(|c| c.is_finite()) {

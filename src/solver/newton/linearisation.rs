@@ -5,10 +5,7 @@ use crate::law::cone::Status;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
-
-/// A factorisation of order `n` has `n/3` times the operations of a product of this order. It
-/// works in the cache, where an operation is about ten times faster.
-const UNKNOWNS_A_PRODUCT: f64 = 30.0;
+use crate::solver::tuning;
 
 /// Cost of a dense LU of order `n`, in products with `W` that skip most entries.
 #[must_use]
@@ -21,7 +18,7 @@ pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64
     };
     #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
     let (n, entries) = (n as f64, entries.max(1) as f64);
-    n.powi(3) / (UNKNOWNS_A_PRODUCT * entries)
+    n.powi(3) / (tuning::unknowns_a_product() * entries)
 }
 
 /// Cost of the inverses of all islands in the same units: each costs one and a half times an

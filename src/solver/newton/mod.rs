@@ -4,4 +4,5 @@ pub mod compliance_form;
 pub mod linearisation;
 pub mod newton;
 pub mod refine;
+pub(crate) mod search;
 pub mod stiffness_form;

@@ -15,46 +15,24 @@ use crate::reduced::residual::{merit, residual, scaled_imbalance};
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
+use crate::solver::newton::search::search;
 use crate::solver::newton::stiffness_form::StiffnessForm;
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
+use crate::solver::tuning;
 
-/// Largest number of Newton steps.
-const MOST_STEPS: usize = 40;
-
-/// Largest number of halvings of a step.
-const MOST_HALVINGS: usize = 12;
-
-/// A step may be worse than the last point, but not worse than the worst of this many points. A
-/// search that requires a decrease in each step stops early where statuses alternate.
-const MEMORY: usize = 4;
-
-/// The remainder of an iterative solution of a step is this share of its expected decrease,
-/// between these bounds.
-const FORCING: f64 = 0.1;
 const LEAST_FORCING: f64 = 1e-10;
 const MOST_FORCING: f64 = 1e-4;
-
-/// The end of a series of Newton steps.
-#[derive(Debug)]
-pub enum NewtonEnd<const D: usize> {
-    /// The monitor stopped it.
-    Stop(Outcome),
-    /// It stalled at a better point `(r, a)`.
-    Better(Vec<[f64; D]>, Vec<f64>),
-    /// It stalled at the start.
-    Stalled,
-}
 
 /// Newton alone: from the start until it converges or stalls.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn alone<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     let mut r = vec![[0.0; D]; problem.contacts()];
     let mut rigid = vec![0.0; problem.rigid.modes.len()];
     if !start.reaction.is_empty() {
@@ -64,28 +42,24 @@ pub fn alone<const D: usize>(
         rigid.copy_from_slice(&start.rigid);
     }
     let v = problem.relative_displacement(&r, &rigid);
-    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
-        return Ok(outcome);
+    monitor.look(&r, &v, &rigid, false)?;
+    while let Some(better) = run(problem, &r, &rigid, monitor)? {
+        (r, rigid) = (better.r, better.rigid);
     }
-    loop {
-        match run(problem, &r, &rigid, monitor)? {
-            NewtonEnd::Stop(outcome) => return Ok(outcome),
-            NewtonEnd::Better(better, motion) => (r, rigid) = (better, motion),
-            NewtonEnd::Stalled => return Ok(Outcome::Stalled),
-        }
-    }
+    Ok(())
 }
 
-/// Makes Newton steps from `(r, a)` until it converges or stalls.
+/// Makes Newton steps from `(r, a)` until it converges or stalls: at a better point, or at
+/// `None`.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
-) -> Result<NewtonEnd<D>, Error> {
+) -> Result<Option<Solved<D>>, Ended> {
     run_near(problem, &Near::nothing(), r, rigid, 0.0, monitor)
 }
 
@@ -189,7 +163,7 @@ impl<const D: usize> Near<D> {
 /// [`run`] on a nearby problem, until its merit is at most `enough`.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run_near<const D: usize>(
     problem: &Reduced<D>,
     near: &Near<D>,
@@ -197,7 +171,7 @@ pub fn run_near<const D: usize>(
     rigid: &[f64],
     enough: f64,
     monitor: &mut Monitor<D>,
-) -> Result<NewtonEnd<D>, Error> {
+) -> Result<Option<Solved<D>>, Ended> {
     let mut r = r.to_vec();
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
@@ -206,14 +180,15 @@ pub fn run_near<const D: usize>(
     let mut recent = vec![near.merit(problem, &r, &v)];
     let started = recent[0];
     let mut best = (started, r.clone(), rigid.clone());
-    for _ in 0..MOST_STEPS {
+    for _ in 0..tuning::newton_steps() {
         if best.0 <= enough && !near.is_nothing() {
             break;
         }
         let felt = near.felt(problem, &r, &v);
         let law = near.linearised(problem, &r, &felt);
         let eta = residual(problem, &r, &v, &rigid);
-        let forcing = (FORCING * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
+        let forcing =
+            (tuning::newton_forcing() * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
         let imbalance = scaled_imbalance(problem, &r);
         let point = (r.as_slice(), v.as_slice(), rigid.as_slice());
         let stop = monitor.stop();
@@ -224,53 +199,33 @@ pub fn run_near<const D: usize>(
         };
         let to_v = problem.relative_displacement(&to.r, &to.rigid);
         monitor.count(1.0);
-        let bar = recent
-            .iter()
-            .rev()
-            .take(MEMORY)
-            .fold(0.0_f64, |m, &x| m.max(x));
-        let mut share = 1.0;
-        let accepted = (0..MOST_HALVINGS).find_map(|_| {
+        let moved = |share: f64| {
             let next_r = between(&r, &to.r, share);
             let next_v = between(&v, &to_v, share);
-            let next_rigid: Vec<f64> = rigid
-                .iter()
-                .zip(&to.rigid)
-                .map(|(x, y)| x + share * (y - x))
-                .collect();
-            let there = near.merit(problem, &next_r, &next_v);
-            if there <= (1.0 - 1e-4 * share) * bar {
-                return Some((next_r, next_v, next_rigid, there));
-            }
-            share *= 0.5;
-            None
-        });
-        let Some((next_r, next_v, next_rigid, there)) = accepted else {
+            let pairs = rigid.iter().zip(&to.rigid);
+            let next_rigid: Vec<f64> = pairs.map(|(x, y)| x + share * (y - x)).collect();
+            let merit = near.merit(problem, &next_r, &next_v);
+            (merit, (next_r, next_v, next_rigid))
+        };
+        let Ok(next) = search(&recent, tuning::newton_halvings(), moved) else {
             break;
         };
-        (r, v, rigid) = (next_r, next_v, next_rigid);
+        let (share, there) = (next.share, next.merit);
+        (r, v, rigid) = next.point;
         recent.push(there);
         if there < best.0 {
             best = (there, r.clone(), rigid.clone());
         }
-        match monitor.look(&r, &v, &rigid, true)? {
-            NextStep::Stop(outcome) => return Ok(NewtonEnd::Stop(outcome)),
-            NextStep::Refresh => {
-                v = problem.relative_displacement(&r, &rigid);
-                recent = vec![near.merit(problem, &r, &v)];
-            }
-            NextStep::Continue => {}
+        if monitor.look(&r, &v, &rigid, true)? == NextStep::Refresh {
+            v = problem.relative_displacement(&r, &rigid);
+            recent = vec![near.merit(problem, &r, &v)];
         }
         if share < 1e-2 {
             break; // creeping: sweeps do better
         }
     }
     let (reached, r, rigid) = best;
-    Ok(if reached < started {
-        NewtonEnd::Better(r, rigid)
-    } else {
-        NewtonEnd::Stalled
-    })
+    Ok((reached < started).then_some(Solved { r, rigid }))
 }
 
 /// `x + share (y − x)`; exactly `y` for a full step.
@@ -282,9 +237,6 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
         |(x, y): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + share * (y[k] - x[k]));
     x.iter().zip(y).map(blend).collect()
 }
-
-/// Number of steps that share one inverse of `W`.
-const SHARED_BY: f64 = 3.0;
 
 /// Cost of a step of a linearised law in products with `W`, and whether the form in
 /// displacements is cheaper.
@@ -304,7 +256,7 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     // An inverse costs one and a half times an LU of all unknowns. Its share is counted even if
     // it has been made: decisions must not depend on earlier solves.
     let inverse = if problem.compliance.may_have_inverse() {
-        inversion_cost(problem) / SHARED_BY
+        inversion_cost(problem) / tuning::inverse_shared_by()
     } else {
         f64::INFINITY
     };

@@ -10,20 +10,13 @@ use crate::reduced::reduced::Reduced;
 use crate::solver::anderson::Anderson;
 use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::newton::newton;
+use crate::solver::tuning;
 
 /// Largest remainder of the iterative solution of a correction.
 const FORCING: f64 = 1e-4;
 
-/// Largest number of corrections. If `W` has lost most of its digits, each correction settles
-/// the statuses of a few contacts at the edge of the pressed zone. Strips 2000 times as long as
-/// thick take up to 40.
-const MOST: usize = 150;
-
 /// Smaller corrections change no status except at the boundary between two.
 const SETTLED: f64 = 1e-6;
-
-/// Largest number of consecutive corrections that do not halve the smallest one.
-const IDLE: usize = 5;
 
 /// A point with all quantities that depend on it.
 #[derive(Clone, Debug)]
@@ -113,7 +106,7 @@ pub fn refine<const D: usize>(
 ) -> Result<Point<D>, Error> {
     let mut best: Option<(f64, Point<D>)> = None;
     let (mut idle, mut anderson) = (0, Anderson::default());
-    for _ in 0..MOST {
+    for _ in 0..tuning::most_corrections() {
         let Some(next) = correction(problem, &point, &[], stop)? else {
             break;
         };
@@ -129,7 +122,7 @@ pub fn refine<const D: usize>(
                 best = Some((moved, point.clone()));
                 idle = 0;
             }
-            if moved <= f64::EPSILON || idle == IDLE {
+            if moved <= f64::EPSILON || idle == tuning::idle_corrections() {
                 break;
             }
             // The problem is linear now. Rounding of W may exceed its energy of the softest

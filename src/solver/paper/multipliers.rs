@@ -33,31 +33,14 @@
 //! Newton's method. It is the map with the step `ρ = ε`, applied to `v'`: in
 //! `r − ε v' = c − ε v` the reaction cancels, and `F = r − r(v)`.
 
-use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
-use crate::solver::newton::newton::{self, Near, NewtonEnd};
-use crate::solver::outcome::Outcome;
-use crate::solver::paper::principles::convex::{Least, PrinciplePoint, iterate};
-use crate::solver::paper::uzawa::{self, Burst};
+use crate::solver::newton::newton::{self, Near};
+use crate::solver::outcome::Ended;
+use crate::solver::paper::principles::convex::{PrinciplePoint, iterate};
+use crate::solver::paper::uzawa;
 use crate::solver::settings::Start;
-
-/// The penalty in units of the stiffness of a contact alone, ρ of (15). The error of one
-/// solution falls with it; the rounding of `ε v` in the trial reaction grows with it.
-const PENALTY: f64 = 1e3;
-
-/// Factors of the penalty after a failure of Newton's method, and after a success with a smaller
-/// penalty. A soft contact changes its status less abruptly.
-const FALL: f64 = 0.1;
-const RISE: f64 = 10.0;
-const LEAST: f64 = 1.0;
-
-/// Steps with momentum if Newton's method fails with the smallest penalty too, as where a body
-/// that only contact holds starts without a closed contact. The number doubles each time.
-const FIRST_BURST: usize = 20;
-
-/// A solution with given multipliers reduces the merit to this share of that of the law itself.
-const ENOUGH: f64 = 0.05;
+use crate::solver::tuning;
 
 /// The step ρ of the map (19) with a penalty, in units of the stiffness of each contact.
 pub type MapStep = fn(f64) -> f64;
@@ -87,43 +70,39 @@ pub fn regularise<const D: usize>(
 /// give no improvement.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     step: MapStep,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
-    let (mut penalty, mut steps) = (PENALTY, FIRST_BURST);
+) -> Result<(), Ended> {
+    let (mut penalty, mut steps) = (tuning::penalty(), tuning::multiplier_burst());
     iterate(problem, start, monitor, |point, monitor| {
         monitor.measure_floor(&point.r, &point.rigid);
         let near = regularise(step, penalty, point.r.clone());
         let before = point.merit(problem);
-        let enough = ENOUGH * before;
+        let enough = tuning::multiplier_enough() * before;
         let (r, rigid) =
             match newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)? {
-                NewtonEnd::Stop(outcome) => return Ok(Least::Stop(outcome)),
-                NewtonEnd::Better(r, rigid) => (r, rigid),
-                NewtonEnd::Stalled => (point.r.clone(), point.rigid.clone()),
+                Some(better) => (better.r, better.rigid),
+                None => (point.r.clone(), point.rigid.clone()),
             };
         let next = PrinciplePoint::new(problem, r, rigid);
         monitor.count(1.0);
         if near.merit(problem, &next.r, &next.v) <= enough {
-            penalty = (RISE * penalty).min(PENALTY);
-            return Ok(Least::At(next));
+            penalty = (tuning::penalty_rise() * penalty).min(tuning::penalty());
+            return Ok(next);
         }
         let better = next.merit(problem) < before;
-        if !better && penalty <= LEAST {
+        if !better && penalty <= tuning::least_penalty() {
             let r = point.r.clone();
-            let burst = uzawa::burst(problem, &[], r, &point.rigid, monitor, steps)?;
+            let end = uzawa::run_burst(problem, &[], r, &point.rigid, monitor, steps)?;
             steps *= 2;
             monitor.count(1.0);
-            return Ok(match burst {
-                Burst::Stop(outcome) => Least::Stop(outcome),
-                Burst::End(r, rigid) => Least::At(PrinciplePoint::new(problem, r, rigid)),
-            });
+            return Ok(PrinciplePoint::new(problem, end.r, end.rigid));
         }
-        penalty = (FALL * penalty).max(LEAST);
-        Ok(Least::At(if better { next } else { point.clone() }))
+        penalty = (tuning::penalty_fall() * penalty).max(tuning::least_penalty());
+        Ok(if better { next } else { point.clone() })
     })
 }

@@ -30,29 +30,9 @@ use crate::reduced::residual::residual;
 use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::ComplianceForm;
 use crate::solver::newton::linearisation::{Linearisation, movable};
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
-
-/// Corners of a regular polygon.
-const CORNERS: usize = 8;
-
-/// Corners on each side of a known direction, `spacing` apart.
-const FAN: usize = 4;
-
-/// Their first and their largest spacing: they stay within two coarse corners.
-const WIDEST: f64 = 0.1;
-
-/// Smallest factor of the spacing in one refinement.
-const FINER: f64 = 1.0 / 16.0;
-
-/// Largest number of refinements.
-const STAGES: usize = 100;
-
-/// Largest number of consecutive refinements that do not halve η.
-const PATIENCE: usize = 10;
-
-/// Corrections of the linear law of the final cells.
-const CORRECTIONS: usize = 3;
+use crate::solver::tuning;
 
 /// Pivots between two fresh evaluations of `v`, whose running sum drifts.
 const REFRESH: usize = 50;
@@ -101,7 +81,7 @@ impl<const D: usize> Guard<D> {
 /// The angle between corners of a regular polygon.
 fn coarse_step() -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a few")]
-    let corners = CORNERS as f64;
+    let corners = tuning::polygon_corners() as f64;
     TAU / corners
 }
 
@@ -116,7 +96,7 @@ impl<const D: usize> Polygon<D> {
         #[expect(clippy::cast_precision_loss, reason = "a few")]
         let angle = |k: usize| coarse_step() * k as f64;
         Self {
-            angles: (0..CORNERS).map(angle).collect(),
+            angles: (0..tuning::polygon_corners()).map(angle).collect(),
         }
     }
 
@@ -127,9 +107,9 @@ impl<const D: usize> Polygon<D> {
             (1..=most).flat_map(move |k| [centre - step * k as f64, centre + step * k as f64])
         };
         // Half of the coarse corners on each side.
-        let (half, coarse) = (CORNERS / 2, coarse_step());
+        let (half, coarse) = (tuning::polygon_corners() / 2, coarse_step());
         let mut angles = vec![centre];
-        angles.extend(shares(FAN, spacing));
+        angles.extend(shares(tuning::fan_corners(), spacing));
         angles.extend(shares(half, coarse));
         angles.sort_by(f64::total_cmp);
         angles.remove(0); // half a turn to either side is the same corner
@@ -265,15 +245,6 @@ impl<const D: usize> Polygon<D> {
     }
 }
 
-/// The end of a path.
-enum PathEnd {
-    Stop(Outcome),
-    /// At `t = 0`.
-    Arrived,
-    /// It ended on a ray, returned to its start, or met a singular law.
-    Lost,
-}
-
 /// A path at one of its points. All but the cells is in the units of the caller.
 struct PivotingPath<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -291,12 +262,12 @@ struct PivotingPath<'p, const D: usize> {
 /// Runs until the monitor stops it or no path continues.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     let mut r = vec![[0.0; D]; problem.contacts()];
     let mut v = problem.q.clone();
     if !start.reaction.is_empty() {
@@ -304,14 +275,12 @@ pub fn run<const D: usize>(
         v = problem.relative_displacement(&r, &[]);
         monitor.count(1.0);
     }
-    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
-        return Ok(outcome);
-    }
+    monitor.look(&r, &v, &[], false)?;
     // Direction and spacing of the corners of contacts that slide.
     let mut fans: Vec<Option<(f64, f64)>> = vec![None; r.len()];
     let mut known = !start.reaction.is_empty();
     let (mut best, mut waited) = (f64::INFINITY, 0);
-    for _ in 0..STAGES {
+    for _ in 0..tuning::refinements() {
         let polygons: Vec<Polygon<D>> = fans
             .iter()
             .map(|fan| match *fan {
@@ -325,27 +294,25 @@ pub fn run<const D: usize>(
         } else {
             PivotingPath::far(problem, polygons.clone())
         };
-        let mut end = path.follow(monitor)?;
-        if known && matches!(end, PathEnd::Lost) {
+        let mut arrived = path.follow(monitor)?;
+        if known && !arrived {
             path = PivotingPath::far(problem, polygons);
-            end = path.follow(monitor)?;
+            arrived = path.follow(monitor)?;
         }
-        match end {
-            PathEnd::Stop(outcome) => return Ok(outcome),
-            PathEnd::Lost => return Ok(Outcome::Stalled),
-            PathEnd::Arrived => {}
+        if !arrived {
+            return Ok(());
         }
-        if let Some(outcome) = path.correct(monitor)? {
-            return Ok(outcome);
-        }
+        path.correct(monitor)?;
         for (i, fan) in fans.iter_mut().enumerate() {
             *fan = path.direction(i, fan.is_some()).map(|centre| {
-                let spacing = fan.map_or(WIDEST, |(last, spacing)| {
+                let spacing = fan.map_or(tuning::widest_spacing(), |(last, spacing)| {
                     let turn = (centre - last).rem_euclid(TAU);
                     let moved = turn.min(TAU - turn);
                     #[expect(clippy::cast_precision_loss, reason = "a few")]
-                    let across = moved / FAN as f64;
-                    across.max(FINER * spacing).clamp(f64::EPSILON, WIDEST)
+                    let across = moved / tuning::fan_corners() as f64;
+                    across
+                        .max(tuning::finest_refinement() * spacing)
+                        .clamp(f64::EPSILON, tuning::widest_spacing())
                 });
                 (centre, spacing)
             });
@@ -355,14 +322,14 @@ pub fn run<const D: usize>(
         if eta > 0.5 * best {
             monitor.measure_floor(&r, &[]);
             waited += 1;
-            if waited > PATIENCE || D == 2 {
+            if waited > tuning::refinement_patience() || D == 2 {
                 break; // in the plane the law is linear by pieces: rounding is left
             }
         } else {
             (best, waited) = (eta, 0);
         }
     }
-    Ok(Outcome::Stalled)
+    Ok(())
 }
 
 /// `r̂ − v̂` of a contact.
@@ -540,8 +507,9 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         Ok(solved.map(|solved| solved.r))
     }
 
-    /// Makes pivots until the path ends.
-    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<PathEnd, Error> {
+    /// Makes pivots until the path ends: at `t = 0`, or lost, on a ray, at its start again or at
+    /// a singular law. Returns whether it arrived.
+    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<bool, Ended> {
         let nothing = vec![[0.0; D]; self.r.len()];
         // The last contact that changed, and its earlier cell.
         let mut entered: Option<(usize, Cell)> = None;
@@ -549,7 +517,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             let against: Vec<[f64; D]> = self.c.iter().map(|c| c.map(|c| -c)).collect();
             let law = self.law(&nothing, &against);
             let Some(mut dr) = self.solve(&law, &nothing, monitor)? else {
-                return Ok(PathEnd::Lost);
+                return Ok(false);
             };
             let mut dv = against;
             let mut effect = nothing.clone();
@@ -566,7 +534,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             }
             let (step, event) = self.next(entered, &dr, &dv, dt);
             if !step.is_finite() {
-                return Ok(PathEnd::Lost);
+                return Ok(false);
             }
             self.r = plus(&self.r, step, &dr);
             self.v = plus(&self.v, step, &dv);
@@ -578,19 +546,18 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             if pivot % REFRESH == 0 || entered.is_none() {
                 self.refresh(monitor);
             }
-            match monitor.look(&self.r, &self.own_displacement(), &[], true)? {
-                NextStep::Stop(outcome) => return Ok(PathEnd::Stop(outcome)),
-                NextStep::Refresh => self.refresh(monitor),
-                NextStep::Continue => {}
+            let next = monitor.look(&self.r, &self.own_displacement(), &[], true)?;
+            if next == NextStep::Refresh {
+                self.refresh(monitor);
             }
             if entered.is_none() {
-                return Ok(PathEnd::Arrived);
+                return Ok(true);
             }
             if self.t > self.most {
-                return Ok(PathEnd::Lost);
+                return Ok(false);
             }
         }
-        Ok(PathEnd::Lost)
+        Ok(false)
     }
 
     fn refresh(&mut self, monitor: &mut Monitor<D>) {
@@ -669,8 +636,12 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
     }
 
     /// Removes the rounding error of the linear law at `t = 0`.
-    fn correct(&mut self, monitor: &mut Monitor<D>) -> Result<Option<Outcome>, Error> {
-        let rounds = if D == 2 { CORRECTIONS } else { 1 };
+    fn correct(&mut self, monitor: &mut Monitor<D>) -> Result<(), Ended> {
+        let rounds = if D == 2 {
+            tuning::cell_corrections()
+        } else {
+            1
+        };
         for _ in 0..rounds {
             let law = self.law(&self.r, &self.v);
             let Some(next) = self.solve(&law, &self.r, monitor)? else {
@@ -678,11 +649,9 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             };
             self.r = next;
             self.refresh(monitor);
-            if let NextStep::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
-                return Ok(Some(outcome));
-            }
+            monitor.look(&self.r, &self.v, &[], true)?;
         }
-        Ok(None)
+        Ok(())
     }
 }
 

@@ -9,28 +9,16 @@
 
 use std::ops::Range;
 
-use crate::error::Error;
 use crate::law::bipotential::{corrected, law_step};
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::outcome::Outcome;
+use crate::solver::newton::compliance_form::Solved;
+use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
-
-/// Above the first ratio ρ decreases; below the second it increases.
-const CUT_ABOVE: f64 = 0.9;
-const GROW_BELOW: f64 = 0.3;
-const CUT: f64 = 2.0 / 3.0;
-const GROW: f64 = 1.5;
-
-/// The proximal parameter for bodies that only contact holds, in scaled variables. It is softer
-/// than for sweeps, because it limits ρ.
-const DELTA: f64 = 1.0;
-
-/// Iterations between two updates of the rigid motions.
-const STEPS_A_PHASE: usize = 5;
+use crate::solver::tuning;
 
 /// Iterations between two measurements of the rounding floor.
 const REFRESH: usize = 200;
@@ -74,48 +62,35 @@ impl<const D: usize> UzawaPoint<D> {
 /// Runs until the monitor stops it.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     variant: Variant,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
-    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
-        return Ok(outcome);
-    }
+    monitor.look(&point.r, &point.v, &map.rigid(&point), false)?;
     loop {
-        if let Some(outcome) = map.iterate(&mut point, monitor, usize::MAX)? {
-            return Ok(outcome);
-        }
+        map.iterate(&mut point, monitor, usize::MAX)?;
     }
-}
-
-/// The end of some steps with frozen laws.
-#[derive(Debug)]
-pub enum Burst<const D: usize> {
-    /// The monitor stopped it.
-    Stop(Outcome),
-    /// At `(r, a)`.
-    End(Vec<[f64; D]>, Vec<f64>),
 }
 
 /// Makes `count` steps with momentum and frozen laws from `(r, a)`. For a symmetric positive
 /// semidefinite `W` they converge, but slowly.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
-pub fn burst<const D: usize>(
+/// [`Ended`].
+pub fn run_burst<const D: usize>(
     problem: &Reduced<D>,
     frozen: &[Frozen<D>],
     r: Vec<[f64; D]>,
     rigid: &[f64],
     monitor: &mut Monitor<D>,
     count: usize,
-) -> Result<Burst<D>, Error> {
+) -> Result<Solved<D>, Ended> {
     let start = Start {
         reaction: r,
         rigid: rigid.to_vec(),
@@ -125,15 +100,13 @@ pub fn burst<const D: usize>(
     // The rigid motion of the point is the given one.
     let s = scaled_imbalance(problem, &start.reaction);
     for (a, s) in map.proximal.iter_mut().zip(s) {
-        *a -= s / DELTA;
+        *a -= s / tuning::projection_delta();
     }
     let mut point = map.start(&start);
     monitor.count(1.0);
-    if let Some(outcome) = map.iterate(&mut point, monitor, count)? {
-        return Ok(Burst::Stop(outcome));
-    }
+    map.iterate(&mut point, monitor, count)?;
     let rigid = map.rigid(&point);
-    Ok(Burst::End(point.r, rigid))
+    Ok(Solved { r: point.r, rigid })
 }
 
 /// The map of one problem, with its step length and rigid motions.
@@ -184,7 +157,7 @@ impl<'p, const D: usize> Map<'p, D> {
             .proximal
             .iter()
             .zip(&s)
-            .map(|(a, s)| a + s / DELTA)
+            .map(|(a, s)| a + s / tuning::projection_delta())
             .collect();
         self.problem.scaling.rigid_from_scaled(&scaled)
     }
@@ -203,7 +176,7 @@ impl<'p, const D: usize> Map<'p, D> {
         point: &mut UzawaPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
-    ) -> Result<Option<Outcome>, Error> {
+    ) -> Result<(), Ended> {
         let mut before = point.clone();
         let mut theta = 1.0_f64;
         for iteration in 1..=count {
@@ -226,13 +199,10 @@ impl<'p, const D: usize> Map<'p, D> {
                 self.advance(point, monitor)
             };
             before = std::mem::replace(point, next);
-            match monitor.look(&point.r, &point.v, &self.rigid(point), true)? {
-                NextStep::Stop(outcome) => return Ok(Some(outcome)),
-                NextStep::Refresh => {
-                    *point = self.point(std::mem::take(&mut point.r));
-                    theta = 1.0;
-                }
-                NextStep::Continue => {}
+            let next = monitor.look(&point.r, &point.v, &self.rigid(point), true)?;
+            if next == NextStep::Refresh {
+                *point = self.point(std::mem::take(&mut point.r));
+                theta = 1.0;
             }
             if iteration % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid(point));
@@ -241,15 +211,15 @@ impl<'p, const D: usize> Map<'p, D> {
                     *point = self.point(std::mem::take(&mut point.r));
                 }
             }
-            if !self.proximal.is_empty() && iteration % STEPS_A_PHASE == 0 {
+            if !self.proximal.is_empty() && iteration % tuning::steps_a_phase() == 0 {
                 let s = scaled_imbalance(self.problem, &point.r);
                 for (a, s) in self.proximal.iter_mut().zip(s) {
-                    *a += s / DELTA;
+                    *a += s / tuning::projection_delta();
                 }
                 *point = self.point(std::mem::take(&mut point.r));
             }
         }
-        Ok(None)
+        Ok(())
     }
 
     /// Whether the step from `ahead` to `next` is opposed to the one from `last`.
@@ -274,13 +244,13 @@ impl<'p, const D: usize> Map<'p, D> {
             let ratio = self.rho * self.contraction(from, &next);
             // A ratio that is NaN gives no measure of the step: accept it, the monitor checks
             // the point.
-            if !(ratio > CUT_ABOVE) || self.rho < f64::EPSILON {
-                if ratio > 0.0 && ratio < GROW_BELOW {
-                    self.rho *= GROW;
+            if !(ratio > tuning::cut_above()) || self.rho < f64::EPSILON {
+                if ratio > 0.0 && ratio < tuning::grow_below() {
+                    self.rho *= tuning::rho_growth();
                 }
                 return next;
             }
-            self.rho *= CUT * (1.0 / ratio).min(1.0);
+            self.rho *= tuning::rho_cut() * (1.0 / ratio).min(1.0);
         }
     }
 

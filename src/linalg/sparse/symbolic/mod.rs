@@ -23,11 +23,8 @@ use crate::linalg::sparse::symbolic::layout::Layout;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;
 use crate::linalg::sparse::tree::{Tree, flops_of};
+use crate::linalg::sparse::tuning;
 use crate::tasks::collect;
-
-/// Up to this work for each node, METIS is not used if coordinates have given an order [flop]:
-/// METIS takes about 10 µs for each node, and half of this work takes no longer.
-const WORTH_METIS: f64 = 1e6;
 
 /// Options of the analysis.
 #[derive(Clone, Copy, Debug, Default)]
@@ -479,7 +476,7 @@ fn best_order(
         counted("coordinate bisection", by_coordinates(&graph, &places))
     });
     #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let worth = WORTH_METIS * inner.len() as f64;
+    let worth = tuning::worth_metis() * inner.len() as f64;
     let best = match by_places {
         Some(found) if found.1.flops <= worth => Some(found),
         found => match (by_metis(&graph).map(|order| counted("METIS", order)), found) {

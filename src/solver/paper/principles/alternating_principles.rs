@@ -4,12 +4,11 @@
 //! Both are convex; together they are a block Gauss–Seidel iteration between the
 //! normal and the tangential components of all contacts.
 
-use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Outcome;
-use crate::solver::paper::principles::convex::{Least, enough, iterate, least};
+use crate::solver::outcome::Ended;
+use crate::solver::paper::principles::convex::{enough, iterate, minimise};
 use crate::solver::settings::Start;
 
 /// The laws of contact with the tangential reactions of `r` fixed.
@@ -36,20 +35,17 @@ pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> V
 /// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     iterate(problem, start, monitor, |point, monitor| {
         let enough = enough(problem, point, monitor);
         let contact = frozen_friction(&point.r);
-        let pressed = match least(problem, contact, point, enough, monitor)? {
-            Least::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            Least::At(pressed) => pressed,
-        };
+        let pressed = minimise(problem, contact, point, enough, monitor)?;
         let friction = frozen_contact(problem, &pressed.r);
-        least(problem, friction, &pressed, enough, monitor)
+        minimise(problem, friction, &pressed, enough, monitor)
     })
 }

@@ -5,30 +5,16 @@
 //! with momentum follow, which converge if `W` is symmetric and positive semidefinite, and then
 //! Newton again.
 
-use crate::error::Error;
 use crate::law::cone::project;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual};
-use crate::solver::monitor::{Monitor, NextStep};
-use crate::solver::newton::newton::{self, Near, NewtonEnd};
-use crate::solver::outcome::Outcome;
-use crate::solver::paper::uzawa::{self, Burst};
+use crate::solver::monitor::Monitor;
+use crate::solver::newton::newton::{self, Near};
+use crate::solver::outcome::Ended;
+use crate::solver::paper::uzawa;
 use crate::solver::settings::Start;
-
-/// Steps with momentum after the first failure of Newton; the number doubles after each further
-/// failure.
-const FIRST_BURST: usize = 20;
-
-/// Newton attempts in one problem.
-const ROUNDS: usize = 7;
-
-/// A problem is solved when its merit is this share of the merit of Coulomb's problem.
-const SHARE: f64 = 0.1;
-
-/// Passes without a better point after which a principle has stalled. If it does not contract,
-/// it cycles or stops at a point that is no solution.
-const PATIENCE: usize = 30;
+use crate::solver::tuning;
 
 /// A better point must have at most this share of the merit.
 const BETTER: f64 = 0.999;
@@ -73,39 +59,30 @@ impl<const D: usize> PrinciplePoint<D> {
     }
 }
 
-/// The result of a problem.
-#[derive(Debug)]
-pub enum Least<const D: usize> {
-    /// The monitor stopped it.
-    Stop(Outcome),
-    /// The last point; it need not be the minimum if that takes too long.
-    At(PrinciplePoint<D>),
-}
-
-/// Solves the problem with frozen laws from a point, until its merit is at most `enough`. The
-/// monitor checks every point with Coulomb's law.
+/// Solves the problem with frozen laws from a point, until its merit is at most `enough`; the
+/// last point need not be the minimum if that takes too long. The monitor checks every point with
+/// Coulomb's law.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
-pub fn least<const D: usize>(
+/// [`Ended`].
+pub fn minimise<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
     from: &PrinciplePoint<D>,
     enough: f64,
     monitor: &mut Monitor<D>,
-) -> Result<Least<D>, Error> {
+) -> Result<PrinciplePoint<D>, Ended> {
     let near = Near::frozen(frozen);
     let mut point = from.clone();
     let mut enough = enough.max(rounding(problem, from, monitor));
-    let mut steps = FIRST_BURST;
-    for round in 0..ROUNDS {
+    let mut steps = tuning::principle_burst();
+    for round in 0..tuning::principle_rounds() {
         if near.merit(problem, &point.r, &point.v) <= enough {
             break;
         }
-        match newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)? {
-            NewtonEnd::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            NewtonEnd::Better(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
-            NewtonEnd::Stalled => {}
+        let better = newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)?;
+        if let Some(better) = better {
+            point = PrinciplePoint::new(problem, better.r, better.rigid);
         }
         monitor.count(1.0);
         if near.merit(problem, &point.r, &point.v) <= enough {
@@ -119,14 +96,12 @@ pub fn least<const D: usize>(
             }
         }
         let r = std::mem::take(&mut point.r);
-        match uzawa::burst(problem, &near.frozen, r, &point.rigid, monitor, steps)? {
-            Burst::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            Burst::End(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
-        }
+        let end = uzawa::run_burst(problem, &near.frozen, r, &point.rigid, monitor, steps)?;
+        point = PrinciplePoint::new(problem, end.r, end.rigid);
         monitor.count(1.0);
         steps *= 2;
     }
-    Ok(Least::At(point))
+    Ok(point)
 }
 
 /// Below the last measured rounding of `W r + q` no iteration helps.
@@ -147,40 +122,32 @@ pub fn enough<const D: usize>(
     monitor: &Monitor<D>,
 ) -> f64 {
     let eta = point.residual(problem);
-    point.merit(problem) * SHARE.max((0.5 * monitor.wish() / eta).min(1.0))
+    point.merit(problem) * tuning::principle_share().max((0.5 * monitor.wish() / eta).min(1.0))
 }
 
 /// Makes passes of a principle until the monitor stops it or a pass gives no improvement. A
 /// pass leads from one point to the next.
 ///
 /// # Errors
-/// What a pass returns, and [`Error::Interrupted`].
+/// [`Ended`], also of a pass.
 pub fn iterate<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<Least<D>, Error>,
-) -> Result<Outcome, Error> {
+    mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<PrinciplePoint<D>, Ended>,
+) -> Result<(), Ended> {
     let mut point = begin(problem, start, monitor);
-    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &point.rigid, false)? {
-        return Ok(outcome);
-    }
+    monitor.look(&point.r, &point.v, &point.rigid, false)?;
     into_cones(problem, &mut point, monitor);
     let (mut best, mut waited) = (f64::INFINITY, 0);
-    while waited < PATIENCE {
+    while waited < tuning::principle_patience() {
         let before = monitor.iterations();
-        point = match pass(&point, monitor)? {
-            Least::Stop(outcome) => return Ok(outcome),
-            Least::At(next) => next,
-        };
+        point = pass(&point, monitor)?;
         if monitor.iterations() == before {
             // A pass without any step counts too, so that limits hold.
             point = PrinciplePoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
-            let verdict = monitor.look(&point.r, &point.v, &point.rigid, true)?;
-            if let NextStep::Stop(outcome) = verdict {
-                return Ok(outcome);
-            }
+            monitor.look(&point.r, &point.v, &point.rigid, true)?;
         }
         let eta = point.residual(problem);
         waited += 1;
@@ -188,22 +155,22 @@ pub fn iterate<const D: usize>(
             (best, waited) = (eta, 0);
         }
     }
-    Ok(Outcome::Stalled)
+    Ok(())
 }
 
 /// Makes passes of one convex problem each, whose laws follow from the point before.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn iterate_frozen<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
     frozen: impl Fn(&PrinciplePoint<D>) -> Vec<Frozen<D>>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     iterate(problem, start, monitor, |point, monitor| {
         let enough = enough(problem, point, monitor);
-        least(problem, frozen(point), point, enough, monitor)
+        minimise(problem, frozen(point), point, enough, monitor)
     })
 }
 

@@ -5,11 +5,10 @@
 //! fixed. Its dual is solved: minimise `½ rᵀW r + qᵀr` over `r_n ≥ 0`, `‖r_t‖ ≤ s`. There `r_n`
 //! is the multiplier of `v_n ≥ 0` in [dSF91, 38b].
 
-use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::Ended;
 use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
@@ -25,11 +24,11 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Froze
 /// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     iterate_frozen(problem, start, monitor, |point| frozen(problem, &point.r))
 }

@@ -12,20 +12,16 @@
 //! Alternately they decrease `B`: to 0 at a solution, or to a positive limit, where each is the
 //! minimum for the other and neither is a solution.
 
-use crate::error::Error;
 use crate::law::bipotential::gap;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Outcome;
-use crate::solver::paper::principles::convex::{Least, PrinciplePoint, iterate, least};
+use crate::solver::outcome::Ended;
+use crate::solver::paper::principles::convex::{PrinciplePoint, iterate, minimise};
 use crate::solver::paper::principles::displacement_principle;
 use crate::solver::paper::principles::stress_principle;
 use crate::solver::settings::Start;
-
-/// Largest merit of a step relative to the squared error of the whole. `B` is of second order
-/// in that error, and a step solved only to first order could increase it.
-const SHARE: f64 = 0.01;
+use crate::solver::tuning;
 
 /// The pairs `(u_i, σ_i)` of the sequence, and `B` along it. A field `u` is given by the
 /// reactions τ with which it is in equilibrium, and a field σ by its reactions `r`.
@@ -81,13 +77,13 @@ pub fn bifunctional<const D: usize>(
 /// are added to `sequence`; the monitor may stop in the middle of a step.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
     sequence: &mut Sequence<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     let mut of_u: Option<PrinciplePoint<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
         if sequence.reaction.is_empty() {
@@ -97,21 +93,16 @@ pub fn run<const D: usize>(
         let enough = enough(problem, of_r);
         let limits = displacement_principle::frozen(problem, &of_r.r);
         let from = of_u.as_ref().unwrap_or(of_r);
-        let moved = match least(problem, limits, from, enough, monitor)? {
-            Least::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            Least::At(moved) => moved,
-        };
+        let moved = minimise(problem, limits, from, enough, monitor)?;
         let value = bifunctional(problem, &moved, of_r);
         sequence.bifunctional.push(value);
         sequence.balanced.push(moved.r.clone());
         sequence.relative_displacement.push(moved.v.clone());
         let slips = stress_principle::frozen(problem, &moved.v);
-        let next = least(problem, slips, of_r, enough, monitor)?;
-        if let Least::At(next) = &next {
-            let value = bifunctional(problem, &moved, next);
-            sequence.bifunctional.push(value);
-            sequence.reaction.push(next.r.clone());
-        }
+        let next = minimise(problem, slips, of_r, enough, monitor)?;
+        let value = bifunctional(problem, &moved, &next);
+        sequence.bifunctional.push(value);
+        sequence.reaction.push(next.r.clone());
         of_u = Some(moved);
         Ok(next)
     })
@@ -119,5 +110,5 @@ pub fn run<const D: usize>(
 
 /// To second order in the error of the point.
 fn enough<const D: usize>(problem: &Reduced<D>, point: &PrinciplePoint<D>) -> f64 {
-    SHARE * point.residual(problem).min(1.0) * point.merit(problem)
+    tuning::sequence_share() * point.residual(problem).min(1.0) * point.merit(problem)
 }

@@ -4,12 +4,11 @@
 //! It minimises `½ rᵀW r + (q + μ‖v_t‖ n)ᵀ r` over `r ∈ K_μ` with `μ‖v_t‖` fixed: the
 //! associated law, whose dilatancy the fixed slip cancels.
 
-use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::tangential_norm;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
-use crate::solver::outcome::Outcome;
+use crate::solver::outcome::Ended;
 use crate::solver::paper::principles::convex::iterate_frozen;
 use crate::solver::settings::Start;
 
@@ -26,11 +25,11 @@ pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Froze
 /// Runs until the monitor stops it or passes give no improvement.
 ///
 /// # Errors
-/// [`Error::Interrupted`].
+/// [`Ended`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Result<Outcome, Error> {
+) -> Result<(), Ended> {
     iterate_frozen(problem, start, monitor, |point| frozen(problem, &point.v))
 }

@@ -1,0 +1,133 @@
+//! The equations of a path.
+
+use crate::error::Error;
+use crate::law::second_order;
+use crate::linalg::small::{Block, Vector};
+use crate::reduced::memory;
+use crate::reduced::reduced::Reduced;
+use crate::solver::newton::linearisation::movable;
+use crate::solver::tuning;
+
+/// `s = A z + B â + b + h(s) e` with `A = S Ŵ S`, `B = S R̂`, `S = diag(1/μ, 1)`.
+pub(super) struct System<'p, const D: usize> {
+    pub(super) problem: &'p Reduced<'p, D>,
+    /// Diagonals of `S`; a frictionless contact has only its normal component.
+    stretch: Vec<Vector<D>>,
+    smoothing: f64,
+}
+
+/// The residual of a point.
+#[derive(Clone, Debug)]
+pub(super) struct Missed<const D: usize> {
+    /// `s − A z − B â − b − h(s) e`.
+    pub(super) contacts: Vec<Vector<D>>,
+    /// `Bᵀ z + ê`.
+    pub(super) imbalance: Vec<f64>,
+}
+
+impl<const D: usize> Missed<D> {
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Self {
+            contacts: self.contacts.iter().map(|x| x * factor).collect(),
+            imbalance: self.imbalance.iter().map(|x| x * factor).collect(),
+        }
+    }
+
+    pub(super) fn plus(&self, other: &Self, factor: f64) -> Self {
+        let contacts = self.contacts.iter().zip(&other.contacts);
+        let imbalance = self.imbalance.iter().zip(&other.imbalance);
+        Self {
+            contacts: contacts.map(|(x, y)| x + y * factor).collect(),
+            imbalance: imbalance.map(|(x, y)| x + y * factor).collect(),
+        }
+    }
+}
+
+impl<'p, const D: usize> System<'p, D> {
+    /// `None` if it is too large, or if a contact cannot move, because its cone has no
+    /// interior.
+    pub(super) fn new(problem: &'p Reduced<'p, D>, smoothing: f64) -> Result<Option<Self>, Error> {
+        let n = problem.contacts();
+        let modes = problem.scaling.modes.len();
+        match problem.compliance.whole()? {
+            Some(whole) => {
+                let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
+                if modes > tuning::most_dense() || memory::check("the factors of W", bytes).is_err()
+                {
+                    return Ok(None);
+                }
+            }
+            None if D * n + modes > tuning::most_dense() => return Ok(None),
+            None => {}
+        }
+        if !(0..n).all(|i| (0..D).all(|k| movable(problem, i, k))) {
+            return Ok(None);
+        }
+        let stretch = problem.mu.iter().map(|&mu| {
+            let mut diagonal = Vector::repeat(f64::from(u8::from(mu > 0.0)));
+            diagonal[0] = if mu > 0.0 { 1.0 / mu } else { 1.0 };
+            diagonal
+        });
+        Ok(Some(Self {
+            problem,
+            stretch: stretch.collect(),
+            smoothing,
+        }))
+    }
+
+    pub(super) fn reaction(&self, z: &[Vector<D>]) -> Vec<[f64; D]> {
+        let all = z.iter().zip(&self.stretch).zip(&self.problem.scaling.to_r);
+        all.map(|((z, stretch), to_r)| (z.component_mul(stretch) / *to_r).into())
+            .collect()
+    }
+
+    /// `S v̂`.
+    pub(super) fn displacement(&self, v: &[[f64; D]]) -> Vec<Vector<D>> {
+        let all = v.iter().zip(&self.stretch).zip(&self.problem.scaling.to_v);
+        all.map(|((v, stretch), to_v)| Vector::from(*v).component_mul(stretch) * *to_v)
+            .collect()
+    }
+
+    fn height(&self, s: &Vector<D>) -> f64 {
+        let t = second_order::tangential(s);
+        (self.smoothing * s[0] * s[0] + (1.0 - self.smoothing) * t * t).sqrt()
+    }
+
+    pub(super) fn missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
+        let mut missed = self.displacement(v);
+        for ((value, s), &mu) in missed.iter_mut().zip(s).zip(&self.problem.mu) {
+            *value = s - *value;
+            if mu > 0.0 {
+                value[0] -= self.height(s);
+            }
+        }
+        missed
+    }
+
+    /// `∂(s − h(s) e)/∂s`.
+    pub(super) fn slope(&self, s: &Vector<D>, mu: f64) -> Block<D> {
+        let mut slope = Block::identity();
+        if mu > 0.0 {
+            let height = self.height(s);
+            slope[(0, 0)] -= self.smoothing * s[0] / height;
+            for k in 1..D {
+                slope[(0, k)] -= (1.0 - self.smoothing) * s[k] / height;
+            }
+        }
+        slope
+    }
+
+    /// A column of `B`.
+    pub(super) fn mode(&self, c: usize) -> Vec<Vector<D>> {
+        let mode = self.problem.scaling.modes[c].iter().zip(&self.stretch);
+        mode.map(|(m, stretch)| Vector::from(*m).component_mul(stretch))
+            .collect()
+    }
+
+    /// The block `A_ij` from `W_ij`.
+    pub(super) fn block(&self, i: usize, j: usize, w: &Block<D>) -> Block<D> {
+        let scaling = &self.problem.scaling;
+        let scale = scaling.to_v[i] / scaling.to_r[j];
+        Block::from_fn(|k, l| self.stretch[i][k] * w[(k, l)] * scale * self.stretch[j][l])
+    }
+}

@@ -1,0 +1,191 @@
+//! The fitted constants of the methods. `benches/tuning.py` prints what half and twice each value
+//! does.
+
+use crate::fitted::fitted;
+
+fitted! {
+    // auto.rs
+    /// Sweeps before the first Newton attempt.
+    first_sweeps: usize = 5;
+    /// Sweeps after the first failure of Newton; the number doubles after each further failure.
+    next_sweeps: usize = 20;
+    most_sweeps: usize = 1280;
+    /// With this many contacts and a sparse `W`, Newton steps take so long that proximal points
+    /// follow the first failure and the interior-point method their first attempt.
+    many_contacts: usize = 500;
+    /// Newton steps of proximal points before the first interior-point path and after it.
+    steps_before_interior: usize = 20;
+    steps_after_interior: usize = 250;
+    /// With at most this many plane contacts, all statuses are tried in milliseconds.
+    few_contacts: usize = 6;
+    /// Sweeps continue from the result of another method if it has reduced η at least by this
+    /// factor. With 1, one floating body in four hundred is not solved.
+    gain: f64 = 0.3;
+
+    // solve.rs
+    /// A bilateral start with a larger residual leaves most of the load unbalanced; a start from
+    /// zero has 1.
+    trusted_start: f64 = 0.5;
+
+    // fallback.rs
+    /// With at most this many contacts, all statuses are tried in milliseconds.
+    quick_contacts: usize = 7;
+
+    // monitor.rs
+    /// Iterations without a better point after which a solver has stalled.
+    monitor_patience: usize = 5000;
+    /// If η is below the rounding floor but above the tolerance, iterations continue while they
+    /// halve η within this number.
+    rest: usize = 5;
+
+    // anderson.rs
+    /// Number of stored steps.
+    anderson_memory: usize = 10;
+
+    // gauss_seidel.rs
+    /// The proximal parameter δ in scaled variables. With a smaller value a sweep hardly changes
+    /// the rigid motions; with a larger one only the updates of `â` balance the forces.
+    sweep_delta: f64 = 0.3;
+    /// An extrapolated point is accepted if its residual is below this many times that of its
+    /// sweep. It need not be better at once, but a much worse one destroys the result of the
+    /// sweeps.
+    extrapolation_trust: f64 = 1.2;
+
+    // newton.rs
+    /// Largest number of Newton steps.
+    newton_steps: usize = 40;
+    /// Largest number of shares of a step that are tried.
+    newton_halvings: usize = 12;
+    /// Last points whose worst merit a step must reduce, here and in the displacements.
+    newton_memory: usize = 4;
+    /// The remainder of an iterative solution of a step is this share of its expected decrease,
+    /// between these bounds.
+    newton_forcing: f64 = 0.1;
+    /// Number of steps that share one inverse of `W`.
+    inverse_shared_by: f64 = 3.0;
+
+    // linearisation.rs
+    /// A factorisation of order `n` has `n/3` times the operations of a product of this order. It
+    /// works in the cache, where an operation is about ten times faster.
+    unknowns_a_product: f64 = 30.0;
+
+    // compliance_form.rs
+    /// With more unknowns, GMRES with the blocks of the contacts comes before an LU. Measured on
+    /// pressed and sheared cubes with a whole face in contact, it takes as long at 700 unknowns and
+    /// half as long at 1300.
+    iterative_order: usize = 1000;
+    /// Usual products of GMRES for a step, and their limit.
+    gmres_products: f64 = 40.0;
+    most_gmres_products: usize = 200;
+    /// Operations of a sparse LU that take as long as one of a sparse product: its fronts are
+    /// small, but stay in the cache.
+    sparse_speed: f64 = 2.0;
+    mending_steps: usize = 5;
+
+    // refine.rs
+    /// Largest number of corrections. If `W` has lost most of its digits, each correction settles
+    /// the statuses of a few contacts at the edge of the pressed zone. Strips 2000 times as long as
+    /// thick take up to 40.
+    most_corrections: usize = 150;
+    /// Largest number of consecutive corrections that do not halve the smallest one.
+    idle_corrections: usize = 5;
+
+    // proximal.rs
+    /// Factor of `α` after a success.
+    alpha_fall: f64 = 0.2;
+    /// Factor of `α` after a failure, and the factor of that factor after each further one; two
+    /// consecutive successes reset it. On flows of 7000 grains a fixed factor alternates between
+    /// the same two values of `α`.
+    alpha_rise: f64 = 5.0;
+    steepest_rise: f64 = 1e4;
+    /// An outer iteration reduces the merit to this share.
+    proximal_enough: f64 = 0.05;
+    /// Outer iterations of an attempt.
+    proximal_outer: usize = 60;
+
+    // interior.rs
+    /// Largest number of steps, and steps within which the remainder must halve. Walls of 1,600
+    /// disks take 90 to 200 steps, up to 50 of them at one turn.
+    path_steps: usize = 260;
+    path_patience: usize = 100;
+    /// Newton and proximal points follow a path that has reached this `σ`. They solve most problems
+    /// that reach it and few others, for which another path costs less.
+    path_enough: f64 = 1e-3;
+    /// Share of the distance to the boundary of the cone that a step keeps.
+    path_rim: f64 = 0.9;
+    /// Lengths of steps along the path, where 1 reaches the boundary: the largest and first, the
+    /// smallest, the factor after two steps near the path, the factor after one far from it, and
+    /// the largest distance from the path.
+    longest_reach: f64 = 0.7;
+    least_reach: f64 = 0.1;
+    reach_growth: f64 = 1.3;
+    reach_shrink: f64 = 0.4;
+    most_astray: f64 = 1.0;
+    /// Share of the way back to the path from beyond [`most_astray`], in the same lengths. Full Newton
+    /// steps there jump across a kink without end.
+    way_back: f64 = 0.5;
+    /// A longer second-order term is omitted.
+    most_bent: f64 = 2.0;
+    /// With more unknowns, a matrix that is not sparse is too large to factor repeatedly.
+    most_dense: usize = 1000;
+
+    // uzawa.rs
+    /// Above the first ratio ρ decreases; below the second it increases.
+    cut_above: f64 = 0.9;
+    grow_below: f64 = 0.3;
+    rho_cut: f64 = 2.0 / 3.0;
+    rho_growth: f64 = 1.5;
+    /// The proximal parameter for bodies that only contact holds, in scaled variables. It is softer
+    /// than for sweeps, because it limits ρ.
+    projection_delta: f64 = 1.0;
+    /// Iterations between two updates of the rigid motions.
+    steps_a_phase: usize = 5;
+
+    // multipliers.rs
+    /// The penalty in units of the stiffness of a contact alone, ρ of (15). The error of one
+    /// solution falls with it; the rounding of `ε v` in the trial reaction grows with it.
+    penalty: f64 = 1e3;
+    /// Factors of the penalty after a failure of Newton's method, and after a success with a smaller
+    /// penalty. A soft contact changes its status less abruptly.
+    penalty_fall: f64 = 0.1;
+    penalty_rise: f64 = 10.0;
+    least_penalty: f64 = 1.0;
+    /// Steps with momentum if Newton's method fails with the smallest penalty too, as where a body
+    /// that only contact holds starts without a closed contact. The number doubles each time.
+    multiplier_burst: usize = 20;
+    /// A solution with given multipliers reduces the merit to this share of that of the law itself.
+    multiplier_enough: f64 = 0.05;
+
+    // convex.rs
+    /// Steps with momentum after the first failure of Newton; the number doubles after each further
+    /// failure.
+    principle_burst: usize = 20;
+    /// Newton attempts in one problem.
+    principle_rounds: usize = 7;
+    /// A problem is solved when its merit is this share of the merit of Coulomb's problem.
+    principle_share: f64 = 0.1;
+    /// Passes without a better point after which a principle has stalled. If it does not contract,
+    /// it cycles or stops at a point that is no solution.
+    principle_patience: usize = 30;
+
+    // minimising_sequence.rs
+    /// Largest merit of a step relative to the squared error of the whole. `B` is of second order
+    /// in that error, and a step solved only to first order could increase it.
+    sequence_share: f64 = 0.01;
+
+    // pivoting.rs
+    /// Corners of a regular polygon.
+    polygon_corners: usize = 8;
+    /// Corners on each side of a known direction, `spacing` apart.
+    fan_corners: usize = 4;
+    /// Their first and their largest spacing: they stay within two coarse corners.
+    widest_spacing: f64 = 0.1;
+    /// Smallest factor of the spacing in one refinement.
+    finest_refinement: f64 = 1.0 / 16.0;
+    /// Largest number of refinements.
+    refinements: usize = 100;
+    /// Largest number of consecutive refinements that do not halve η.
+    refinement_patience: usize = 10;
+    /// Corrections of the linear law of the final cells.
+    cell_corrections: usize = 3;
+}
