@@ -11,7 +11,7 @@ use crate::law::cone::Status;
 use crate::reduced::existence;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::newton::refine::{Point, forward_change};
+use crate::solver::newton::refine::{RefinedPoint, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
 /// The state after a step.
@@ -98,7 +98,7 @@ pub fn stiffness_rounding<const D: usize>(
     problem: &Condensed<D>,
     reduced: &Reduced<D>,
     (load, prescribed): (&[f64], &[f64]),
-    point: &Point<D>,
+    point: &RefinedPoint<D>,
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<(f64, f64), Error> {
@@ -130,7 +130,7 @@ pub fn evaluate<const D: usize>(
     state: Option<&State<D>>,
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
-) -> Result<Point<D>, Error> {
+) -> Result<RefinedPoint<D>, Error> {
     let compliance = problem.compliance();
     let total = problem.relative_displacement(Loaded {
         load,
@@ -139,7 +139,7 @@ pub fn evaluate<const D: usize>(
         rigid: &rigid,
     })?;
     let v = incremental(&total, state);
-    Ok(Point {
+    Ok(RefinedPoint {
         v: compliance.gather(&v),
         imbalance: scaled_imbalance(reduced, &r),
         r,

@@ -10,7 +10,7 @@ use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::primal::frames::Frames;
-use crate::primal::transformation::{ABSENT, Row, RowSum, Transformation};
+use crate::primal::transformation::{ABSENT, RowSum, Transformation, TransformedRow};
 use crate::tasks;
 
 /// Rows of one task.
@@ -45,9 +45,12 @@ impl Interface {
                 }
                 sum.take()
             };
-            nodes.iter().map(of_node).collect::<Vec<Row<D>>>()
+            nodes
+                .iter()
+                .map(of_node)
+                .collect::<Vec<TransformedRow<D>>>()
         });
-        let right: Vec<Row<D>> = right.into_iter().flatten().collect();
+        let right: Vec<TransformedRow<D>> = right.into_iter().flatten().collect();
         let parts = tasks::map(changes.nodes.chunks(ROWS), |_, nodes| {
             let mut sum = RowSum::new(matrix.nodes());
             let mut rows = ChangedRows::new(D);

@@ -31,12 +31,12 @@ const ENOUGH: f64 = 1e-11;
 
 /// The system of one step.
 #[derive(Debug)]
-pub struct Linearised<'p, const D: usize> {
+pub struct LinearisedStep<'p, const D: usize> {
     problem: &'p Primal<D>,
     laws: LinearisedLaws<D>,
 }
 
-impl<'p, const D: usize> Linearised<'p, D> {
+impl<'p, const D: usize> LinearisedStep<'p, D> {
     /// The system of these laws, whose positions are numbers of contacts; `None` if one of them
     /// determines nothing.
     #[must_use]
@@ -79,7 +79,7 @@ impl<'p, const D: usize> Linearised<'p, D> {
     /// `w` of each law, and `b`. Whether the linear solver converged.
     ///
     /// # Errors
-    /// As [`Linearised::solve`].
+    /// As [`LinearisedStep::solve`].
     pub fn solve_transposed(
         &mut self,
         rho: &mut [[f64; D]],

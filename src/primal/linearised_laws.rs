@@ -8,7 +8,7 @@ use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector};
 use crate::primal::contacts::Contacts;
 use crate::primal::frames::Frames;
-use crate::primal::tangent::{Sliding, Tangent};
+use crate::primal::tangent::{SlidingTangent, Tangent};
 use crate::primal::tuning;
 use crate::solver::derivatives::tangent_system::ClosedLaw;
 
@@ -63,7 +63,7 @@ impl<const D: usize> LinearisedLaws<D> {
                 for k in (0..D).filter(|&k| rows[k]) {
                     force[(k, k)] -= 1.0;
                 }
-                sliding.push(Sliding {
+                sliding.push(SlidingTangent {
                     contact: law.contact,
                     at,
                     free: law.free,

@@ -54,7 +54,7 @@ impl Reason {
 
 /// The result of the Newton steps.
 #[derive(Debug)]
-pub struct Solved<V, const D: usize> {
+pub struct SolvedStep<V, const D: usize> {
     pub point: Point<V, D>,
     pub judged: Judged<D>,
     pub outcome: Outcome,
@@ -131,7 +131,10 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     ///
     /// # Errors
     /// Those of the engine; errors of [`Reduced::new`].
-    pub fn run(mut self, begin: Begin<'_, E::Vector, D>) -> Result<Solved<E::Vector, D>, E::Error> {
+    pub fn run(
+        mut self,
+        begin: Begin<'_, E::Vector, D>,
+    ) -> Result<SolvedStep<E::Vector, D>, E::Error> {
         let contacts = self.contacts;
         let tol = self.settings.tol;
         let mut prescribed = vec![[0.0; D]; contacts.count()];
@@ -219,7 +222,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             statuses = Some(now);
         }
         let (_, _, point, judged) = best.ok_or(Error::Interrupted)?;
-        Ok(Solved {
+        Ok(SolvedStep {
             point,
             judged,
             outcome,
@@ -313,7 +316,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
         point: &Point<E::Vector, D>,
         correction: &Change<E::Vector, D>,
         recent: Option<&[f64]>,
-    ) -> Taken<D> {
+    ) -> AcceptedShare<D> {
         let frames = &self.contacts.frames;
         let (v, moved) = (&correction.v, &correction.moved_at);
         let of_prescribed = tangent.prescribed_reactions(frames, &point.r, v, moved);
@@ -322,7 +325,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             choose_share(reduced, point, (&r[..], &v[..]), recent)
         });
         let prescribed = prescribed_part(self.contacts, &point.r, &of_prescribed, share);
-        Taken { share, prescribed }
+        AcceptedShare { share, prescribed }
     }
 
     /// The point with unknowns `y`. `prescribed` are reactions along prescribed components.
@@ -467,7 +470,7 @@ struct Change<V, const D: usize> {
 
 /// The share of a correction that is taken, and the reactions along prescribed components after
 /// it.
-struct Taken<const D: usize> {
+struct AcceptedShare<const D: usize> {
     share: f64,
     prescribed: Vec<[f64; D]>,
 }

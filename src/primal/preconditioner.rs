@@ -21,7 +21,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::amg::following::Following;
 use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::settings::Settings as Cycle;
+use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::parallel::zero_where;
 use crate::primal::filter::Filter;
 use crate::primal::interface::Interface;
@@ -33,7 +33,7 @@ use crate::primal::tuning;
 #[derive(Debug)]
 pub(super) struct Preconditioner<'p, const D: usize> {
     problem: &'p Primal<D>,
-    cycle: Cycle,
+    cycle: CycleSettings,
     /// What the parts that follow the statuses were made for.
     statuses: Vec<Status>,
     /// The hierarchy of one body for these statuses.
@@ -76,9 +76,9 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
         });
         Self {
             problem,
-            cycle: Cycle {
+            cycle: CycleSettings {
                 spectrum: problem.stiffness.spectrum,
-                ..Cycle::default()
+                ..CycleSettings::default()
             },
             statuses: Vec::new(),
             following,
@@ -172,7 +172,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                     known.about_nodes(joined.interface.bodies.clone()),
                     &joined.held,
                     // Whatever happened in this step: later ones use it too.
-                    &Cycle::default(),
+                    &CycleSettings::default(),
                     stop,
                 )?);
             }
@@ -185,7 +185,7 @@ impl<'p, const D: usize> Preconditioner<'p, D> {
                 matrix,
                 self.problem.about_nodes(),
                 &tangent.held,
-                &Cycle {
+                &CycleSettings {
                     spectrum: None,
                     ..self.cycle
                 },

@@ -56,9 +56,9 @@ impl Stiffness {
     }
 
     /// What multigrid wants to know of the nodes.
-    pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::Nodes {
+    pub(super) fn about_nodes(&self, bodies: Vec<u32>) -> amg::nodes::LevelNodes {
         let coordinates = self.nodes.coordinates.clone().unwrap_or_default();
-        amg::nodes::Nodes {
+        amg::nodes::LevelNodes {
             motions: match &self.motions {
                 Some(motions) => motions.clone(),
                 None => motions_of_nodes(&coordinates, self.matrix.block_size()),
@@ -328,7 +328,7 @@ impl<const D: usize> Primal<D> {
     }
 
     /// The nodes, with their motions in the variables of the contacts.
-    pub(super) fn about_nodes(&self) -> amg::nodes::Nodes {
+    pub(super) fn about_nodes(&self) -> amg::nodes::LevelNodes {
         let bodies = self.interface.as_ref();
         let bodies = bodies.map_or(Vec::new(), |interface| interface.bodies.clone());
         let mut about = self.stiffness.about_nodes(bodies);
@@ -356,7 +356,7 @@ impl<const D: usize> Primal<D> {
     /// As [`Following::new`].
     pub(super) fn hierarchy(
         &self,
-        settings: &amg::settings::Settings,
+        settings: &amg::settings::CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Following, Error> {
         let mut matrix = self.stiffness.single();
@@ -453,14 +453,14 @@ fn motions_of(
     spectrum: Option<f64>,
     stop: &AtomicBool,
 ) -> Result<Vec<f64>, Error> {
-    let mut about = amg::nodes::Nodes {
+    let mut about = amg::nodes::LevelNodes {
         motions: translations_of_nodes(matrix.nodes(), matrix.block_size()),
         coordinates: Vec::new(),
         bodies,
     };
-    let settings = amg::settings::Settings {
+    let settings = amg::settings::CycleSettings {
         spectrum,
-        ..amg::settings::Settings::default()
+        ..amg::settings::CycleSettings::default()
     };
     match complete(&mut about, matrix, single, &settings, stop) {
         Ok(()) => Ok(about.motions),

@@ -27,7 +27,7 @@ const LEAST_SLIP: f64 = 1e-6;
 /// The rows of a contact that join reactions and displacements, `(I + C) dr + V dv = target`:
 /// the tangents of a sliding contact.
 #[derive(Clone, Debug)]
-pub(super) struct Sliding<const D: usize> {
+pub(super) struct SlidingTangent<const D: usize> {
     pub contact: usize,
     /// Place of the first component in `y`.
     pub at: usize,
@@ -45,7 +45,7 @@ pub(super) struct Sliding<const D: usize> {
 /// The system of one Newton step, in the numbering of the places of the contacts.
 #[derive(Clone, Debug)]
 pub struct Tangent<const D: usize> {
-    pub(super) sliding: Vec<Sliding<D>>,
+    pub(super) sliding: Vec<SlidingTangent<D>>,
     /// Places whose `dy` is known, or that have no unknown.
     pub held: Vec<bool>,
     /// `dy` at the held places, zero elsewhere.
@@ -86,7 +86,7 @@ impl<const D: usize> Tangent<D> {
             }
             if at.status == Status::Slip {
                 let (to_r, to_v) = (scaling.to_r[i], scaling.to_v[i]);
-                sliding.push(Sliding::new(i, first, frame.free, at, to_r, to_v));
+                sliding.push(SlidingTangent::new(i, first, frame.free, at, to_r, to_v));
             }
         }
         Self {
@@ -207,7 +207,7 @@ impl<const D: usize> Tangent<D> {
     }
 }
 
-impl<const D: usize> Sliding<D> {
+impl<const D: usize> SlidingTangent<D> {
     fn new(
         contact: usize,
         at: usize,

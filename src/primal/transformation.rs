@@ -7,20 +7,20 @@ use crate::primal::frames::Frames;
 pub(super) const ABSENT: u32 = u32::MAX;
 
 /// Blocks of a row by their columns.
-pub type Row<const D: usize> = Vec<(u32, Block<D>)>;
+pub type TransformedRow<const D: usize> = Vec<(u32, Block<D>)>;
 
 /// `T` in the rows of contact nodes; all other rows are those of the identity.
 #[derive(Clone, Debug)]
 pub struct Transformation<const D: usize> {
     /// Number of the row of each contact node.
     number: Vec<u32>,
-    rows: Vec<Row<D>>,
+    rows: Vec<TransformedRow<D>>,
     /// Contact nodes and masters.
     pub(super) nodes: Vec<u32>,
     /// Start of each node in `columns`.
     start: Vec<u32>,
     /// The contact nodes that follow a node, with the blocks of `T`.
-    columns: Row<D>,
+    columns: TransformedRow<D>,
 }
 
 impl<const D: usize> Transformation<D> {
@@ -28,7 +28,7 @@ impl<const D: usize> Transformation<D> {
     #[must_use]
     pub fn new(count: usize, frames: &Frames<D>) -> Self {
         let mut number = vec![ABSENT; count];
-        let mut rows: Vec<Row<D>> = Vec::with_capacity(frames.list.len());
+        let mut rows: Vec<TransformedRow<D>> = Vec::with_capacity(frames.list.len());
         let mut owners = Vec::with_capacity(frames.list.len());
         let mut sum = RowSum::new(count);
         // A master may be the node of a contact whose row is known.
@@ -78,7 +78,7 @@ impl<const D: usize> Transformation<D> {
 
     /// The blocks of the row of a contact node; `None` for other nodes.
     #[must_use]
-    pub fn row(&self, node: usize) -> Option<&Row<D>> {
+    pub fn row(&self, node: usize) -> Option<&TransformedRow<D>> {
         let row = self.number[node];
         (row != ABSENT).then(|| &self.rows[row as usize])
     }
@@ -103,14 +103,14 @@ impl<const D: usize> Transformation<D> {
 /// A row of blocks in the making.
 pub(super) struct RowSum<const D: usize> {
     place: Vec<u32>,
-    row: Row<D>,
+    row: TransformedRow<D>,
 }
 
 impl<const D: usize> RowSum<D> {
     pub(super) fn new(nodes: usize) -> Self {
         Self {
             place: vec![ABSENT; nodes],
-            row: Row::new(),
+            row: TransformedRow::new(),
         }
     }
 
@@ -124,7 +124,7 @@ impl<const D: usize> RowSum<D> {
         }
     }
 
-    pub(super) fn take(&mut self) -> Row<D> {
+    pub(super) fn take(&mut self) -> TransformedRow<D> {
         for &(column, _) in &self.row {
             self.place[column as usize] = ABSENT;
         }

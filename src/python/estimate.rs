@@ -9,7 +9,7 @@ use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::newton::refine::{Point, forward_error};
+use crate::solver::newton::refine::{RefinedPoint, forward_error};
 
 type Estimate = Option<(f64, f64)>;
 
@@ -24,9 +24,13 @@ pub(super) fn forward_errors(
     rigid: Vector<'_>,
     num_threads: Option<usize>,
 ) -> PyResult<Estimate> {
-    fn of<const D: usize>(problem: &Reduced<D>, reaction: &[[f64; D]], rigid: &[f64]) -> Point<D> {
+    fn of<const D: usize>(
+        problem: &Reduced<D>,
+        reaction: &[[f64; D]],
+        rigid: &[f64],
+    ) -> RefinedPoint<D> {
         let r = problem.compliance.gather(reaction);
-        Point {
+        RefinedPoint {
             v: problem.exact_displacement(&r, rigid),
             imbalance: scaled_imbalance(problem, &r),
             r,

@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::linalg::amg::following::Following;
-use crate::primal::linearised::Linearised;
+use crate::primal::linearised::LinearisedStep;
 use crate::primal::problem::Primal;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
@@ -26,7 +26,7 @@ macro_rules! either {
     };
 }
 
-/// Linearised steps in the displacements, whose unknowns take the place of rigid motions.
+/// LinearisedStep steps in the displacements, whose unknowns take the place of rigid motions.
 #[pyclass(frozen, name = "PrimalTangent", module = "bipot_rs._core")]
 pub(super) struct PyPrimalTangent {
     problem: PyPrimal,
@@ -176,7 +176,7 @@ impl PyPrimalTangent {
         let mut own = right[..m].as_chunks::<D>().0.to_vec();
         let mut rest = right[m..].to_vec();
         let run = |stop: &AtomicBool| {
-            let Some(mut system) = Linearised::new(problem, &laws) else {
+            let Some(mut system) = LinearisedStep::new(problem, &laws) else {
                 return Ok(None);
             };
             let mut hierarchy = self

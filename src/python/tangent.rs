@@ -15,7 +15,7 @@ use crate::python::solver::{AnyReduced, PyReduced};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::solver::derivatives::tangent_stiffness_form::TangentStiffnessForm;
-use crate::solver::derivatives::tangent_system::{ClosedLaw, Factored, TangentSystem};
+use crate::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, TangentSystem};
 
 enum AnyView {
     Two(View<2>),
@@ -232,7 +232,7 @@ impl PyTangentView {
             factors: &[f64],
             (closed, by_r, by_v): (&[usize], &Matrix<'_>, &Matrix<'_>),
             threads: Option<usize>,
-        ) -> PyResult<Option<Box<dyn Factored>>> {
+        ) -> PyResult<Option<Box<dyn FactoredTangent>>> {
             let compliance = view.problem.compliance();
             let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
             let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
@@ -249,7 +249,7 @@ impl PyTangentView {
                     let shared = view.problem.shared_compliance();
                     let small = TangentStiffnessForm::new(shared, &problem.scaling, &laws, stop)?;
                     if let Some(small) = small {
-                        return Ok(Some(Box::new(small) as Box<dyn Factored>));
+                        return Ok(Some(Box::new(small) as Box<dyn FactoredTangent>));
                     }
                 }
                 boxed(TangentSystem::new(&problem, &laws, stop))
@@ -303,7 +303,7 @@ pub(super) fn reduced_tangent(
 /// The factored system of one step.
 #[pyclass(frozen, name = "TangentSystem", module = "bipot_rs._core")]
 pub(super) struct PyTangentSystem {
-    system: Box<dyn Factored>,
+    system: Box<dyn FactoredTangent>,
     /// `T` of its contacts: `r = T r̃`.
     factors: Vec<f64>,
 }
@@ -362,8 +362,10 @@ impl PyTangentSystem {
     }
 }
 
-fn boxed(made: Result<Option<TangentSystem>, Error>) -> Result<Option<Box<dyn Factored>>, Error> {
-    Ok(made?.map(|system| Box::new(system) as Box<dyn Factored>))
+fn boxed(
+    made: Result<Option<TangentSystem>, Error>,
+) -> Result<Option<Box<dyn FactoredTangent>>, Error> {
+    Ok(made?.map(|system| Box::new(system) as Box<dyn FactoredTangent>))
 }
 
 /// `T` of some contacts.

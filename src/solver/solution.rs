@@ -126,7 +126,7 @@ impl<const D: usize> Solution<D> {
         &mut self,
         problem: &Reduced<D>,
         settings: &Settings,
-        evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<refine::Point<D>, Error>,
+        evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<refine::RefinedPoint<D>, Error>,
         stop: &AtomicBool,
     ) -> Result<(), Error> {
         let start = problem.compliance.gather(&self.reaction);

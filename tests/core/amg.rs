@@ -7,8 +7,8 @@ use bipot_rs::bodies::basis::motions_of_nodes;
 use bipot_rs::linalg::amg::block_matrix::BlockMatrix;
 use bipot_rs::linalg::amg::following::Following;
 use bipot_rs::linalg::amg::multigrid::Multigrid;
-use bipot_rs::linalg::amg::nodes::Nodes;
-use bipot_rs::linalg::amg::settings::{Cycle, Settings};
+use bipot_rs::linalg::amg::nodes::LevelNodes;
+use bipot_rs::linalg::amg::settings::{Cycle, CycleSettings};
 use bipot_rs::linalg::conjugate_gradients;
 use bipot_rs::linalg::flexible_gmres::{self, Limits};
 use bipot_rs::linalg::parallel::norm;
@@ -24,15 +24,15 @@ fn blocks(body: &Assembled) -> BlockMatrix<f64> {
     BlockMatrix::new(&body.view(), &place, body.nodes(), body.dim)
 }
 
-fn about(body: &Assembled) -> Nodes {
-    Nodes {
+fn about(body: &Assembled) -> LevelNodes {
+    LevelNodes {
         motions: motions_of_nodes(&body.coordinates, body.dim),
         coordinates: body.coordinates.clone(),
         bodies: Vec::new(),
     }
 }
 
-fn multigrid(body: &Assembled, settings: &Settings) -> (BlockMatrix<f64>, Multigrid) {
+fn multigrid(body: &Assembled, settings: &CycleSettings) -> (BlockMatrix<f64>, Multigrid) {
     let matrix = blocks(body);
     let held = vec![false; body.n()];
     let never = AtomicBool::new(false);
@@ -65,7 +65,7 @@ fn solve(matrix: &BlockMatrix<f64>, levels: &mut Multigrid, b: &[f64]) -> (usize
 }
 
 fn iterations(body: &Assembled) -> usize {
-    let (matrix, mut levels) = multigrid(body, &Settings::default());
+    let (matrix, mut levels) = multigrid(body, &CycleSettings::default());
     solve(&matrix, &mut levels, &random_signs(body.n(), 7)).0
 }
 
@@ -126,7 +126,7 @@ fn bodies_without_supports() {
     };
     let pair = Grid::cube(8).assemble().beside(&free.assemble(), 20.0);
     for body in [free.assemble(), pair] {
-        let (matrix, mut levels) = multigrid(&body, &Settings::default());
+        let (matrix, mut levels) = multigrid(&body, &CycleSettings::default());
         // The range of K contains K times anything.
         let mut b = vec![0.0; body.n()];
         matrix.product(&random_signs(body.n(), 3), &mut b);
@@ -140,7 +140,7 @@ fn one_and_two_threads_give_the_same_bits() {
     let body = Grid::cube(14).assemble();
     let solution = |threads| {
         bipot_rs::threads::pool(threads).unwrap().install(|| {
-            let (matrix, mut levels) = multigrid(&body, &Settings::default());
+            let (matrix, mut levels) = multigrid(&body, &CycleSettings::default());
             solve(&matrix, &mut levels, &random_signs(body.n(), 5)).1
         })
     };
@@ -155,7 +155,7 @@ fn units_change_nothing() {
     let scaled = |factor: f64| {
         let mut body = body.clone();
         body.values.iter_mut().for_each(|value| *value *= factor);
-        let (matrix, mut levels) = multigrid(&body, &Settings::default());
+        let (matrix, mut levels) = multigrid(&body, &CycleSettings::default());
         solve(&matrix, &mut levels, &b)
     };
     let (found, x) = scaled(1.0);
@@ -195,15 +195,15 @@ fn a_random_numbering_costs_few_iterations() {
 #[test]
 fn held_unknowns_are_left_out() {
     let body = Grid::cube(12).assemble();
-    let (matrix, _) = multigrid(&body, &Settings::default());
+    let (matrix, _) = multigrid(&body, &CycleSettings::default());
     let held: Vec<bool> = (0..body.n()).map(|i| i % 7 == 0 || i < 300).collect();
     let mut single = matrix.to_single();
     single.hold(&held);
     let never = AtomicBool::new(false);
     for cycle in [Cycle::V, Cycle::K] {
-        let settings = Settings {
+        let settings = CycleSettings {
             cycle,
-            ..Settings::default()
+            ..CycleSettings::default()
         };
         let mut levels =
             Multigrid::new(single.clone(), about(&body), &held, &settings, &never).unwrap();
@@ -260,7 +260,7 @@ fn held_unknowns_are_left_out() {
 #[test]
 fn rotated_nodes_cost_nothing() {
     let body = Grid::cube(10).assemble();
-    let (matrix, _) = multigrid(&body, &Settings::default());
+    let (matrix, _) = multigrid(&body, &CycleSettings::default());
     // Columns of a rotation by 0.6, 0.8.
     let turn = [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0];
     let turned: Vec<usize> = (0..body.nodes()).filter(|node| node % 3 == 0).collect();
@@ -283,7 +283,7 @@ fn rotated_nodes_cost_nothing() {
     }
     let held = vec![false; body.n()];
     let never = AtomicBool::new(false);
-    let settings = Settings::default();
+    let settings = CycleSettings::default();
     let mut levels = Multigrid::new(single, about, &held, &settings, &never).unwrap();
     let all = |x: &mut [f64], back: bool| {
         for &node in &turned {
@@ -349,7 +349,7 @@ fn face(body: &Assembled) -> Vec<u32> {
 /// and on two, and as many iterations as one made for these unknowns alone.
 #[test]
 fn what_a_hierarchy_followed_before_changes_no_bit() {
-    let settings = Settings::default();
+    let settings = CycleSettings::default();
     let never = AtomicBool::new(false);
     for grid in [
         Grid::cube(13),

@@ -18,7 +18,7 @@ use bipot_rs::linalg::sparse::rows::Rows;
 use bipot_rs::path::stepping::LoadPath;
 use bipot_rs::primal::certificate::{Point, contacts_alone, judge};
 use bipot_rs::primal::engine::Engine;
-use bipot_rs::primal::linearised::{Linearised, spread};
+use bipot_rs::primal::linearised::{LinearisedStep, spread};
 use bipot_rs::primal::local::Local;
 use bipot_rs::primal::path::{PrimalPath, PrimalStep};
 use bipot_rs::primal::problem::Primal;
@@ -479,7 +479,7 @@ fn a_linearised_step_solves_its_equations_and_their_transpose() {
         let s: Vec<[f64; 3]> = s.iter().map(|s| s.map(|s| unit * s)).collect();
         let g = mask(numbers(n, seed + 4));
         let (mut dr, mut dy, mut hierarchy) = (s.clone(), g.clone(), None);
-        let mut step = Linearised::new(&problem, &laws).unwrap();
+        let mut step = LinearisedStep::new(&problem, &laws).unwrap();
         assert!(
             step.solve(&mut dr, &mut dy, &mut hierarchy, &never)
                 .unwrap()

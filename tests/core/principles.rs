@@ -14,6 +14,7 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
+use bipot_rs::solver::outcome::Ended;
 use bipot_rs::solver::paper::principles::convex::{PrinciplePoint, minimise};
 use bipot_rs::solver::paper::principles::minimising_sequence::Sequence;
 use bipot_rs::solver::paper::principles::{
@@ -230,7 +231,12 @@ fn told<const D: usize>(case: &Case<D>, start: &Start<D>, tol: f64) -> (Vec<f64>
     let (settings, progress) = (settings(tol), Progress::default());
     let mut monitor = Monitor::new(&problem, &settings, &GO, &progress);
     let mut sequence = Sequence::default();
-    let outcome = minimising_sequence::run(&problem, start, &mut monitor, &mut sequence).unwrap();
+    let end = minimising_sequence::run(&problem, start, &mut monitor, &mut sequence);
+    let outcome = match end {
+        Ok(()) => Outcome::Stalled,
+        Err(Ended::Stopped(outcome)) => outcome,
+        Err(Ended::Failed(error)) => panic!("{error}"),
+    };
     (sequence.bifunctional, outcome)
 }
 

@@ -12,7 +12,7 @@ use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::derivatives::tangent_stiffness_form::TangentStiffnessForm;
-use bipot_rs::solver::derivatives::tangent_system::{ClosedLaw, Factored, TangentSystem};
+use bipot_rs::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, TangentSystem};
 use bipot_rs::solver::{Method, Solution};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -118,7 +118,7 @@ fn close(found: &[f64], expected: &[f64], tolerance: f64) {
 fn solves<const D: usize>(
     problem: &Reduced<D>,
     laws: &[ClosedLaw<D>],
-    system: &dyn Factored,
+    system: &dyn FactoredTangent,
     seed: u64,
 ) {
     let n = system.order();

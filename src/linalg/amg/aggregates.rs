@@ -1,12 +1,12 @@
 //! Aggregates: groups of coupled nodes, each of which becomes one node of the next level.
 
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, ROWS};
-use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::tuning;
 use crate::linalg::sparse::csc::narrow;
 use crate::tasks;
 
-/// Nodes by aggregate.
+/// LevelNodes by aggregate.
 #[derive(Clone, Debug)]
 pub(super) struct Aggregates {
     /// The aggregate of each node. A node that is coupled to no other has [`ABSENT`]: the
@@ -40,7 +40,7 @@ impl Aggregates {
 
     /// The nodes of the next level, in the middle of their members, with the near-null vectors
     /// `motions`.
-    pub(super) fn coarse(&self, about: &Nodes, motions: Vec<f64>) -> Nodes {
+    pub(super) fn coarse(&self, about: &LevelNodes, motions: Vec<f64>) -> LevelNodes {
         let d = about.coordinates.len() / self.of_node.len().max(1);
         let count = self.count();
         let mut coordinates = vec![0.0; count * d];
@@ -60,7 +60,7 @@ impl Aggregates {
             let first = |g| about.bodies[self.members_of(g)[0] as usize];
             (0..count).map(first).collect()
         };
-        Nodes {
+        LevelNodes {
             motions,
             coordinates,
             bodies,
@@ -75,7 +75,7 @@ impl Aggregates {
     ///
     /// One thread does this, so that the result does not depend on their number; it takes a few
     /// percent of the set-up.
-    pub(super) fn new(matrix: &BlockMatrix<f32>, about: &Nodes) -> Self {
+    pub(super) fn new(matrix: &BlockMatrix<f32>, about: &LevelNodes) -> Self {
         let nodes = matrix.nodes();
         let couplings = couplings(matrix, about);
         let neighbours = |i: usize| {
@@ -122,7 +122,7 @@ impl Aggregates {
             }
             *own = strongest.1;
         }
-        // Nodes whose neighbours had no aggregate either.
+        // LevelNodes whose neighbours had no aggregate either.
         for i in 0..nodes {
             if of_node[i] != ABSENT || neighbours(i).next().is_none() {
                 continue;
@@ -152,7 +152,7 @@ impl Aggregates {
 
 /// Norm of each block beside the diagonal, zero for one that is only rounding, between bodies or
 /// of nodes far from each other.
-fn couplings(matrix: &BlockMatrix<f32>, about: &Nodes) -> Vec<f32> {
+fn couplings(matrix: &BlockMatrix<f32>, about: &LevelNodes) -> Vec<f32> {
     /// Of the diagonal block. Single precision rounds at 1e-7 of an entry; assembly cancels
     /// entries to 1e-16 of their terms.
     const ROUNDING: f32 = 1e-12;

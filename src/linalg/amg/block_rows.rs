@@ -2,7 +2,7 @@
 //! memory once for each step.
 
 use crate::linalg::amg::block_matrix::{BlockMatrix, ROWS};
-use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::real::Real;
 use crate::tasks;
 
@@ -12,14 +12,16 @@ trait Finish<T>: Send {
     fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[T]);
 }
 
-struct Rows<'a, T, F, const B: usize, const L: usize> {
+struct KernelRows<'a, T, F, const B: usize, const L: usize> {
     matrix: &'a BlockMatrix<T>,
     x: &'a [T],
     task: usize,
     then: F,
 }
 
-impl<T: Real, F: Finish<T>, const B: usize, const L: usize> Work for Rows<'_, T, F, B, L> {
+impl<T: Real, F: Finish<T>, const B: usize, const L: usize> WideWork
+    for KernelRows<'_, T, F, B, L>
+{
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(mut self) {
@@ -54,19 +56,19 @@ impl<T: Real, F: Finish<T>, const B: usize, const L: usize> Work for Rows<'_, T,
 /// Calls the kernel of the size of the blocks.
 fn run<T: Real>(matrix: &BlockMatrix<T>, x: &[T], task: usize, then: impl Finish<T>) {
     match matrix.b {
-        2 => widest(Rows::<_, _, 2, 4> {
+        2 => widest(KernelRows::<_, _, 2, 4> {
             matrix,
             x,
             task,
             then,
         }),
-        3 => widest(Rows::<_, _, 3, 4> {
+        3 => widest(KernelRows::<_, _, 3, 4> {
             matrix,
             x,
             task,
             then,
         }),
-        6 => widest(Rows::<_, _, 6, 8> {
+        6 => widest(KernelRows::<_, _, 6, 8> {
             matrix,
             x,
             task,
@@ -130,22 +132,22 @@ pub(super) fn residual<T: Real>(matrix: &BlockMatrix<T>, x: &[T], b: &[T], y: &m
 
 /// The numbers of one step of a Chebyshev iteration, see [`step`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Coefficients {
+pub(super) struct StepCoefficients {
     pub(super) direction: f32,
     pub(super) residual: f32,
     pub(super) update: f32,
 }
 
-struct Step<'a> {
+struct SmootherStep<'a> {
     inverse: &'a [f32],
     b: &'a [f32],
     x: &'a [f32],
     d: &'a mut [f32],
     y: &'a mut [f32],
-    with: Coefficients,
+    with: StepCoefficients,
 }
 
-impl Finish<f32> for Step<'_> {
+impl Finish<f32> for SmootherStep<'_> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn finish<const FMA: bool>(&mut self, i: usize, k: usize, product: &[f32]) {
@@ -175,13 +177,13 @@ pub(super) fn step(
     b: &[f32],
     d: &mut [f32],
     y: &mut [f32],
-    with: Coefficients,
+    with: StepCoefficients,
 ) {
     let size = ROWS * matrix.b;
     let changed = y.chunks_mut(size).zip(d.chunks_mut(size));
     let read = b.chunks(size).zip(inverse.chunks(size * matrix.b));
     tasks::for_each(changed.zip(read), |task, ((y, d), (b, inverse))| {
-        let then = Step {
+        let then = SmootherStep {
             inverse,
             b,
             x,
@@ -198,10 +200,10 @@ struct FirstStep<'a, const B: usize> {
     b: &'a [f32],
     d: &'a mut [f32],
     y: &'a mut [f32],
-    with: Coefficients,
+    with: StepCoefficients,
 }
 
-impl<const B: usize> Work for FirstStep<'_, B> {
+impl<const B: usize> WideWork for FirstStep<'_, B> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
@@ -229,7 +231,7 @@ pub(super) fn first_step(
     b: &[f32],
     d: &mut [f32],
     y: &mut [f32],
-    with: Coefficients,
+    with: StepCoefficients,
 ) {
     let rows = ROWS * size;
     let changed = y.chunks_mut(rows).zip(d.chunks_mut(rows));

@@ -81,7 +81,7 @@ impl<T: Real> BlockMatrix<T> {
 
 /// Where a block of the new matrix comes from.
 #[derive(Clone, Copy)]
-enum Source {
+enum BlockSource {
     Old(usize),
     Changed(usize),
     /// The mirror image of a block of the changed rows.
@@ -111,21 +111,21 @@ impl BlockMatrix<f64> {
         let shift = self.exponent + if most.is_finite() { exponent(most) } else { 0 };
         let single =
             |value: f64, exponent: i32| f32::rounded(times_two_to(value, exponent - shift));
-        let sources = |i: usize, row: &mut Vec<(u32, Source)>| {
+        let sources = |i: usize, row: &mut Vec<(u32, BlockSource)>| {
             row.clear();
             if row_of[i] != ABSENT {
                 let at = row_of[i] as usize;
                 let all = changed.start[at]..changed.start[at + 1];
-                row.extend(all.map(|at| (changed.column[at], Source::Changed(at))));
+                row.extend(all.map(|at| (changed.column[at], BlockSource::Changed(at))));
                 return;
             }
             let old = self
                 .row(i)
                 .filter(|&at| row_of[self.column[at] as usize] == ABSENT);
-            row.extend(old.map(|at| (self.column[at], Source::Old(at))));
+            row.extend(old.map(|at| (self.column[at], BlockSource::Old(at))));
             for &at in &met[met_start[i] as usize..met_start[i + 1] as usize] {
                 let other = changed.start.partition_point(|&start| start <= at as usize) - 1;
-                row.push((changed.nodes[other], Source::Mirror(at as usize)));
+                row.push((changed.nodes[other], BlockSource::Mirror(at as usize)));
             }
             row.sort_unstable_by_key(|&(column, _)| column);
         };
@@ -140,11 +140,13 @@ impl BlockMatrix<f64> {
                     for at in 0..size {
                         let mirror = at % b * b + at / b;
                         let value = match source {
-                            Source::Old(block) => {
+                            BlockSource::Old(block) => {
                                 single(self.values[block * size + at], self.exponent)
                             }
-                            Source::Changed(block) => single(changed.values[block * size + at], 0),
-                            Source::Mirror(block) => {
+                            BlockSource::Changed(block) => {
+                                single(changed.values[block * size + at], 0)
+                            }
+                            BlockSource::Mirror(block) => {
                                 single(changed.values[block * size + mirror], 0)
                             }
                         };

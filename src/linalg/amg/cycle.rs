@@ -17,7 +17,7 @@ pub(super) struct Shared<'a> {
 
 /// Right side and result of a coarser level, and two vectors and a product of the K-cycle.
 #[derive(Clone, Debug)]
-pub(super) struct Work {
+pub(super) struct CycleMemory {
     pub(super) b: Vec<f32>,
     pub(super) x: Vec<f32>,
     first: Vec<f32>,
@@ -25,7 +25,7 @@ pub(super) struct Work {
     product: Vec<f32>,
 }
 
-impl Work {
+impl CycleMemory {
     /// `inner`: whether the K-cycle iterates on this level.
     pub(super) fn new(n: usize, inner: bool) -> Self {
         let zeros = |needed: bool| vec![0.0; if needed { n } else { 0 }];
@@ -47,7 +47,7 @@ impl Work {
 /// which the last is the coarsest.
 pub(super) fn visit(
     levels: &mut [Level],
-    work: &mut [Work],
+    work: &mut [CycleMemory],
     b: &[f32],
     x: &mut [f32],
     shared: Shared<'_>,
@@ -72,8 +72,13 @@ pub(super) fn visit(
 }
 
 /// At most two steps of flexible conjugate gradients on the first of `levels`.
-fn iterate(levels: &mut [Level], below: &mut [Work], own: &mut Work, shared: Shared<'_>) {
-    let Work {
+fn iterate(
+    levels: &mut [Level],
+    below: &mut [CycleMemory],
+    own: &mut CycleMemory,
+    shared: Shared<'_>,
+) {
+    let CycleMemory {
         b,
         x,
         first,

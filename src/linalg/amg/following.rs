@@ -17,9 +17,9 @@ use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
 use crate::linalg::amg::node_rows::NodeRows;
-use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::Smoothed;
-use crate::linalg::amg::settings::Settings;
+use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::tentative::Tentative;
 
 /// Multigrid whose matrix changes at some nodes.
@@ -27,7 +27,7 @@ use crate::linalg::amg::tentative::Tentative;
 pub struct Following {
     b: usize,
     rows: NodeRows,
-    about: Nodes,
+    about: LevelNodes,
     held: Vec<bool>,
     /// Springs of the nodes of `rows`, in the units of the matrix before it was scaled.
     springs: Vec<f64>,
@@ -65,9 +65,9 @@ impl Following {
     /// If an argument has another length.
     pub fn new(
         mut matrix: BlockMatrix<f32>,
-        about: Nodes,
+        about: LevelNodes,
         nodes: Vec<u32>,
-        settings: &Settings,
+        settings: &CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let held = matrix.held.clone();
@@ -209,7 +209,7 @@ impl Kept {
         &mut self,
         finest: &mut Level,
         nodes: &[u32],
-        about: &Nodes,
+        about: &LevelNodes,
         held: &[bool],
         stop: &AtomicBool,
     ) -> Result<(), Error> {

@@ -4,7 +4,7 @@ use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
 use crate::linalg::amg::prolongation::{Prolongation, chosen};
 use crate::linalg::amg::slots::Slots;
-use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
@@ -123,7 +123,7 @@ fn times_prolongation(
         chosen(columns.into_iter().zip(parts), ROWS, needed),
         || Slots::new(p.coarse_nodes()),
         |slots, _, (task, (columns, values))| {
-            let rows = Rows {
+            let rows = ProductRows {
                 matrix,
                 p,
                 needed,
@@ -132,7 +132,7 @@ fn times_prolongation(
                 columns,
                 values,
             };
-            with_sizes!(p, SizedRows, rows);
+            with_sizes!(p, SizedProductRows, rows);
         },
     );
     Product {
@@ -142,7 +142,7 @@ fn times_prolongation(
     }
 }
 
-struct Rows<'a> {
+struct ProductRows<'a> {
     matrix: &'a BlockMatrix<f32>,
     p: &'a Prolongation,
     needed: Option<&'a [bool]>,
@@ -152,13 +152,13 @@ struct Rows<'a> {
     values: &'a mut [f32],
 }
 
-struct SizedRows<'a, const B: usize, const M: usize, const L: usize>(Rows<'a>);
+struct SizedProductRows<'a, const B: usize, const M: usize, const L: usize>(ProductRows<'a>);
 
-impl<const B: usize, const M: usize, const L: usize> Work for SizedRows<'_, B, M, L> {
+impl<const B: usize, const M: usize, const L: usize> WideWork for SizedProductRows<'_, B, M, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
-        let Rows {
+        let ProductRows {
             matrix,
             p,
             needed,
@@ -266,7 +266,7 @@ struct CoarseRows<'a> {
 
 struct SizedCoarseRows<'a, const B: usize, const M: usize, const L: usize>(CoarseRows<'a>);
 
-impl<const B: usize, const M: usize, const L: usize> Work for SizedCoarseRows<'_, B, M, L> {
+impl<const B: usize, const M: usize, const L: usize> WideWork for SizedCoarseRows<'_, B, M, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {

@@ -9,7 +9,7 @@ use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin::galerkin;
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
-use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::{Prolongation, Smoothed};
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tentative::Tentative;
@@ -55,7 +55,7 @@ pub(super) struct Made {
 /// are not coupled; [`Error::Interrupted`] if `stop` is set.
 pub(super) fn level(
     matrix: BlockMatrix<f32>,
-    about: &Nodes,
+    about: &LevelNodes,
     held: &[bool],
     spectrum: Option<f64>,
     stop: &AtomicBool,
@@ -115,7 +115,7 @@ impl Levels {
     /// coarsest is not positive definite.
     pub(super) fn new(
         mut matrix: BlockMatrix<f32>,
-        mut about: Nodes,
+        mut about: LevelNodes,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let mut list = Vec::new();

@@ -1,7 +1,7 @@
 //! One level with its smoother and its work vectors.
 
 use crate::linalg::amg::block_matrix::BlockMatrix;
-use crate::linalg::amg::block_rows::{Coefficients, first_step, residual, step};
+use crate::linalg::amg::block_rows::{StepCoefficients, first_step, residual, step};
 use crate::linalg::amg::prolongation::Prolongation;
 use crate::linalg::real::Real;
 
@@ -68,7 +68,7 @@ impl Level {
         for (k, beta) in BETA[degree - 1].iter().enumerate() {
             #[expect(clippy::cast_precision_loss, reason = "at most 4")]
             let i = (k + 1) as f64;
-            let with = Coefficients {
+            let with = StepCoefficients {
                 direction: if k == 0 {
                     0.0
                 } else {

@@ -5,19 +5,19 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
-use crate::linalg::amg::cycle::{Shared, Work, visit};
+use crate::linalg::amg::cycle::{CycleMemory, Shared, visit};
 use crate::linalg::amg::hierarchy::{DENSE, Levels, level};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
-use crate::linalg::amg::nodes::Nodes;
-use crate::linalg::amg::settings::{Cycle, Settings};
+use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::settings::{Cycle, CycleSettings};
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
 
 /// Checks the lengths of what a hierarchy is made of.
-pub(super) fn check_lengths(matrix: &BlockMatrix<f32>, about: &Nodes, held: &[bool]) {
+pub(super) fn check_lengths(matrix: &BlockMatrix<f32>, about: &LevelNodes, held: &[bool]) {
     let n = matrix.b * matrix.nodes();
     let m = if matrix.b == 2 { 3 } else { 6 };
     assert_eq!(held.len(), n);
@@ -31,8 +31,8 @@ pub(super) fn check_lengths(matrix: &BlockMatrix<f32>, about: &Nodes, held: &[bo
 pub struct Multigrid {
     pub(super) levels: Vec<Level>,
     coarsest: Coarsest,
-    work: Vec<Work>,
-    settings: Settings,
+    work: Vec<CycleMemory>,
+    settings: CycleSettings,
     exponent: i32,
     /// Stored numbers of all levels, and of the finest.
     entries: [usize; 2],
@@ -53,9 +53,9 @@ impl Multigrid {
     /// If an argument has another length.
     pub fn new(
         matrix: BlockMatrix<f32>,
-        about: Nodes,
+        about: LevelNodes,
         held: &[bool],
-        settings: &Settings,
+        settings: &CycleSettings,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         check_lengths(&matrix, &about, held);
@@ -81,12 +81,12 @@ impl Multigrid {
     }
 
     /// For `n` unknowns, without levels.
-    pub(super) fn empty(n: usize, exponent: i32, finest: usize, settings: &Settings) -> Self {
+    pub(super) fn empty(n: usize, exponent: i32, finest: usize, settings: &CycleSettings) -> Self {
         Self {
             levels: Vec::new(),
             coarsest: Coarsest::none(),
             work: Vec::new(),
-            settings: Settings {
+            settings: CycleSettings {
                 degree: settings.degree.clamp(1, 4),
                 ..*settings
             },
@@ -102,8 +102,8 @@ impl Multigrid {
         let inner = self.settings.cycle == Cycle::K;
         self.work = (1..=levels.len())
             .map(|k| match levels.get(k) {
-                Some(level) => Work::new(level.x.len(), inner),
-                None => Work::new(coarsest.unknowns(), false),
+                Some(level) => CycleMemory::new(level.x.len(), inner),
+                None => CycleMemory::new(coarsest.unknowns(), false),
             })
             .collect();
         self.levels = levels;
@@ -180,7 +180,7 @@ impl Multigrid {
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.levels.iter().map(Level::bytes).sum::<usize>()
-            + self.work.iter().map(Work::bytes).sum::<usize>()
+            + self.work.iter().map(CycleMemory::bytes).sum::<usize>()
             + self.coarsest.bytes()
             + 4 * (self.b.len() + self.x.len())
     }

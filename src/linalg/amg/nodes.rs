@@ -2,7 +2,7 @@
 
 /// Near-null vectors, coordinates and bodies of nodes.
 #[derive(Clone, Debug)]
-pub struct Nodes {
+pub struct LevelNodes {
     /// Near-null vectors, `b × m` by rows for each node: for elasticity the rigid motions.
     pub motions: Vec<f64>,
     /// Coordinates of each node, or none. Along long cells coupled nodes are far from each other,
@@ -13,7 +13,7 @@ pub struct Nodes {
     pub bodies: Vec<u32>,
 }
 
-impl Nodes {
+impl LevelNodes {
     /// Squared distance of two of `count` nodes.
     #[inline]
     pub(super) fn squared_distance(&self, count: usize, i: usize, j: usize) -> f64 {

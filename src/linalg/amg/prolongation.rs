@@ -7,10 +7,10 @@
 
 use crate::linalg::amg::aggregates::{Aggregates, by_group};
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix, PADDING, ROWS, cut};
-use crate::linalg::amg::nodes::Nodes;
+use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::tentative::{LANES, Tentative};
-use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
 use crate::linalg::real::Real;
 use crate::linalg::sparse::csc::narrow;
@@ -85,7 +85,7 @@ impl Prolongation {
             chosen(columns.into_iter().zip(parts), ROWS, needed),
             || Slots::new(of.aggregates.count()),
             |slots, _, (task, (columns, values))| {
-                let rows = Rows {
+                let rows = ProlongationRows {
                     of,
                     omega: f32::rounded(of.omega),
                     start,
@@ -97,9 +97,9 @@ impl Prolongation {
                     values,
                 };
                 match b {
-                    2 => widest(SizedRows::<2>(rows)),
-                    3 => widest(SizedRows::<3>(rows)),
-                    _ => widest(SizedRows::<6>(rows)),
+                    2 => widest(SizedProlongationRows::<2>(rows)),
+                    3 => widest(SizedProlongationRows::<3>(rows)),
+                    _ => widest(SizedProlongationRows::<6>(rows)),
                 }
             },
         );
@@ -129,7 +129,7 @@ pub(super) struct Smoothed<'a> {
     pub(super) aggregates: &'a Aggregates,
     pub(super) tentative: &'a Tentative,
     /// The nodes of the fine level.
-    pub(super) about: &'a Nodes,
+    pub(super) about: &'a LevelNodes,
     /// `ω`, relative to the diagonal blocks.
     pub(super) omega: f64,
 }
@@ -164,7 +164,7 @@ fn starts(matrix: &BlockMatrix<f32>, aggregates: &Aggregates) -> Vec<u32> {
 }
 
 /// The rows of one task.
-struct Rows<'a> {
+struct ProlongationRows<'a> {
     of: &'a Smoothed<'a>,
     omega: f32,
     start: &'a [u32],
@@ -176,13 +176,13 @@ struct Rows<'a> {
     values: &'a mut [f32],
 }
 
-struct SizedRows<'a, const B: usize>(Rows<'a>);
+struct SizedProlongationRows<'a, const B: usize>(ProlongationRows<'a>);
 
-impl<const B: usize> Work for SizedRows<'_, B> {
+impl<const B: usize> WideWork for SizedProlongationRows<'_, B> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
-        let Rows {
+        let ProlongationRows {
             of,
             omega,
             start,

@@ -10,9 +10,9 @@ pub enum Cycle {
     K,
 }
 
-/// Settings of a multigrid preconditioner.
+/// CycleSettings of a multigrid preconditioner.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct CycleSettings {
     /// Steps of the smoother before and after the coarser level, 1 to 4.
     pub degree: usize,
     /// A bound of the eigenvalues of `D⁻¹ A` on the finest level; `None` estimates it, which
@@ -21,7 +21,7 @@ pub struct Settings {
     pub cycle: Cycle,
 }
 
-impl Default for Settings {
+impl Default for CycleSettings {
     fn default() -> Self {
         Self {
             degree: 2,

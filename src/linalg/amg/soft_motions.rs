@@ -9,8 +9,8 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::multigrid::Multigrid;
-use crate::linalg::amg::nodes::Nodes;
-use crate::linalg::amg::settings::Settings;
+use crate::linalg::amg::nodes::LevelNodes;
+use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::conjugate_gradients;
 use crate::linalg::parallel::{axpy, largest, map, zero_where};
 use crate::linalg::random_signs::random_signs;
@@ -31,16 +31,17 @@ const SMALL: f64 = 1e-9;
 /// As [`Multigrid::new`]; [`Error::Multigrid`] too if the equations cannot be solved, such as
 /// those of a body that is free to move.
 pub fn complete(
-    about: &mut Nodes,
+    about: &mut LevelNodes,
     matrix: &BlockMatrix<f64>,
     single: &BlockMatrix<f32>,
-    settings: &Settings,
+    settings: &CycleSettings,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
     let held = matrix.held();
     let (b, n) = (matrix.block_size(), held.len());
     let m = about.motions.len() / n.max(1);
-    let cycle = |about: &Nodes| Multigrid::new(single.clone(), about.clone(), held, settings, stop);
+    let cycle =
+        |about: &LevelNodes| Multigrid::new(single.clone(), about.clone(), held, settings, stop);
     let free = |seed| {
         let mut x = random_signs(n, seed);
         zero_where(held, true, &mut x);

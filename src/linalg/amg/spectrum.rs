@@ -1,7 +1,7 @@
 //! An upper bound of the eigenvalues of `D⁻¹ A`, `D` the diagonal blocks of `A`.
 
 use crate::linalg::amg::block_matrix::BlockMatrix;
-use crate::linalg::amg::block_rows::{Coefficients, first_step};
+use crate::linalg::amg::block_rows::{StepCoefficients, first_step};
 use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{axpy, dot, xpay};
 use crate::linalg::random_signs::random_signs;
@@ -14,7 +14,7 @@ pub(super) fn bound(matrix: &BlockMatrix<f32>, inverse: &[f32]) -> Option<f64> {
     let mut r: Vec<f32> = random_signs(n, 1).into_iter().map(f32::rounded).collect();
     let (mut z, mut d, mut q) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     let mut p = vec![0.0_f32; n];
-    let unit = Coefficients {
+    let unit = StepCoefficients {
         direction: 0.0,
         residual: 1.0,
         update: 1.0,

@@ -3,7 +3,7 @@
 use crate::linalg::amg::block_matrix::ROWS;
 use crate::linalg::amg::galerkin::with_sizes;
 use crate::linalg::amg::prolongation::Prolongation;
-use crate::linalg::amg::wide::{Work, widest};
+use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::real::Real;
 use crate::tasks;
 
@@ -49,7 +49,7 @@ struct Transfer<'a> {
 
 struct Restrict<'a, const B: usize, const M: usize, const L: usize>(Transfer<'a>);
 
-impl<const B: usize, const M: usize, const L: usize> Work for Restrict<'_, B, M, L> {
+impl<const B: usize, const M: usize, const L: usize> WideWork for Restrict<'_, B, M, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {
@@ -74,7 +74,7 @@ impl<const B: usize, const M: usize, const L: usize> Work for Restrict<'_, B, M,
 
 struct Prolong<'a, const B: usize, const M: usize, const L: usize>(Transfer<'a>);
 
-impl<const B: usize, const M: usize, const L: usize> Work for Prolong<'_, B, M, L> {
+impl<const B: usize, const M: usize, const L: usize> WideWork for Prolong<'_, B, M, L> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "must take the caller's instructions")]
     fn run<const FMA: bool>(self) {

@@ -5,12 +5,12 @@
 //! half the time.
 
 /// A loop over numbers. `FMA` says whether the processor multiplies and adds in one instruction.
-pub(super) trait Work {
+pub(super) trait WideWork {
     fn run<const FMA: bool>(self);
 }
 
 /// Runs `work` with the instructions that this processor has.
-pub(super) fn widest(work: impl Work) {
+pub(super) fn widest(work: impl WideWork) {
     #[cfg(target_arch = "x86_64")]
     {
         if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
@@ -27,6 +27,6 @@ pub(super) fn widest(work: impl Work) {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn with_avx2(work: impl Work) {
+fn with_avx2(work: impl WideWork) {
     work.run::<true>();
 }

@@ -21,7 +21,7 @@ use crate::linalg::sparse::arena::{Arena, ArenaEnd, Detached, Piece};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock, upwards};
-use crate::linalg::sparse::tree_solves::{Columns, Forward};
+use crate::linalg::sparse::tree_solves::{Forward, SolveColumns};
 
 /// Rounding error of a pivot, relative to its diagonal in K, for each unknown eliminated before
 /// it. The stiffness of a free motion sums to the rounding of K, which adds up for equal cells:
@@ -59,7 +59,7 @@ impl Schur {
         assert_eq!(loads.len(), symbolic.n * columns);
         let diagonal = checked_diagonal(symbolic, k)?;
         let k = (k, diagonal.as_slice());
-        let mut inner = Columns::new(symbolic, loads, columns);
+        let mut inner = SolveColumns::new(symbolic, loads, columns);
         let tree_solve = (columns > 0).then(|| Forward::new(&mut inner));
         let (values, weakest) = eliminate(symbolic, k, stop, None, tree_solve.as_ref())?;
         if let Some(tree_solve) = tree_solve {
@@ -196,7 +196,7 @@ fn eliminate(
         None => zeros(symbolic.stack_dropped),
     };
     let arena = Arena::new(&mut memory);
-    let done = Work::new(symbolic, k, diagonal, stop, &arena, panels, loads).go();
+    let done = FrontWork::new(symbolic, k, diagonal, stop, &arena, panels, loads).go();
     if keeps {
         let found = done.map(|done| (done.schur(symbolic, k, &memory), done.weakest));
         symbolic.give_stack(memory);
@@ -229,7 +229,7 @@ fn checked_diagonal(symbolic: &Symbolic, k: &Symmetric) -> Result<Vec<f64>, Erro
 }
 
 /// A factorisation in progress.
-struct Work<'a, 'l> {
+struct FrontWork<'a, 'l> {
     symbolic: &'a Symbolic,
     k: &'a Symmetric<'a>,
     diagonal: &'a [f64],
@@ -259,7 +259,7 @@ struct Done {
     weakest: Option<(usize, f64)>,
 }
 
-impl<'a, 'l> Work<'a, 'l> {
+impl<'a, 'l> FrontWork<'a, 'l> {
     fn new(
         symbolic: &'a Symbolic,
         k: &'a Symmetric<'a>,

@@ -194,7 +194,7 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
 pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
     /// Sets this small become one front in any case (`symbolic` merges them).
     const LEAF: usize = 8;
-    enum Task {
+    enum MetisTask {
         Cut(Vec<u32>),
         Emit(Vec<u32>),
     }
@@ -203,14 +203,14 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
     let mut side = vec![0_u32; n];
     let mut label = 0;
     let all = (0..n).filter_map(|v| u32::try_from(v).ok()).collect();
-    let mut steps = vec![Task::Cut(all)];
+    let mut steps = vec![MetisTask::Cut(all)];
     while let Some(step) = steps.pop() {
         let mut set = match step {
-            Task::Emit(set) => {
+            MetisTask::Emit(set) => {
                 order.extend(set);
                 continue;
             }
-            Task::Cut(set) => set,
+            MetisTask::Cut(set) => set,
         };
         let extent = |axis: usize| {
             let range = set
@@ -254,9 +254,9 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
             high.into_iter().partition(|&v| touches(v));
         separator.sort_unstable();
         high.sort_unstable();
-        steps.push(Task::Emit(separator));
-        steps.push(Task::Cut(high));
-        steps.push(Task::Cut(low));
+        steps.push(MetisTask::Emit(separator));
+        steps.push(MetisTask::Cut(high));
+        steps.push(MetisTask::Cut(low));
     }
     order
 }

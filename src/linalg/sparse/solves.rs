@@ -3,10 +3,10 @@
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::task_tree::{downwards, upwards};
-use crate::linalg::sparse::tree_solves::{Backward, Columns, Forward};
+use crate::linalg::sparse::tree_solves::{Backward, Forward, SolveColumns};
 use crate::tasks;
 
-/// Columns solved together: enough for the rate of a product, and few enough that the waiting
+/// SolveColumns solved together: enough for the rate of a product, and few enough that the waiting
 /// data are small relative to the factor.
 const COLUMNS: usize = 32;
 
@@ -20,7 +20,7 @@ impl Factor {
     pub fn condense(&self, f: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(f, columns, |f, count| {
-            let mut inner = Columns::new(symbolic, f, count);
+            let mut inner = SolveColumns::new(symbolic, f, count);
             let tree_solve = Forward::new(&mut inner);
             upwards(symbolic, &|number| {
                 let mut waiting = tree_solve.begin(number);
@@ -45,7 +45,7 @@ impl Factor {
     pub fn recover(&self, x: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(x, columns, |x, count| {
-            let mut inner = Columns::new(symbolic, x, count);
+            let mut inner = SolveColumns::new(symbolic, x, count);
             let tree_solve = Backward::new(&mut inner);
             downwards(symbolic, &None, &|number, given| {
                 tree_solve.task(number, given, |front| self.panel(front))

@@ -12,15 +12,15 @@ use crate::linalg::packed::{Segment, segments};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock};
 
-/// Columns by tasks: for each task the rows of its pivots, column by column, in elimination
+/// SolveColumns by tasks: for each task the rows of its pivots, column by column, in elimination
 /// numbering; the rows of the kept unknowns come last.
-pub(crate) struct Columns<'a> {
+pub(crate) struct SolveColumns<'a> {
     symbolic: &'a Symbolic,
     count: usize,
     values: Vec<f64>,
 }
 
-impl<'a> Columns<'a> {
+impl<'a> SolveColumns<'a> {
     /// Made from `count` columns in the numbering of the caller.
     pub(crate) fn new(symbolic: &'a Symbolic, x: &[f64], count: usize) -> Self {
         let mut values = Vec::with_capacity(x.len());
@@ -92,7 +92,7 @@ pub(crate) struct Forward<'a> {
 }
 
 impl<'a> Forward<'a> {
-    pub(crate) fn new(columns: &'a mut Columns<'_>) -> Self {
+    pub(crate) fn new(columns: &'a mut SolveColumns<'_>) -> Self {
         let (symbolic, count) = (columns.symbolic, columns.count);
         let (parts, kept) = columns.parts();
         Self {
@@ -192,7 +192,7 @@ pub(crate) struct Backward<'a> {
 pub(crate) type FrontUnknowns = Option<Arc<(usize, Vec<f64>)>>;
 
 impl<'a> Backward<'a> {
-    pub(crate) fn new(columns: &'a mut Columns<'_>) -> Self {
+    pub(crate) fn new(columns: &'a mut SolveColumns<'_>) -> Self {
         let (symbolic, count) = (columns.symbolic, columns.count);
         let (parts, kept) = columns.parts();
         Self {

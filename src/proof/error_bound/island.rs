@@ -22,7 +22,7 @@ const LARGEST_OF_BALLS: usize = 1000;
 
 /// An island with its factors, which do not depend on a point.
 #[derive(Debug)]
-pub(super) struct Island<const D: usize> {
+pub(super) struct BoundedIsland<const D: usize> {
     pub(super) monotonicity: Monotonicity<D>,
     /// A factor below the symmetric part of `W`, which is `half`.
     pub(super) of_w: VerifiedCholesky,
@@ -75,7 +75,7 @@ pub(super) struct IslandBound<const D: usize> {
     pub(super) displacement: Vec<[f64; D]>,
 }
 
-impl<const D: usize> Island<D> {
+impl<const D: usize> BoundedIsland<D> {
     /// `None` if the symmetric part of `W` is not positive definite.
     pub(super) fn new(
         problem: &Reduced<D>,

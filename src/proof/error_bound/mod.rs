@@ -23,7 +23,7 @@ use crate::law::face::Face;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::dot;
 use crate::linalg::verified_cholesky::gamma;
-use crate::proof::error_bound::island::{Candidate, Island};
+use crate::proof::error_bound::island::{BoundedIsland, Candidate};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
 use crate::reduced::reduced::Reduced;
 
@@ -175,7 +175,7 @@ impl<const D: usize> Bound<D> {
 #[derive(Debug)]
 pub struct Prepared<const D: usize> {
     units: Units,
-    islands: Result<Vec<Island<D>>, Reason>,
+    islands: Result<Vec<BoundedIsland<D>>, Reason>,
 }
 
 /// The relative displacement that is reported for a reaction, and its error.
@@ -205,7 +205,7 @@ impl<const D: usize> Prepared<D> {
         problem: &Reduced<D>,
         units: &Units,
         stop: &AtomicBool,
-    ) -> Result<Result<Vec<Island<D>>, Reason>, Error> {
+    ) -> Result<Result<Vec<BoundedIsland<D>>, Reason>, Error> {
         let caller = problem.compliance.order();
         if let Some((contact, _)) = problem.contradiction {
             return Ok(Err(Reason::NoAnswer { contact }));
@@ -231,7 +231,7 @@ impl<const D: usize> Prepared<D> {
                 let contact = caller[position];
                 return Ok(Err(Reason::Led { contact }));
             }
-            match Island::new(problem, units, monotonicity, stop)? {
+            match BoundedIsland::new(problem, units, monotonicity, stop)? {
                 Some(island) => islands.push(island),
                 None => return Ok(Err(Reason::NotDefinite { contact: first })),
             }
@@ -429,7 +429,7 @@ impl<const D: usize> Prepared<D> {
     fn candidate(
         &self,
         problem: &Reduced<D>,
-        islands: &[Island<D>],
+        islands: &[BoundedIsland<D>],
         r: &[[f64; D]],
         mut point: Vec<[f64; D]>,
     ) -> Candidate<D> {

@@ -16,7 +16,7 @@ use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Scaling;
-use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, Factored};
+use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, FactoredTangent};
 use crate::tasks;
 
 /// The form pays if it has at most this share of the unknowns of the other: both make a matrix,
@@ -178,7 +178,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
     }
 }
 
-impl<const D: usize> Factored for TangentStiffnessForm<D> {
+impl<const D: usize> FactoredTangent for TangentStiffnessForm<D> {
     fn order(&self) -> usize {
         D * self.laws.len()
     }

@@ -29,7 +29,7 @@ pub struct ClosedLaw<const D: usize> {
 }
 
 /// The factored system of one step, in one form or another.
-pub trait Factored: Send + Sync {
+pub trait FactoredTangent: Send + Sync {
     /// Number of unknowns.
     fn order(&self) -> usize;
 
@@ -178,7 +178,7 @@ impl TangentSystem {
     }
 }
 
-impl Factored for TangentSystem {
+impl FactoredTangent for TangentSystem {
     fn order(&self) -> usize {
         self.conditioned.lu.order()
     }

@@ -140,7 +140,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             }
             count(sparse_cost(whole));
             if let Some(factors) = ContactInverse::factors(self, whole, stop)? {
-                let factors = Preconditioner::new(self, factors)?;
+                let factors = ContactPreconditioner::new(self, factors)?;
                 let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
                 let found = gmres::solve(apply, precondition, &x, LEFT, tuning::mending_steps())?;
@@ -154,7 +154,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             }
             // Singular without the rigid motions, or up to their rounding.
         } else if n > tuning::iterative_order() {
-            let blocks = Preconditioner::new(self, ContactInverse::contacts(self))?;
+            let blocks = ContactPreconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
             let found = gmres::solve(apply, precondition, &x, tol, tuning::most_gmres_products())?;
@@ -427,7 +427,7 @@ impl<const D: usize> ClosedContact<D> {
 }
 
 /// The preconditioner of the contacts, with the columns of rigid motions.
-struct Preconditioner<'w, const D: usize> {
+struct ContactPreconditioner<'w, const D: usize> {
     inner: ContactInverse<'w, D>,
     /// `D⁻¹ C`, with `C` the columns of `â`, one for each rigid motion.
     border: Vec<Vec<f64>>,
@@ -435,7 +435,7 @@ struct Preconditioner<'w, const D: usize> {
     balance: Option<Lu>,
 }
 
-impl<'w, const D: usize> Preconditioner<'w, D> {
+impl<'w, const D: usize> ContactPreconditioner<'w, D> {
     fn new(system: &ComplianceForm<D>, inner: ContactInverse<'w, D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
         let mut this = Self {

@@ -20,7 +20,7 @@ const SETTLED: f64 = 1e-6;
 
 /// A point with all quantities that depend on it.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
+pub struct RefinedPoint<const D: usize> {
     pub r: Vec<[f64; D]>,
     pub rigid: Vec<f64>,
     /// `W r + R a + q`, as accurate as possible.
@@ -31,7 +31,7 @@ pub struct Point<const D: usize> {
 
 /// A correction of a point.
 #[derive(Clone, Debug)]
-struct Correction<const D: usize> {
+struct RefinementStep<const D: usize> {
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
     /// `v` after the correction.
@@ -47,7 +47,7 @@ struct Correction<const D: usize> {
 /// [`Error::Interrupted`].
 pub fn forward_error<const D: usize>(
     problem: &Reduced<D>,
-    point: &Point<D>,
+    point: &RefinedPoint<D>,
     before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<(f64, f64)>, Error> {
@@ -61,7 +61,7 @@ pub fn forward_error<const D: usize>(
 /// [`Error::Interrupted`].
 pub fn forward_change<const D: usize>(
     problem: &Reduced<D>,
-    point: &Point<D>,
+    point: &RefinedPoint<D>,
     wander: &[[f64; D]],
     before: &[[f64; D]],
     stop: &AtomicBool,
@@ -100,11 +100,11 @@ fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
 /// What `evaluate` returns, and [`Error::Interrupted`].
 pub fn refine<const D: usize>(
     problem: &Reduced<D>,
-    mut point: Point<D>,
-    evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<Point<D>, Error>,
+    mut point: RefinedPoint<D>,
+    evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<RefinedPoint<D>, Error>,
     stop: &AtomicBool,
-) -> Result<Point<D>, Error> {
-    let mut best: Option<(f64, Point<D>)> = None;
+) -> Result<RefinedPoint<D>, Error> {
+    let mut best: Option<(f64, RefinedPoint<D>)> = None;
     let (mut idle, mut anderson) = (0, Anderson::default());
     for _ in 0..tuning::most_corrections() {
         let Some(next) = correction(problem, &point, &[], stop)? else {
@@ -142,10 +142,10 @@ pub fn refine<const D: usize>(
 
 fn correction<const D: usize>(
     problem: &Reduced<D>,
-    point: &Point<D>,
+    point: &RefinedPoint<D>,
     before: &[[f64; D]],
     stop: &AtomicBool,
-) -> Result<Option<Correction<D>>, Error> {
+) -> Result<Option<RefinementStep<D>>, Error> {
     let law = Linearisation::new(problem, &point.r, &point.v);
     let here = (
         point.r.as_slice(),
@@ -183,7 +183,7 @@ fn correction<const D: usize>(
     if !(moved.0.is_finite() && moved.1.is_finite()) {
         return Ok(None);
     }
-    Ok(Some(Correction {
+    Ok(Some(RefinementStep {
         r: next.r,
         rigid: next.rigid,
         v,

@@ -6,7 +6,7 @@ use crate::linalg::packed::{Panel, Run};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::Front;
-use crate::linalg::sparse::symbolic::pattern::Pattern;
+use crate::linalg::sparse::symbolic::pattern::SymbolicPattern;
 use crate::linalg::sparse::tree::Tree;
 use crate::tasks;
 
@@ -135,7 +135,11 @@ impl<'a> Layout<'a> {
 
     /// Position of each entry of K, by fronts. Each pair uses the entry of the lower triangle
     /// of K, for either order of its unknowns.
-    pub(super) fn place_entries(&mut self, k: &Symmetric, pattern: &Pattern) -> Vec<(u32, u32)> {
+    pub(super) fn place_entries(
+        &mut self,
+        k: &Symmetric,
+        pattern: &SymbolicPattern,
+    ) -> Vec<(u32, u32)> {
         let count = |p: usize| {
             if pattern.partner.is_some() {
                 let j = self.old[p] as usize;
@@ -172,7 +176,7 @@ impl<'a> Layout<'a> {
     fn later<'p>(
         &'p self,
         k: &'p Symmetric,
-        pattern: &'p Pattern,
+        pattern: &'p SymbolicPattern,
         p: usize,
     ) -> impl Iterator<Item = (usize, usize)> + 'p {
         let j = self.old[p] as usize;
@@ -195,7 +199,7 @@ impl<'a> Layout<'a> {
         &self,
         f: usize,
         k: &Symmetric,
-        pattern: &Pattern,
+        pattern: &SymbolicPattern,
         shift: &mut [u32],
         entries: &mut [(u32, u32)],
     ) {

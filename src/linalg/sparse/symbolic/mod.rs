@@ -20,7 +20,7 @@ use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
 use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::layout::Layout;
-use crate::linalg::sparse::symbolic::pattern::Pattern;
+use crate::linalg::sparse::symbolic::pattern::SymbolicPattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;
 use crate::linalg::sparse::tree::{Tree, flops_of};
 use crate::linalg::sparse::tuning;
@@ -191,7 +191,7 @@ impl Symbolic {
         if let Some(at) = options.coordinates {
             check_coordinates(at, n)?;
         }
-        let pattern = Pattern::of(k);
+        let pattern = SymbolicPattern::of(k);
         let nodes = SupervariableGraph::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
         let (node_order, tree, ordering, seconds_order) = best_order(&nodes, options)?;
 

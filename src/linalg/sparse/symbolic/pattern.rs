@@ -6,7 +6,7 @@ use crate::linalg::sparse::csc::{Symmetric, narrow};
 
 /// The pattern with both triangles: that of K, unless rounding has cancelled an entry on one
 /// side only.
-pub(super) struct Pattern<'a> {
+pub(super) struct SymbolicPattern<'a> {
     pub(super) col_ptr: Cow<'a, [usize]>,
     pub(super) row_idx: Cow<'a, [usize]>,
     /// If both triangles of K are stored, the position of the lower partner of each upper
@@ -14,7 +14,7 @@ pub(super) struct Pattern<'a> {
     pub(super) partner: Option<Vec<u32>>,
 }
 
-impl<'a> Pattern<'a> {
+impl<'a> SymbolicPattern<'a> {
     pub(super) fn of(k: &Symmetric<'a>) -> Self {
         let mut whole = true;
         let mut partner = vec![0; k.values().len()];
