@@ -133,6 +133,20 @@ $(FRAMEWORKS_STAMP): $(STAMP)
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
 
+# The reader must be that of the LLVM of rustc, or newer; rustup has one in llvm-tools.
+LLVM_BIN ?= $(firstword $(wildcard $(shell rustc --print sysroot)/lib/rustlib/*/bin/llvm-cov /usr/lib/llvm-2[2-9]/bin/llvm-cov))
+COVERED := out/coverage
+.PHONY: coverage
+coverage: ## lines and branches of the core that its Rust tests reach (needs llvm-tools, or llvm-22)
+	@test -n '$(LLVM_BIN)' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
+	rm -rf $(COVERED)/raw
+	RUSTFLAGS='-C instrument-coverage' LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/raw/%p-%m.profraw' \
+		cargo test --release --locked --target-dir $(COVERED)/target --lib --tests \
+		--config 'profile.release.package.bipot_rs.opt-level=1'
+	$(dir $(LLVM_BIN))llvm-profdata merge --sparse $(COVERED)/raw/*.profraw -o $(COVERED)/merged
+	$(LLVM_BIN) report --instr-profile $(COVERED)/merged --sources src/law src/reduced src/solver src/proof \
+		$$(ls $(COVERED)/target/release/deps/*-* | grep -v '\.[a-z]*$$' | sed 's/^/--object /')
+
 .PHONY: mutations
 mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour
 	$(PY) tests/mutations/run_mutations.py

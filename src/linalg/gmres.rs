@@ -20,8 +20,8 @@ pub struct GmresSolution {
 /// # Errors
 /// The error of `apply`.
 pub fn solve<E>(
-    apply: impl Fn(&[f64]) -> Result<Vec<f64>, E>,
-    precondition: impl Fn(&mut [f64]),
+    apply: &dyn Fn(&[f64]) -> Result<Vec<f64>, E>,
+    precondition: &dyn Fn(&mut [f64]),
     b: &[f64],
     tol: f64,
     most: usize,

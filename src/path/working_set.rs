@@ -99,6 +99,7 @@ impl<const D: usize> WorkingSetPath<D> {
         Ok(step)
     }
 
+    /// Makes the step on views that grow until no contact outside penetrates.
     fn grow(
         &mut self,
         problem: &Problem<D>,
@@ -107,7 +108,6 @@ impl<const D: usize> WorkingSetPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<(Step<D>, State<D>), Error> {
-        let mu = problem.mu();
         let mut view = match self.view.take() {
             Some(mut view) => {
                 // The view has the gaps of an earlier step.
@@ -120,87 +120,82 @@ impl<const D: usize> WorkingSetPath<D> {
         let began = Instant::now();
         let mut spent = Solution::<D>::default();
         loop {
-            let members = &view.members;
-            let shared = Arc::ptr_eq(view.problem.bodies(), problem.bodies());
-            let mut before = self.state.as_ref().map(|state| at(state, members));
-            if let (false, Some(state)) = (shared, &mut before) {
-                let start = self.carried.clone();
-                let start = start.filter(|a| a.len() == state.rigid.len());
-                state.rigid = start.unwrap_or_else(|| vec![0.0; state.rigid.len()]);
-            }
             let left = Settings {
                 max_iterations: settings.max_iterations.saturating_sub(spent.iterations),
                 max_seconds: (settings.max_seconds - spent.seconds).max(0.0),
                 ..*settings
             };
-            let mut path = LoadPath::new(before);
-            let mut step = path
-                .advance(&view.problem, loads.0, loads.1, &left, stop)
-                .map_err(|error| renumber(error, members))?;
-            spent.iterations += step.solution.iterations;
-            let work = spent.work;
-            let history = step.solution.history.iter();
-            spent
-                .history
-                .extend(history.map(|&(w, eta)| (work + w, eta)));
-            spent.work += step.solution.work;
-
-            let reaction = spread(
-                problem.contacts(),
-                members,
-                &step.solution.reaction,
-                [0.0; D],
-            );
-            if !shared {
-                let own = std::mem::take(&mut step.solution.rigid_motion);
-                step.solution.rigid_motion = amounts(problem, &view, loads, &reaction, &own)?;
-                self.carried = Some(own);
-            }
-            let (mut asked, total) = outside(problem, candidates, members, &step, loads)?;
+            let (step, reaction) =
+                self.step_on_view(problem, &view, loads, &left, &mut spent, stop)?;
+            let (asked, total) = outside(problem, candidates, &view.members, &step, loads)?;
             spent.seconds = began.elapsed().as_secs_f64();
-            let members_only = members.len() < problem.contacts();
-            let settled = step.solution.outcome == Outcome::Converged
-                && !differs(
-                    problem,
-                    members,
-                    &step.solution.relative_displacement,
-                    &total,
-                )
-                || step.solution.outcome == Outcome::NoEquilibrium;
             let in_time =
                 spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
-            let whole = asked.is_empty() && !settled && members_only && in_time;
-            if asked.is_empty() && !whole || !in_time {
-                let mut step = self.spread(step, &view.members, reaction, &total, spent);
-                let claims = [Outcome::Converged, Outcome::NoEquilibrium];
-                if !asked.is_empty() && claims.contains(&step.solution.outcome) {
-                    step.solution.outcome = if spent_time(&step.solution, settings) {
-                        Outcome::TimeLimit
-                    } else {
-                        Outcome::IterationLimit
-                    };
-                }
-                let state = State {
-                    reaction: step.solution.reaction.clone(),
-                    relative_displacement: step.solution.relative_displacement.clone(),
-                    status: step.solution.status.clone(),
-                    rigid: step.solution.rigid_motion.clone(),
-                };
-                self.view = Some(view);
-                return Ok((step, state));
+            // If some contacts give no solution, or one that K does not confirm, all others are
+            // added.
+            let all_wanted = asked.is_empty()
+                && view.members.len() < problem.contacts()
+                && !is_settled(problem, &view.members, &step, &total);
+            if in_time && (all_wanted || !asked.is_empty()) {
+                view = widen(problem, candidates, &view, asked, stop)?;
+                continue;
             }
-            asked.truncate(tuning::added_at_once().max(2 * members.len()));
-            let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
-            members.sort_unstable();
-            // If some contacts give no solution, or one that K does not confirm, add all other
-            // contacts.
-            view = if whole || tuning::all_candidates_above() * members.len() >= problem.contacts()
-            {
-                all(problem, stop)?
-            } else {
-                candidates.view(members, mu, Some(&view))?
+            let mut step = self.spread(step, &view.members, reaction, &total, spent);
+            let claims = [Outcome::Converged, Outcome::NoEquilibrium];
+            if !asked.is_empty() && claims.contains(&step.solution.outcome) {
+                step.solution.outcome = if spent_time(&step.solution, settings) {
+                    Outcome::TimeLimit
+                } else {
+                    Outcome::IterationLimit
+                };
+            }
+            let state = State {
+                reaction: step.solution.reaction.clone(),
+                relative_displacement: step.solution.relative_displacement.clone(),
+                status: step.solution.status.clone(),
+                rigid: step.solution.rigid_motion.clone(),
             };
+            self.view = Some(view);
+            return Ok((step, state));
         }
+    }
+
+    /// The step on the members of a view, and the reactions of all contacts; its work is added to
+    /// what was `spent`.
+    fn step_on_view(
+        &mut self,
+        problem: &Problem<D>,
+        view: &View<D>,
+        loads: (&[f64], &[f64]),
+        left: &Settings,
+        spent: &mut Solution<D>,
+        stop: &AtomicBool,
+    ) -> Result<(Step<D>, Vec<[f64; D]>), Error> {
+        let members = &view.members;
+        let shared = Arc::ptr_eq(view.problem.bodies(), problem.bodies());
+        let mut before = self.state.as_ref().map(|state| at(state, members));
+        if let (false, Some(state)) = (shared, &mut before) {
+            let start = self.carried.clone();
+            let start = start.filter(|a| a.len() == state.rigid.len());
+            state.rigid = start.unwrap_or_else(|| vec![0.0; state.rigid.len()]);
+        }
+        let mut step = LoadPath::new(before)
+            .advance(&view.problem, loads.0, loads.1, left, stop)
+            .map_err(|error| renumber(error, members))?;
+        let solution = &mut step.solution;
+        spent.iterations += solution.iterations;
+        let work = spent.work;
+        let history = solution.history.iter();
+        let history = history.map(|&(w, eta)| (work + w, eta));
+        spent.history.extend(history);
+        spent.work += solution.work;
+        let reaction = spread(problem.contacts(), members, &solution.reaction, [0.0; D]);
+        if !shared {
+            let own = std::mem::take(&mut solution.rigid_motion);
+            solution.rigid_motion = amounts(problem, view, loads, &reaction, &own)?;
+            self.carried = Some(own);
+        }
+        Ok((step, reaction))
     }
 
     /// The initial view, with a given set or a new one.
@@ -331,6 +326,40 @@ fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D
         members: (0..problem.contacts()).collect(),
         problem: problem.whole(stop)?,
     })
+}
+
+/// A view with the contacts `asked` too; with all contacts if none is asked.
+fn widen<const D: usize>(
+    problem: &Problem<D>,
+    candidates: &Candidates<D>,
+    view: &View<D>,
+    mut asked: Vec<usize>,
+    stop: &AtomicBool,
+) -> Result<View<D>, Error> {
+    let members = &view.members;
+    let none = asked.is_empty();
+    asked.truncate(tuning::added_at_once().max(2 * members.len()));
+    let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
+    members.sort_unstable();
+    if none || tuning::all_candidates_above() * members.len() >= problem.contacts() {
+        all(problem, stop)
+    } else {
+        candidates.view(members, problem.mu(), Some(view))
+    }
+}
+
+/// Whether the members give a solution that K confirms, or prove that there is none.
+fn is_settled<const D: usize>(
+    problem: &Problem<D>,
+    members: &[usize],
+    step: &Step<D>,
+    total: &[[f64; D]],
+) -> bool {
+    let solution = &step.solution;
+    match solution.outcome {
+        Outcome::Converged => !differs(problem, members, &solution.relative_displacement, total),
+        outcome => outcome == Outcome::NoEquilibrium,
+    }
 }
 
 /// Whether the relative displacements of the members with `W` differ from those with `K`.

@@ -73,25 +73,7 @@ pub fn solve_watched<const D: usize>(
     let opening = bilateral_start(problem, start, &mut monitor)?;
     let start = opening.as_ref().unwrap_or(start);
     let mut sequence = Sequence::default();
-    let ended = match settings.method {
-        Method::Auto => auto::run(problem, start, &mut monitor),
-        Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor),
-        Method::Newton => newton::alone(problem, start, &mut monitor),
-        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, &mut monitor),
-        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, &mut monitor),
-        Method::UzawaTwoProjection => {
-            uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)
-        }
-        Method::ReturnMapping => multipliers::run(problem, RETURN, start, &mut monitor),
-        Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, &mut monitor),
-        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor),
-        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor),
-        Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor),
-        Method::MinimisingSequence => {
-            minimising_sequence::run(problem, start, &mut monitor, &mut sequence)
-        }
-        Method::Pivoting => pivoting::run(problem, start, &mut monitor),
-    };
+    let ended = run_method(problem, settings.method, start, &mut monitor, &mut sequence);
     let outcome = match ended {
         Ok(()) => Outcome::Stalled,
         Err(Ended::Stopped(outcome)) => outcome,
@@ -136,6 +118,31 @@ pub fn solve_watched<const D: usize>(
         solution.free_motion = balance::runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// Calls the method.
+fn run_method<const D: usize>(
+    problem: &Reduced<D>,
+    method: Method,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+    sequence: &mut Sequence<D>,
+) -> Result<(), Ended> {
+    match method {
+        Method::Auto => auto::run(problem, start, monitor),
+        Method::GaussSeidel => gauss_seidel::run(problem, start, monitor),
+        Method::Newton => newton::alone(problem, start, monitor),
+        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, monitor),
+        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, monitor),
+        Method::UzawaTwoProjection => uzawa::run(problem, Variant::TwoProjections, start, monitor),
+        Method::ReturnMapping => multipliers::run(problem, RETURN, start, monitor),
+        Method::PerturbedLagrangian => multipliers::run(problem, LAGRANGIAN, start, monitor),
+        Method::DisplacementPrinciple => displacement_principle::run(problem, start, monitor),
+        Method::AlternatingPrinciples => alternating_principles::run(problem, start, monitor),
+        Method::StressPrinciple => stress_principle::run(problem, start, monitor),
+        Method::MinimisingSequence => minimising_sequence::run(problem, start, monitor, sequence),
+        Method::Pivoting => pivoting::run(problem, start, monitor),
+    }
 }
 
 /// The start of bodies that only contact holds, if the caller gives none: the bilateral

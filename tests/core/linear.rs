@@ -177,7 +177,7 @@ fn krylov(a: &[f64], m: &[f64], b: &[f64], tol: f64, most: usize) -> GmresSoluti
             *value /= m;
         }
     };
-    gmres::solve(apply, precondition, b, tol, most).unwrap()
+    gmres::solve(&apply, &precondition, b, tol, most).unwrap()
 }
 
 /// A matrix with its spectrum right of one: `G + I √n`, or `G Gᵀ/n + I`.
@@ -320,7 +320,7 @@ fn gmres_never_claims_to_reach_what_a_singular_matrix_cannot() {
 #[test]
 fn gmres_gives_back_the_error_of_a_product() {
     let apply = |_: &[f64]| Err::<Vec<f64>, _>(Error::Interrupted);
-    let ended = gmres::solve(apply, |_| (), &[1.0], 1e-10, 10);
+    let ended = gmres::solve(&apply, &|_| (), &[1.0], 1e-10, 10);
     assert_eq!(ended.unwrap_err(), Error::Interrupted);
 }
 

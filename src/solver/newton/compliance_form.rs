@@ -127,7 +127,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         (r, rigid): (&[[f64; D]], &[f64]),
         imbalance: &[f64],
         tol: f64,
-        count: &mut impl FnMut(f64),
+        count: &mut dyn FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
@@ -143,7 +143,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 let factors = ContactPreconditioner::new(self, factors)?;
                 let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
-                let found = gmres::solve(apply, precondition, &x, LEFT, tuning::mending_steps())?;
+                let found = gmres::solve(&apply, &precondition, &x, LEFT, tuning::mending_steps())?;
                 #[expect(clippy::cast_precision_loss, reason = "a few")]
                 count(found.products as f64);
                 let finite = found.x.iter().all(|c| c.is_finite());
@@ -157,7 +157,13 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             let blocks = ContactPreconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
-            let found = gmres::solve(apply, precondition, &x, tol, tuning::most_gmres_products())?;
+            let found = gmres::solve(
+                &apply,
+                &precondition,
+                &x,
+                tol,
+                tuning::most_gmres_products(),
+            )?;
             #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
             count((found.products * n) as f64 / (D * self.problem.contacts()) as f64);
             if found.residual <= tol && found.x.iter().all(|c| c.is_finite()) {
@@ -182,7 +188,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     pub fn solve_definite(
         &self,
         r: &[[f64; D]],
-        count: &mut impl FnMut(f64),
+        count: &mut dyn FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
@@ -247,7 +253,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 
     /// `−F` of the closed contacts minus the effect of opening contacts, and the forces out of
     /// balance.
-    fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut impl FnMut(f64)) -> Vec<f64> {
+    fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut dyn FnMut(f64)) -> Vec<f64> {
         let scaling = &self.problem.scaling;
         let mut released: Vec<[f64; D]> = r.iter().map(|r| r.map(|c| -c)).collect();
         for row in &self.rows {

@@ -279,7 +279,7 @@ pub fn solve<const D: usize>(
     (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
     imbalance: &[f64],
     tol: f64,
-    count: &mut impl FnMut(f64),
+    count: &mut dyn FnMut(f64),
     stop: &AtomicBool,
 ) -> Result<Option<Solved<D>>, Error> {
     if law.shift == 0.0 && law.by_status && step_cost(problem, law).1 {

@@ -71,7 +71,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         &self,
         (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
         imbalance: &[f64],
-        count: &mut impl FnMut(f64),
+        count: &mut dyn FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();

@@ -13,7 +13,17 @@ from support.places import ROOT
 SOURCE, PACKAGE = ROOT / "src", ROOT / "python" / "bipot_rs"
 # From the lowest module, which uses no other, to the highest.
 RUST = (
-    *("error", "panics", "per_process", "threads", "tasks", "linalg", "bodies", "assembly"),
+    *(
+        "error",
+        "panics",
+        "fitted",
+        "per_process",
+        "threads",
+        "tasks",
+        "linalg",
+        "bodies",
+        "assembly",
+    ),
     *("law", "reduced", "condensation", "solver", "proof", "path", "primal", "python"),
 )
 # A word in the code, and the only files or folders that may contain it. An upgrade of a
