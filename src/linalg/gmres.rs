@@ -2,6 +2,9 @@
 
 use crate::linalg::small::{dot_long, norm};
 
+/// `A x`, or the error of the product.
+pub type Product<'a, E> = &'a dyn Fn(&[f64]) -> Result<Vec<f64>, E>;
+
 /// The result of GMRES.
 #[derive(Clone, Debug)]
 pub struct GmresSolution {
@@ -20,7 +23,7 @@ pub struct GmresSolution {
 /// # Errors
 /// The error of `apply`.
 pub fn solve<E>(
-    apply: &dyn Fn(&[f64]) -> Result<Vec<f64>, E>,
+    apply: Product<'_, E>,
     precondition: &dyn Fn(&mut [f64]),
     b: &[f64],
     tol: f64,

@@ -73,7 +73,9 @@ pub fn xpay<T: Real>(x: &[T], s: f64, y: &mut [T]) {
 /// `y ← f(y)`, entry by entry.
 pub fn map<T: Real>(y: &mut [T], f: impl Fn(T) -> T + Sync) {
     tasks::for_each(y.chunks_mut(CHUNK), |_, y| {
-        y.iter_mut().for_each(|y| *y = f(*y))
+        for y in y {
+            *y = f(*y);
+        }
     });
 }
 

@@ -60,13 +60,12 @@ fn penalised<const D: usize>(
         if law.merit(&problem, &r, &v) <= enough {
             return case.compliance.scatter(&r);
         }
-        match run_near(&problem, &law, &r, &rigid, enough, &mut monitor).unwrap() {
-            Some(next) => (r, rigid) = (next.r, next.rigid),
-            None => {
-                let left = law.merit(&problem, &r, &v) / cold;
-                panic!("{method:?} {penalty} {left:e}")
-            }
-        }
+        let next = run_near(&problem, &law, &r, &rigid, enough, &mut monitor).unwrap();
+        let Some(next) = next else {
+            let left = law.merit(&problem, &r, &v) / cold;
+            panic!("{method:?} {penalty} {left:e}")
+        };
+        (r, rigid) = (next.r, next.rigid);
     }
 }
 

@@ -211,6 +211,8 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
     if shared {
         tasks::for_each(strips.into_iter().rev(), work);
     } else {
-        strips.into_iter().for_each(|strip| work(0, strip));
+        for strip in strips {
+            work(0, strip);
+        }
     }
 }

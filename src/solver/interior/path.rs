@@ -74,6 +74,9 @@ fn follow<const D: usize>(
     Ok(path.end())
 }
 
+/// Reactions and relative displacements.
+type Pair<const D: usize> = (Vec<[f64; D]>, Vec<[f64; D]>);
+
 /// A path in progress.
 struct InteriorPath<'s, 'p, const D: usize> {
     system: &'s System<'p, D>,
@@ -132,7 +135,7 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
     }
 
     /// Checks the point; returns its reactions and relative displacements.
-    fn look(&mut self, monitor: &mut Monitor<D>) -> Result<(Vec<[f64; D]>, Vec<[f64; D]>), Ended> {
+    fn look(&mut self, monitor: &mut Monitor<D>) -> Result<Pair<D>, Ended> {
         let problem = self.system.problem;
         let r = self.system.reaction(&self.at.z);
         let rigid = problem.scaling.rigid_from_scaled(&self.at.a);
