@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -219,6 +220,10 @@ class ContactProblem:
         self.stiffness = PreparedStiffness(
             restored, digits, self.contacts, options, self.loading.loads, on_forecast
         )
+
+    def __copy__(self) -> ContactProblem:
+        # `update` of one must not change the other.
+        return deepcopy(self)
 
     def __repr__(self) -> str:
         dofs = counted(self.loading.n, "degree") + " of freedom"

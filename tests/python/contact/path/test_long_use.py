@@ -123,16 +123,6 @@ class Endless:
 
 
 @pytest.mark.slow
-def test_small_problems() -> None:
-    growth(random_problem, 300, 900)
-
-
-@pytest.mark.slow
-def test_load_steps() -> None:
-    growth(Endless().step, 50, 150)
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_ten_thousand_small_problems() -> None:
     growth(random_problem, 1000, 10_000)

@@ -124,9 +124,10 @@ def test_a_problem_in_another_process(case: Any) -> None:
 def test_copies(copied: Any) -> None:
     problem, load, prescribed = supported()
     again = copied(problem)
-    assert bits(asked(again, load, prescribed)) == bits(
-        asked(problem, load, prescribed)
-    )
+    before = bits(asked(problem, load, prescribed))
+    assert bits(asked(again, load, prescribed)) == before
+    again.update(2 * block().K)
+    assert bits(asked(problem, load, prescribed)) == before
 
 
 def test_known_loads() -> None:

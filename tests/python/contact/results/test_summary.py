@@ -9,7 +9,6 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import analytic
 from bipot_rs.contact.results import summary
 
 # Two contacts in the plane: one pressed and dragged beyond friction, one pulled off.
@@ -181,26 +180,6 @@ def test_dissipation_of_a_sliding_block() -> None:
     # The residual, 1e-10, of forces that dissipate work over a path of 1.
     np.testing.assert_allclose(path.dissipation, lost, atol=1e-9 * mu * N)
     np.testing.assert_allclose([s.dissipation for s in path], path.dissipation, rtol=0)
-
-
-def test_dissipation_of_a_bar_in_a_cycle() -> None:
-    """A chain pulled to and fro on a rough foundation: the closed form of every cycle."""
-    n, stiffness, limit, peak, mu = 20, 1000.0, 50.0, 30.0, 0.3
-    chain = sparse.diags([-1.0, [2.0] * (n - 1) + [1.0], -1.0], [-1, 0, 1], (n, n))
-    K = sparse.kron(chain, np.diag([0.0, 1.0])) * stiffness * n
-    K = K + sparse.kron(sparse.identity(n), np.diag([100.0, 0.0]))
-    press = np.append(np.full(n - 1, 1.0), 0.5) * limit / n / mu
-    loads = np.zeros((21, 2 * n))
-    loads[:, ::2] = -press
-    loads[:, -1] = peak * np.sin(np.pi / 2 * np.arange(21)).round()
-    result = bp.solve(
-        K, sparse.identity(2 * n), loads, gap=np.zeros(n), mu=mu, tol=1e-13
-    )
-    # From peak to peak: steps 2 to 5, 6 to 9, ...
-    cycles = result.dissipation[2:-3].reshape(-1, 4).sum(axis=1)
-    exact = analytic.bar_cycle_dissipation(peak, stiffness, limit, element=1 / n)
-    # η = 1e-13 for each of 20 nodes, over a path that slips to and fro.
-    np.testing.assert_allclose(cycles, exact, rtol=1e-10)
 
 
 def test_resultant_in_global_components() -> None:
