@@ -206,6 +206,7 @@ SMALL = [name for name in PATHS if contacts(name) <= 300]
     "rough_2d_257",
     "twist_3d_49",
 )
+@pytest.mark.slow_variants("block_2d_129_strong")
 def test_the_first_steps_of_a_path_have_references(name: str) -> None:
     found = [step for step, _ in zip(steps(PATHS[name].make()), range(3), strict=False)]
     assert all(step.answers or step.proof is not None for step in found)

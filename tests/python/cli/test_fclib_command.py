@@ -214,6 +214,7 @@ def test_every_method_is_there(method: str) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("as_json", [True, False])
 @pytest.mark.quick_variants("True-15")
+@pytest.mark.slow
 def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> None:
     # Each takes some milliseconds: the signal comes long before the last.
     process = subprocess.Popen(
@@ -237,6 +238,7 @@ def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> Non
         assert "worst residual" in output
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_the_pipe() -> None:
     process = subprocess.Popen(
         [*BIPOT, *[GOOD] * 500],

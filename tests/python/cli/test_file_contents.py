@@ -220,6 +220,7 @@ def test_without_frames_there_are_no_global_components(tmp_path: Path) -> None:
     assert names == local | {"gap", "status"}
 
 
+@pytest.mark.slow
 def test_time_is_the_load_if_it_grows(folder: Path, tmp_path: Path) -> None:
     for name in ("result.pvd", "contact.pvd"):
         assert times(folder / name) == [0.0, 1.0]

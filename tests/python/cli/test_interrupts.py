@@ -161,6 +161,7 @@ def test_while_the_package_loads(
     [("numpy", INT), ("h5py", TERM), ("skfem", INT), ("pydantic", INT)],
 )
 @pytest.mark.quick_variants("numpy-*")
+@pytest.mark.slow
 def test_while_libraries_load(
     module: str, number: signal.Signals, tmp_path: Path
 ) -> None:
@@ -184,6 +185,7 @@ finally:
     assert run.stdout.splitlines()[-1] == "True"
 
 
+@pytest.mark.slow
 def test_sigterm_while_metis_orders(tmp_path: Path) -> None:
     """METIS uses SIGTERM internally, and jumps from the thread that receives it."""
     code = """

@@ -195,6 +195,7 @@ def test_a_path_with_frames_of_each_step_is_resumed_to_the_same_files(
     assert bipot("plot", "whole", cwd=tmp_path).returncode == 0
 
 
+@pytest.mark.slow
 def test_problems_of_a_resumed_path(broken: Path) -> None:
     run = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
     assert run.returncode == 0, run.stderr

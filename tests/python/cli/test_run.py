@@ -316,6 +316,7 @@ call(["run", "pressed_block", "--set", "mesh.n=4", "--json", "--out", "out"])
     assert all(line.endswith(" []") for line in told), run.stderr
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_the_pipe(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*BIPOT, "run", "cyclic_cube", "--set", "mesh.n=4", "--json"],

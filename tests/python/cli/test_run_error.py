@@ -47,6 +47,7 @@ def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
     assert len(bp.load(out / "result.h5")) == 2
 
 
+@pytest.mark.slow
 def test_json_and_resume(tmp_path: Path) -> None:
     path = ("run", "cyclic_cube", "--set=mesh.n=2", "--set=path.steps=3", P1)
     run = bipot(

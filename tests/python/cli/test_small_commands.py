@@ -215,6 +215,7 @@ def test_info_of_arrays_without_displacements(bipot: Any) -> None:
     assert "0 contacts in 2 dimensions\n" in out
 
 
+@pytest.mark.slow
 def test_info_counts_load_steps_from_one(bipot: Any) -> None:
     assert bipot("run", "sheared_cube", *SMALL)[0] == 0
     out = bipot("info", "out/sheared_cube")[1]

@@ -70,6 +70,7 @@ def test_kept_steps_are_those_of_a_single_run_which_can_go_on(bipot: Bipot) -> N
 
 
 @pytest.mark.usefixtures("scene")
+@pytest.mark.slow
 def test_a_row_without_a_solved_step_has_no_file(bipot: Bipot) -> None:
     bipot(*STUDY, "--set", "contact.0.mu=0.01,-1")
     rows = table("here")

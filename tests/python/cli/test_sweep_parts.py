@@ -161,6 +161,7 @@ def test_missing_rows_are_marked_and_resumed(
     assert table(parts) == table(array / "whole")
 
 
+@pytest.mark.slow
 def test_more_parts_than_rows(bipot: Bipot) -> None:
     study = ("sweep", "sheared_cube", "--set", "mesh.n=2", "--out", "few")
     for k in (1, 2):
@@ -257,6 +258,7 @@ def damaged_record(parts: Path) -> str:
         damaged_record,
     ],
 )
+@pytest.mark.slow
 def test_what_does_not_belong_together_is_refused(
     spoil: Callable[[Path], str], parts: Path, bipot: Bipot
 ) -> None:
@@ -279,6 +281,7 @@ def test_what_does_not_belong_together_is_refused(
         (("parts/part-1-of-3", "copy"), "--out DIR is missing: the parts are in"),
     ],
 )
+@pytest.mark.slow
 def test_wrong_arguments_of_join(
     arguments: tuple[str, ...], why: str, array: Path, parts: Path, bipot: Bipot
 ) -> None:

@@ -86,6 +86,7 @@ def test_agrees_with_its_local_form(name: str) -> None:
 
 @pytest.mark.parametrize("name", GLOBAL)
 @pytest.mark.slow_variants("box_stacks_i0122_82")
+@pytest.mark.slow_variants("d2_granular_g69")
 def test_compliance_is_that_of_dense_algebra(name: str) -> None:
     M, H, f, w, _ = arrays(name)
     reduced = solved(name)[0].reduced()

@@ -118,6 +118,7 @@ def test_the_nearest_of_all_for_many_surfaces() -> None:
     ("off", "nodes"), [(0.3, 1500), (1e-2, 20_000), (1e-3, 70_000)]
 )
 @pytest.mark.quick_variants("0.3-*")
+@pytest.mark.slow
 def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None:
     """All facets are equally far except for `off`, so only a part of them is compared."""
     x, facets = icosphere(6)
@@ -139,6 +140,7 @@ def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None
     assert max(work.nodes) <= box_tree.AT_ONCE
 
 
+@pytest.mark.slow
 def test_at_the_centre_memory_stays_bounded(work: Work) -> None:
     """At the centre every facet is compared, in batches, and few remain at the end."""
     x, facets = icosphere(6)

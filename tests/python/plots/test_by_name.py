@@ -183,6 +183,7 @@ def test_frames_have_the_same_colours(
         assert len({getattr(ax, f"get_{name}")() for ax in seen}) == 1
 
 
+@pytest.mark.slow
 def test_frames_of_bodies_show_growing_displacements(
     flat: Any, seen: list[Any], tmp_path: Path
 ) -> None:

@@ -36,6 +36,7 @@ def test_facets_of_a_curved_surface_cover_it(cell: str) -> None:
     assert not triangles.alone(facets, len(model.points)).size
 
 
+@pytest.mark.slow
 def test_the_picture_of_a_run_has_facets(tmp_path: Any, monkeypatch: Any) -> None:
     """Not dots; dots only if the facets are not known."""
     from matplotlib.figure import Figure

@@ -87,6 +87,7 @@ def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert "load step" not in texts  # # one step is not a path
 
 
+@pytest.mark.slow
 def test_plane_and_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     u, v = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
     x = np.column_stack([u.ravel(), v.ravel(), 0 * u.ravel()])

@@ -103,6 +103,7 @@ def test_each_surface_has_its_lines(clamped: Any) -> None:
     "draw", [plots.slip, plots.status_map, plots.resultants, plots.deformed]
 )
 @pytest.mark.slow_variants("deformed")
+@pytest.mark.slow_variants("resultants")
 def test_pictures_of_two_surfaces_can_be_read(
     clamped: Any, draw: Callable[..., Any]
 ) -> None:

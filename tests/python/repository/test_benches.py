@@ -139,6 +139,7 @@ def test_statuses_on_a_border_are_not_compared() -> None:
     assert clear[0].tolist() == [False, True, True, True, True]
 
 
+@pytest.mark.slow
 def test_a_peer_without_its_package_names_it(repository: Path) -> None:
     peers = repository / "benches" / "peers"
     # An isolated Python sees neither package.

@@ -82,6 +82,7 @@ def test_p3_sliding_pad() -> None:
     check("p3")
 
 
+@pytest.mark.slow
 def test_p4_sphere() -> None:
     check("p4")
 

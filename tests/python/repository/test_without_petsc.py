@@ -44,6 +44,7 @@ def test_the_ordinary_package_never_imports_petsc(work: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_run_with_another_engine_does_not_import_it(tmp_path: Path) -> None:
     run = ("run", "sheared_cube", "--set", "mesh.n=2", "--out", "here")
     assert child(_WITHOUT, *run, cwd=tmp_path).returncode == 0

@@ -226,6 +226,7 @@ def check_scene(path: Path, table: dict[str, Any]) -> str:
 @pytest.mark.parametrize("name", shipped())
 @pytest.mark.quick_variants("drawn_sheet", "pushed_punch", "raous_plate", "twisted_pad")
 @pytest.mark.slow_variants("drawn_sheet", "twisted_pad")
+@pytest.mark.quick_variants("raous_plate")
 def test_altered_scenes(name: str, tmp_path: Path) -> None:
     @settings(
         max_examples=60,
@@ -283,6 +284,7 @@ def result_file(folder: Path) -> tuple[Path, bp.Result]:
 
 
 @pytest.mark.timeout(120)
+@pytest.mark.slow
 def test_damaged_results(tmp_path: Path) -> None:
     path, result = result_file(tmp_path)
 
@@ -303,6 +305,7 @@ def test_damaged_results(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", ["d2_fcp00031", "rods_2_3c"])
 @pytest.mark.slow_variants("rods_2_3c")
+@pytest.mark.slow
 def test_damaged_problems(name: str, tmp_path: Path) -> None:
     path = tmp_path / "problem.hdf5"
     path.write_bytes(collection.path(name).read_bytes())

@@ -333,6 +333,7 @@ def dragged(steps: int, turn: float = np.pi) -> tuple[bp.ContactProblem, Array]:
     return problem, np.column_stack([np.full(len(way), -1.0), way])
 
 
+@pytest.mark.slow
 def test_explicit_scheme_drifts_and_implicit_does_not() -> None:
     drift, sizes = [], (50, 100, 200, 400)
     for steps in sizes:

@@ -82,6 +82,7 @@ def test_mechanism_in_space() -> None:
 
 
 @pytest.mark.parametrize("method", ["newton", "displacements"])
+@pytest.mark.quick_variants("newton")
 def test_a_load_above_the_limit_is_refused(method: str) -> None:
     structure, load = block(0.2)
     factors = np.array([0.5, 1.0, 1.05, 1.2])[:, None]

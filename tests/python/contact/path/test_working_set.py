@@ -75,6 +75,7 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
 
 @pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 15)])
 @pytest.mark.slow_variants("3-*")
+@pytest.mark.slow
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
     fixed = top(body)
@@ -121,6 +122,7 @@ def test_a_sliding_body_is_reported() -> None:
             problem.solve(pulled)
 
 
+@pytest.mark.slow
 def test_all_candidates_are_used_if_nearly_all_close() -> None:
     body, gap = indented(2, 320, radius=50.0)
     fixed = top(body)

@@ -34,6 +34,7 @@ def test_supports_of_many_flat_blocks_are_counted() -> None:
 
 
 @pytest.mark.needs_extra
+@pytest.mark.slow
 def test_two_nodes_do_not_hold_a_body_in_space() -> None:
     assert on_two_nodes(range(200))["refused"] == 200
 

@@ -66,6 +66,7 @@ def test_converged_solutions_satisfy_the_law(kind: str, d: int, method: str) -> 
     digits=st.floats(3, 12),
     start=st.one_of(st.none(), st.floats(-6, 6)),
 )
+@pytest.mark.slow
 def test_converged_from_any_start_to_any_tolerance(
     kind: str,
     d: int,

@@ -259,6 +259,7 @@ def bimetal_is_solved(height: float, how: str) -> None:
             assert off(result.displacement[-1], there.u) <= max(1e-9, estimate[1])
 
 
+@pytest.mark.slow
 def test_a_bimetal_strip() -> None:
     bimetal_is_solved(2.0, "roll")
 

@@ -148,6 +148,7 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
 )
 @pytest.mark.slow_variants("hexahedron-floating-6", "hexahedron-held-6")
 @pytest.mark.slow_variants("hexahedron-held-8")
+@pytest.mark.slow_variants("hexahedron-floating-10")
 def test_few_digits_give_few_digits(cell: str, held: bool, digits: int) -> None:
     agree(case(cell, held), digits, cell)
 
@@ -175,6 +176,7 @@ def test_a_slender_body_keeps_its_bending(held: bool) -> None:
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
 @pytest.mark.slow_variants("8")
+@pytest.mark.slow_variants("6")
 def test_entries_move_within_their_digits(digits: int) -> None:
     given = case("hexahedron", False)
     given.K.eliminate_zeros()
@@ -226,6 +228,7 @@ def test_a_large_indefinite_stiffness() -> None:
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 @pytest.mark.parametrize("negative", [6e-15, 3e-13])
 @pytest.mark.slow_variants("*-13-hexahedron")
+@pytest.mark.slow_variants("*hexahedron*")
 def test_a_condensed_stiffness(cell: str, negative: float) -> None:
     """A dense superelement whose rigid motions have slightly negative eigenvalues."""
     given = case(cell, False, cells=3)

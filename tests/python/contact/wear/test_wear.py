@@ -129,6 +129,7 @@ def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
 
 
 @pytest.mark.parametrize("problem", ["spring", "sliding"])
+@pytest.mark.quick_variants("spring")
 def test_jumps_have_second_order(problem: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def solved(over: int | None) -> np.ndarray:
         def length(run: Any) -> int:
