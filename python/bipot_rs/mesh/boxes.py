@@ -1,17 +1,24 @@
-"""Grids of rectangles and boxes with their faces named."""
+"""Rectangles and boxes in cells of first order, with their faces named.
+
+`BoxMesh` has the arrays of a mesh of scikit-fem, so that a scene of boxes does not import
+scikit-fem.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.mesh.box_mesh import BoxMesh, tensor_mesh
-from bipot_rs.mesh.kinds import FIRST
+from bipot_rs.mesh.kinds import FIRST, Kind
 
+Numbers = NDArray[Any]
 # Faces of a box, (axis, end); the last axis points up.
 FACES: dict[int, dict[str, tuple[int, int]]] = {
     2: {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)},
@@ -24,6 +31,194 @@ FACES: dict[int, dict[str, tuple[int, int]]] = {
         "top": (2, 1),
     },
 }
+# Corners of a cell of the grid: steps along the axes from its lowest corner.
+_STEPS: dict[int, list[tuple[int, ...]]] = {
+    2: [(0, 0), (0, 1), (1, 1), (1, 0)],
+    3: [
+        (0, 0, 0),
+        (0, 1, 0),
+        (1, 0, 0),
+        (0, 0, 1),
+        (1, 1, 0),
+        (0, 1, 1),
+        (1, 0, 1),
+        (1, 1, 1),
+    ],
+}
+# Cells that a cell of the grid is divided into: numbers of its corners.
+_PIECES: dict[str, list[tuple[int, ...]]] = {
+    "triangle": [(0, 1, 2), (0, 3, 2)],
+    "quadrilateral": [(0, 1, 2, 3)],
+    "tetrahedron": [
+        (0, 1, 5, 7),
+        (0, 1, 4, 7),
+        (0, 2, 4, 7),
+        (0, 3, 5, 7),
+        (0, 2, 6, 7),
+        (0, 3, 6, 7),
+    ],
+    "hexahedron": [tuple(range(8))],
+}
+# Facets of a cell: numbers of its nodes.
+_FACETS: dict[str, list[tuple[int, ...]]] = {
+    "triangle": [(0, 1), (1, 2), (0, 2)],
+    "quadrilateral": [(0, 1), (1, 2), (2, 3), (0, 3)],
+    "tetrahedron": [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)],
+    "hexahedron": [
+        (0, 1, 4, 2),
+        (0, 2, 6, 3),
+        (0, 3, 5, 1),
+        (2, 4, 7, 6),
+        (1, 5, 7, 4),
+        (3, 6, 7, 5),
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Facets of a mesh, and the cells at each of them.
+
+    Attributes
+    ----------
+    facets : (c, facets)
+        Nodes of each facet. Facets ascend by their sorted nodes.
+    t2f : (f, cells)
+        Facets of each cell.
+    f2t : (2, facets)
+        The first and the last cell at each facet; -1 instead of the last on the boundary.
+    """
+
+    facets: Numbers
+    t2f: Numbers
+    f2t: Numbers
+
+    @classmethod
+    def of(cls, t: Numbers, shape: str) -> Topology:
+        """Find the facets of cells ``t (nodes, cells)``."""
+        cells = t.shape[1]
+        corners = np.hstack([t[list(one)] for one in _FACETS[shape]])
+        ascending = np.sort(corners, axis=0)
+        # Stable: among equal facets the first cell comes first.
+        order = np.lexsort(ascending[::-1])
+        found = ascending[:, order]
+        begins = np.ones(len(order), dtype=np.bool_)
+        begins[1:] = (found[:, 1:] != found[:, :-1]).any(axis=0)
+        t2f = np.empty(len(order), dtype=np.int64)
+        t2f[order] = np.cumsum(begins) - 1
+        first = order[begins]
+        last = order[np.append(begins[1:], True)]
+        f2t = np.stack([first % cells, last % cells]).astype(np.int32)
+        f2t[1, first == last] = -1
+        # The nodes of a quadrilateral must stay in their order around it.
+        nodes = corners if shape == "hexahedron" else ascending
+        return cls(np.ascontiguousarray(nodes[:, first]), t2f.reshape(-1, cells), f2t)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxMesh:
+    """A rectangle or a box in cells of first order.
+
+    Its arrays are those of the mesh of scikit-fem of `boxes.box`, with the same numbers. All
+    other attributes are taken from that mesh, which is made when one is asked for.
+
+    Attributes
+    ----------
+    kind : Kind
+        Kind of the cells.
+    p : (d, nodes)
+        Positions of the nodes [m].
+    t : (c, cells)
+        Nodes of each cell.
+    boundaries : mapping
+        Facets of each named surface.
+    """
+
+    kind: Kind
+    p: Floats
+    t: Numbers
+    topology: Topology = field(repr=False)
+    boundaries: Mapping[str, Numbers] = field(default_factory=dict)
+
+    @property
+    def subdomains(self) -> None:
+        """A box has no named volumes."""
+
+    @property
+    def nelements(self) -> int:
+        """Number of cells."""
+        return int(self.t.shape[1])
+
+    @property
+    def facets(self) -> Numbers:
+        """`Topology.facets`."""
+        return self.topology.facets
+
+    @property
+    def t2f(self) -> Numbers:
+        """`Topology.t2f`."""
+        return self.topology.t2f
+
+    @property
+    def f2t(self) -> Numbers:
+        """`Topology.f2t`."""
+        return self.topology.f2t
+
+    def boundary_facets(self) -> Numbers:
+        """Numbers of the facets with one cell, ascending."""
+        return np.flatnonzero(self.f2t[1] == -1).astype(np.int32)
+
+    def with_boundaries(self, named: Mapping[str, Numbers]) -> BoxMesh:
+        """Copy with further named surfaces."""
+        return replace(self, boundaries={**self.boundaries, **named})
+
+    @cached_property
+    def whole(self) -> Any:
+        """The same mesh of scikit-fem."""
+        made: Any = self.kind.mesh(self.p, self.t, dict(self.boundaries))
+        # The topology takes longer than assembling K.
+        vars(made).update(_facets=self.facets, _t2f=self.t2f, _f2t=self.f2t)
+        return made
+
+    def __getattr__(self, name: str) -> Any:
+        # Copies and pickles ask for special names before there are fields.
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.whole, name)
+
+    def __repr__(self) -> str:
+        cells = f"{self.nelements} cells of the kind {self.kind.vtk}"
+        return f"BoxMesh({self.p.shape[1]} nodes, {cells})"
+
+
+def _divide_grid(grids: Sequence[Floats], shape: str) -> BoxMesh:
+    """Cells of one shape on a grid, without named surfaces.
+
+    Nodes and cells are numbered along y first, then x, then z, as by scikit-fem.
+
+    Parameters
+    ----------
+    grids
+        Ascending grid points of each axis.
+    shape
+        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
+    """
+    places = np.meshgrid(*grids, indexing="xy")
+    p = np.stack([axis.ravel(order="F") for axis in places])
+    number = np.arange(p.shape[1], dtype=np.int32).reshape(places[0].shape, order="F")
+    # Axes of `number`: y, x, z.
+    corners = [
+        number[
+            tuple(
+                slice(step, len(grids[axis]) - 1 + step)
+                for axis, step in zip((1, 0, 2), (y, x, *z), strict=False)
+            )
+        ].ravel(order="F")
+        for x, y, *z in _STEPS[len(grids)]
+    ]
+    pieces = [np.stack([corners[k] for k in one]) for one in _PIECES[shape]]
+    t = np.ascontiguousarray(np.hstack(pieces))
+    return BoxMesh(FIRST[shape], p, t, Topology.of(t, shape))
 
 
 def box(axes: Sequence[ArrayLike], cell: str) -> Any:
@@ -57,8 +252,8 @@ def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
         np.sort(floats(f"axis {k} of axes", axis, ndim=1))
         for k, axis in enumerate(axes)
     ]
-    dim = 2 if cell in ("triangle", "quadrilateral") else 3
-    if cell not in FIRST or len(grids) != dim:
+    dim = FIRST[cell].dim if cell in FIRST else 0
+    if len(grids) != dim or not dim:
         raise ValueError(
             f"cell is {cell!r} with {len(grids)} axes, expected triangle or "
             "quadrilateral with 2, tetrahedron or hexahedron with 3"
@@ -66,7 +261,7 @@ def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:
     for k, grid in enumerate(grids):
         if grid.size < 2 or not np.all(np.diff(grid) > 0):
             raise ValueError(f"axis {k} needs two or more distinct grid points")
-    mesh = tensor_mesh(grids, cell)
+    mesh = _divide_grid(grids, cell)
     facets = mesh.boundary_facets()
     vertices = mesh.p[:, mesh.facets[:, facets]]
     return mesh.with_boundaries(

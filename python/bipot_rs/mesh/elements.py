@@ -13,7 +13,7 @@ import numpy as np
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.mesh.box_mesh import BoxMesh
+from bipot_rs.mesh.boxes import BoxMesh
 from bipot_rs.mesh.kinds import OF_VTK, Kind, by_class, find
 
 

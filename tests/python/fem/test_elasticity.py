@@ -119,6 +119,8 @@ def test_stiffness_is_that_of_scikit_fem(
     assert scaled(K - theirs, K) <= limit
     assert (K != K.T).nnz == 0
     assert (np.diff(K.indptr) > 0).all()
+    assert K.has_canonical_format
+    assert K.indices.dtype == np.int32
 
 
 @pytest.mark.parametrize("material", [STEEL, WOOD], ids=["isotropic", "orthotropic"])

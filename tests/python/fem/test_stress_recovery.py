@@ -226,16 +226,6 @@ def test_invalid_initial_strains() -> None:
         fem.von_mises(np.zeros((4, 2, 2)))
 
 
-def test_von_mises() -> None:
-    """Uniaxial tension, shear, and zero under hydrostatic pressure."""
-    tension, shear, all_around = np.zeros((3, 3, 3))
-    tension[1, 1] = -7.0
-    shear[0, 2] = shear[2, 0] = 2.0
-    all_around[:] = 5 * np.eye(3)
-    found = fem.von_mises([tension, shear, all_around])
-    np.testing.assert_allclose(found, [7.0, 2 * np.sqrt(3), 0.0], rtol=1e-15)
-
-
 def test_internal_forces_are_those_of_the_stiffness() -> None:
     """K u computed in another way: ∫ σ : ∇φ with the stress of u."""
     for cell, d in CELLS.items():

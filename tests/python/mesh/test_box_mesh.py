@@ -9,8 +9,7 @@ import skfem
 
 from bipot_rs import fem
 from bipot_rs.mesh import elements, kinds
-from bipot_rs.mesh.box_mesh import BoxMesh, Topology
-from bipot_rs.mesh.boxes import box_mesh
+from bipot_rs.mesh.boxes import BoxMesh, Topology, box_mesh
 from bipot_rs.mesh.kinds import OF_VTK
 
 CLASSES = {

@@ -168,30 +168,6 @@ def test_mistakes_are_reported_together(said: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "mistake"),
-    [
-        ("contact.0.mu=-1", "contact.0.mu: should be greater than or equal to 0"),
-        ('contact.0.mu="much"', "contact.0.mu: should be a valid number"),
-        ("contact.0.plane=3", "contact.0.plane: should be a table"),
-        ("contact.0.plane.normal=[0]", "contact.0.plane.normal: "),
-        ("material.steel=7", "material.steel: should be a table"),
-        ("material.steel.poisson=0.5", "material.steel.poisson: "),
-        ("body.cube.x=[]", "body.cube.x"),
-        ("mesh.n=0", "mesh.n: "),
-        ("support=1", "support: "),
-        ("support.0.x=1e70", "support.0.x"),
-        ("support.0.x.amplitude=3", "support.0.x"),
-        ("path.steps=-3", "path.steps: "),
-        ("path.amplitude.shear=true", "path.amplitude.shear"),
-    ],
-)
-def test_wrong_value_is_reported_with_its_key(
-    said: Any, setting: str, mistake: str
-) -> None:
-    assert mistake in said(*RUN, "--set", setting)
-
-
-@pytest.mark.parametrize(
     ("word", "found"),
     [
         ("Alpha-Beta", "alpha_beta"),

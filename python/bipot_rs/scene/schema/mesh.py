@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from bipot_rs._lib.types import Floats
+from bipot_rs.mesh.kinds import FIRST
 from bipot_rs.scene.schema.table import (
     KIND,
     MOST,
@@ -21,9 +22,6 @@ from bipot_rs.scene.schema.table import (
     no_tables,
     wrap,
 )
-
-_DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-
 
 _OF_N = re.compile(
     r"(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?n(?:\s*/\s*(?P<divisor>\d+(?:\.\d*)?))?"
@@ -200,7 +198,7 @@ class Block(Table):
     @property
     def dim(self) -> int | None:
         """2 or 3; None for a mesh from a file."""
-        return None if self.cell is None else _DIM[self.cell]
+        return None if self.cell is None else FIRST[self.cell].dim
 
     @property
     def materials(self) -> dict[str, str]:
