@@ -133,19 +133,18 @@ $(FRAMEWORKS_STAMP): $(STAMP)
 		|| { all=no; echo "the extra [$$extra] cannot be installed here: its tests are skipped"; }; \
 	done; if [ $$all = yes ]; then touch $@; fi
 
-# The reader must be that of the LLVM of rustc, or newer; rustup has one in llvm-tools.
-LLVM_BIN ?= $(firstword $(wildcard $(shell rustc --print sysroot)/lib/rustlib/*/bin/llvm-cov /usr/lib/llvm-2[2-9]/bin/llvm-cov))
+# The reader must be of the LLVM of rustc, or newer: that of rustup, or a package llvm-22.
+LLVM ?= $(lastword $(sort $(wildcard /usr/lib/llvm-2[2-9]/bin $(shell rustc --print sysroot)/lib/rustlib/*/bin)))
 COVERED := out/coverage
 .PHONY: coverage
-coverage: ## lines and branches of the core that its Rust tests reach (needs llvm-tools, or llvm-22)
-	@test -n '$(LLVM_BIN)' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
-	rm -rf $(COVERED)/raw
-	RUSTFLAGS='-C instrument-coverage' LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/raw/%p-%m.profraw' \
-		cargo test --release --locked --target-dir $(COVERED)/target --lib --tests \
-		--config 'profile.release.package.bipot_rs.opt-level=1'
-	$(dir $(LLVM_BIN))llvm-profdata merge --sparse $(COVERED)/raw/*.profraw -o $(COVERED)/merged
-	$(LLVM_BIN) report --instr-profile $(COVERED)/merged --sources src/law src/reduced src/solver src/proof \
-		$$(ls $(COVERED)/target/release/deps/*-* | grep -v '\.[a-z]*$$' | sed 's/^/--object /')
+coverage: ## what the Rust tests reach of the core (needs llvm-tools of rustup, or llvm-22)
+	@test -x '$(LLVM)/llvm-cov' || { echo "no llvm-cov: rustup component add llvm-tools"; exit 1; }
+	rm -rf $(COVERED)
+	RUSTC_WORKSPACE_WRAPPER='$(CURDIR)/.ci/covered' LLVM_PROFILE_FILE='$(CURDIR)/$(COVERED)/%p-%m.profraw' \
+		cargo test $(CHECKED) --lib --tests
+	$(LLVM)/llvm-profdata merge --sparse $(COVERED)/*.profraw -o $(COVERED)/merged
+	$(LLVM)/llvm-cov report --instr-profile $(COVERED)/merged --sources src/law src/reduced src/solver src/proof \
+		$$(for name in core bipot_rs; do ls -t target/release/deps/$$name-* | grep -v '\.[a-z]*$$' | head -n 1 | sed 's/^/--object /'; done)
 
 .PHONY: mutations
 mutations: $(STAMP) ## plant faults, one at a time, and see that the tests find each: half an hour
