@@ -18,7 +18,7 @@ from bipot_rs._lib.types import Communicator
 T = TypeVar("T")
 
 
-def agreed(comm: Communicator, work: Callable[[], T]) -> T:
+def do_together(comm: Communicator, work: Callable[[], T]) -> T:
     """Do some work on this rank, which sends no messages; raise on all ranks or on none.
 
     If it fails on several ranks, all of them raise the error of the first one.
@@ -31,10 +31,10 @@ def agreed(comm: Communicator, work: Callable[[], T]) -> T:
     first = min(comm.allgather(comm.size if error is None else comm.rank))
     if first == comm.size:
         return made  # type: ignore[return-value]
-    raise comm.bcast(_sendable(error), root=first) or RuntimeError
+    raise comm.bcast(_make_sendable(error), root=first) or RuntimeError
 
 
-def _sendable(error: Exception | None) -> Exception | None:
+def _make_sendable(error: Exception | None) -> Exception | None:
     try:
         pickle.loads(pickle.dumps(error))  # noqa: S301 - an error of this process
     except Exception:  # noqa: BLE001 - whatever a foreign exception cannot do
@@ -42,7 +42,7 @@ def _sendable(error: Exception | None) -> Exception | None:
     return error
 
 
-def same(comm: Communicator, **arrays: ArrayLike | None) -> None:
+def check_same(comm: Communicator, **arrays: ArrayLike | None) -> None:
     """Raise ``ValueError`` if an array differs between ranks: contact data must not."""
     for name, array in arrays.items():
         value = b"" if array is None else np.ascontiguousarray(array).tobytes()

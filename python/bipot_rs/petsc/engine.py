@@ -93,7 +93,7 @@ class VectorOperations:
 
 
 @dataclass
-class Record:
+class SolverCounts:
     """What the engine did, of all load paths of a problem."""
 
     newton: int = 0
@@ -141,7 +141,7 @@ class PetscEngine:
     fixed: Ints
     shape: tuple[int, int]
     gap: Floats | None = None
-    record: Record = field(default_factory=Record)
+    record: SolverCounts = field(default_factory=SolverCounts)
     name = "petsc"
 
     @property
@@ -195,7 +195,7 @@ class PetscEngine:
         """What answers questions about the last step."""
         return _Inquiry(data, self.record.reason)
 
-    def prescribed_part(self, values: Floats) -> tuple[PetscVec, Ints]:
+    def make_prescribed(self, values: Floats) -> tuple[PetscVec, Ints]:
         """Prescribed displacements as a Vec, and the own rows of these."""
         u = self.operator.make_zeros()
         first, last = u.getOwnershipRange()
@@ -204,9 +204,9 @@ class PetscEngine:
         u.array[rows] = values[ours]
         return u, rows
 
-    def force(self, load: PetscVec, prescribed: Floats) -> PetscVec:
+    def make_force(self, load: PetscVec, prescribed: Floats) -> PetscVec:
         """``Tᵀ (f - K u_p)`` without the prescribed rows."""
-        u, _ = self.prescribed_part(prescribed)
+        u, _ = self.make_prescribed(prescribed)
         f = self.operator.make_zeros()
         self.operator.K.mult(u, f)
         f.scale(-1.0)
@@ -214,10 +214,10 @@ class PetscEngine:
         self.operator.to_local_forces(f)
         return f
 
-    def displacement(self, y: PetscVec, prescribed: Floats) -> PetscVec:
+    def make_displacement(self, y: PetscVec, prescribed: Floats) -> PetscVec:
         """All displacements."""
         u = self.operator.to_displacements(y)
-        known, rows = self.prescribed_part(prescribed)
+        known, rows = self.make_prescribed(prescribed)
         u.array[rows] = known.array_r[rows]
         return u
 
@@ -244,12 +244,12 @@ class PetscPath:
         operator = engine.operator
         engine.solver.begin()
         y = operator.make_zeros() if self._u is None else operator.to_unknowns(self._u)
-        force = engine.force(load, prescribed)
+        force = engine.make_force(load, prescribed)
         raw = self._core.step(self._operations, y, force, prescribed, gap, *settings)
         engine.record.newton += raw["newton"]
         engine.record.krylov += raw["krylov"]
         engine.record.reason = raw["reason"] or ""
-        raw["displacement"] = engine.displacement(raw.pop("unknowns"), prescribed)
+        raw["displacement"] = engine.make_displacement(raw.pop("unknowns"), prescribed)
         if raw["outcome"] == "converged":
             self._u = raw["displacement"]
         return raw

@@ -43,7 +43,7 @@ def load() -> Library:
     """
     try:
         MPI = importlib.import_module("mpi4py.MPI")
-        PETSc = _petsc()
+        PETSc = _import_petsc()
     except ModuleNotFoundError as error:
         name = str(error.name).partition(".")[0]
         if name not in ("petsc4py", "mpi4py"):
@@ -53,17 +53,17 @@ def load() -> Library:
         ) from None
     except (ImportError, OSError, AttributeError) as error:
         raise ImportError(
-            f"petsc4py or mpi4py cannot be imported: {error}{remedy(error)}"
+            f"petsc4py or mpi4py cannot be imported: {error}{find_remedy(error)}"
         ) from error
     if PETSc.ScalarType().dtype.kind == "c":
         raise ImportError(
             "petsc4py belongs to a PETSc with complex numbers: set PETSC_DIR to one with "
-            f"real numbers{_known(working())}"
+            f"real numbers{_name_first(list_folders())}"
         )
     return Library(PETSc, MPI)
 
 
-def _petsc() -> ModuleType:
+def _import_petsc() -> ModuleType:
     try:
         importlib.import_module("petsc4py")
     except ModuleNotFoundError as error:
@@ -71,14 +71,14 @@ def _petsc() -> ModuleType:
             raise
         named = os.environ.get("PETSC_DIR")
         # A folder that the user named comes first; one of Debian needs no name.
-        for folder in [named] if named else working():
-            path = packages(folder)
+        for folder in [named] if named else list_folders():
+            path = packages_of(folder)
             if (path / "petsc4py").is_dir():
                 sys.path.append(str(path))
                 os.environ["PETSC_DIR"] = folder
                 break
         else:
-            if named and working():
+            if named and list_folders():
                 raise ImportError(
                     f"PETSC_DIR is {named}, which holds no petsc4py"
                 ) from None
@@ -86,35 +86,35 @@ def _petsc() -> ModuleType:
     return importlib.import_module("petsc4py.PETSc")
 
 
-def packages(folder: str) -> Path:
+def packages_of(folder: str) -> Path:
     """The folder of petsc4py in a folder of PETSc."""
     return Path(folder) / "lib" / "python3" / "dist-packages"
 
 
-def working() -> list[str]:
+def list_folders() -> list[str]:
     """Folders that PETSC_DIR may name, those with real numbers first, then by version."""
     folders = sorted(map(str, _DEBIAN.glob("*/*")), reverse=True)
-    found = [folder for folder in folders if packages(folder).is_dir()]
-    return sorted(found, key=lambda folder: "complex" in folder)
+    usable = [folder for folder in folders if packages_of(folder).is_dir()]
+    return sorted(usable, key=lambda folder: "complex" in folder)
 
 
-def remedy(error: BaseException) -> str:
+def find_remedy(error: BaseException) -> str:
     """End of the message of a failed import: what to change."""
-    said = str(error).lower()
-    if "numpy" in said or "multiarray" in said or "_array_api" in said:
+    text = str(error).lower()
+    if "numpy" in text or "multiarray" in text or "_array_api" in text:
         return (
             "; it was compiled for another version of NumPy: in this environment run "
             "pip install 'numpy<2' for a petsc4py that was compiled with NumPy 1, as "
             "Debian's before 13"
         )
-    if "petsc" in said:
-        given = os.environ.get("PETSC_DIR")
-        was = "is not set" if given is None else f"is {given}"
-        return f"; PETSC_DIR {was}{_known(working())}"
+    if "petsc" in text:
+        folder = os.environ.get("PETSC_DIR")
+        was = "is not set" if folder is None else f"is {folder}"
+        return f"; PETSC_DIR {was}{_name_first(list_folders())}"
     return ""
 
 
-def _known(folders: Sequence[str]) -> str:
+def _name_first(folders: Sequence[str]) -> str:
     if not folders:
         return ""
     return f": PETSC_DIR={folders[0]} has a petsc4py"

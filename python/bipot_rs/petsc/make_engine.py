@@ -13,7 +13,7 @@ from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.petsc import components, own_rows, supports
-from bipot_rs.petsc.agreement import agreed
+from bipot_rs.petsc.agreement import do_together
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.interface import Interface
 from bipot_rs.petsc.library import Library
@@ -84,8 +84,8 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     """
     comm, d = K.comm.tompi4py(), given.contacts.d
     rows = own_rows.OwnRows.of(K)
-    agreed(comm, rows.check_finite)
-    agreed(comm, lambda: _check_diagonal(K))
+    do_together(comm, rows.check_finite)
+    do_together(comm, lambda: _check_diagonal(K))
     own_rows.check_symmetry(K, comm)
     interface, fixed, position, contact = _number_places(K, given, library)
     outside = rows.outside()
@@ -108,7 +108,7 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
     loose = supports.check(comm, rows, local, bodies, bring, d, holding, by_contact)
     blocks = interface.gather_own(_read_blocks(rows, interface, d))
     del rows, local
-    variables = agreed(
+    variables = do_together(
         comm,
         lambda: _core.ContactVariables(
             (contact.indptr, contact.indices, contact.data),

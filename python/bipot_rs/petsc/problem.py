@@ -44,8 +44,8 @@ from bipot_rs.contact.results import summary
 from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.results.state import Start
 from bipot_rs.contact.sensitivity.model import PathModel
-from bipot_rs.petsc.agreement import agreed, same
-from bipot_rs.petsc.derivatives import Derivatives
+from bipot_rs.petsc.agreement import check_same, do_together
+from bipot_rs.petsc.derivatives import DistributedDerivatives
 from bipot_rs.petsc.engine import NO_FRAMES
 from bipot_rs.petsc.library import Library, load
 from bipot_rs.petsc.make_engine import Arguments, make_engine
@@ -137,9 +137,9 @@ class ContactProblem:
                 integer("gather", gather, least=0),
             )
 
-        given = agreed(self.comm, check)
+        given = do_together(self.comm, check)
         contacts = given.contacts
-        same(
+        check_same(
             self.comm,
             B=np.concatenate([part.ravel() for part in contacts.operator.parts]),
             gap=contacts.gap_by_component,
@@ -258,8 +258,8 @@ class ContactProblem:
             steps = self._loading.list_totals(load, prescribed, gap)  # type: ignore[arg-type]
             return checked, steps
 
-        checked, steps = agreed(self.comm, check)
-        same(
+        checked, steps = do_together(self.comm, check)
+        check_same(
             self.comm,
             prescribed=np.stack([moved for _, moved, _ in steps]),
             gap=None if gap is None else np.asarray(gap),
@@ -313,10 +313,10 @@ class ContactProblem:
             totals = self._loading.make_totals(load, prescribed, gap, end)  # type: ignore[arg-type]
             return checked, plan, totals
 
-        checked, plan, totals = agreed(self.comm, check)
+        checked, plan, totals = do_together(self.comm, check)
         path = self._begin_path(checked, start, gap)
         result = solve_adaptively(
-            path, lambda s: agreed(self.comm, lambda: totals(s)), plan, on_step
+            path, lambda s: do_together(self.comm, lambda: totals(s)), plan, on_step
         )
         return cast("Result", result)
 
@@ -347,7 +347,7 @@ class ContactProblem:
             self._loading.contacts.gap.shape,
             self._loading.are_by_component(gap),
         )
-        derivatives = Derivatives(self._engine, model, self._read_vectors)
+        derivatives = DistributedDerivatives(self._engine, model, self._read_vectors)
         return PathSolver(self._engine, self._path_problem, checked, start, derivatives)
 
     def _read_loads(self, load: Vectors | None) -> list[PetscVec]:

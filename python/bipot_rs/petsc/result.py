@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Communicator, Floats, PetscMat, PetscVec, Vector
 from bipot_rs.contact.results import result, solution
 from bipot_rs.contact.results.derivatives import Gradient, Tangent
 from bipot_rs.contact.results.result import Result as WholeResult
-from bipot_rs.petsc.agreement import agreed
+from bipot_rs.petsc.agreement import do_together
 
 
 class Step(solution.Step):
@@ -87,11 +87,11 @@ class Result(result.Result):
                 "this file holds the contacts; write the Vecs of result.displacement with "
                 "PETSc"
             )
-        self._write_once(lambda: self._whole().save(path, displacements=False))
+        self._write_once(lambda: self._make_whole().save(path, displacements=False))
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the contacts as a PVD series for ParaView; all ranks call it."""
-        self._write_once(lambda: self._whole().write(path))
+        self._write_once(lambda: self._make_whole().write(path))
 
     def jvp(  # type: ignore[override]
         self,
@@ -155,7 +155,7 @@ class Result(result.Result):
         """
         return super().vjp(reaction, displacement, relative_displacement, slip)  # type: ignore[arg-type]
 
-    def _whole(self) -> WholeResult:
+    def _make_whole(self) -> WholeResult:
         return WholeResult(
             [step.make_whole() for step in self.steps],  # type: ignore[attr-defined]
             contacts=self.contacts,
@@ -164,7 +164,7 @@ class Result(result.Result):
             success=self.success,
             message=self.message,
             units=self.units,
-            remarks=self._remarks,
+            remarks=self.remarks,
             first_step=self.first_step,
             mesh=self.mesh,
         )
@@ -174,7 +174,7 @@ class Result(result.Result):
         if comm is None:
             work()
         else:
-            agreed(comm, lambda: work() if comm.rank == 0 else None)
+            do_together(comm, lambda: work() if comm.rank == 0 else None)
 
     def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"_comm": None}

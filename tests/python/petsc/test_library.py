@@ -41,7 +41,7 @@ def test_not_installed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Absent(monkeypatch, {module: error})
     if name == "petsc4py":
         monkeypatch.setitem(sys.modules, "mpi4py.MPI", builtins)
-    monkeypatch.setattr(library, "working", list)
+    monkeypatch.setattr(library, "list_folders", list)
     monkeypatch.delenv("PETSC_DIR", raising=False)
     with pytest.raises(ModuleNotFoundError) as raised:
         library.load()
@@ -56,7 +56,7 @@ def test_wrong_petsc_dir(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     missing = ModuleNotFoundError("No module named 'petsc4py'", name="petsc4py")
     Absent(monkeypatch, {"petsc4py": missing})
     monkeypatch.setenv("PETSC_DIR", str(tmp_path))
-    monkeypatch.setattr(library, "working", lambda: ["/opt/good"])
+    monkeypatch.setattr(library, "list_folders", lambda: ["/opt/good"])
     with pytest.raises(ImportError) as raised:
         library.load()
     said = str(raised.value)
@@ -75,8 +75,8 @@ def test_folders_with_real_numbers_come_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for name in ("petsc3.18/a-complex", "petsc3.18/a-real", "petsc3.20/b-real"):
-        library.packages(str(tmp_path / name)).mkdir(parents=True)
+        library.packages_of(str(tmp_path / name)).mkdir(parents=True)
     (tmp_path / "petsc3.21" / "empty").mkdir(parents=True)
     monkeypatch.setattr(library, "_DEBIAN", tmp_path)
-    found = [str(Path(f).relative_to(tmp_path)) for f in library.working()]
+    found = [str(Path(f).relative_to(tmp_path)) for f in library.list_folders()]
     assert found == ["petsc3.20/b-real", "petsc3.18/a-real", "petsc3.18/a-complex"]

@@ -343,6 +343,8 @@ class Job(SharedRunner):
     def _problem(self, case: Case) -> Any:
         """The problem of the scene, with the engine asked for."""
         if isinstance(self.ranks, World):
+            from bipot_rs.petsc.run.distributed import DistributedProblem
+
             if self.ranks.first and not self.as_json:
                 self._announce(case)
             self.distributed = DistributedProblem(case, self.ranks)
