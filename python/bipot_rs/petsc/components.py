@@ -60,8 +60,8 @@ def find_bodies(
     meeting = free[rows.count :]
     pairs = np.column_stack([mine[own:][meeting], theirs[meeting]])
     pairs = np.unique(pairs, axis=0)
-    whole = np.concatenate(comm.allgather(pairs))
-    joined = _join(np.arange(starts[-1]), whole[:, 0], whole[:, 1], starts[-1])
+    mine_meet, theirs_meet = np.concatenate(comm.allgather(pairs)).T.copy()
+    joined = _join(np.arange(starts[-1]), mine_meet, theirs_meet, starts[-1])
     found = joined[mine[:own]]
     # Bodies are numbered in the order of their first nodes.
     used = np.concatenate(comm.allgather(_list_in_order(found)))
