@@ -168,7 +168,7 @@ class PetscEngine:
         """Not needed: a problem of PETSc has one set of friction coefficients."""
         raise ValueError("engine='petsc' cannot change mu: make another problem")
 
-    def rotated(self, _rotation: Floats, /) -> PetscEngine:
+    def with_rotation(self, _rotation: Floats, /) -> PetscEngine:
         """Not available: the frames of a problem of PETSc are those of its B."""
         raise ValueError(NO_FRAMES)
 

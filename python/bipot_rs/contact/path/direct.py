@@ -54,7 +54,7 @@ class Direct:
         """The same problem with other friction coefficients."""
         return Direct(self.core.with_mu(mu))
 
-    def rotated(self, rotation: Floats) -> Direct:
+    def with_rotation(self, rotation: Floats) -> Direct:
         """The same problem in other frames, Q by rows."""
         return Direct(self.core.rotated(rotation))
 
@@ -157,12 +157,12 @@ class CondensedStep:
 
         # The law of a step is about its slip, not the total tangential displacement.
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
-        return diagnose(self._tried(), step, v)
+        return diagnose(self._describe_solve(), step, v)
 
     def derivatives(self) -> None:
         """None: `Result` differentiates the whole path."""
 
-    def _tried(self) -> FailedSolve:
+    def _describe_solve(self) -> FailedSolve:
         from bipot_rs.contact.messages.diagnosis import FailedSolve
 
         core = self.core

@@ -96,7 +96,7 @@ class Engine(Protocol):
     def with_mu(self, mu: Floats, /) -> Engine:
         """The same problem with other friction coefficients."""
 
-    def rotated(self, rotation: Floats, /) -> Engine:
+    def with_rotation(self, rotation: Floats, /) -> Engine:
         """The same problem in other frames: Q of each contact by rows, ``(d n_c, d)``."""
 
     def replacement(self) -> Engine:

@@ -80,7 +80,7 @@ class Iterative:
         """The same problem with other friction coefficients."""
         return replace(self, core=self.core.with_mu(mu), mu=mu)
 
-    def rotated(self, rotation: Floats) -> Engine:
+    def with_rotation(self, rotation: Floats) -> Engine:
         """The same problem in other frames, Q by rows.
 
         It is the direct engine if supports at a contact are oblique to the new frames.
@@ -88,7 +88,7 @@ class Iterative:
         core = self.core.rotated(rotation)
         if core is None:
             self.record.replaced = "a support is oblique to the frame of a contact"
-            return self.replacement().rotated(rotation)
+            return self.replacement().with_rotation(rotation)
         return replace(self, core=core, rotation=rotation)
 
     def path(self, at: Step | None) -> IterativePath:
@@ -116,7 +116,7 @@ class Iterative:
         """The direct engine with the same friction and frames."""
         made = self.direct()
         made = made if self.mu is None else made.with_mu(self.mu)
-        return made if self.rotation is None else made.rotated(self.rotation)
+        return made if self.rotation is None else made.with_rotation(self.rotation)
 
 
 class IterativePath:
@@ -147,11 +147,11 @@ class IterativePath:
             return self._other.step(load, prescribed, gap, settings)
         loose = self._iterative.loose
         if loose.dofs.size:
-            raw = self._proximal(load, prescribed, gap, settings)
+            raw = self._solve_with_springs(load, prescribed, gap, settings)
         else:
-            raw = self._solved(load, prescribed, gap, settings)
+            raw = self._solve_in_core(load, prescribed, gap, settings)
         if raw["outcome"] == "stalled":
-            return self._again(raw, load, prescribed, gap, settings)
+            return self._solve_directly(raw, load, prescribed, gap, settings)
         if raw["outcome"] == "converged":
             kept = raw["displacement"] if loose.dofs.size else None
             self._last = Step(
@@ -159,7 +159,7 @@ class IterativePath:
             )
         return raw
 
-    def _solved(self, *asked: Any) -> dict[str, Any]:
+    def _solve_in_core(self, *asked: Any) -> dict[str, Any]:
         """One step of the core, with its record."""
         *loads, settings = asked
         raw = self._core.step(*loads, *settings)
@@ -169,7 +169,7 @@ class IterativePath:
         record.bytes_multigrid = max(record.bytes_multigrid, raw["bytes_multigrid"])
         return raw
 
-    def _proximal(self, load: Floats, *asked: Any) -> dict[str, Any]:
+    def _solve_with_springs(self, load: Floats, *asked: Any) -> dict[str, Any]:
         """A step with degrees of freedom without stiffness, from the last state each time."""
         loose, last = self._iterative.loose, self._last
         known = None if last is None else last.computed.displacement
@@ -177,11 +177,11 @@ class IterativePath:
 
         def step(stretched: Floats) -> dict[str, Any]:
             self._core = self._iterative.from_step(last)
-            return self._solved(stretched, *asked)
+            return self._solve_in_core(stretched, *asked)
 
         return loose.solve(step, load, at, asked[-1][1])
 
-    def _again(self, raw: dict[str, Any], *asked: Any) -> dict[str, Any]:
+    def _solve_directly(self, raw: dict[str, Any], *asked: Any) -> dict[str, Any]:
         """The same step by the direct engine; the first answer if it does not fit."""
         try:
             direct = self._iterative.replacement()
@@ -212,13 +212,13 @@ class IterativeRecovery:
 
     def condensed(self) -> _core.Condensed:
         """The bodies as the direct engine condenses them, if derivatives stall."""
-        return self._direct().condensed()
+        return self._make_direct_recovery().condensed()
 
     def recover(self, steps: Sequence[Step]) -> Floats:
         """Compute the displacements of steps that have none, by the direct engine."""
-        return self._direct().recover(steps)
+        return self._make_direct_recovery().recover(steps)
 
-    def _direct(self) -> Recovery:
+    def _make_direct_recovery(self) -> Recovery:
         direct = self.engine.replacement()
         return direct.recovery(self.seconds, self.contacts)
 

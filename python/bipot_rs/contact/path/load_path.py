@@ -128,7 +128,7 @@ class PathSolver:
 
     def rewind(self) -> None:
         """Set the core to the state after the last step."""
-        at = self._reached()
+        at = self._last_step()
         self._last = None if at is None else at.relative_displacement
         held = self._problem.held
         if held is not None and at is not None:
@@ -139,11 +139,11 @@ class PathSolver:
         # Whether `path` is in other frames than those of B.
         self._turned: Floats | None = None
 
-    def _reached(self) -> Step | None:
+    def _last_step(self) -> Step | None:
         """The last step."""
         return self.steps[-1] if self.steps else self.before
 
-    def _turn(self, gap: Gap | None) -> Floats | None:
+    def _turn_to_frames(self, gap: Gap | None) -> Floats | None:
         """Set the core to the frames of a step.
 
         Returns
@@ -151,7 +151,7 @@ class PathSolver:
         (n_c, d, d) or None
             Gaps by component of the step, if it has frames.
         """
-        at, base = self._reached(), self._contacts.frame
+        at, base = self._last_step(), self._contacts.frame
         offsets = None if gap is None else list_components(gap)
         if base is None:
             return offsets
@@ -162,7 +162,7 @@ class PathSolver:
             engine, self._turned = self._engine, None
             if turned:
                 self._turned = find_rotation(frame, base)
-                engine = engine.rotated(self._turned)
+                engine = engine.with_rotation(self._turned)
             if at is not None:
                 start = self._contacts.gap_by_component[:, 0]
                 at = carry_step(at, frame, base, start)
@@ -180,7 +180,7 @@ class PathSolver:
             step = self.attempt(load, prescribed, gap)
         except NoEquilibriumError as error:
             raise self.make_end(error) from None
-        return self._add(step)
+        return self._accept_converged(step)
 
     def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
         """Solve a trial step. It joins the path only if it is accepted.
@@ -192,7 +192,7 @@ class PathSolver:
         """
         began = time.perf_counter()
         try:
-            offsets = self._turn(gap)
+            offsets = self._turn_to_frames(gap)
             raw = self.path.step(load, prescribed, offsets, self._settings)
         finally:
             self._seconds["solve"] += time.perf_counter() - began
@@ -248,7 +248,7 @@ class PathSolver:
             computed=Computed(displacement=u, error_estimate=errors),
         )
 
-    def _add(self, step: Step) -> Step:
+    def _accept_converged(self, step: Step) -> Step:
         """Accept a step; raise if it did not converge."""
         if not step.converged:
             raise self.make_failure(step)
@@ -316,7 +316,7 @@ class PathSolver:
         try:
             for raw, asked in zip(raws, totals, strict=False):
                 self._seconds["solve"] += raw["seconds"]
-                self._add(self._make_step(raw, *asked))
+                self._accept_converged(self._make_step(raw, *asked))
             if isinstance(error, NoEquilibriumError):
                 raise self.make_end(error)
             if error is not None:

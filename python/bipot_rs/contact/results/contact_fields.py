@@ -14,11 +14,11 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.files.fields import OF_CONTACTS
 from bipot_rs.files.result_mesh import ResultMesh
 
-Contacts = Mapping[str, NDArray[Any] | None]
+ContactArrays = Mapping[str, NDArray[Any] | None]
 
 
 def make_contact_fields(
-    step: Step, contacts: Contacts, displacement: Floats | None = None
+    step: Step, contacts: ContactArrays, displacement: Floats | None = None
 ) -> dict[str, AnyArray]:
     """Fields at the contacts of a step, acting on the body of each contact.
 
@@ -66,7 +66,7 @@ def make_contact_fields(
 
 def make_path_fields(
     steps: Sequence[Step],
-    contacts: Contacts,
+    contacts: ContactArrays,
     instants: Sequence[Mapping[str, float]],
     mesh: ResultMesh | None = None,
 ) -> Callable[[int], dict[str, Any]]:

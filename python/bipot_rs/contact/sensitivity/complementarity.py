@@ -82,7 +82,7 @@ class BorderProblem:
         found = self._iterate()
         count = np.prod([float(len(sides)) for sides in self.sides])
         if count <= (tuning.SIDES_TRIED if found is None else tuning.SIDES_COMPARED):
-            found = self._only(found)
+            found = self._find_only(found)
         if found is None:
             raise NotDifferentiableError(
                 f"{counted(len(self.at), 'contact')} on a border between two statuses "
@@ -93,19 +93,19 @@ class BorderProblem:
         dr, da = self.base[0].copy(), self.base[1]
         for amount, (by_dr, by_da) in zip(found, self.columns, strict=True):
             dr, da = dr + amount * by_dr, da + amount * by_da
-        opens = [side == Status.OPEN for side, _ in self._preferred(found)]
+        opens = [side == Status.OPEN for side, _ in self._choose_sides(found)]
         dr[self.at[opens]] = 0.0
         return dr, da
 
-    def _pair(self, z: Floats) -> tuple[Floats, Floats]:
+    def _split(self, z: Floats) -> tuple[Floats, Floats]:
         """``dr`` and ``dv`` of the border contacts."""
         dr = self.P @ z + self.p
         return dr.reshape(-1, self.d), (z - self.spring * dr).reshape(-1, self.d)
 
-    def _only(self, known: Floats | None) -> Floats | None:
+    def _find_only(self, known: Floats | None) -> Floats | None:
         """The answer among all combinations of sides; raise if there are several."""
         for sides in itertools.product(*self.sides):
-            matrix, right = self._matrix(list(sides))
+            matrix, right = self._make_matrix(list(sides))
             singular = _is_singular(matrix)
             z: Floats
             if singular:
@@ -117,7 +117,7 @@ class BorderProblem:
                     continue
             else:
                 z = np.asarray(np.linalg.solve(matrix, right), np.float64)
-            if self._violation(z) > _SATISFIED:
+            if self._measure_violation(z) > _SATISFIED:
                 continue
             if singular or (known is not None and self._differ(z, known)):
                 raise NotDifferentiableError(
@@ -129,7 +129,7 @@ class BorderProblem:
         return known
 
     def _differ(self, z: Floats, known: Floats) -> bool:
-        one, other = self._pair(z), self._pair(known)
+        one, other = self._split(z), self._split(known)
         unit = np.sqrt(self.spring.reshape(-1, self.d))
         size = _measure(other[0] * unit, other[1] / unit)
         apart = _measure((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
@@ -145,14 +145,16 @@ class BorderProblem:
         ways = [np.eye(self.d - 1)[0], -np.eye(self.d - 1)[0]]
         return ends + [(int(Status.SLIP), way) for way in ways]
 
-    def _matrix(self, sides: list[Side]) -> tuple[Floats, Floats]:
+    def _make_matrix(self, sides: list[Side]) -> tuple[Floats, Floats]:
         """The equations of ``z`` with each border contact on one side."""
         side = np.array([s for s, _ in sides])
         p = np.stack([p for _, p in sides])
         d, of = self.d, self.of.friction[self.at]
         by_r = np.tile(np.eye(d), (len(sides), 1, 1))  # open: dr = 0
         by_v, known = np.zeros_like(by_r), np.zeros((len(sides), d))
-        own = linearise_laws(self._limit(p), side, p, self.linear.movable[self.at])
+        own = linearise_laws(
+            self._move_to_borders(p), side, p, self.linear.movable[self.at]
+        )
         by_r[own.contacts], by_v[own.contacts] = own.by_r, own.by_v
         known[own.contacts] = np.einsum("ijk,ik->ij", own.by_mu, of[own.contacts])
         springs = self.spring.reshape(-1, 1, d)
@@ -167,7 +169,7 @@ class BorderProblem:
         scale = np.where(scale > 0, scale, 1.0)
         return matrix / scale[:, None], (known - moved).ravel() / scale
 
-    def _limit(self, p: Floats) -> Point:
+    def _move_to_borders(self, p: Floats) -> Point:
         """The border contacts, exactly on their borders and about to slip along ``p``."""
         point, at = self.point, self.at
         D = point.friction[at]
@@ -179,27 +181,27 @@ class BorderProblem:
         )
         return Point(reaction, np.zeros(len(at)), slip, point.status[at], D)
 
-    def _at(self, sides: list[Side]) -> Floats | None:
+    def _solve_sides(self, sides: list[Side]) -> Floats | None:
         """``z`` with each border contact on one side; None if this is singular."""
-        matrix, right = self._matrix(sides)
+        matrix, right = self._make_matrix(sides)
         if _is_singular(matrix):
             return None
         return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
-    def _normal(self, j: int) -> float:
+    def _find_normal(self, j: int) -> float:
         """``r_n``, which is zero at a contact that just touches."""
         return float(self.point.reaction[self.at[j], 0]) if self.yielding[j] else 0.0
 
-    def _excess(self, j: int, dr: Floats) -> float:
+    def _find_excess(self, j: int, dr: Floats) -> float:
         """``d(r_n - ‖D⁻¹ r_t‖)`` of a contact at the friction limit."""
         i = self.at[j]
         D, p = self.point.friction[i], self.direction[i]
-        grown = dr[1:] / D + self._normal(j) * p * self.of.friction[i] / D
+        grown = dr[1:] / D + self._find_normal(j) * p * self.of.friction[i] / D
         return float(dr[0] + p @ grown)
 
-    def _preferred(self, z: Floats) -> list[Side]:
+    def _choose_sides(self, z: Floats) -> list[Side]:
         """The side on which the natural map puts each border contact."""
-        dr, dv = self._pair(z)
+        dr, dv = self._split(z)
         chosen = []
         for j, i in enumerate(self.at):
             w, p = self.spring[self.d * j], self.direction[i]
@@ -208,7 +210,7 @@ class BorderProblem:
             if self.yielding[j]:
                 slides = float(p @ (D * dv[j, 1:]))
                 # D² w and w dr_n have the units of the slip D s.
-                if w * float(D.max()) ** 2 * self._excess(j, dr[j]) >= slides:
+                if w * float(D.max()) ** 2 * self._find_excess(j, dr[j]) >= slides:
                     side = Status.STICK
             elif w * dr[j, 0] <= dv[j, 0]:
                 side = Status.OPEN
@@ -225,41 +227,48 @@ class BorderProblem:
 
     def _iterate(self) -> Floats | None:
         """Active-set iteration from some starts; None if it does not end."""
-        for z in self._starts():
+        for z in self._list_starts():
             for _ in range(tuning.SIDE_ITERATIONS):
-                after = self._at(self._preferred(z))
+                after = self._solve_sides(self._choose_sides(z))
                 if after is None:
                     break
                 change = _measure(after - z)
                 z = after
                 if change <= 1e-14 * _measure(z):
                     break
-            if self._violation(z) <= _SATISFIED:
+            if self._measure_violation(z) <= _SATISFIED:
                 return z
         return None
 
-    def _starts(self) -> Iterator[Floats]:
+    def _list_starts(self) -> Iterator[Floats]:
         yield np.zeros(self.size)
         for side in (Status.STICK, Status.SLIP, Status.OPEN):
             chosen = []
             for sides in self.sides:
                 own = [s for s in sides if s[0] == side]
                 chosen.append((own or sides)[0])
-            z = self._at(chosen)
+            z = self._solve_sides(chosen)
             if z is not None:
                 yield z
 
-    def _violation(self, z: Floats) -> float:
+    def _measure_violation(self, z: Floats) -> float:
         """Largest violation of the laws of the border contacts, relative to their change."""
-        dr, dv = self._pair(z)
+        dr, dv = self._split(z)
         worst = 0.0
         unit = np.sqrt(self.spring.reshape(-1, self.d))
-        size = _measure(dr * unit, dv / unit, self.p * unit.ravel(), self._rubbed(unit))
+        size = _measure(
+            dr * unit,
+            dv / unit,
+            self.p * unit.ravel(),
+            self._scale_friction_change(unit),
+        )
         for j, i in enumerate(self.at):
             root, D = unit[j, 0], self.point.friction[i]
             r, v = dr[j] * root, dv[j] / root
             if self.yielding[j]:
-                worst = max(worst, abs(v[0]), self._yields(j, dr[j] * root, v, root))
+                worst = max(
+                    worst, abs(v[0]), self._measure_yielding(j, dr[j] * root, v, root)
+                )
                 continue
             worst = max(worst, -r[0], -v[0], min(r[0], v[0]))
             if D[0] == 0:
@@ -279,7 +288,7 @@ class BorderProblem:
                 worst = max(worst, min(far, aside))
         return worst / size if size > 0 else worst
 
-    def _rubbed(self, unit: Floats) -> Floats:
+    def _scale_friction_change(self, unit: Floats) -> Floats:
         """Changes of the friction limits of yielding contacts, scaled as reactions."""
         of = self.of.friction[self.at] * self.point.reaction[self.at, :1]
         D = np.where(
@@ -288,11 +297,11 @@ class BorderProblem:
         found: Floats = unit[:, :1] * of / D * self.yielding[:, None]
         return found
 
-    def _yields(self, j: int, r: Floats, v: Floats, root: float) -> float:
+    def _measure_yielding(self, j: int, r: Floats, v: Floats, root: float) -> float:
         """Violation of ``0 ≤ dσ ⊥ β ≥ 0`` and of the direction of slip."""
         i = self.at[j]
         D, p = self.point.friction[i], self.direction[i]
-        excess = self._excess(j, r / root) * root
+        excess = self._find_excess(j, r / root) * root
         slid = D * v[1:]
         beta = float(p @ slid)
         aside = float(np.linalg.norm(slid - beta * p))

@@ -32,13 +32,13 @@ class KrylovSystem:
 
     def solve(self, right: Floats, /) -> Floats:
         """``dr`` of the contacts and ``dy``, a row for each right side."""
-        return np.stack([self._solved(row, transposed=False) for row in right])
+        return np.stack([self._solve_row(row, transposed=False) for row in right])
 
     def solve_transposed(self, right: Floats, /) -> Floats:
         """The same with the transposed matrix."""
-        return np.stack([self._solved(row, transposed=True) for row in right])
+        return np.stack([self._solve_row(row, transposed=True) for row in right])
 
-    def _solved(self, right: Floats, *, transposed: bool) -> Floats:
+    def _solve_row(self, right: Floats, *, transposed: bool) -> Floats:
         laws = self.laws
         d = laws.by_r.shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)

@@ -35,13 +35,13 @@ class Backward:
         self._reactions = np.zeros((steps, *shape))
         self._amounts = np.zeros((steps, path.response.motions))
         self.mu = np.zeros_like(path.mu)
-        self._backward(
+        self._go_backward(
             np.zeros((steps, *shape)) if reaction is None else reaction,
             relative_displacement,
             slip,
         )
 
-    def _backward(
+    def _go_backward(
         self, reaction: Floats, moved: Floats | None, slip: Floats | None
     ) -> None:
         path = self._path
@@ -53,7 +53,7 @@ class Backward:
             if slip is not None:
                 v[:, 1:] += slip[k]
             system = path.linear(k).adjoint()
-            q, e = self._free(k, v)
+            q, e = self._find_free_part(k, v)
             w, b = system.solve_transposed(reaction[k] + q, e)
             # Cᵀ w, the adjoint force of the laws.
             pulled, rubbed = system.laws.adjoint(w, self.mu)
@@ -65,7 +65,7 @@ class Backward:
             self.mu += rubbed
             carried = pulled[:, 1:] if slip is None else pulled[:, 1:] - slip[k]
 
-    def _free(self, k: int, v: Floats) -> tuple[Floats, Floats]:
+    def _find_free_part(self, k: int, v: Floats) -> tuple[Floats, Floats]:
         """``W v + B K⁻¹ u`` of the cotangents, and their work on rigid motions."""
         path, response = self._path, self._path.response
         still = np.zeros(response.motions)

@@ -73,7 +73,7 @@ class LinearPath:
             for step in steps
         ]
         self.has_factor = True
-        self.response = response or self._response(iterative)
+        self.response = response or self._make_response(iterative)
         order = 0
         if isinstance(self.response, CondensedResponse):
             order = len(self.response.members) * self.shape[1] + self.response.motions
@@ -85,7 +85,7 @@ class LinearPath:
             for point, step in zip(self.points, steps, strict=True)
         ]
 
-    def _response(self, iterative: bool) -> PathResponse:
+    def _make_response(self, iterative: bool) -> PathResponse:
         """The response of the engine that solved the last step."""
         recovery = self.steps[-1].recovery
         if recovery is None:
@@ -94,9 +94,11 @@ class LinearPath:
         primal = recovery.primal() if iterative else None
         if primal is not None:
             return DisplacementResponse(primal)
-        return CondensedResponse(recovery.condensed(), self._closed(), self.shape[0])
+        return CondensedResponse(
+            recovery.condensed(), self._list_closed(), self.shape[0]
+        )
 
-    def _closed(self) -> Ints:
+    def _list_closed(self) -> Ints:
         """Contacts that close, or nearly do, in some step."""
         closed = np.zeros(self.shape[0], bool)
         for point in self.points:

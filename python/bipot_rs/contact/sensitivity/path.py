@@ -39,7 +39,7 @@ class Differentiable:
         """`Result.jvp`."""
         from bipot_rs.contact.sensitivity import tangent
 
-        return self._derived(
+        return self._derive(
             result, lambda path: tangent.find_tangent(path, result, change)
         )
 
@@ -47,11 +47,11 @@ class Differentiable:
         """`Result.vjp`."""
         from bipot_rs.contact.sensitivity import gradient
 
-        return self._derived(
+        return self._derive(
             result, lambda path: gradient.find_gradient(path, result, cotangents)
         )
 
-    def _derived(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
+    def _derive(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
         """What ``derive`` makes of the linearised steps, which are kept.
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
@@ -65,12 +65,12 @@ class Differentiable:
         try:
             found = derive(path)
         except Stalled:
-            path = self._direct(result)
+            path = self._linearise_directly(result)
             found = derive(path)
         self.linearised = path if path.kept else None
         return found
 
-    def _direct(self, result: Any) -> LinearPath:
+    def _linearise_directly(self, result: Any) -> LinearPath:
         from bipot_rs.contact.sensitivity.linear_path import LinearPath
 
         try:

@@ -76,7 +76,7 @@ class ReducedModel:
         shape = solution.reaction.shape
         free = np.zeros(shape) if q is None else floats("q", q, shape=shape)
         if W is not None:
-            free = free + self._moved(W, solution.reaction)
+            free = free + self._apply_change(W, solution.reaction)
         friction = spread_change("mu", mu, self.mu, shape[1])
         linear = self.linear(solution)
         still = np.zeros(self.modes.shape[1])
@@ -84,7 +84,7 @@ class ReducedModel:
         v = free + linear.response.moved(r, a)
         return ReducedTangent(r, v, linear.borders.any)
 
-    def _moved(self, W: Any, reaction: Floats) -> Floats:
+    def _apply_change(self, W: Any, reaction: Floats) -> Floats:
         """``dW r``."""
         size = reaction.size
         change = W if hasattr(W, "tocsr") else floats("W", W, ndim=2)

@@ -186,7 +186,9 @@ class CondensedResponse:
 
     def moved(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
-        return self._spread(self.core.product(self._own(reaction), rigid))
+        return self._spread_members(
+            self.core.product(self._take_members(reaction), rigid)
+        )
 
     def work(self, v: Floats) -> Floats:
         """``Rᵀ v`` of relative displacements that vanish where W is not known."""
@@ -195,19 +197,22 @@ class CondensedResponse:
     def free(self, load: Floats, prescribed: Floats) -> tuple[Floats, Floats]:
         """``B K⁻¹ f (n_c, d)``, zero at other contacts, and ``e``."""
         q, e = self.core.free_part(load, prescribed)
-        return self._spread(q), e
+        return self._spread_members(q), e
 
     def displacements(
         self, states: list[tuple[Floats, Floats, Floats, Floats]]
     ) -> Floats:
         """``u`` of loads, prescribed displacements, reactions and rigid motions."""
-        own = [(f, u, self._own(r), np.ascontiguousarray(a)) for f, u, r, a in states]
+        own = [
+            (f, u, self._take_members(r), np.ascontiguousarray(a))
+            for f, u, r, a in states
+        ]
         return self.core.displacements(own)
 
-    def _own(self, reaction: Floats) -> Floats:
+    def _take_members(self, reaction: Floats) -> Floats:
         return np.ascontiguousarray(reaction[self.members])
 
-    def _spread(self, own: Floats) -> Floats:
+    def _spread_members(self, own: Floats) -> Floats:
         whole = np.zeros_like(self.diagonal)
         whole[self.members] = own
         return whole

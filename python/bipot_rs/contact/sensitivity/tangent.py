@@ -32,32 +32,32 @@ class Forward:
             # K du + dK u = df.
             pulled = path.model.forces(-(given.stiffness @ displacement.T).T)
             self._load = pulled if given.load is None else given.load + pulled
-        self._forward()
+        self._go_forward()
 
-    def _forward(self) -> None:
+    def _go_forward(self) -> None:
         path, given = self._path, self._given
         before = np.zeros((path.shape[0], path.shape[1] - 1))
         for k in range(len(path.steps)):
-            free, balance = self._free(k)
+            free, balance = self._find_free_part(k)
             moved = free.copy()
             moved[:, 1:] -= before
             change = StepChange(moved, balance, given.friction)
             self.reaction[k], self._amounts[k] = differentiate_step(
                 path.linear(k), change
             )
-            self.relative_displacement[k] = self._moved(k, free)
+            self.relative_displacement[k] = self._find_displacement(k, free)
             self.slip[k] = self.relative_displacement[k, :, 1:] - before
             before = self.relative_displacement[k, :, 1:]
 
-    def _free(self, k: int) -> tuple[Floats, Floats]:
+    def _find_free_part(self, k: int) -> tuple[Floats, Floats]:
         """``dq (n_c, d)`` with the change of the gap, and ``de``."""
         path, given = self._path, self._given
         free, balance = np.zeros(path.shape), np.zeros(path.response.motions)
         if self._load is not None or given.prescribed is not None:
-            free, balance = path.response.free(*self._loads(k))
+            free, balance = path.response.free(*self._find_loads(k))
         return (free if given.gap is None else free + given.gap[k]), balance
 
-    def _loads(self, k: int) -> tuple[Floats, Floats]:
+    def _find_loads(self, k: int) -> tuple[Floats, Floats]:
         model = self._path.model
         load, moved = self._load, self._given.prescribed
         return (
@@ -65,23 +65,25 @@ class Forward:
             np.zeros(len(model.fixed)) if moved is None else moved[k],
         )
 
-    def _moved(self, k: int, free: Floats) -> Floats:
+    def _find_displacement(self, k: int, free: Floats) -> Floats:
         path, gap = self._path, self._given.gap
         if path.response.whole:
             return free + path.response.moved(self.reaction[k], self._amounts[k])
-        (u,) = self._displacements([k])
+        (u,) = self._recover_displacements([k])
         moved: Floats = (path.model.contact @ u).reshape(path.shape)
         return moved if gap is None else moved + gap[k]
 
-    def _displacements(self, steps: list[int]) -> Floats:
-        states = [(*self._loads(k), self.reaction[k], self._amounts[k]) for k in steps]
+    def _recover_displacements(self, steps: list[int]) -> Floats:
+        states = [
+            (*self._find_loads(k), self.reaction[k], self._amounts[k]) for k in steps
+        ]
         return self._path.response.displacements(states)
 
     def displacement(self) -> Floats:
         """Derivatives of the displacements, ``(steps, n)``."""
         count = len(self._path.steps)
         blocks = [
-            self._displacements(
+            self._recover_displacements(
                 list(range(k, min(k + tuning.DISPLACEMENTS_TOGETHER, count)))
             )
             for k in range(0, count, tuning.DISPLACEMENTS_TOGETHER)
