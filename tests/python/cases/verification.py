@@ -158,14 +158,13 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
     return ["| " + " | ".join(cells) + " |" for cells in lines]
 
 
-def page(*, fine: bool, randomised: bool = True) -> str:
+def page(*, fine: bool) -> str:
     """The page. `fine` adds the meshes that take too long for a test."""
     # Imported here: each of them imports Row from this module.
     import cases.exact
     import cases.hard
     import cases.plane
     import cases.published
-    import cases.randomised
     import cases.space
 
     def numbers(cases: dict[str, Callable[[], list[Row]]]) -> list[str]:
@@ -192,9 +191,6 @@ def page(*, fine: bool, randomised: bool = True) -> str:
         *numbers(cases.published.CASES),
         "\n## Hard cases\n",
         *numbers(cases.hard.CASES),
-        "\n## Random classes\n",
-        RANDOMISED,
-        *table(cases.randomised.HEAD, cases.randomised.rows() if randomised else []),
     ]
     return "\n".join(sections) + "\n"
 
@@ -252,14 +248,6 @@ larger than the one before by the factor 1 + 2h/a, so that h refines the whole m
 of tractions are root mean squares over the contact. Tractions end like a square root, and a mesh
 resolves the position of this end only to h: the order is 1, and 2 for the force. In space, the
 finite box reduces the force by about 5e-4, so that the last orders look better than they are.
-"""
-
-
-RANDOMISED = """\
-These problems are drawn at random with fixed seeds. Their answers are not known beforehand; the
-tests check properties that only a right program has, and every violation fails the suite. The
-suite runs the first seeds of each class, `make verify` the next ones. The last column shows that
-the problems of a class include the kinds that it is meant to test.
 """
 
 

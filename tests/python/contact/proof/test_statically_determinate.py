@@ -1,16 +1,255 @@
 """Supports and contacts that are just enough, that are too few, or that allow a mechanism."""
 
 import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from support.determinate import bars, counted, on_two_nodes, sticking
-from support.twice import Array
+from support.slender import Band, off
+from support.twice import Array, add, exactly, product
+
+CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
+
+
+@dataclass
+class Case:
+    """One contact, and the fewest held degrees of freedom that leave no motion free."""
+
+    K: Any
+    B: Any
+    fixed: NDArray[np.int64]
+    load: Array
+    nodes: Array
+
+    def problem(self, coordinates: bool, mu: float = 5.0) -> bp.ContactProblem:
+        places = np.repeat(self.nodes, self.nodes.shape[1], axis=0)
+        return bp.ContactProblem(
+            self.K,
+            self.B,
+            gap=np.zeros(1),
+            mu=mu,
+            fixed=self.fixed,
+            coordinates=places if coordinates else None,
+        )
+
+    def sticking(self) -> tuple[Array, Array]:
+        """Displacement and reaction if the contact sticks, in doubled precision."""
+        n, d = self.K.shape[0], self.nodes.shape[1]
+        held = np.zeros(n, bool)
+        held[self.fixed] = True
+        contact = sparse.csr_array(self.B).indices
+        held[contact] = True
+        free = np.flatnonzero(~held)
+        K = sparse.csr_array(self.K)
+        inside = Band(K[free][:, free]).solve(exactly(self.load[free]))
+        u = np.zeros(n), np.zeros(n)
+        u[0][free], u[1][free] = inside
+        forces = product(K, (u[0][:, None], u[1][:, None]))
+        left = add((forces[0][:, 0], forces[1][:, 0]), exactly(-self.load))[0]
+        r = sparse.csr_array(self.B) @ np.where(held, left, 0.0)
+        return u[0], r.reshape(1, d)
+
+
+def rotation(rng: np.random.Generator, dim: int) -> Array:
+    if dim == 2:
+        angle = rng.uniform(0, 2 * np.pi)
+        return np.array(
+            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        )
+    turned, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    turned *= np.sign(np.diag(r))
+    return np.asarray(turned * np.linalg.det(turned))
+
+
+def drawn(rng: np.random.Generator, dim: int) -> Case:
+    """A rotated block of steel on one contact node, held in a few directions.
+
+    Its load presses the contact and pulls along it by less than friction can hold.
+    """
+    cells = tuple(int(c) for c in rng.integers(1, 5 if dim == 2 else 3, dim))
+    sizes = rng.uniform(0.5, 3.0, dim)
+    axes = [np.linspace(0, s, c + 1) for s, c in zip(sizes, cells, strict=True)]
+    mesh: Any = fem.box(axes, str(rng.choice(CELLS[dim])))
+    mesh = type(mesh)(rotation(rng, dim) @ mesh.p, mesh.t)
+    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
+    K = fem.stiffness(body)
+    nodes = body.points
+    n, lowest = K.shape[0], int(np.argmin(nodes[:, -1]))
+    rows = [dim * lowest + dim - 1, *range(dim * lowest, dim * lowest + dim - 1)]
+    B = sparse.csr_array((np.ones(dim), (np.arange(dim), rows)), shape=(dim, n))
+    while True:
+        fixed = _held(rng, nodes, lowest)
+        if fixed is None:
+            continue
+        load = _load(rng, nodes)
+        # Statics alone gives the reaction, which must be well inside the cone.
+        Z, pinned = _motions(nodes), np.r_[rows, fixed]
+        reaction = np.linalg.solve(Z[pinned].T, -Z.T @ load)
+        if reaction[0] > np.linalg.norm(reaction[1:dim]):
+            return Case(K, B, fixed, 1e6 * load, nodes)
+
+
+def _motions(nodes: Array) -> Array:
+    """Rigid motions of all degrees of freedom, as columns."""
+    count, dim = nodes.shape
+    x = (nodes - nodes.mean(axis=0)) / np.ptp(nodes)
+    columns = [np.tile(e, (count, 1)) for e in np.eye(dim)]
+    for a in range(dim):
+        for b in range(a):
+            turn = np.zeros((count, dim))
+            turn[:, a], turn[:, b] = x[:, b], -x[:, a]
+            columns.append(turn)
+    return np.array([c.ravel() for c in columns]).T
+
+
+def _held(
+    rng: np.random.Generator, nodes: Array, lowest: int
+) -> NDArray[np.int64] | None:
+    """Degrees of freedom that, with the contact, hold all motions well enough."""
+    count, dim = nodes.shape
+    others = np.setdiff1d(np.arange(dim * count), np.arange(dim) + dim * lowest)
+    missing = dim * (dim + 1) // 2 - dim
+    fixed = np.sort(rng.choice(others, missing, replace=False))
+    pinned = np.r_[dim * lowest + np.arange(dim), fixed]
+    least = np.linalg.svd(_motions(nodes)[pinned])[1].min()
+    return fixed if least > 0.05 else None
+
+
+def _load(rng: np.random.Generator, nodes: Array) -> Array:
+    """Forces at three nodes."""
+    load = np.zeros(nodes.shape)
+    some = rng.choice(len(nodes), 3, replace=False)
+    load[some] = rng.uniform(-1.0, 1.0, (3, nodes.shape[1]))
+    return load.ravel()
+
+
+def sticking(seeds: Iterable[int]) -> Counter[str]:
+    """Displacements and reactions equal those of an elimination in doubled precision."""
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        case = drawn(np.random.default_rng(seed), 2 + seed % 2)
+        result = case.problem(coordinates=seed % 4 < 2).solve(case.load)
+        u, r = case.sticking()
+        # K is as exact as its entries; a small block has a condition of at most 1e4.
+        assert off(result.displacement[-1], u) <= 1e-11, seed
+        assert off(result.reaction[-1], r) <= 1e-11, seed
+        assert result.status[-1, 0] == bp.Status.STICK, seed
+        # W has the size of the compliances of K: it is not a quotient of rounding errors.
+        far = np.abs(result.relative_displacement).max()
+        assert far <= 1e-11 * np.abs(u).max(), seed
+        met["solved"] += 1
+    return met
+
+
+def _block(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """A block in space with contact at two nodes: it can turn about their line."""
+    cells = tuple(int(c) for c in rng.integers(1, 3, 3))
+    axes = [
+        np.linspace(0, s, c + 1)
+        for s, c in zip(rng.uniform(0.5, 3.0, 3), cells, strict=True)
+    ]
+    mesh: Any = fem.box(axes, str(rng.choice(CELLS[3])))
+    mesh = type(mesh)(rotation(rng, 3) @ mesh.p, mesh.t)
+    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
+    nodes = rng.choice(len(body.points), 2, replace=False)
+    return fem.stiffness(body), nodes, body.points
+
+
+def _truss(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """A random octahedron of bars, held by contact at two of its nodes."""
+    corners = np.vstack([np.eye(3), -np.eye(3)])
+    points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
+    pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
+    stiffness = 10 ** rng.uniform(5, 8, len(pairs))
+    return bars(points, pairs, stiffness), rng.choice(6, 2, replace=False), points
+
+
+def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
+    """Stiffness of pin-jointed bars with EA / length = `stiffness` each."""
+    n, dim = points.size, points.shape[1]
+    K = np.zeros((n, n))
+    for (i, j), k in zip(pairs, np.broadcast_to(stiffness, len(pairs)), strict=True):
+        along = (points[j] - points[i]) / np.linalg.norm(points[j] - points[i])
+        b = np.zeros(n)
+        b[dim * i : dim * i + dim], b[dim * j : dim * j + dim] = -along, along
+        K += k * np.outer(b, b)
+    return sparse.csr_array(K)
+
+
+def on_two_nodes(seeds: Iterable[int]) -> Counter[str]:
+    """Blocks and trusses in space that can turn about a line are refused."""
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        K, nodes, points = (_block if seed % 2 else _truss)(rng)
+        rows = (3 * nodes[:, None] + [2, 0, 1]).ravel()
+        B = sparse.csr_array((np.ones(6), (np.arange(6), rows)), shape=(6, K.shape[0]))
+        places = np.repeat(points, 3, axis=0) if rng.integers(2) else None
+        with pytest.raises(bp.FloatingBodyError):
+            bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
+        met["refused"] += 1
+    return met
+
+
+def counted(seeds: Iterable[int]) -> Counter[str]:
+    """Flat and long blocks have as many rigid motions as their supports leave free.
+
+    Coordinates of the degrees of freedom are given. Sides differ by up to 3000, and the lever
+    arms of the supports are as small as a few 1e-5 of the block.
+    """
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        dim = 2 + seed % 2
+        cells = tuple(int(c) for c in rng.integers(1, 5 if dim == 2 else 3, dim))
+        axes = [
+            np.linspace(0, 10 ** rng.uniform(-1.75, 1.75), count + 1) for count in cells
+        ]
+        mesh: Any = fem.box(axes, str(rng.choice(CELLS[dim])))
+        mesh = type(mesh)(rotation(rng, dim) @ mesh.p, mesh.t)
+        material = fem.Material(10 ** rng.uniform(0, 11), rng.uniform(0, 0.499))
+        body = fem.Body("block", mesh, material)
+        n, nodes = body.points.size, body.points
+        touching = rng.choice(len(nodes), rng.integers(1, len(nodes) // 2 + 1), False)
+        rows = (dim * touching[:, None] + np.r_[dim - 1, 0 : dim - 1]).ravel()
+        others = np.setdiff1d(np.arange(n), rows)
+        fixed = rng.choice(others, rng.integers(0, min(len(others), 8) + 1), False)
+        Z = _motions(nodes)
+        sizes = np.linalg.svd(Z[np.r_[rows, fixed]], compute_uv=False)
+        # One contact node, or two in space, cannot hold all motions.
+        pinned = len(rows) + len(fixed) >= Z.shape[1] and sizes.min() > 1e-6
+        places = np.repeat(nodes, dim, axis=0)
+        B = sparse.csr_array(
+            (np.ones(len(rows)), (np.arange(len(rows)), rows)), shape=(len(rows), n)
+        )
+
+        made = partial(
+            bp.ContactProblem,
+            fem.stiffness(body),
+            B,
+            gap=np.zeros(len(touching)),
+            mu=0.3,
+            fixed=fixed,
+            coordinates=places,
+        )
+        if not pinned:
+            with pytest.raises(bp.FloatingBodyError):
+                made()
+            met["refused"] += 1
+            continue
+        left = Z.shape[1] - np.linalg.matrix_rank(Z[fixed], tol=1e-8)
+        assert made().stats["rigid_motions"] == left, seed
+        met["counted"] += 1
+    return met
 
 
 @pytest.mark.slow

@@ -3,23 +3,279 @@
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 import bipot_rs as bp
 from support.methods import WITHOUT_SUPPORTS
-from support.verdicts import (
-    agree,
-    locals_of,
-    proofs,
-    proves_none,
-    sliders,
-    three_contacts,
-)
+from support.random_problems import Given
 
 Array = NDArray[np.float64]
+
+# Beyond these an oracle in doubles cannot separate balance from rounding.
+CLEAR = 1e-6
+
+
+def small_problem(seed: int) -> Given:
+    """One to three plane contacts, mu from 0.1 to 1e6, most with rigid motions.
+
+    Integers give dependent rows, contacts that just touch, and loads on the boundary of a
+    cone. Two thirds of the matrices are singular.
+    """
+    rng = np.random.default_rng([20, seed])
+    n = int(rng.integers(1, 4))
+    m = 2 * n
+    kind = rng.choice(["integer", "diagonal", "full"])
+    if kind == "integer":
+        root = rng.integers(-2, 3, size=(m, int(rng.integers(1, m + 1)))).astype(float)
+        W = root @ root.T
+    elif kind == "diagonal":
+        W = np.diag(rng.integers(0, 5, size=m).astype(float))
+    else:
+        root = rng.normal(size=(m, m))
+        W = root @ root.T + 0.1 * np.eye(m)
+        W = (W + W.T) / 2
+    mu = 10 ** rng.uniform(-1, 6, size=n)
+    if rng.random() < 0.3:
+        mu[:] = mu[0]
+    whole = kind != "full"
+    q = rng.integers(-3, 4, (n, 2)) * 1.0 if whole else rng.normal(size=(n, 2))
+    if rng.random() < 0.2:
+        q[:] = 0.0
+    k = int(rng.integers(0, min(3, m) + 1)) if rng.random() < 0.7 else 0
+    R = rng.integers(-1, 2, (m, k)) * 1.0 if whole else rng.normal(size=(m, k))
+    if np.linalg.matrix_rank(R) < k:
+        k, R = 1, np.eye(m)[:, 1:2]
+    if not k:
+        return Given(W, q, mu, None)
+    e = rng.integers(-3, 4, k) * 1.0
+    if rng.random() < 0.4:
+        # Loads that balance some reactions inside the cones.
+        r = np.zeros((n, 2))
+        r[:, 0] = rng.integers(0, 3, n)
+        r[:, 1] = 0.5 * rng.integers(-2, 3, n) * np.minimum(mu, 1.0) * (r[:, 0] > 0)
+        e = -R.T @ r.ravel()
+    return Given(W, q, mu, (R, e))
+
+
+def friction_alone(seed: int) -> Given:
+    """A slider held against its loads by friction alone, mu from 10 to 1e12.
+
+    Friction needs a pressure of the loads over mu, which would open the contact's spring.
+    """
+    rng = np.random.default_rng([21, seed])
+    n = int(rng.integers(1, 4))
+    W = np.diag(np.ravel([[rng.integers(1, 9), 0.0] for _ in range(n)]))
+    # Open, just touching, or also pressed.
+    opening = rng.integers(-1, 2, n) * rng.random(n)
+    q = np.column_stack([opening, rng.normal(size=n)])
+    R = np.zeros((2 * n, 1))
+    R[1::2, 0] = rng.choice([-2.0, -1.0, 1.0, 2.0], n)
+    return Given(W, q, 10 ** rng.uniform(1, 12, n), (R, np.array([rng.normal()])))
+
+
+def three_contacts(seed: int) -> Given:
+    """Three plane contacts of bodies with one to three rigid motions, mu up to 1.
+
+    Loads are random, or balance reactions that the gaps do not cause.
+    """
+    rng = np.random.default_rng([22, seed])
+    k = int(rng.integers(1, 4))
+    root = rng.normal(size=(6, int(rng.integers(1, 7))))
+    mu = rng.uniform(0.0, 1.0, 3) * (rng.random(3) < 0.9)
+    R, e = rng.normal(size=(6, k)), rng.normal(size=k)
+    if rng.random() < 0.5:
+        r = np.zeros((3, 2))
+        r[:, 0] = rng.exponential(size=3)
+        r[:, 1] = mu * r[:, 0] * rng.uniform(-0.99, 0.99, 3)
+        e = -R.T @ r.ravel()
+    q = rng.normal(size=(3, 2)) * (rng.random() < 0.7)
+    return Given(root @ root.T, q, mu, (R, e))
+
+
+def out_of_balance(given: Given) -> float:
+    """Smallest imbalance of the loads with any reactions in the cones, relative to the loads.
+
+    A linear programme finds the motion in the dual cones, with amounts up to 1, on which the
+    loads do most work.
+    """
+    assert given.rigid is not None
+    R, e = given.rigid
+    size = np.abs(e).max(initial=0.0)
+    if size == 0:
+        return 0.0
+    # r_n ≥ 0 and |r_t| ≤ mu r_n, with tangents in units of mu: rows of order one.
+    rows = R.reshape(*given.q.shape, -1)
+    large = np.maximum(given.mu, 1.0)[:, None]
+    edges = [
+        (rows[:, 0] + side * given.mu[:, None] * rows[:, 1]) / large for side in (-1, 1)
+    ]
+    found = linprog(
+        -e / size,
+        A_ub=-np.vstack(edges),
+        b_ub=0.0 * np.hstack(2 * [given.mu]),
+        bounds=(-1, 1),
+    )
+    return float(-found.fun)
+
+
+def proves_none(direction: Array, given: Given) -> bool:
+    """Whether a motion of the contacts is in the dual cones, rigid, and does work."""
+    assert given.rigid is not None
+    R, e = given.rigid
+    a, *_ = np.linalg.lstsq(R, direction.ravel(), rcond=None)
+    rigid = np.abs(R @ a - direction.ravel()).max() <= 1e-9
+    slack = direction[:, 0] - given.mu * np.abs(direction[:, 1])
+    # In units of a reaction of length one, because a large mu makes rows large.
+    slack /= np.hypot(1.0, given.mu)
+    return bool(rigid and slack.min() >= -1e-9 and e @ a > 0)
+
+
+class Seen(NamedTuple):
+    """Names of what occurred, with counts."""
+
+    counts: Counter[str]
+
+    def add(self, *names: str) -> None:
+        """Count each of the names."""
+        self.counts.update(names)
+
+
+def check(given: Given, seen: Seen, methods: tuple[str, ...] = ("auto",)) -> None:
+    """Compute all verdicts of a problem; assert that no two contradict each other."""
+    try:
+        problem = given.problem()
+    except bp.BipotError:
+        seen.add("refused")
+        return
+    answers = problem.answers()
+    none = answers.complete and len(answers) == 0
+    verdicts = {problem.existence(exhaust=how).verdict for how in (False, True)}
+    assert not {"guaranteed", "none"} <= verdicts
+    assert not (none and "guaranteed" in verdicts)
+    assert not (len(answers) and "none" in verdicts)
+    # Statements proved by any of the functions.
+    exists = bool(len(answers)) or "guaranteed" in verdicts
+    absent = none or "none" in verdicts
+    seen.add("exists" if exists else "absent" if absent else "open")
+    for method in methods:
+        solution = problem.solve(method, max_iterations=2000)
+        outcome = str(solution.outcome)
+        seen.add(outcome)
+        assert not (solution.converged and absent), method
+        assert not (outcome == "no_equilibrium" and exists), method
+        check_proof(given, solution)
+        if solution.converged:
+            unique = solution.unique
+            assert not (unique == "proved" and answers.complete and len(answers) != 1)
+            assert not (
+                unique == "others exist" and answers.complete and len(answers) < 2
+            )
+            check_bound(given, solution.reaction, answers, seen)
+    for answer in answers:
+        assert answer.converged
+        check_bound(given, 1.01 * answer.reaction, answers, seen)
+
+
+def check_proof(given: Given, solution: bp.Solution) -> None:
+    """The motion given as a proof is one, and no smaller load is advised."""
+    assert "lower the loads" not in solution.message
+    if str(solution.outcome) != "no_equilibrium" or given.rigid is None:
+        return
+    if solution.free_motion is None:
+        balanced = "statuses were tried" in solution.message
+        assert balanced or "contradict" in solution.message
+        return
+    direction = (given.rigid[0] @ solution.free_motion).reshape(given.q.shape)
+    assert np.linalg.norm(direction, axis=1).max() <= 1 + 1e-9
+    assert proves_none(direction, given)
+
+
+def check_bound(given: Given, r: Array, answers: bp.Answers, seen: Seen) -> None:
+    """Solutions lie inside the bound, and there is no second one where it excludes one."""
+    bound = given.problem().error_bound(r)
+    seen.add(f"bound {bound.kind}")
+    if bound.kind == "not available" or not answers.complete:
+        return
+    assert bound.energy is not None
+    assert bound.alone_within is not None
+    assert bound.energy <= bound.alone_within
+    away = np.array(
+        [
+            np.sqrt(max(d @ given.W @ d, 0.0))
+            for d in (a.reaction - r for a in answers)
+            for d in [d.ravel()]
+        ]
+    )
+    size = np.sqrt(np.abs(given.W).max()) * np.abs(r).max(initial=0.0)
+    # Solutions are exact to 1e-12 of the reactions, or to their rounding.
+    blur = 1e-11 * size + 1e-300
+    assert (away <= bound.energy + blur).any()
+    assert (away < bound.alone_within - blur).sum() <= 1
+    if bound.kind == "global":
+        assert len(answers) == 1
+
+
+def agree(seeds: range) -> Counter[str]:
+    """Compare all verdicts on small problems."""
+    seen = Seen(Counter())
+    for seed in seeds:
+        check(small_problem(seed), seen)
+    return seen.counts
+
+
+def sliders(seeds: range) -> Counter[str]:
+    """The same for bodies that friction alone holds, by every method that accepts them."""
+    seen = Seen(Counter())
+    for seed in seeds:
+        check(friction_alone(seed), seen, WITHOUT_SUPPORTS)
+    return seen.counts
+
+
+def proofs(seeds: range) -> Counter[str]:
+    """Messages for three contacts without a solution."""
+    counts: Counter[str] = Counter()
+    for seed in seeds:
+        given = three_contacts(seed)
+        solution = given.problem().solve(max_iterations=2000)
+        lack = out_of_balance(given)
+        check_proof(given, solution)
+        none = str(solution.outcome) == "no_equilibrium"
+        if lack > CLEAR:
+            # A proof exists, so it must be found.
+            assert none
+            assert solution.free_motion is not None
+            counts["motion"] += 1
+        elif none and lack < CLEAR**2:
+            assert solution.free_motion is None
+            assert "statuses were tried" in solution.message
+            counts["statuses"] += 1
+    return counts
+
+
+def locals_of(seeds: range) -> Counter[str]:
+    """Local verdicts near solutions of one to three contacts, compared with all solutions."""
+    seen = Seen(Counter())
+    for seed in seeds:
+        rng = np.random.default_rng([25, seed])
+        n = int(rng.integers(1, 4))
+        root = rng.normal(size=(2 * n, 2 * n))
+        W = root @ root.T + 0.2 * np.eye(2 * n)
+        q, mu = rng.normal(size=(n, 2)), rng.uniform(0.5, 4.0, n)
+        # Two uncoupled contacts: balls on islands.
+        if n == 3:
+            W[:2, 2:] = W[2:, :2] = 0.0
+        given = Given((W + W.T) / 2, q, mu, None)
+        answers = given.problem().answers()
+        for answer in answers:
+            for size in (0.1, 1e-2, 1e-4):
+                r = answer.reaction * (1 + size * rng.normal(size=(n, 2)))
+                check_bound(given, r, answers, seen)
+    return seen.counts
 
 
 def held_by_friction(mu: float) -> bp.ReducedProblem:
