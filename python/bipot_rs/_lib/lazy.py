@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from bipot_rs._lib.optional import missing
+from bipot_rs._lib.optional import MissingLibraryError, missing
 
 
 def lazily(
@@ -35,9 +35,9 @@ def lazily(
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         try:
             found = import_module(module)
+        except MissingLibraryError:
+            raise
         except ModuleNotFoundError as error:
-            if "pip install" in str(error):
-                raise
             what = f"{package}.{name} and what uses it"
             raise missing(error, what, error.name or "", "cli") from None
         value = found if name in whole else getattr(found, name)

@@ -9,6 +9,10 @@ from typing import Any
 _DISTRIBUTIONS = {"skfem": "scikit-fem"}
 
 
+class MissingLibraryError(ModuleNotFoundError):
+    """An optional library is not installed; the message names the extra that installs it."""
+
+
 def missing(
     error: ModuleNotFoundError, what: str, library: str, extra: str
 ) -> ModuleNotFoundError:
@@ -26,7 +30,7 @@ def missing(
     """
     if error.name is None or error.name.partition(".")[0] != library:
         return error
-    return ModuleNotFoundError(
+    return MissingLibraryError(
         f"{what} need {_DISTRIBUTIONS.get(library, library)}, which is not installed: "
         f"run pip install 'bipot-rs[{extra}]'",
         name=error.name,

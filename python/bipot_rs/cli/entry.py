@@ -88,9 +88,9 @@ def _report(
         complain(message)
         return status
     if arguments[0] == "run":
-        from bipot_rs.cli.run.job import Job, Request
+        from bipot_rs.cli.run.job import Job, RunOptions
 
-        return Job(Request(), as_json=True).end(status, message)
+        return Job(RunOptions(), as_json=True).end(status, message)
     line(command=arguments[0], ok=False, success=False, message=message)
     if arguments[0] == "fclib":
         # Its lines on standard output belong to files: an error of the command itself also

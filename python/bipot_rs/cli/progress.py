@@ -11,7 +11,7 @@ from typing import Any, TextIO
 from bipot_rs._lib.messages import duration
 
 
-def settled(load: float, largest: float) -> float:
+def drop_rounding(load: float, largest: float) -> float:
     """The load, or zero if it is zero up to rounding, as at the end of a sine."""
     return 0.0 if abs(load) < 1e-13 * largest else load
 
@@ -55,12 +55,16 @@ def tell(text: str, stream: TextIO) -> None:
         raise OutputLost from error
 
 
-def expected(taken: float, forecast: float) -> str:
+def describe_remaining(taken: float, forecast: float) -> str:
     """Share and remaining time of a phase with a forecast, both in seconds.
 
     The forecast has one digit at most, and so has what is said here.
 
-    >>> expected(10.0, 40.0), expected(39.5, 40.0), expected(41.0, 40.0)
+    >>> (
+    ...     describe_remaining(10.0, 40.0),
+    ...     describe_remaining(39.5, 40.0),
+    ...     describe_remaining(41.0, 40.0),
+    ... )
     ('25 %, about 30 s left', '99 %, less than 1 s left', 'longer than expected')
     """
     if taken >= forecast:
@@ -164,7 +168,7 @@ class Progress:
         if task or self.forecast_from is None:
             return ""
         seconds, since = self.forecast_from
-        return expected(monotonic() - since, seconds)
+        return describe_remaining(monotonic() - since, seconds)
 
     def skip(self, steps: int) -> None:
         """Count load steps that an earlier run has solved."""
@@ -178,7 +182,7 @@ class Progress:
         load = ""
         if "load" in row:
             self.largest = max(self.largest, abs(row["load"]))
-            load = f"load {settled(row['load'], self.largest):.6g}, "
+            load = f"load {drop_rounding(row['load'], self.largest):.6g}, "
         number, kind = row["step"] + 1, "load step"
         if "cycle" in row:
             number, kind = row["cycle"], "cycle"

@@ -20,7 +20,7 @@ from bipot_rs.contact.results.solution import Step, recover_displacements
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.fem.contact_surface import contact_surface
-from bipot_rs.files.series import Series, indexed, write_series
+from bipot_rs.files.series import Series, check_index, write_series
 
 Fields = dict[str, NDArray[Any]]
 Instants = Sequence[Mapping[str, float]]
@@ -47,7 +47,7 @@ def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) 
     OSError
         A file cannot be written.
     """
-    index = indexed(path)
+    index = check_index(path)
     recover_displacements(list(steps))
     instants, units = None, None
     if isinstance(steps, Result):

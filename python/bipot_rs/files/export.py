@@ -200,8 +200,8 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
     ValueError
         The file is not a result, damaged, or of a later version of the format.
     """
-    with _opened(path) as (file, attributes):
-        return _saved(file, attributes, _TIGHTEST * place(path).stat().st_size)
+    with _open(path) as (file, attributes):
+        return _read_steps(file, attributes, _TIGHTEST * place(path).stat().st_size)
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -212,19 +212,19 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
     OSError, ValueError
         As `read_saved`.
     """
-    with _opened(path) as (_, attributes):
+    with _open(path) as (_, attributes):
         return attributes
 
 
 @contextmanager
-def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
+def _open(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
     """The open file and its attributes; errors of the block name the file."""
     h5py = load_library("h5py")
 
     source = place(path)
     if source.exists() and not source.is_file():
         raise OSError(f"{path} is not a file")
-    sealed = _sealed(source)
+    sealed = _has_seal(source)
     try:
         with h5py.File(source, "r") as file:
             yield file, _attributes(file, sealed)
@@ -251,7 +251,7 @@ def _attributes(file: Any, sealed: bool) -> dict[str, Any]:
     return attributes
 
 
-def _saved(file: Any, attributes: dict[str, Any], limit: int) -> Saved:
+def _read_steps(file: Any, attributes: dict[str, Any], limit: int) -> Saved:
     """Contents of an open file whose datasets have at most ``limit`` bytes."""
     contacts = _arrays(file["contacts"], limit)
     steps = []
@@ -323,7 +323,7 @@ def _digest(file: BinaryIO, size: int) -> bytes:
     return digest.hexdigest().encode()
 
 
-def _sealed(path: Path) -> bool:
+def _has_seal(path: Path) -> bool:
     """Whether the file ends with a checksum; a `ValueError` if it does not match."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END) - _SEAL_BYTES

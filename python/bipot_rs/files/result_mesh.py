@@ -92,13 +92,13 @@ class ResultMesh:
 
         Zero where a node has no degree of freedom.
         """
-        return _picked(displacement, self.dofs)
+        return _pick(displacement, self.dofs)
 
     def of_contacts(self, displacement: Floats) -> Floats | None:
         """Displacement of the contact nodes, ``(n_c, d)``; None if they are not known."""
         if self.contact_nodes is None:
             return None
-        return _picked(displacement, self.dofs[self.contact_nodes])
+        return _pick(displacement, self.dofs[self.contact_nodes])
 
     def fits(self, contacts: int, unknowns: int | None) -> bool:
         """Whether indices are within these numbers of contacts and degrees of freedom."""
@@ -164,7 +164,7 @@ class ResultMesh:
         )
 
 
-def _picked(displacement: Floats, dofs: Ints) -> Floats:
+def _pick(displacement: Floats, dofs: Ints) -> Floats:
     """Entries of an array, and zero for the number -1."""
     found: Floats = np.where(dofs >= 0, displacement[dofs], 0.0)
     return found

@@ -155,7 +155,7 @@ def _beside(path: Path) -> list[Path]:
         return []
 
 
-def indexed(path: str | os.PathLike[str]) -> Path:
+def check_index(path: str | os.PathLike[str]) -> Path:
     """Path of the index of a series, which must end in ``.pvd`` for ParaView.
 
     Raises

@@ -15,7 +15,7 @@ from bipot_rs._lib.validation import integers, number
 from bipot_rs.contact.results.result import Result
 from bipot_rs.files.drafts import aside
 from bipot_rs.plots.body import deformed, usual_scale
-from bipot_rs.plots.by_name import KINDS, Kind, chosen
+from bipot_rs.plots.by_name import KINDS, Picture, chosen
 from bipot_rs.plots.data import steps_of
 from bipot_rs.plots.style import figure_of
 
@@ -108,7 +108,7 @@ def _numbers(path: Result, steps: ArrayLike | None) -> list[int]:
 
 
 def _common(
-    found: Kind,
+    found: Picture,
     result: Result,
     model: object,
     numbers: list[int],
@@ -162,7 +162,7 @@ def _corners(ax: Axes) -> tuple[Floats, Floats]:
 
 def _write(
     target: Path,
-    found: Kind,
+    found: Picture,
     result: Result,
     model: object,
     numbers: list[int],

@@ -33,7 +33,7 @@ _MAPS = ("pressure", "shear", "gap")
 
 
 @dataclass(frozen=True)
-class Kind:
+class Picture:
     """A picture with a name.
 
     Attributes
@@ -62,9 +62,9 @@ class Kind:
         return self.draw(*given, **options)
 
 
-KINDS: Mapping[str, Kind] = (
+KINDS: Mapping[str, Picture] = (
     {
-        function.__name__: Kind(function)
+        function.__name__: Picture(function)
         for function in (
             tractions,
             slip,
@@ -75,13 +75,13 @@ KINDS: Mapping[str, Kind] = (
             dissipation,
         )
     }
-    | {"deformed": Kind(deformed, bodies=True)}
-    | {f"{name}_map": Kind(surface_map, quantity=name) for name in _MAPS}
+    | {"deformed": Picture(deformed, bodies=True)}
+    | {f"{name}_map": Picture(surface_map, quantity=name) for name in _MAPS}
     | {
-        f"{name}_3d": Kind(surface3d, bodies=True, quantity=name)
+        f"{name}_3d": Picture(surface3d, bodies=True, quantity=name)
         for name in (*QUANTITIES, "status")
     }
-    | {"wear": Kind(both)}
+    | {"wear": Picture(both)}
 )
 
 
@@ -117,7 +117,7 @@ def plot(
 
 def chosen(
     result: object, kind: str | None, model: object, options: Mapping[str, Any]
-) -> tuple[Kind, object]:
+) -> tuple[Picture, object]:
     """The picture of a name, and the model of the result; errors name what is wrong."""
     name = _usual(result, options) if kind is None else kind
     if name not in KINDS:

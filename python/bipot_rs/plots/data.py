@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from bipot_rs.scene.case import Case
 
 # The argument ``contacts``: a mapping with points and frames, or the model.
-Given = Mapping[str, Any] | object
+ContactsArgument = Mapping[str, Any] | object
 # What chooses contacts: all, or numbers.
 Chosen = slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Contacts:
+class DrawnContacts:
     """One step at the contacts that are drawn.
 
     Attributes
@@ -54,7 +54,7 @@ class Contacts:
     said
         ``"load step 3 of 8"``, or "" if there is one step only.
     facets : (m, k) or None
-        Facets of a surface in 3D, as `triangles.checked`.
+        Facets of a surface in 3D, as `triangles.check_facets`.
     """
 
     x: Floats
@@ -82,7 +82,7 @@ class Contacts:
             for k in np.unique(self.surface)
         ]
 
-    def part(self, chosen: Chosen) -> Contacts:
+    def part(self, chosen: Chosen) -> DrawnContacts:
         """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
         given = {name: getattr(self, name) for name in (*arrays, "wear", "surface")}
@@ -118,7 +118,7 @@ class Contacts:
         return np.asarray(found, np.float64)
 
 
-def contacts_of(found: object, given: Given | None) -> Mapping[str, Any]:
+def contacts_of(found: object, given: ContactsArgument | None) -> Mapping[str, Any]:
     """Data of the contacts: those of ``contacts=``, else those of the result."""
     if given is None:
         return found.contacts if isinstance(found, Result) else {}
@@ -215,10 +215,10 @@ def look(
     found: object,
     step: int = -1,
     *,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     where: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,
-) -> Contacts:
+) -> DrawnContacts:
     """Data to draw of a `Result`, a `Step` or a `Solution`.
 
     Raises
@@ -256,7 +256,7 @@ def look(
         "slip": getattr(solution, "slip", v[:, 1:]),
         "wear": getattr(solution, "wear", None),
     }
-    seen = Contacts(
+    seen = DrawnContacts(
         units=units_of(found, units),
         surface=surface_of(known, n),
         names=names_of(known),
@@ -285,7 +285,7 @@ def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
 def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
     """Facets of the contacts, ``(m, k)``; None if unknown."""
     given = known.get("facets")
-    return None if given is None else triangles.checked(given, contacts)
+    return None if given is None else triangles.check_facets(given, contacts)
 
 
 def numbers(chosen: Chosen, contacts: int) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.elliptic_friction import dissipation
 from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
-from bipot_rs.plots.data import Contacts, Given, look
+from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look
 from bipot_rs.plots.geometry.arc_length import Places, common
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def tractions(
     step: int = -1,
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -76,7 +76,7 @@ def tractions(
 
 
 def draw_tractions(
-    seen: Contacts,
+    seen: DrawnContacts,
     along: ArrayLike | str | None,
     ax: Axes,
     limits: tuple[float, float] | None = None,
@@ -123,7 +123,7 @@ def draw_tractions(
 
 
 def lines_of(
-    seen: Contacts, along: ArrayLike | str | None
+    seen: DrawnContacts, along: ArrayLike | str | None
 ) -> tuple[list[tuple[str, Places]], str]:
     """Names of the surfaces with the positions of their contacts, and the axis label."""
     names, parts = zip(*seen.surfaces, strict=True)
@@ -141,7 +141,7 @@ def mark_of(one: Places) -> dict[str, Any]:
     return {"marker": "o", "ms": 3} if len(one.s) <= _MARKERS else {}
 
 
-def _component(seen: Contacts, tangential: Floats, one: Places) -> Floats:
+def _component(seen: DrawnContacts, tangential: Floats, one: Places) -> Floats:
     """Component of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
 
     In 2D the whole vector, positive in the direction of growing position.
@@ -156,7 +156,7 @@ def _component(seen: Contacts, tangential: Floats, one: Places) -> Floats:
     return np.asarray(np.einsum("mk,mk->m", own, along), np.float64)
 
 
-def _limit(seen: Contacts, one: Places) -> Floats:
+def _limit(seen: DrawnContacts, one: Places) -> Floats:
     """Friction by unit pressure along a line, ``(m,)``."""
     mu: Floats = np.asarray(seen.mu, np.float64)[one.order]
     if mu.ndim == 1:
@@ -175,22 +175,22 @@ def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
 
 
 def _legend(
-    ax: Axes, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
+    ax: Axes, lines: list[tuple[str, Places]], kinds: list[Any], seen: DrawnContacts
 ) -> None:
     """Legend of lines and statuses above the axes, filled column by column."""
     zones = style.status_handles(seen.status)
     if len(lines) == 1:
         # Lines above zones.
-        handles = [h for both in zip(_padded(kinds), zones, strict=True) for h in both]
+        handles = [h for both in zip(_pad(kinds), zones, strict=True) for h in both]
         style.legend_above(ax, handles=handles, title=seen.said)
         return
     whose = style.surface_handles(name for name, _ in lines)
     rows = max(3, len(whose))
-    columns = [*_padded(whose, rows), *_padded(kinds, rows), *_padded(zones, rows)]
+    columns = [*_pad(whose, rows), *_pad(kinds, rows), *_pad(zones, rows)]
     style.legend_above(ax, handles=columns, title=seen.said)
 
 
-def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
+def _pad(handles: list[Any], rows: int = 3) -> list[Any]:
     from matplotlib.lines import Line2D
 
     nothing = [Line2D([], [], ls="none", label=" ") for _ in range(rows - len(handles))]
@@ -198,7 +198,7 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
 
 
 def draw_slip(
-    seen: Contacts,
+    seen: DrawnContacts,
     along: ArrayLike | str | None,
     ax: Axes,
     limits: tuple[float, float] | None = None,
@@ -230,7 +230,7 @@ def draw_slip(
     return ax
 
 
-def closed_slip(seen: Contacts) -> Floats:
+def closed_slip(seen: DrawnContacts) -> Floats:
     """Slip of the step where the status is slip, ``(n_c, d - 1)``; zero elsewhere.
 
     At sticking contacts it is rounding; at open ones it is not slip.
@@ -238,7 +238,7 @@ def closed_slip(seen: Contacts) -> Floats:
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
-def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Axes) -> Axes:
+def draw_zones(seen: DrawnContacts, status: NDArray[np.integer[Any]], ax: Axes) -> Axes:
     """Draw the status along a line, one row for each load step, the first at the bottom.
 
     Several surfaces are drawn above each other.

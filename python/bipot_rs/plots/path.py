@@ -17,7 +17,7 @@ from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
-    Given,
+    ContactsArgument,
     contacts_of,
     names_of,
     selection,
@@ -42,7 +42,7 @@ def resultants(
     result: object,
     *,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -63,7 +63,7 @@ def resultants(
     """
     units = units_of(result, units)
     path, known = steps_of(result), contacts_of(result, contacts)
-    chosen, frame, mu = _chosen(path, where, known)
+    chosen, frame, mu = _choose(path, where, known)
     surface = surface_of(known, len(path[0].status))
     reaction = path.reaction[:, chosen]
     if surface is None:
@@ -170,7 +170,7 @@ def status_shares(
     *,
     where: ArrayLike | str | None = None,
     ax: Axes | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
 ) -> Axes:
     """Fractions of the contacts that stick, slip and are open, over the load steps.
 
@@ -212,7 +212,7 @@ def force_displacement(
     *,
     name: str | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -242,7 +242,7 @@ def force_displacement(
         A wrong argument, or unknown frames; the message names them.
     """
     path, units = steps_of(result), units_of(result, units)
-    chosen, frame, mu = _chosen(path, where, contacts_of(path, contacts))
+    chosen, frame, mu = _choose(path, where, contacts_of(path, contacts))
     _, drag, limit, main = sums(path.reaction[:, chosen], frame, mu)
     if displacement is None:
         v = path.relative_displacement[:, chosen, 1:]
@@ -306,7 +306,7 @@ def _style(steps: int) -> dict[str, Any]:
     return _STYLE if steps <= _MARKERS else _STYLE | {"marker": ""}
 
 
-def _chosen(
+def _choose(
     path: Result, where: ArrayLike | str | None, known: Mapping[str, Any]
 ) -> tuple[Any, Floats | None, Floats | None]:
     """Contacts to draw, their frames and their friction coefficients."""

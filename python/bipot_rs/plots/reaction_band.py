@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.proof.reaction_range import ReactionRange
 from bipot_rs.plots import style
-from bipot_rs.plots.data import Given, contacts_of, selection, units_of
+from bipot_rs.plots.data import ContactsArgument, contacts_of, selection, units_of
 from bipot_rs.plots.geometry.arc_length import places
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _NAMES = ("normal force", "tangential force", "second tangential force")
 def reaction_band(
     ranges: Sequence[ReactionRange],
     *,
-    contacts: Given,
+    contacts: ContactsArgument,
     along: ArrayLike | str | None = None,
     where: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,

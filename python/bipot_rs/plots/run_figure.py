@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots.body import box_in_space
-from bipot_rs.plots.data import Contacts, look, number_of
+from bipot_rs.plots.data import DrawnContacts, look, number_of
 from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import resultants, status_shares
 from bipot_rs.plots.space import draw_space
@@ -79,7 +79,7 @@ def write_figure(
     figure.savefig(path, dpi=150)
 
 
-def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
+def _rows(seen: DrawnContacts) -> list[tuple[str, DrawnContacts]]:
     """Rows of pictures: one for each surface if all are flat, else one for all."""
     if is_plane(seen):
         return [("", seen)]
@@ -89,14 +89,14 @@ def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
     return each
 
 
-def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
+def _in_space(figures: Sequence[Any], seen: DrawnContacts) -> None:
     for figure, (name, one) in zip(figures, _rows(seen), strict=False):
         (_maps if is_plane(one) else _facets)(figure, one)
         if name:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 
 
-def _maps(figure: Figure | SubFigure, seen: Contacts) -> None:
+def _maps(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
     """Draw contact on a flat surface: maps of pressure, shear with direction, status."""
     left, middle, right = figure.subplots(1, 3)
     draw_map(seen, "pressure", left)
@@ -106,7 +106,7 @@ def _maps(figure: Figure | SubFigure, seen: Contacts) -> None:
         ax.set_ylabel("")
 
 
-def _facets(figure: Figure | SubFigure, seen: Contacts) -> None:
+def _facets(figure: Figure | SubFigure, seen: DrawnContacts) -> None:
     """Draw contact on other surfaces: their facets in 3D, or dots if they are unknown."""
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     for ax, quantity in zip(panels, ("pressure", "shear", "status"), strict=True):

@@ -13,7 +13,13 @@ from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import one_of
 from bipot_rs.contact.results.derivatives import Gradient
 from bipot_rs.plots import style
-from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection
+from bipot_rs.plots.data import (
+    ContactsArgument,
+    DrawnContacts,
+    contacts_of,
+    look,
+    selection,
+)
 from bipot_rs.plots.line import lines_of, mark_of, strips
 from bipot_rs.plots.surface import beyond, finish, paint, span
 from bipot_rs.plots.surface_plane import is_line, plane_of
@@ -37,7 +43,7 @@ def sensitivity(
     step: int | None = None,
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -117,7 +123,7 @@ def _ratio(unit: str | None, length: str | None) -> str | None:
 
 
 def _draw_line(
-    seen: Contacts,
+    seen: DrawnContacts,
     along: ArrayLike | str | None,
     values: Floats,
     marked: Bools,
@@ -147,7 +153,7 @@ def _draw_line(
 
 
 def _draw_map(
-    seen: Contacts,
+    seen: DrawnContacts,
     values: Floats,
     marked: Bools,
     label: tuple[str, str | None],

@@ -12,7 +12,13 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
-from bipot_rs.plots.data import Contacts, Given, drawn_model, look, model_of
+from bipot_rs.plots.data import (
+    ContactsArgument,
+    DrawnContacts,
+    drawn_model,
+    look,
+    model_of,
+)
 from bipot_rs.plots.geometry.boundary_facets import skin
 from bipot_rs.plots.geometry.triangles import alone, corners
 from bipot_rs.plots.line import closed_slip
@@ -35,7 +41,7 @@ def surface3d(
     backend: str = "matplotlib",
     bodies: bool = True,
     arrows: bool = True,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -105,7 +111,7 @@ def surface3d(
 
 
 def _values(
-    seen: Contacts, quantity: str, limits: tuple[float, float] | None
+    seen: DrawnContacts, quantity: str, limits: tuple[float, float] | None
 ) -> tuple[Floats, str, str | None, tuple[float, float, str]]:
     if quantity == "status":
         return seen.status.astype(float), "status", None, (0.0, 2.0, "neither")
@@ -113,7 +119,7 @@ def _values(
     return values, name, unit, span(values, quantity, seen.area, limits)
 
 
-def _polygons(seen: Contacts) -> list[Ints]:
+def _polygons(seen: DrawnContacts) -> list[Ints]:
     """Corners of the facets, ``(m, 3)`` and ``(m, 4)``; [] if facets are unknown."""
     return [] if seen.facets is None else corners(seen.facets)
 
@@ -124,7 +130,7 @@ def _zones(status: Floats, parts: list[Ints]) -> list[Floats]:
 
 
 def draw_space(
-    seen: Contacts,
+    seen: DrawnContacts,
     quantity: str,
     ax: Axes3D,
     model: Assembly | None = None,
@@ -187,7 +193,7 @@ def draw_space(
 
 
 def _slip(
-    seen: Contacts, places: Floats, ax: Axes3D, limits: tuple[float, float] | None
+    seen: DrawnContacts, places: Floats, ax: Axes3D, limits: tuple[float, float] | None
 ) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
@@ -244,7 +250,7 @@ def sharp_edges(model: Assembly) -> Ints:
 
 
 def _pyvista(
-    seen: Contacts,
+    seen: DrawnContacts,
     quantity: str,
     model: Assembly | None,
     arrows: bool,

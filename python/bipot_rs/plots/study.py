@@ -24,7 +24,7 @@ _MOST = 18
 
 
 @dataclass(frozen=True)
-class Series:
+class StudySeries:
     """Rows that differ in nothing but the horizontal axis.
 
     Attributes
@@ -47,7 +47,7 @@ class Series:
 
 
 def study(
-    series: Sequence[Series],
+    series: Sequence[StudySeries],
     x: tuple[str, str | None],
     y: tuple[str, str | None],
     *,
@@ -97,7 +97,7 @@ def study(
     return ax
 
 
-def _colours(series: Sequence[Series]) -> list[Any]:
+def _colours(series: Sequence[StudySeries]) -> list[Any]:
     if len(series) <= _NAMED:
         return [style.cycle(k) for k in range(len(series))]
     places = np.linspace(0, 1, len(series))
@@ -107,12 +107,12 @@ def _colours(series: Sequence[Series]) -> list[Any]:
     return list(style.shades()(places))
 
 
-def _numbers(series: Sequence[Series]) -> Floats | None:
+def _numbers(series: Sequence[StudySeries]) -> Floats | None:
     known = [one.number for one in series if one.number is not None]
     return np.array(known) if len(known) == len(series) else None
 
 
-def _legend(ax: Axes, series: Sequence[Series], parameter: str) -> None:
+def _legend(ax: Axes, series: Sequence[StudySeries], parameter: str) -> None:
     from matplotlib.lines import Line2D
 
     numbers = _numbers(series)

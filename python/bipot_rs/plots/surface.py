@@ -12,7 +12,14 @@ from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style
-from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
+from bipot_rs.plots.data import (
+    ContactsArgument,
+    DrawnContacts,
+    contacts_of,
+    look,
+    selection,
+    steps_of,
+)
 from bipot_rs.plots.geometry.raster import Raster
 from bipot_rs.plots.geometry.triangles import alone, of_points, split
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
@@ -51,7 +58,7 @@ def surface_map(
     step: int = -1,
     arrows: bool | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -103,7 +110,7 @@ def surface_map(
 
 
 def draw_map(
-    seen: Contacts,
+    seen: DrawnContacts,
     quantity: str,
     ax: Axes,
     vector: Floats | None = None,
@@ -131,19 +138,23 @@ def draw_map(
     return ax
 
 
-def paint(seen: Contacts, uv: Floats, values: Floats, ax: Axes, **colours: Any) -> Any:
+def paint(
+    seen: DrawnContacts, uv: Floats, values: Floats, ax: Axes, **colours: Any
+) -> Any:
     """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
 
     Contacts on no facet are dots.
     """
     raster = Raster.around(uv)
-    image = raster.interpolated(uv, surface_triangles(seen, uv), values)
+    image = raster.interpolate(uv, surface_triangles(seen, uv), values)
     found = raster.show(image, ax, **colours)
     _dots(seen, uv, values, ax, **colours)
     return found
 
 
-def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Axes, **colours: Any) -> None:
+def _dots(
+    seen: DrawnContacts, uv: Floats, values: Floats, ax: Axes, **colours: Any
+) -> None:
     if seen.facets is not None:
         own = alone(seen.facets, len(uv))
         if own.size:
@@ -151,14 +162,14 @@ def _dots(seen: Contacts, uv: Floats, values: Floats, ax: Axes, **colours: Any) 
             ax.scatter(u, v, c=values[own], s=9, lw=0, zorder=2, **colours)
 
 
-def surface_triangles(seen: Contacts, uv: Floats) -> Ints:
+def surface_triangles(seen: DrawnContacts, uv: Floats) -> Ints:
     """Triangles ``(t, 3)``: of the facets if these are known, else of the points."""
     if seen.facets is None:
         return of_points(uv, seen.area)
     return split(seen.facets)
 
 
-def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
+def values_of(seen: DrawnContacts, quantity: str) -> tuple[Floats, str, str | None]:
     """Values of a quantity, ``(n_c,)``, its label and its unit."""
     name, kind = QUANTITIES[quantity]
     unit = seen.units.get("length")
@@ -223,7 +234,7 @@ def status_map(
     *,
     step: int | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -258,7 +269,7 @@ def status_map(
     return ax
 
 
-def draw_status(seen: Contacts, ax: Axes) -> Axes:
+def draw_status(seen: DrawnContacts, ax: Axes) -> Axes:
     """Draw `status_map` of a surface into existing axes."""
     from scipy.spatial import cKDTree
 
@@ -267,7 +278,7 @@ def draw_status(seen: Contacts, ax: Axes) -> Axes:
     status = seen.status.astype(float)
     image = status[cKDTree(uv).query(raster.places)[1]]
     if not is_line(uv):
-        inside = raster.interpolated(uv, surface_triangles(seen, uv), status)
+        inside = raster.interpolate(uv, surface_triangles(seen, uv), status)
         image[np.isnan(inside)] = np.nan
         _dots(seen, uv, status, ax, **style.status_colours())
     raster.show(image, ax, **style.status_colours())
@@ -283,7 +294,7 @@ def slip(
     step: int = -1,
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     limits: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
@@ -331,7 +342,7 @@ def slip(
 
 
 def finish(
-    seen: Contacts, uv: Floats, names: list[str], ax: Axes, margin: float = 0.0
+    seen: DrawnContacts, uv: Floats, names: list[str], ax: Axes, margin: float = 0.0
 ) -> None:
     """Set the limits and the labels of the axes of a map, with equal scales."""
     unit = seen.units.get("length")
@@ -345,7 +356,7 @@ def finish(
 
 
 def _arrows(
-    seen: Contacts,
+    seen: DrawnContacts,
     uv: Floats,
     vector: Floats,
     ax: Axes,

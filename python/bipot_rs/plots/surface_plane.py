@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.plots.data import Contacts
+from bipot_rs.plots.data import DrawnContacts
 
 # Tolerance for nodes on one plane, relative to its width.
 _PLANE = 1e-6
 
 
-def is_plane(seen: Contacts) -> bool:
+def is_plane(seen: DrawnContacts) -> bool:
     """Whether contacts in 3D lie on one plane."""
     off = seen.x - seen.x.mean(axis=0)
     widths = np.ptp(off @ np.linalg.svd(off, full_matrices=False)[2].T, axis=0)
@@ -26,7 +26,7 @@ def is_line(uv: Floats) -> bool:
     return bool(narrow <= _PLANE * wide)
 
 
-def plane_of(seen: Contacts) -> tuple[Floats, list[str]]:
+def plane_of(seen: DrawnContacts) -> tuple[Floats, list[str]]:
     """Coordinates ``(n_c, 2)`` on the plane of the contacts, and their labels."""
     x = seen.x
     if x.shape[1] != 3:
@@ -42,7 +42,7 @@ def plane_of(seen: Contacts) -> tuple[Floats, list[str]]:
     return x @ axes.T, names
 
 
-def tangents(seen: Contacts) -> tuple[Floats, list[str]]:
+def tangents(seen: DrawnContacts) -> tuple[Floats, list[str]]:
     """Axes ``(2, 3)`` on the plane of the contacts, and their labels.
 
     The tangents of the contacts if these are equal. Otherwise, as for a roller on a plane,

@@ -12,7 +12,7 @@ from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.wear.record import Wear
 from bipot_rs.plots import style
-from bipot_rs.plots.data import Given, look, steps_of
+from bipot_rs.plots.data import ContactsArgument, look, steps_of
 from bipot_rs.plots.geometry.arc_length import common
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def wear(
     cycles: ArrayLike | None = None,
     along: ArrayLike | str | None = None,
     where: ArrayLike | str | None = None,
-    contacts: Given | None = None,
+    contacts: ContactsArgument | None = None,
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -55,7 +55,7 @@ def wear(
     """
     one_of("quantity", quantity, QUANTITIES)
     path = _ends(result)
-    chosen = _chosen(path, cycles)
+    chosen = _choose(path, cycles)
     ax = style.axes_of(ax)
     largest = 0.0
     for number, k in enumerate(chosen):
@@ -118,7 +118,7 @@ def _ends(result: object) -> Result:
     return path
 
 
-def _chosen(path: Result, cycles: ArrayLike | None) -> list[int]:
+def _choose(path: Result, cycles: ArrayLike | None) -> list[int]:
     """Indices of the steps to draw."""
     known = [step.cycle for step in path]
     if cycles is None:

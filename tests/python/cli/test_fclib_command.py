@@ -12,7 +12,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fclib
-from bipot_rs.cli.commands.fclib import Request, SolveFiles
+from bipot_rs.cli.commands.fclib import FilesOptions, SolveFiles
 from bipot_rs.cli.interrupts import Interrupts
 from support import children, pressed
 from support.collection import FILES, path
@@ -156,7 +156,7 @@ def test_exit_status_is_the_worst(
 
     def status(*files: str) -> int:
         # No method finishes within a nanosecond.
-        request = Request(files, "uzawa", 1e-12, max_seconds=1e-9)
+        request = FilesOptions(files, "uzawa", 1e-12, max_seconds=1e-9)
         return SolveFiles(request, as_json=True, interrupts=Interrupts()).run()
 
     # The geometry is refused before the time limit is checked.

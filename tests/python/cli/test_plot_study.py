@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bipot_rs.plots.study
-from bipot_rs.cli.study.folder import Record, write_record
+from bipot_rs.cli.study.folder import StudyRecord, write_record
 from bipot_rs.cli.study.table import write
 
 Bipot = Callable[..., tuple[int, str, str]]
@@ -38,7 +38,7 @@ def made(
                 } | {"seconds": 0.5, "steps": 2}
             done[len(done)] = row
     write(folder / "sweep.csv", ["mesh.n", "contact.0.mu"], done)
-    record = Record("some", [], [], None, None, "A title", UNITS, "0", len(done))
+    record = StudyRecord("some", [], [], None, None, "A title", UNITS, "0", len(done))
     write_record(folder, record)
 
 

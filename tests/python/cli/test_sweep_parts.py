@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli.study.part import Part, deal, part
+from bipot_rs.cli.study.part import StudyPart, deal, part
 from support.comparisons import content
 from support.pushed_study import PUSHED, table
 
@@ -124,7 +124,7 @@ def test_no_part_gets_all_large_rows(meshes: int, others: int, count: int) -> No
 def test_wrong_parts(text: str, why: str) -> None:
     with pytest.raises(ValueError, match=f"--part {text}: {why}"):
         part(text)
-    assert part(" 2/ 4") == Part(2, 4)
+    assert part(" 2/ 4") == StudyPart(2, 4)
 
 
 @pytest.mark.slow

@@ -91,8 +91,8 @@ def test_message_names_the_extra_to_install(
     last = done.stderr.strip().splitlines()[-1]
     extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
     assert last == (
-        f"ModuleNotFoundError: {told}, which is not installed: run pip install "
-        f"'bipot-rs[{extra}]'"
+        f"bipot_rs._lib.optional.MissingLibraryError: {told}, which is not installed: run "
+        f"pip install 'bipot-rs[{extra}]'"
     )
 
 

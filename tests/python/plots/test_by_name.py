@@ -1,7 +1,5 @@
 """Pictures by name from a result, and animations whose frames have the same scales."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -259,24 +257,6 @@ def test_an_earlier_file_survives_a_failure(
         flat.animate(target, dpi=30)
     assert target.read_text() == "earlier"
     assert list(tmp_path.iterdir()) == [target]
-
-
-@pytest.mark.slow
-def test_pyplot_is_not_imported(tmp_path: Path) -> None:
-    code = (
-        "import sys, numpy as np, bipot_rs as bp; "
-        "r = bp.solve(np.eye(4), np.eye(4), [-1.0, 0.1, -1, 0.1], gap=[0, 0], mu=0.3, "
-        "points=[[0, 0], [1, 0]]); print('bipot_rs.plots' in sys.modules); "
-        "r.animate('a.gif'); print('matplotlib.pyplot' in sys.modules)"
-    )
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert run.stdout.split() == ["False", "False"]
 
 
 def test_every_function_of_a_result_has_a_name() -> None:

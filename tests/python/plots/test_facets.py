@@ -26,7 +26,7 @@ def bowl(cells: int, cell: str) -> fem.Assembly:
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_facets_of_a_curved_surface_cover_it(cell: str) -> None:
     model = bowl(6, cell)
-    facets = triangles.checked(contact_facets(model), len(model.points))
+    facets = triangles.check_facets(contact_facets(model), len(model.points))
     assert len(facets) == (36 if cell == "hexahedron" else 72)
     a, b, c = model.points[triangles.split(facets)].swapaxes(0, 1)
     # Triangles are exact; quadrilaterals are not plane.
@@ -88,7 +88,7 @@ def surfaces(nodes: int) -> Any:
 @pytest.mark.parametrize("nodes", [4, 6])
 def test_mortar_surfaces_know_their_facets(nodes: int) -> None:
     found, at, down = surfaces(nodes)
-    kept = triangles.checked(found.facets, len(found.points))
+    kept = triangles.check_facets(found.facets, len(found.points))
     corners = 4 if nodes == 4 else 3
     np.testing.assert_array_equal(
         found.points[kept[:, :corners]], at[down[:, :corners]]

@@ -415,8 +415,8 @@ def test_facets_of_every_kind_are_drawn_whole(nodes: int) -> None:
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
     at = np.concatenate([corners, middles, corners.mean(axis=0)[None]])[:nodes]
     pixels = raster.Raster.around(at)
-    facet = triangles.split(triangles.checked(np.arange(nodes)[None], nodes))
-    image = pixels.interpolated(at, facet, at @ [1.0, 2.0])
+    facet = triangles.split(triangles.check_facets(np.arange(nodes)[None], nodes))
+    image = pixels.interpolate(at, facet, at @ [1.0, 2.0])
     known = ~np.isnan(image)
     exact = pixels.places @ [1.0, 2.0]
     np.testing.assert_allclose(image[known], exact[known], rtol=1e-12)
@@ -426,7 +426,7 @@ def test_facets_of_every_kind_are_drawn_whole(nodes: int) -> None:
 
 
 def test_a_part_of_the_facets_has_new_numbers() -> None:
-    facets = triangles.checked([[0, 1, 4, 3], [1, 2, 4, -1]], 5)
+    facets = triangles.check_facets([[0, 1, 4, 3], [1, 2, 4, -1]], 5)
     own = triangles.part(facets, np.array([4, 2, 1]), 5)
     np.testing.assert_array_equal(own, [[2, 1, 0, -1]])
     np.testing.assert_array_equal(triangles.alone(facets[1:], 5), [0, 3])
@@ -443,7 +443,7 @@ def test_a_part_of_the_facets_has_new_numbers() -> None:
 )
 def test_wrong_facets_are_named(facets: Any, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        triangles.checked(facets, 3)
+        triangles.check_facets(facets, 3)
 
 
 @pytest.mark.parametrize("near", [None, 0.5])
@@ -911,12 +911,14 @@ def test_given_axes_are_used(line: Any, cube: Any) -> None:
 
 
 @pytest.mark.slow
-def test_no_state_is_left() -> None:
+def test_no_state_is_left(tmp_path: Path) -> None:
     code = (
         "import sys, bipot_rs as bp; early = 'bipot_rs.plots' in sys.modules; "
         "import numpy as np; "
         "r = bp.solve(np.eye(4), np.eye(4), [-1.0, 0.1, -1, 0.1], gap=[0, 0], mu=0.3, "
-        "points=[[0, 0], [1, 0]]); bp.plots.tractions(r); import matplotlib; "
+        "points=[[0, 0], [1, 0]], frame=[np.eye(2)] * 2, area=[1, 1]); "
+        "bp.plots.tractions(r); bp.plots.animate(r, 'a.gif', 'slip'); "
+        "from bipot_rs.plots.run_figure import write_figure; write_figure('a.png', r); "
         "print(early, 'matplotlib.pyplot' in sys.modules, 'skfem' in sys.modules)"
     )
     run = subprocess.run(
@@ -924,6 +926,7 @@ def test_no_state_is_left() -> None:
         capture_output=True,
         text=True,
         check=True,
+        cwd=tmp_path,
     )
     assert run.stdout.split() == ["False"] * 3
 

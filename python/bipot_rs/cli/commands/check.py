@@ -99,6 +99,6 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
             *title,
             *cost_forecast.sizes(model, steps),
             *cost,
-            *cost_forecast.remarked(remarks),
+            *cost_forecast.list_remarks(remarks),
         ],
     }

@@ -50,12 +50,12 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    request = Request(found.files, found.method, found.tol, found.max_seconds)
+    request = FilesOptions(found.files, found.method, found.tol, found.max_seconds)
     return SolveFiles(request, as_json=found.json, interrupts=interrupts).run()
 
 
 @dataclass(frozen=True)
-class Request:
+class FilesOptions:
     """Arguments of the command."""
 
     files: Sequence[str]
@@ -71,7 +71,7 @@ class SolveFiles(Runner):
     mistakes = (ImportError, ValueError, TypeError)
 
     def __init__(
-        self, request: Request, *, as_json: bool, interrupts: Interrupts
+        self, request: FilesOptions, *, as_json: bool, interrupts: Interrupts
     ) -> None:
         super().__init__(as_json=as_json, interrupts=interrupts)
         self.request = request
@@ -112,7 +112,7 @@ class SolveFiles(Runner):
         return code
 
 
-def _check(request: Request) -> None:
+def _check(request: FilesOptions) -> None:
     """Let the core refuse wrong settings before any file is read: one open contact."""
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.fclib import require
@@ -123,7 +123,7 @@ def _check(request: Request) -> None:
     )
 
 
-def _solve(name: str, request: Request) -> dict[str, Any]:
+def _solve(name: str, request: FilesOptions) -> dict[str, Any]:
     """The row of a file."""
     from bipot_rs import fclib
     from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError

@@ -66,9 +66,9 @@ def read_tol(text: str) -> float | str:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    from bipot_rs.cli.run.job import Job, Request
+    from bipot_rs.cli.run.job import Job, RunOptions
 
-    request = Request(
+    request = RunOptions(
         scene=found.scene,
         settings=found.settings,
         folder=found.out or Path("out") / Path(found.scene).stem,

@@ -77,9 +77,9 @@ def add_arguments(parser: shared.Parser) -> None:
 
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
-    from bipot_rs.cli.solve.job import Request, SolveMatrix
+    from bipot_rs.cli.solve.job import MatrixOptions, SolveMatrix
 
-    request = Request(
+    request = MatrixOptions(
         stiffness=found.stiffness,
         contacts=found.contacts,
         nodes=found.nodes,

@@ -72,9 +72,9 @@ def add_arguments(parser: shared.Parser) -> None:
 def run(found: argparse.Namespace, interrupts: Interrupts) -> int:
     """Carry out the command; returns the exit status."""
     from bipot_rs.cli.study.part import part
-    from bipot_rs.cli.study.solving import Request, solve_rows
+    from bipot_rs.cli.study.solving import StudyOptions, solve_rows
 
-    request = Request(
+    request = StudyOptions(
         scene=found.scene,
         settings=found.settings,
         ranges=found.ranges,

@@ -168,7 +168,7 @@ def peak(case: Case) -> float:
     return _entries(case.model.bodies) + float(found.get("bytes_peak", 0))
 
 
-def remarked(remarks: Sequence[str]) -> list[str]:
+def list_remarks(remarks: Sequence[str]) -> list[str]:
     """A line for each remark."""
     return [f"  remark    {remark}" for remark in remarks]
 

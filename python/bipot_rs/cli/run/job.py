@@ -51,7 +51,7 @@ _NEEDED = (
 
 
 @dataclass(frozen=True)
-class Request:
+class RunOptions:
     """Arguments of the command. ``method`` and ``tol`` None: those of the scene."""
 
     scene: str | None = None
@@ -70,7 +70,11 @@ class Job(SharedRunner):
     """One run of a scene."""
 
     def __init__(
-        self, request: Request, *, as_json: bool, interrupts: Interrupts | None = None
+        self,
+        request: RunOptions,
+        *,
+        as_json: bool,
+        interrupts: Interrupts | None = None,
     ) -> None:
         super().__init__(as_json=as_json, interrupts=interrupts)
         self.request = request
@@ -120,7 +124,7 @@ class Job(SharedRunner):
             method = scene.solver.method if request.method is None else request.method
             tol = scene.solver.tol if request.tol is None else request.tol
             refuse_settings(method, tol)
-            stamp = self._prepared(scene, method, tol)
+            stamp = self._prepare(scene, method, tol)
         files = "reads another scene, or another file that it names, than rank 0"
         self.ranks.check_same(stamp, files)
         with self.ranks.together():
@@ -141,7 +145,7 @@ class Job(SharedRunner):
                     message += f"; no discretisation error: {self.no_error}"
             return self._keep(draft, code, message, stamp)
 
-    def _prepared(
+    def _prepare(
         self, scene: Scene, method: str, tol: float | str
     ) -> Mapping[str, Any]:
         """Check what the run needs; returns what identifies it."""
@@ -365,7 +369,7 @@ class Job(SharedRunner):
         title = [self.scene.title] if self.scene.title else []
         known = cost_forecast.sizes(case.model, len(case.parameter))
         engine = [cost_forecast.of_ranks(case.model, self.ranks.count)]
-        remarks = cost_forecast.remarked(case.remarks())
+        remarks = cost_forecast.list_remarks(case.remarks())
         self.progress.block("\n".join([*title, *known, *engine, *remarks]))
 
     def _forecast(self, counts: Mapping[str, Any]) -> None:
@@ -377,7 +381,7 @@ class Job(SharedRunner):
         title = [self.scene.title] if self.scene.title else []
         known = cost_forecast.sizes(self.case.model, len(self.case.parameter))
         cost = cost_forecast.cost(counts)
-        remarks = cost_forecast.remarked(self.case.remarks())
+        remarks = cost_forecast.list_remarks(self.case.remarks())
         self.progress.block("\n".join([*title, *known, *cost, *remarks]))
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
         self.progress.forecast(seconds)

@@ -63,7 +63,7 @@ def draft_in(folder: Path) -> Iterator[Path]:
         for path in map(folder.joinpath, _NAMES):
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
-        draft, lock = _made(folder)
+        draft, lock = _make_draft(folder)
     except OSError as error:
         raise OSError(
             f"cannot write to the folder {folder}: {error}; choose another with --out DIR"
@@ -72,7 +72,7 @@ def draft_in(folder: Path) -> Iterator[Path]:
         yield Path(name)
 
 
-def _made(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
+def _make_draft(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
     """A draft and its lock. The lock tells other runs that this process is alive.
 
     Another run may remove the draft before it is locked: then a new one is made.
@@ -80,7 +80,7 @@ def _made(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
     while True:
         draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
         with suppress(FileNotFoundError), ExitStack() as stack:
-            stack.enter_context(_locked(Path(draft.name)))
+            stack.enter_context(_lock(Path(draft.name)))
             if Path(draft.name).is_dir():
                 return draft, stack.pop_all()
         with suppress(FileNotFoundError):
@@ -116,7 +116,7 @@ def describe(folder: Path) -> str:
 
 
 @contextmanager
-def _locked(draft: Path) -> Iterator[bool]:
+def _lock(draft: Path) -> Iterator[bool]:
     """Lock the draft; yields whether that was possible."""
     if sys.platform == "win32":
         # A folder has no lock there: drafts of killed runs stay, because one that is in use
@@ -149,6 +149,6 @@ def _clear(folder: Path) -> None:
     for place in dict.fromkeys([folder.absolute(), *neighbours]):
         with suppress(OSError):
             for draft in place.glob(f"{_DRAFT}*"):
-                with suppress(OSError), _locked(draft) as abandoned:
+                with suppress(OSError), _lock(draft) as abandoned:
                     if abandoned:
                         shutil.rmtree(draft)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.cli.progress import settled
+from bipot_rs.cli.progress import drop_rounding
 from bipot_rs.cli.text_table import format_table, table_width
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.messages.remarks import NEVER_CLOSED
@@ -85,7 +85,11 @@ def format_steps(
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
     shown: list[Mapping[str, Any] | None] = [
-        {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
+        {
+            **row,
+            "step": row["step"] + 1,
+            "load": drop_rounding(row.get("load", 0.0), largest),
+        }
         for row in rows
     ]
     if len(rows) > _MOST_ROWS:

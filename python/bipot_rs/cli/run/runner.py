@@ -45,7 +45,7 @@ def _of_the_system(error: BaseException | None) -> bool:
     return known or _of_the_system(error.__cause__)
 
 
-def recovered(reached: list[Reached]) -> str:
+def recover_steps(reached: list[Reached]) -> str:
     """Find the displacements; drop the load steps from the first one that has none.
 
     Returns the message of that step, or "".
@@ -176,6 +176,6 @@ class Runner(ABC):
         self.interrupts.check()
 
     def recover(self, code: int, message: str) -> tuple[int, str]:
-        """As `recovered`; returns how the run ends after that."""
-        lost = recovered(self.reached)
+        """As `recover_steps`; returns how the run ends after that."""
+        lost = recover_steps(self.reached)
         return (NOT_CONVERGED, lost) if lost else (code, message)

@@ -65,7 +65,9 @@ class SharedRunner(Runner):
         library = load()
         # PETSc has set handlers of its own.
         self.interrupts.renew()
-        self.ranks = World(library.MPI, self.interrupts, self._said, self._last_words)
+        self.ranks = World(
+            library.MPI, self.interrupts, self._explain, self._last_words
+        )
         if not {"BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"} & set(os.environ):
             own = cores() // self.ranks.neighbours
             os.environ["BIPOT_NUM_THREADS"] = str(max(own, 1))
@@ -100,7 +102,7 @@ class SharedRunner(Runner):
         try:
             code = super().run()
         except BaseException as error:
-            self.ranks.end_all(self._said(error))
+            self.ranks.end_all(self._explain(error))
             raise
         self.ranks.leave((code, self.message))
         return code
@@ -110,7 +112,7 @@ class SharedRunner(Runner):
         self.message = message
         return super().end(code, message)
 
-    def _said(self, error: BaseException) -> tuple[int, str]:
+    def _explain(self, error: BaseException) -> tuple[int, str]:
         """Exit status and message of any exception."""
         from bipot_rs.contact.errors import BipotError
 

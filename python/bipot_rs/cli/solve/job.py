@@ -24,7 +24,7 @@ from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.tables import COLUMNS, list_surface_forces, make_row
 
 if TYPE_CHECKING:
-    from bipot_rs.cli.solve.matrix_files import Given
+    from bipot_rs.cli.solve.matrix_files import MatrixProblem
     from bipot_rs.contact.errors import BipotError
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Request:
+class MatrixOptions:
     """Arguments of the command; the files and ``order`` are those of `matrix_files.read`.
 
     ``stiffness_rtol`` is the relative error of the entries of the stiffness, as
@@ -58,11 +58,11 @@ class SolveMatrix(Runner):
     mistakes = (*MISTAKES, TypeError)
 
     def __init__(
-        self, request: Request, *, as_json: bool, interrupts: Interrupts
+        self, request: MatrixOptions, *, as_json: bool, interrupts: Interrupts
     ) -> None:
         super().__init__(as_json=as_json, interrupts=interrupts)
         self.request = request
-        self.given: Given | None = None
+        self.given: MatrixProblem | None = None
         self.result: Result | None = None
         self.written: list[str] = []
 
@@ -97,7 +97,7 @@ class SolveMatrix(Runner):
             code, message = self.interrupted
         return code, message
 
-    def _solve(self, given: Given) -> None:
+    def _solve(self, given: MatrixProblem) -> None:
         asked = self.request
         with warnings.catch_warnings():
             # The remarks of the result say the same.
@@ -133,7 +133,7 @@ class SolveMatrix(Runner):
                 )
         return code, message
 
-    def _unfinished(self, given: Given, message: str) -> Result:
+    def _unfinished(self, given: MatrixProblem, message: str) -> Result:
         """The result of the load steps reached."""
         from bipot_rs.contact.results.result import Result
 
@@ -153,7 +153,7 @@ class SolveMatrix(Runner):
             message=message,
         )
 
-    def _write(self, given: Given, result: Result) -> None:
+    def _write(self, given: MatrixProblem, result: Result) -> None:
         """Write result.h5, the tables and, where places are known, files for ParaView."""
         result.mesh = mesh = given.mesh()
         from bipot_rs.files.csv_tables import write
@@ -230,7 +230,7 @@ class SolveMatrix(Runner):
         return last
 
 
-def _count(given: Given) -> int:
+def _count(given: MatrixProblem) -> int:
     """Load steps: of loads and prescribed displacements one row may serve all steps."""
     loads = 1 if given.load is None else len(given.load)
     return max(loads, len(given.prescribed))
@@ -247,7 +247,7 @@ def _write_nodes(path: Path, mesh: ResultMesh, result: Result) -> None:
     write_series(path, mesh.nodes, None, steps, units=result.units)
 
 
-def _header(given: Given) -> list[str]:
+def _header(given: MatrixProblem) -> list[str]:
     dim = given.frame.shape[1]
     local = ("n", "t1", "t2")[:dim]
     return [
@@ -259,7 +259,7 @@ def _header(given: Given) -> list[str]:
     ]
 
 
-def _reactions(given: Given, result: Result) -> Iterator[list[Any]]:
+def _reactions(given: MatrixProblem, result: Result) -> Iterator[list[Any]]:
     """The rows of reactions.csv: forces in the frame of the contact and in global axes."""
     for k, step in enumerate(result):
         force = (step.reaction[:, :, None] * given.frame).sum(axis=1)

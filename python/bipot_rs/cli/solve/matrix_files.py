@@ -53,7 +53,7 @@ MARKET = "%%MatrixMarket"
 
 
 @dataclass(frozen=True)
-class Given:
+class MatrixProblem:
     """Contents of the files, as `ContactProblem` and its `solve` take them.
 
     Attributes
@@ -153,7 +153,7 @@ def read(
     fixed: Name | None = None,
     *,
     order: str | None = None,
-) -> Given:
+) -> MatrixProblem:
     """Read the files.
 
     Parameters
@@ -190,7 +190,7 @@ def read(
         else _values(Table(fixed), dofs, [f"u{a}" for a in _AXES[:dim]], "value")
     )
     held, prescribed = _prescribed(moved, fixed)
-    return Given(
+    return MatrixProblem(
         K=K,
         fixed=held,
         prescribed=prescribed,
@@ -323,7 +323,7 @@ def _in_order(path: Path, K: Any, dim: int, listed: _Nodes, order: str | None) -
     if how is None or how.fits:
         return
     if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
-        return  # Given explicitly, and correct in most rows: `ContactProblem` warns.
+        return  # MatrixProblem explicitly, and correct in most rows: `ContactProblem` warns.
     sorted_ = places[np.argsort(labels, kind="stable")]
     advice = (
         f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "

@@ -41,7 +41,7 @@ def values(setting: str) -> tuple[str, list[str]]:
     return key.strip(), [value.strip() for value in found]
 
 
-def spaced(setting: str) -> tuple[str, list[str]]:
+def space_values(setting: str) -> tuple[str, list[str]]:
     """Split ``KEY=FROM:TO:COUNT`` into the key and COUNT equally spaced values.
 
     The values are integers if the ends are and the spacing allows it.
@@ -94,7 +94,7 @@ def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]
     ValueError
         A setting of the wrong form, a key twice, or too many rows.
     """
-    axes = [values(s) for s in settings] + [spaced(s) for s in ranges]
+    axes = [values(s) for s in settings] + [space_values(s) for s in ranges]
     names = [key for key, _ in axes]
     for key in names:
         if names.count(key) > 1:

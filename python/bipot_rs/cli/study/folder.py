@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, make
-from bipot_rs.cli.study.part import Part, part
+from bipot_rs.cli.study.part import StudyPart, part
 from bipot_rs.cli.study.plan import Study
 
 # What the table is a study of.
@@ -22,7 +22,7 @@ _FORMAT, _VERSION = "bipot-sweep", 1
 
 
 @dataclass(frozen=True)
-class Record:
+class StudyRecord:
     """What a folder holds a study of.
 
     Attributes
@@ -54,9 +54,9 @@ class Record:
     rows: list[int] = field(default_factory=list)
 
 
-def record_of(study: Study, mine: Part | None, rows: Sequence[int]) -> Record:
+def record_of(study: Study, mine: StudyPart | None, rows: Sequence[int]) -> StudyRecord:
     """The record of a study, or of the part ``mine`` with these ``rows``."""
-    return Record(
+    return StudyRecord(
         study.scene,
         list(study.settings),
         list(study.ranges),
@@ -71,7 +71,7 @@ def record_of(study: Study, mine: Part | None, rows: Sequence[int]) -> Record:
     )
 
 
-def write_record(folder: Path, record: Record) -> None:
+def write_record(folder: Path, record: StudyRecord) -> None:
     """Write it into the folder."""
     from bipot_rs.files.drafts import aside
 
@@ -82,7 +82,7 @@ def write_record(folder: Path, record: Record) -> None:
         draft.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
 
 
-def read_record(folder: Path) -> Record:
+def read_record(folder: Path) -> StudyRecord:
     """Read the record of a folder.
 
     Raises
@@ -97,7 +97,7 @@ def read_record(folder: Path) -> Record:
         known = json.loads(path.read_text(encoding="utf-8-sig"))
         if known.pop("format") != _FORMAT or known.pop("version") != _VERSION:
             raise ValueError("it has another format or version")
-        found = Record(**known)
+        found = StudyRecord(**known)
         if found.part is not None:
             part(found.part)
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:

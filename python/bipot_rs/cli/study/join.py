@@ -15,14 +15,14 @@ from bipot_rs.cli.run.output_folder import RESULT, SWEEP
 from bipot_rs.cli.study import axes
 from bipot_rs.cli.study.folder import (
     RECORD,
-    Record,
+    StudyRecord,
     make_folder,
     read_record,
     row_folder,
     set_aside,
     write_record,
 )
-from bipot_rs.cli.study.part import FOLDERS, Part, part
+from bipot_rs.cli.study.part import FOLDERS, StudyPart, part
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.table import MISSING, read, write
 
@@ -32,7 +32,7 @@ _NO_PART = "its part was not joined"
 
 
 @dataclass(frozen=True)
-class Joined:
+class JoinedStudy:
     """Parts of one study as a whole.
 
     Attributes
@@ -51,7 +51,7 @@ class Joined:
         The folder that all parts are in; None if they are in several.
     """
 
-    record: Record
+    record: StudyRecord
     keys: list[str]
     rows: dict[int, dict[str, Any]]
     folders: dict[int, Path]
@@ -95,7 +95,7 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     )
 
 
-def join(given: Sequence[Path]) -> Joined:
+def join(given: Sequence[Path]) -> JoinedStudy:
     """Read the parts of a study.
 
     Parameters
@@ -138,9 +138,9 @@ def join(given: Sequence[Path]) -> Joined:
             why = _NO_PART if where is None else f"{where} does not have it yet"
             rows[number] = {**settings, "outcome": MISSING, "message": why}
     count = part(str(record.part)).count
-    every = (str(Part(number + 1, count)) for number in range(count))
+    every = (str(StudyPart(number + 1, count)) for number in range(count))
     homes = {folder.parent for folder in parts}
-    return Joined(
+    return JoinedStudy(
         replace(record, part=None, rows=[]),
         list(asked[0]),
         rows,
@@ -150,9 +150,9 @@ def join(given: Sequence[Path]) -> Joined:
     )
 
 
-def _parts(given: Sequence[Path]) -> dict[Path, Record]:
+def _parts(given: Sequence[Path]) -> dict[Path, StudyRecord]:
     """The record of each folder of a part."""
-    found: dict[Path, Record] = {}
+    found: dict[Path, StudyRecord] = {}
     for folder in given:
         inside = sorted(one for one in folder.glob(FOLDERS) if (one / RECORD).exists())
         for one in inside or [folder]:
@@ -170,7 +170,9 @@ def _parts(given: Sequence[Path]) -> dict[Path, Record]:
     return found
 
 
-def _same_study(first: Path, record: Record, folder: Path, other: Record) -> None:
+def _same_study(
+    first: Path, record: StudyRecord, folder: Path, other: StudyRecord
+) -> None:
     """Refuse a part of another study, or of another division of the same study."""
     if record.study != other.study:
         names = ("scene", "settings", "ranges", "method", "tol", "count")
@@ -192,7 +194,7 @@ def _same_study(first: Path, record: Record, folder: Path, other: Record) -> Non
 
 
 def _rows_of(
-    folder: Path, record: Record, asked: Sequence[dict[str, str]]
+    folder: Path, record: StudyRecord, asked: Sequence[dict[str, str]]
 ) -> dict[int, dict[str, Any]]:
     """The finished rows of a part; an error if one is not of this part."""
     path = folder / SWEEP
@@ -218,7 +220,7 @@ def _rows_of(
     return found
 
 
-def copy_results(joined: Joined, folder: Path) -> None:
+def copy_results(joined: JoinedStudy, folder: Path) -> None:
     """Copy the results of the rows; on one file system, without their bytes.
 
     A file of results is replaced as a whole, so that copies may share its bytes.
@@ -235,7 +237,7 @@ def copy_results(joined: Joined, folder: Path) -> None:
                 shutil.copy2(result, target)
 
 
-def missing(joined: Joined) -> str:
+def missing(joined: JoinedStudy) -> str:
     """A sentence about rows that no part has solved; "" if there is none."""
     reasons: dict[str, list[str]] = {}
     for k in sorted(joined.rows):

@@ -13,7 +13,7 @@ FOLDERS = "part-*-of-*"
 
 
 @dataclass(frozen=True)
-class Part:
+class StudyPart:
     """Part ``number`` of ``count``, numbered from 1."""
 
     number: int
@@ -28,7 +28,7 @@ class Part:
         return f"part-{self.number}-of-{self.count}"
 
 
-def part(text: str) -> Part:
+def part(text: str) -> StudyPart:
     """Read ``I/N``.
 
     Raises
@@ -46,7 +46,7 @@ def part(text: str) -> Part:
         raise ValueError(f"--part {text}: N is {count}, not between 1 and {MOST}")
     if not 1 <= number <= count:
         raise ValueError(f"--part {text}: I is {number}, not between 1 and {count}")
-    return Part(number, count)
+    return StudyPart(number, count)
 
 
 def deal(costs: Sequence[tuple[float, ...]], count: int) -> list[list[int]]:

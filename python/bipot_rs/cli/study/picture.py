@@ -128,7 +128,7 @@ def _series(
     varied: Sequence[str],
 ) -> list[Any]:
     """The rows, one series for each combination of the other varied keys."""
-    from bipot_rs.plots.study import Series
+    from bipot_rs.plots.study import StudySeries
 
     groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
     for row in rows:
@@ -140,7 +140,7 @@ def _series(
             with suppress(ValueError):
                 number = real(values[0])
         found.append(
-            Series(
+            StudySeries(
                 ", ".join(values),
                 np.array([_number(path, row, x) for row in own]),
                 np.array([_number(path, row, y) for row in own]),

@@ -91,7 +91,7 @@ def row_digest(scene: Scene, method: str | None, tol: float | None) -> str:
     )
 
 
-def written(settings: Mapping[str, str]) -> list[str]:
+def format_settings(settings: Mapping[str, str]) -> list[str]:
     """The settings of a row as on the command line, ``KEY=VALUE``."""
     return [f"{key}={value}" for key, value in settings.items()]
 
@@ -120,7 +120,7 @@ def plan(
     digests, costs, shapes, first, known = [], [], [], None, None
     for row in rows:
         try:
-            found = read(scene, written(row))
+            found = read(scene, format_settings(row))
         except SceneError as error:
             _refuse_fractions(ranges, error.mistakes)
             first = error if first is None else first
@@ -152,7 +152,7 @@ def plan(
 def _refuse_fractions(ranges: Sequence[str], mistakes: Sequence[Mistake]) -> None:
     """Refuse a range with fractions for a key that takes integers."""
     for setting in ranges:
-        key, found = axes.spaced(setting)
+        key, found = axes.space_values(setting)
         if any(m.key == key and m.kind is MistakeKind.INTEGER for m in mistakes):
             shown = [f"{float(v):.6g}" for v in found[:4]]
             shown += ["…"] if len(found) > len(shown) else []

@@ -12,14 +12,14 @@ from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.progress import line, tell
 from bipot_rs.cli.run.output_folder import SWEEP
 from bipot_rs.cli.study.folder import ROWS, has_result
-from bipot_rs.cli.study.part import Part
+from bipot_rs.cli.study.part import StudyPart
 from bipot_rs.cli.study.table import OUTCOME_OF, OUTCOMES
 from bipot_rs.cli.text_table import format_table
 from bipot_rs.contact.law.status import STATUS_NAMES
 
 
 def summarise_rows(
-    done: Mapping[int, Mapping[str, Any]], folder: Path, part: Part | None = None
+    done: Mapping[int, Mapping[str, Any]], folder: Path, part: StudyPart | None = None
 ) -> str:
     """How many rows are solved, and where the table and the results are."""
     solved = [k for k in done if done[k]["outcome"] == OUTCOME_OF[SOLVED]]

@@ -13,9 +13,9 @@ import numpy as np
 
 from bipot_rs.cli.exit_codes import NOT_CONVERGED, SOLVED
 from bipot_rs.cli.run.output_folder import RESULT
-from bipot_rs.cli.run.runner import outcome, recovered
+from bipot_rs.cli.run.runner import outcome, recover_steps
 from bipot_rs.cli.study.folder import row_folder
-from bipot_rs.cli.study.plan import row_digest, written
+from bipot_rs.cli.study.plan import format_settings, row_digest
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE
 from bipot_rs.contact.law.status import STATUS_NAMES
 
@@ -80,7 +80,7 @@ def solve_as(row: Row, digest: str) -> dict[str, Any] | str:
     from bipot_rs.scene.reading import read
 
     try:
-        here = read(row.scene, written(row.settings))
+        here = read(row.scene, format_settings(row.settings))
     except SceneError as error:
         if digest:
             return f"its worker cannot read the scene: {error}"
@@ -100,7 +100,7 @@ def peak(scene: str, settings: Mapping[str, str]) -> float:
     from bipot_rs.scene.case import assemble
     from bipot_rs.scene.reading import read
 
-    found = read(scene, written(settings))
+    found = read(scene, format_settings(settings))
     return cost_forecast.peak(assemble(found, bodies(found)))
 
 
@@ -141,7 +141,7 @@ class _Attempt:
         from bipot_rs.scene.reading import read
 
         row = self.row
-        self.scene = scene = read(row.scene, written(row.settings))
+        self.scene = scene = read(row.scene, format_settings(row.settings))
         tolerance = scene.solver.tol if row.tol is None else row.tol
         if isinstance(tolerance, str):
             raise ValueError(f"tol is {tolerance!r}, expected a number in a sweep")
@@ -188,14 +188,14 @@ class _Attempt:
             )
         here = row_folder(row.folder, row.number)
         try:
-            lost = recovered(self.reached)
+            lost = recover_steps(self.reached)
             if lost:
                 code, message = NOT_CONVERGED, lost
             here.mkdir(parents=True, exist_ok=True)
             method = scene.solver.method if row.method is None else row.method
             tol = scene.solver.tol if row.tol is None else row.tol
             made = origin(
-                row.scene, written(row.settings), scene, self.problem, message
+                row.scene, format_settings(row.settings), scene, self.problem, message
             )
             Output(here, here, scene, case, self.reached, ()).result(
                 complete=code == SOLVED, attributes=made | stamps(scene, method, tol)

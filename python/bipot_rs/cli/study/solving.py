@@ -22,8 +22,8 @@ from bipot_rs.cli.study.folder import (
     set_aside,
     write_record,
 )
-from bipot_rs.cli.study.part import Part, deal
-from bipot_rs.cli.study.plan import Study, plan, written
+from bipot_rs.cli.study.part import StudyPart, deal
+from bipot_rs.cli.study.plan import Study, format_settings, plan
 from bipot_rs.cli.study.report import print_study, summarise_rows
 from bipot_rs.cli.study.row import Row, peak, solve, solve_as
 from bipot_rs.cli.study.table import LOST, OUTCOME_OF, earlier, write
@@ -38,7 +38,7 @@ Answers = Iterator[tuple[int, dict[str, Any] | str]]
 
 
 @dataclass(frozen=True)
-class Request:
+class StudyOptions:
     """Arguments of the command. ``method`` and ``tol`` None: those of the scene.
 
     Attributes
@@ -59,7 +59,7 @@ class Request:
     folder: Path
     method: str | None = None
     tol: float | None = None
-    part: Part | None = None
+    part: StudyPart | None = None
     results: bool = False
     jobs: int | None = None
     scheduler: str | None = None
@@ -67,7 +67,7 @@ class Request:
     as_json: bool = False
 
 
-def solve_rows(request: Request) -> int:
+def solve_rows(request: StudyOptions) -> int:
     """Solve the rows and write the table; returns the worst exit status.
 
     ``KeyboardInterrupt`` passes through; the finished rows are in the table.
@@ -109,7 +109,7 @@ def solve_rows(request: Request) -> int:
                 write(path, study.keys, done)
                 if request.as_json:
                     line(row=k, set=settings, **found)
-                text = f"{', '.join(written(settings))}: {found['outcome']}"
+                text = f"{', '.join(format_settings(settings))}: {found['outcome']}"
                 progress.advance(text, f"row {k + 1} of {len(study.rows)}: {text}")
     message = summarise_rows(done, folder, request.part)
     if request.part is not None:
@@ -118,7 +118,7 @@ def solve_rows(request: Request) -> int:
 
 
 def _finished(
-    request: Request,
+    request: StudyOptions,
     study: Study,
     folder: Path,
     mine: Sequence[int],
@@ -145,7 +145,7 @@ def _finished(
     }
 
 
-def _row(request: Request, study: Study, number: int, folder: Path) -> Row:
+def _row(request: StudyOptions, study: Study, number: int, folder: Path) -> Row:
     scene = study.scene
     if request.scheduler is not None and scene not in shipped():
         # Workers run in folders of their own.
@@ -161,7 +161,7 @@ def _row(request: Request, study: Study, number: int, folder: Path) -> Row:
     )
 
 
-def _pool(request: Request, say: Callable[[str], object]) -> Workers | Cluster:
+def _pool(request: StudyOptions, say: Callable[[str], object]) -> Workers | Cluster:
     """What solves the rows: processes of this machine, or a cluster."""
     if request.scheduler is None:
         return Workers(solve, cores() if request.jobs is None else request.jobs)

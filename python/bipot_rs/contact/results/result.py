@@ -496,7 +496,7 @@ class Result(Sequence[Step]):
         OSError
             A file cannot be written.
         """
-        index = series.indexed(path)
+        index = series.check_index(path)
         x = self.contacts.get("x")
         if x is None:
             raise ValueError(

@@ -72,16 +72,16 @@ def places(x: Floats, along: ArrayLike | str | None) -> Places:
             raise ValueError(
                 f"along is {along!r}, expected {', '.join('xyz'[:d])}, arc or a direction"
             )
-        return _projected(x, np.eye(d)["xyz".index(along)])
+        return _project(x, np.eye(d)["xyz".index(along)])
     if along is not None:
-        return _projected(x, _unit(along, d))
+        return _project(x, _unit(along, d))
     if d == 3:
         raise ValueError(
             "along is missing: in three dimensions pass a direction or 'arc', and select the "
             "contacts of a line by where=; or draw the whole surface by surface_map"
         )
     direction = _straight(x)
-    return _arc(x) if direction is None else _projected(x, direction)
+    return _arc(x) if direction is None else _project(x, direction)
 
 
 def _unit(along: ArrayLike, d: int) -> Floats:
@@ -110,7 +110,7 @@ def _straight(x: Floats) -> Floats | None:
     return np.asarray(axis if near else direction)
 
 
-def _projected(x: Floats, direction: Floats) -> Places:
+def _project(x: Floats, direction: Floats) -> Places:
     s = x @ direction
     order = np.argsort(s, kind="stable")
     way = np.linalg.norm(np.diff(x[order], axis=0), axis=1).sum()
@@ -129,7 +129,7 @@ def _name(direction: Floats) -> str:
 def _arc(x: Floats) -> Places:
     """Arc length along a chain: from one end to the other, or once around."""
     if len(x) < 2:
-        return _projected(x, np.eye(x.shape[1])[0])
+        return _project(x, np.eye(x.shape[1])[0])
     order = _chain(x)
     step = np.linalg.norm(np.diff(x[order], axis=0), axis=1)
     near = max(step[0], step[-1])

@@ -59,7 +59,7 @@ class Raster:
         )
         return np.stack(np.meshgrid(u, v), axis=-1)
 
-    def interpolated(self, uv: Floats, triangles: Ints, values: Floats) -> Floats:
+    def interpolate(self, uv: Floats, triangles: Ints, values: Floats) -> Floats:
         """Linear interpolation of nodal values, ``(rows, columns)``; NaN outside.
 
         Parameters

@@ -25,7 +25,7 @@ _BRIDGE = 1.6
 _HALVES = 2.0
 
 
-def checked(facets: object, contacts: int) -> Ints:
+def check_facets(facets: object, contacts: int) -> Ints:
     """Facets ``(m, k)`` of contacts; a `ValueError` says what is wrong.
 
     Parameters
