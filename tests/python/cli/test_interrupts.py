@@ -68,7 +68,9 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
         if step == 3:
             os.kill(os.getpid(), number)
 
-    run = bipot_with(fault, "bipot_rs.contact.results.tables:row", *RUN, cwd=tmp_path)
+    run = bipot_with(
+        fault, "bipot_rs.contact.results.tables:make_row", *RUN, cwd=tmp_path
+    )
     assert run.returncode == 128 + number
     *steps, last = map(json.loads, run.stdout.splitlines())
     assert [step["step"] for step in steps] == list(range(3))

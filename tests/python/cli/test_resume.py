@@ -105,7 +105,7 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
 
     return bipot_with(
         fault,
-        "bipot_rs.contact.results.tables:row",
+        "bipot_rs.contact.results.tables:make_row",
         *SCENE,
         "--out",
         "here",
@@ -146,7 +146,7 @@ def resumed_to_the_same_files(scene: str, cwd: Path) -> None:
         if step == 2:
             raise KeyboardInterrupt
 
-    row = "bipot_rs.contact.results.tables:row"
+    row = "bipot_rs.contact.results.tables:make_row"
     assert bipot_with(fault, row, *run, "here", cwd=cwd).returncode == 130
     assert bipot(*run, "here", "--resume", cwd=cwd).returncode == 0
     found, expected = (content(cwd / at / "result.h5") for at in ("here", "whole"))

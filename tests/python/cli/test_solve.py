@@ -365,7 +365,7 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
         if step == 1:
             raise KeyboardInterrupt
 
-    run = bipot_with(fault, "bipot_rs.cli.solve.job:row", *command, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.cli.solve.job:make_row", *command, cwd=tmp_path)
     assert run.returncode == 130
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success, kept.message) == (1, False, "interrupted")

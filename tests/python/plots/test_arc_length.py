@@ -153,7 +153,7 @@ def test_one_contact_has_a_place() -> None:
 
 def test_a_roller_does_not_scale_the_plane_under_it() -> None:
     """Its inclined normals do not change positions along the plane."""
-    from bipot_rs.plots.data import Contacts
+    from bipot_rs.plots.data import DrawnContacts
     from bipot_rs.plots.surface_plane import plane_of
 
     u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))
@@ -161,7 +161,7 @@ def test_a_roller_does_not_scale_the_plane_under_it() -> None:
     away = x - [0.0, 0.0, 10.0]
     away[:, 1] = 0  # # a cylinder along y above the plane
     n = len(x)
-    seen = Contacts(
+    seen = DrawnContacts(
         x=x,
         frame=fem.frames(away),
         area=None,

@@ -125,7 +125,7 @@ def test_resumed_to_the_same_files(tmp_path: Path) -> None:
     assert bipot(*command, cwd=tmp_path).returncode == 0
     whole = content(tmp_path / "here" / "result.h5")
     broken = bipot_with(
-        fault, "bipot_rs.contact.results.tables:row", *command, cwd=tmp_path
+        fault, "bipot_rs.contact.results.tables:make_row", *command, cwd=tmp_path
     )
     assert broken.returncode == 130
     run = bipot(*command, "--resume", "--json", cwd=tmp_path)

@@ -173,7 +173,7 @@ def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
                 raise KeyboardInterrupt
 
         broken = bipot_with(
-            fault, "bipot_rs.contact.results.tables:row", *command, cwd=where
+            fault, "bipot_rs.contact.results.tables:make_row", *command, cwd=where
         )
         assert broken.returncode == 130
         run = bipot(*command, "--resume", "--json", cwd=where)
