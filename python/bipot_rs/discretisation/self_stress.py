@@ -16,13 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
 from bipot_rs.discretisation.tuning import ENOUGH, MOST_ITERATIONS, WINDOW
@@ -111,7 +110,7 @@ class SelfStress:
         return m.reshape(moments.shape)
 
 
-def _assembled(cells: Simplices, energy: Floats) -> Any:
+def _assembled(cells: Simplices, energy: Floats) -> CsrMatrix:
     """``∫ σ̂ : C⁻¹ σ̂ dV`` of the body as a matrix of all moments."""
     place, sign = cells.local_moments()
     flat = (place[:, :, None] * cells.dim + np.arange(cells.dim)).reshape(
@@ -122,12 +121,13 @@ def _assembled(cells: Simplices, energy: Floats) -> Any:
     data = energy * sign[:, :, None] * sign[:, None, :]
     row = np.repeat(flat, flat.shape[1], axis=1)
     column = np.tile(flat, (1, flat.shape[1]))
-    return sparse.coo_array(
+    made: CsrMatrix = sparse.coo_array(
         (data.ravel(), (row.ravel(), column.ravel())), shape=(n, n)
     ).tocsr()
+    return made
 
 
-def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
+def _factor(Z: CsrMatrix, H: CsrMatrix) -> Callable[[Floats], Floats]:
     """Approximate inverse of ``Zᵀ H Z``, whose columns may be linearly dependent."""
     from scipy.sparse.linalg import splu
 
@@ -242,7 +242,7 @@ class _Functions:
         shape = self.passed.shape
         self.passed[np.broadcast_to(forbidden[:, None, None, :, None], shape)] = 0.0
 
-    def matrix(self) -> Any:
+    def matrix(self) -> CsrMatrix:
         """Matrix from amplitudes to moments, flat."""
         dim, count = self.cells.dim, len(self.own)
         size = dim * dim
@@ -259,7 +259,9 @@ class _Functions:
             for i in range(3)
         )
         shape = (count * size, count * k + self.rings * w)
-        found = sparse.coo_array((data, (rows, columns)), shape=shape).tocsr()
+        found: CsrMatrix = sparse.coo_array(
+            (data, (rows, columns)), shape=shape
+        ).tocsr()
         found.eliminate_zeros()
         return found
 

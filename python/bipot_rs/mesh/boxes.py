@@ -12,13 +12,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Integers
 from bipot_rs._lib.validation import floats
-from bipot_rs.mesh.kinds import FIRST, Kind
+from bipot_rs.mesh.kinds import FIRST, ElementMesh, Kind
 
-Numbers = NDArray[Any]
 # Faces of a box, (axis, end); the last axis points up.
 FACES: dict[int, dict[str, tuple[int, int]]] = {
     2: {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)},
@@ -89,12 +88,12 @@ class Topology:
         The first and the last cell at each facet; -1 instead of the last on the boundary.
     """
 
-    facets: Numbers
-    t2f: Numbers
-    f2t: Numbers
+    facets: Integers
+    t2f: Integers
+    f2t: Integers
 
     @classmethod
-    def of(cls, t: Numbers, shape: str) -> Topology:
+    def of(cls, t: Integers, shape: str) -> Topology:
         """Find the facets of cells ``t (nodes, cells)``."""
         cells = t.shape[1]
         corners = np.hstack([t[list(one)] for one in _FACETS[shape]])
@@ -136,9 +135,9 @@ class BoxMesh:
 
     kind: Kind
     p: Floats
-    t: Numbers
+    t: Integers
     topology: Topology = field(repr=False)
-    boundaries: Mapping[str, Numbers] = field(default_factory=dict)
+    boundaries: Mapping[str, Integers] = field(default_factory=dict)
 
     @property
     def subdomains(self) -> None:
@@ -150,25 +149,25 @@ class BoxMesh:
         return int(self.t.shape[1])
 
     @property
-    def facets(self) -> Numbers:
+    def facets(self) -> Integers:
         """`Topology.facets`."""
         return self.topology.facets
 
     @property
-    def t2f(self) -> Numbers:
+    def t2f(self) -> Integers:
         """`Topology.t2f`."""
         return self.topology.t2f
 
     @property
-    def f2t(self) -> Numbers:
+    def f2t(self) -> Integers:
         """`Topology.f2t`."""
         return self.topology.f2t
 
-    def boundary_facets(self) -> Numbers:
+    def boundary_facets(self) -> Integers:
         """Numbers of the facets with one cell, ascending."""
         return np.flatnonzero(self.f2t[1] == -1).astype(np.int32)
 
-    def with_boundaries(self, named: Mapping[str, Numbers]) -> BoxMesh:
+    def with_boundaries(self, named: Mapping[str, Integers]) -> BoxMesh:
         """Copy with further named surfaces."""
         return replace(self, boundaries={**self.boundaries, **named})
 
@@ -221,7 +220,7 @@ def _divide_grid(grids: Sequence[Floats], shape: str) -> BoxMesh:
     return BoxMesh(FIRST[shape], p, t, Topology.of(t, shape))
 
 
-def box(axes: Sequence[ArrayLike], cell: str) -> Any:
+def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:
     """Tensor-product mesh of a rectangle or a box with named faces.
 
     Triangles divide each rectangle along the diagonal from its lowest to its highest
@@ -243,7 +242,8 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
         Mesh with boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
         and in 3D ``front``/``back`` (y).
     """
-    return box_mesh(axes, cell).whole
+    made: ElementMesh = box_mesh(axes, cell).whole
+    return made
 
 
 def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:

@@ -14,7 +14,7 @@ import numpy as np
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh.boxes import BoxMesh
-from bipot_rs.mesh.kinds import OF_VTK, Kind, by_class, find
+from bipot_rs.mesh.kinds import OF_VTK, ElementMesh, Kind, by_class, find
 
 
 def __getattr__(name: str) -> Any:
@@ -24,7 +24,7 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def kind_of(mesh: Any, what: str = "mesh") -> Kind:
+def kind_of(mesh: ElementMesh, what: str = "mesh") -> Kind:
     """The kind of the cells; `TypeError` for a mesh of no known class."""
     if isinstance(mesh, BoxMesh):
         return mesh.kind
@@ -35,14 +35,14 @@ def kind_of(mesh: Any, what: str = "mesh") -> Kind:
     return kind
 
 
-def cell_nodes(mesh: Any) -> Ints:
+def cell_nodes(mesh: ElementMesh) -> Ints:
     """Nodes of the cells in the order of their element, ``(cells, nodes)``."""
     first = kind_of(mesh).degree == 1
     found = mesh.t if first else mesh.dofs.element_dofs
     return np.asarray(found, dtype=np.int64).T
 
 
-def facet_nodes(mesh: Any, facets: Ints) -> Ints:
+def facet_nodes(mesh: ElementMesh, facets: Ints) -> Ints:
     """Nodes of facets in the order of the element there, ``(facets, nodes)``."""
     kind = kind_of(mesh)
     corners = np.asarray(mesh.facets, dtype=np.int64)[:, facets].T
@@ -60,7 +60,7 @@ def facet_nodes(mesh: Any, facets: Ints) -> Ints:
     return np.take_along_axis(cells, which, axis=1)
 
 
-def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
+def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]:
     """A mesh of scikit-fem from cells in the order of VTK.
 
     Parameters
@@ -108,12 +108,12 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     return mesh, number
 
 
-def keep_topology(mesh: Any, known: Any) -> None:
+def keep_topology(mesh: ElementMesh, known: Any) -> None:
     """Give a mesh the topology of another: it does not depend on positions and names."""
     vars(mesh).update({k: v for k, v in vars(known).items() if k not in vars(mesh)})
 
 
-def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
+def second_order(mesh: ElementMesh, *, serendipity: bool = False) -> ElementMesh:
     """Convert a mesh to second order by nodes at midpoints; names are kept.
 
     With ``serendipity=True`` quadrilaterals get 8 nodes instead of 9, hexahedra 20
@@ -134,12 +134,12 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
     p = np.empty((mesh.p.shape[0], int(bare.dofs.N)))
     p[:, cell_nodes(bare).T] = np.einsum("dct,ck->dkt", mesh.p[:, mesh.t], phi)
     p[:, : mesh.p.shape[1]] = mesh.p
-    made: Any = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
+    made: ElementMesh = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
     keep_topology(made, bare)
     return made
 
 
-def _of_order(mesh: Any, degree: int, order: str) -> Kind:
+def _of_order(mesh: ElementMesh, degree: int, order: str) -> Kind:
     kind = mesh.kind if isinstance(mesh, BoxMesh) else by_class().get(type(mesh))
     if kind is None or kind.degree != degree:
         raise ValueError(
@@ -149,13 +149,13 @@ def _of_order(mesh: Any, degree: int, order: str) -> Kind:
     return kind
 
 
-def first_order(mesh: Any) -> Any:
+def first_order(mesh: ElementMesh) -> ElementMesh:
     """Convert a mesh to first order: only corners remain; names are kept."""
     kind = _of_order(mesh, 2, "second")
     (target,) = (k for k in OF_VTK.values() if k.shape == kind.shape and k.degree == 1)
     # Corners come first.
     corners = mesh.p[:, : int(mesh.t.max()) + 1]
-    made: Any = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
+    made: ElementMesh = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
     return made
 
 

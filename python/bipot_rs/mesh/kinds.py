@@ -7,14 +7,15 @@ order starts without it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from bipot_rs._lib.optional import missing
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Integers, Ints
 from bipot_rs.mesh import first_order_cells
 from bipot_rs.mesh.first_order_cells import CORNERS, Reference
 
@@ -47,6 +48,55 @@ _CENTRES: dict[str, list[tuple[float, ...]]] = {
         (0.5, 0.5, 0.5),
     ],
 }
+
+
+class ElementMesh(Protocol):
+    """What this package uses of a mesh of scikit-fem, or of a `boxes.BoxMesh`."""
+
+    @property
+    def p(self) -> Floats:
+        """Positions of the nodes, ``(d, nodes)`` [m]."""
+
+    @property
+    def t(self) -> Integers:
+        """Nodes at the corners of each cell, ``(c, cells)``."""
+
+    @property
+    def facets(self) -> Integers:
+        """Nodes at the corners of each facet, ``(c, facets)``."""
+
+    @property
+    def t2f(self) -> Integers:
+        """Facets of each cell, ``(f, cells)``."""
+
+    @property
+    def f2t(self) -> Integers:
+        """Cells at each facet ``(2, facets)``; the second is -1 on the boundary."""
+
+    @property
+    def boundaries(self) -> Mapping[str, Integers] | None:
+        """Facets of each named surface."""
+
+    @property
+    def subdomains(self) -> Mapping[str, Integers] | None:
+        """Cells of each named volume."""
+
+    @property
+    def nelements(self) -> int:
+        """Number of cells."""
+
+    @property
+    def dofs(self) -> Any:
+        """Numbers of the nodes of cells of second order, by scikit-fem."""
+
+    def boundary_facets(self) -> Integers:
+        """Numbers of the facets with one cell."""
+
+    def with_boundaries(self, named: Mapping[str, Integers]) -> ElementMesh:
+        """Copy with further named surfaces."""
+
+    def with_subdomains(self, named: Mapping[str, Integers]) -> ElementMesh:
+        """Copy with further named volumes."""
 
 
 def library() -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from bipot_rs.mesh.elements import (
     jacobian,
     kind_of,
 )
+from bipot_rs.mesh.kinds import ElementMesh
 
 # Volume over the cube of the longest side, below which the sign is rounding.
 _FLAT = 1e-12
@@ -28,7 +28,7 @@ _CURES = {
 _CLOSE = 1e-6
 
 
-def check_mesh(mesh: Any, what: str = "mesh") -> None:
+def check_mesh(mesh: ElementMesh, what: str = "mesh") -> None:
     """Refuse a mesh that is not one valid body.
 
     Parameters
@@ -61,7 +61,7 @@ def check_mesh(mesh: Any, what: str = "mesh") -> None:
     _close(mesh, what)
 
 
-def _cells(mesh: Any, nodes: Ints, what: str) -> None:
+def _cells(mesh: ElementMesh, nodes: Ints, what: str) -> None:
     kind = kind_of(mesh)
     x = np.asarray(mesh.p.T[nodes])
     _, slopes, weights = kind.reference
@@ -89,7 +89,7 @@ def _cells(mesh: Any, nodes: Ints, what: str) -> None:
             )
 
 
-def _neighbours(mesh: Any, what: str) -> None:
+def _neighbours(mesh: ElementMesh, what: str) -> None:
     """Refuse facets with more than two cells, or with two cells on the same side."""
     facets = np.asarray(mesh.facets)
     many = np.bincount(np.asarray(mesh.t2f).ravel(), minlength=facets.shape[1])
@@ -127,7 +127,7 @@ def _neighbours(mesh: Any, what: str) -> None:
         )
 
 
-def _pieces(mesh: Any, what: str) -> None:
+def _pieces(mesh: ElementMesh, what: str) -> None:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -167,7 +167,7 @@ def _pieces(mesh: Any, what: str) -> None:
     )
 
 
-def _close(mesh: Any, what: str) -> None:
+def _close(mesh: ElementMesh, what: str) -> None:
     """Refuse nodes of the boundary that nearly coincide: the mesh has a slit there."""
     from scipy.spatial import cKDTree
 

@@ -25,17 +25,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import AnyArray, Floats, Ints
 from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
 from bipot_rs.mesh.content import Content
 from bipot_rs.mesh.elements import facet_nodes, keep_topology, make_mesh
-from bipot_rs.mesh.kinds import OF_VTK
+from bipot_rs.mesh.kinds import OF_VTK, ElementMesh
 from bipot_rs.mesh.quality import check_mesh
 
 # Kinds of cells that may be facets: dimension and number of corners.
@@ -53,7 +52,7 @@ def read_mesh(
     group: str | Sequence[str] | None = None,
     *,
     check: bool = True,
-) -> Any:
+) -> ElementMesh:
     """Read a mesh of scikit-fem from a file, with named volumes and surfaces.
 
     The class of the mesh gives the element: triangles and tetrahedra of first and
@@ -83,7 +82,9 @@ def read_mesh(
     return _mesh(where, _open(where), group, check=check)
 
 
-def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str, Any]:
+def read_meshes(
+    path: str | os.PathLike[str], *, check: bool = True
+) -> dict[str, ElementMesh]:
     """Read each named volume of a file, as `read_mesh` with ``group``; a mapping by name."""
     where = Path(path)
     file = _open(where)
@@ -109,9 +110,9 @@ class Grid:
 
     points: Floats
     cells: list[tuple[str, Ints]]
-    of_points: dict[str, NDArray[Any]]
-    of_cells: dict[str, NDArray[Any]]
-    of_file: dict[str, NDArray[Any]]
+    of_points: dict[str, AnyArray]
+    of_cells: dict[str, AnyArray]
+    of_file: dict[str, AnyArray]
 
 
 def read_grid(path: str | os.PathLike[str]) -> Grid:
@@ -323,7 +324,7 @@ def _no_cells(path: Path) -> str:
 
 def _mesh(
     path: Path, file: Content, group: str | Sequence[str] | None, *, check: bool
-) -> Any:
+) -> ElementMesh:
     top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
     volumes = _volumes(file)
     if top < 2:
@@ -456,7 +457,9 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
     return np.ascontiguousarray(points[:, :2])
 
 
-def _made(path: Path, kind: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
+def _made(
+    path: Path, kind: str, points: Floats, cells: Ints
+) -> tuple[ElementMesh, Ints]:
     try:
         return make_mesh(kind, points, cells)
     except ValueError as error:
@@ -464,7 +467,7 @@ def _made(path: Path, kind: str, points: Floats, cells: Ints) -> tuple[Any, Ints
 
 
 def _surfaces(
-    file: Content, mesh: Any, node: Ints, top: int, index: Ints
+    file: Content, mesh: ElementMesh, node: Ints, top: int, index: Ints
 ) -> dict[str, Ints]:
     """Boundary facets by name."""
     border = np.asarray(mesh.boundary_facets(), dtype=np.int64)

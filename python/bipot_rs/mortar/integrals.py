@@ -50,7 +50,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree
 from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
@@ -135,8 +135,8 @@ class Weights:
 
     node: Ints
     area: Floats
-    slave: Any
-    master: Any
+    slave: CsrMatrix
+    master: CsrMatrix
     clearance: Floats
 
 
@@ -500,7 +500,7 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
     number = np.full(nodes, -1)
     number[contacts] = np.arange(len(contacts))
 
-    def assemble(facet: Ints, blocks: Floats, columns: Ints, width: int) -> Any:
+    def assemble(facet: Ints, blocks: Floats, columns: Ints, width: int) -> CsrMatrix:
         row = np.broadcast_to(number[corners[facet]][:, :, None], blocks.shape)
         column = np.broadcast_to(columns[:, None], blocks.shape)
         # ψ of nodes without a contact is zero.
@@ -531,7 +531,7 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
     )
 
 
-def _kept(slave: Surface, covered: Floats) -> Any:
+def _kept(slave: Surface, covered: Floats) -> Bools:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)
@@ -541,7 +541,7 @@ def _kept(slave: Surface, covered: Floats) -> Any:
     return kept
 
 
-def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
+def _dual(mass: Floats, covered: Floats, kept: Bools) -> tuple[Floats, Floats]:
     """ψ = dual N on each facet, ``(m, c, c)``, and ∫ ψ_i, ``(m, c)``.
 
     Parameters
@@ -572,7 +572,7 @@ def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
     return np.where(use, area[:, :, None] * inverse @ join, join), area
 
 
-def _averages(matrix: Any) -> Any:
+def _averages(matrix: CsrMatrix) -> CsrMatrix:
     """Divide rows by their sums, and remove entries that are rounding."""
     from scipy import sparse
 
@@ -582,4 +582,5 @@ def _averages(matrix: Any) -> Any:
     matrix.data[np.abs(matrix.data) <= 1e-14 * size[rows]] = 0.0
     matrix.eliminate_zeros()
     total = np.asarray(matrix.sum(axis=1)).ravel()
-    return sparse.csr_array(diagonal_matrix(1 / total) @ matrix)
+    made: CsrMatrix = sparse.csr_array(diagonal_matrix(1 / total) @ matrix)
+    return made

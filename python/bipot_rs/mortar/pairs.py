@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
@@ -59,14 +59,14 @@ class Pairs:
         contacts with ``"mortar"`` on some facets only; they are -1 where they have none.
     """
 
-    B: Any = field(repr=False)
+    B: CsrMatrix = field(repr=False)
     gap: Floats
     area: Floats
     points: Floats = field(repr=False)
     frame: Floats = field(repr=False)
     node: Ints = field(repr=False)
-    slave: Any = field(repr=False)
-    master: Any = field(repr=False)
+    slave: CsrMatrix = field(repr=False)
+    master: CsrMatrix = field(repr=False)
     facets: Ints = field(repr=False, default_factory=lambda: np.empty((0, 3), np.int64))
 
     def __repr__(self) -> str:
@@ -497,7 +497,7 @@ def _assembled(
         apart = found.slave @ (slave.points - origin)
         apart = apart - found.master @ (master.points - origin)
         gap = gap + np.einsum("cd,cd->c", frame[:, 0], apart)
-        B = B - expand(found.master, frame, dofs_master, n)
+        B = (B - expand(found.master, frame, dofs_master, n)).tocsr()
     return Pairs(
         B=B,
         gap=np.asarray(gap),
@@ -523,7 +523,7 @@ def _facets(slave: Surface, node: Ints) -> Ints:
     return found
 
 
-def expand(weights: Any, frame: Floats, dofs: Ints, n: int) -> Any:
+def expand(weights: CsrMatrix, frame: Floats, dofs: Ints, n: int) -> CsrMatrix:
     """CSR ``(d n_c, n)`` with blocks ``w_ij frame_i`` from weights ``(n_c, nodes)``."""
     from scipy import sparse
 
@@ -533,7 +533,7 @@ def expand(weights: Any, frame: Floats, dofs: Ints, n: int) -> Any:
     blocks = entries.data[:, None, None] * frame[row]
     rows = np.broadcast_to(d * row[:, None, None] + np.arange(d)[:, None], blocks.shape)
     columns = np.broadcast_to(dofs[column][:, None], blocks.shape)
-    found = sparse.coo_array(
+    found: CsrMatrix = sparse.coo_array(
         (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(d * count, n)
     ).tocsr()
     found.eliminate_zeros()

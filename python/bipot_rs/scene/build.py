@@ -13,11 +13,13 @@ from bipot_rs.fem.assembly.assembly import Assembly, Support
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, surface, with_surfaces
 from bipot_rs.fem.bodies.loads import Load, PointLoad
+from bipot_rs.fem.bodies.materials import Elastic
 from bipot_rs.fem.bodies.stress_recovery import Initial, thermal
 from bipot_rs.fem.constraints.references import Remote
 from bipot_rs.fem.contact.contact import Contact, Floating
 from bipot_rs.mesh.boxes import box_mesh
 from bipot_rs.mesh.elements import first_order, kind_of, second_order
+from bipot_rs.mesh.kinds import ElementMesh
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
@@ -73,7 +75,7 @@ def _known(body: Body) -> Known:
     )
 
 
-def _make_mesh(scene: Scene, block: Block) -> Any:
+def _make_mesh(scene: Scene, block: Block) -> ElementMesh:
     if block.mesh is not None:
         # The readers take longer to import than a box takes to mesh.
         from bipot_rs.mesh.readers import read_mesh
@@ -91,7 +93,7 @@ def _make_mesh(scene: Scene, block: Block) -> Any:
     return second_order(mesh) if order == 2 else first_order(mesh)
 
 
-def _check_shape(scene: Scene, mesh: Any) -> None:
+def _check_shape(scene: Scene, mesh: ElementMesh) -> None:
     """Refuse a ``mesh.element`` whose shape is not that of the cells of a file."""
     element = scene.mesh.element if scene.mesh else None
     shape = kind_of(mesh).shape
@@ -103,7 +105,7 @@ def _check_shape(scene: Scene, mesh: Any) -> None:
         )
 
 
-def _find_surface(mesh: Any, name: str, table: Place) -> Ints:
+def _find_surface(mesh: ElementMesh, name: str, table: Place) -> Ints:
     """Facets of a surface that the scene defines by geometry."""
     if name in (mesh.boundaries or {}):
         raise ValueError("the mesh has a surface of this name, choose another name")
@@ -111,7 +113,7 @@ def _find_surface(mesh: Any, name: str, table: Place) -> Ints:
     return surface(mesh, within, table.normal, table.angle)
 
 
-def _make_material(scene: Scene, block: Block) -> Any:
+def _make_material(scene: Scene, block: Block) -> Elastic | dict[str, Elastic]:
     """The material of a body, or one for each named volume."""
     plane = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
     materials = {

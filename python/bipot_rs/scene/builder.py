@@ -145,7 +145,7 @@ class Model:
         """Copy of the tables, as `tomllib` would read them from the file."""
         return copy.deepcopy(self._table)
 
-    def with_(self, **changes: Any) -> Model:
+    def with_(self, **changes: object) -> Model:
         """Copy with some values changed, as ``--set`` does on the command line.
 
         >>> Model.from_toml("two_blocks").with_(**{"mesh.n": 4, "contact.0.mu": 0.5})
@@ -168,11 +168,11 @@ class Model:
         return made
 
     @staticmethod
-    def times(value: float, amplitude: str) -> dict[str, Any]:
+    def times(value: float, amplitude: str) -> dict[str, object]:
         """A number times an amplitude of `path`."""
         return {"value": value, "amplitude": amplitude}
 
-    def material(self, name: str, **table: Any) -> None:
+    def material(self, name: str, **table: object) -> None:
         """Add a material: ``young``, ``poisson``; if orthotropic ``shear``, ``axes``.
 
         An orthotropic material has three numbers for each of ``young``, ``poisson`` and
@@ -180,7 +180,7 @@ class Model:
         """
         self._named("material", name, table)
 
-    def body(self, name: str, **table: Any) -> None:
+    def body(self, name: str, **table: object) -> None:
         """Add a body: a rectangle, a box, or a mesh from a file.
 
         ``material`` is a name, or a table of names by volume of the mesh. A box has
@@ -196,7 +196,7 @@ class Model:
         """
         self._named("body", name, table)
 
-    def obstacle(self, name: str, **table: Any) -> None:
+    def obstacle(self, name: str, **table: object) -> None:
         """Add a rigid obstacle; contacts refer to it by ``against``.
 
         Its shape is one of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of
@@ -211,7 +211,7 @@ class Model:
         """
         self._named("obstacle", name, table)
 
-    def support(self, on: str, **table: Any) -> None:
+    def support(self, on: str, **table: object) -> None:
         """Prescribe displacements ``x``, ``y``, ``z`` on a part of a body.
 
         ``on`` is a surface, a volume or a body. ``within`` selects nodes by ranges of
@@ -219,7 +219,7 @@ class Model:
         """
         self._listed("support", on, table)
 
-    def remote(self, name: str, **table: Any) -> None:
+    def remote(self, name: str, **table: object) -> None:
         """Let a part ``on`` of a body follow a ``point``, or load it by a force there.
 
         The part, a surface, a volume or a body with ``within``, moves as a rigid body. Its
@@ -230,7 +230,7 @@ class Model:
         """
         self._named("remote", name, table)
 
-    def cyclic(self, on: str, onto: str, *, sectors: int, **table: Any) -> None:
+    def cyclic(self, on: str, onto: str, *, sectors: int, **table: object) -> None:
         """Make two cuts those of one of ``sectors`` equal sectors: ``about``, ``axis``."""
         self._listed("cyclic", on, {"onto": onto, "sectors": sectors, **table})
 
@@ -242,31 +242,31 @@ class Model:
         """Make a flat surface a plane of symmetry."""
         self._listed("symmetry", on, {})
 
-    def spring(self, on: str, **table: Any) -> None:
+    def spring(self, on: str, **table: object) -> None:
         """Add springs per area: ``stiffness``, or ``normal`` and ``tangential``."""
         self._listed("spring", on, table)
 
-    def traction(self, on: str, **table: Any) -> None:
+    def traction(self, on: str, **table: object) -> None:
         """Add a force per area on a surface: ``x``, ``y``, ``z``."""
         self._listed("traction", on, table)
 
-    def pressure(self, on: str, value: Any, **table: Any) -> None:
+    def pressure(self, on: str, value: object, **table: object) -> None:
         """Add a pressure on a surface, positive inwards: a number, or `times`."""
         given = dict(value) if isinstance(value, Mapping) else {"value": value}
         self._listed("pressure", on, given | table)
 
-    def body_force(self, on: str, **table: Any) -> None:
+    def body_force(self, on: str, **table: object) -> None:
         """Add a force per volume of a body: ``x``, ``y``, ``z``."""
         self._listed("body_force", on, table)
 
-    def strain(self, on: str, **table: Any) -> None:
+    def strain(self, on: str, **table: object) -> None:
         """Add an initial strain of a body, or of ``"body.volume"``: its stress-free strain.
 
         ``expansion`` and ``temperature``, or ``tensor`` and its ``amplitude``.
         """
         self._listed("strain", on, table)
 
-    def contact(self, on: str, **table: Any) -> None:
+    def contact(self, on: str, **table: object) -> None:
         """Add contact of the nodes of a surface.
 
         ``mu`` is one number, or in three dimensions two: along ``axis`` and across it.
@@ -283,8 +283,8 @@ class Model:
         *,
         steps: int | None = None,
         parameter: str | None = None,
-        automatic: bool | Mapping[str, Any] | None = None,
-        **amplitude: Any,
+        automatic: bool | Mapping[str, object] | None = None,
+        **amplitude: object,
     ) -> None:
         """Set the load path, which starts at the unloaded bodies.
 
@@ -307,7 +307,7 @@ class Model:
             table["amplitude"] = _plain(amplitude)
         self._table["path"] = table
 
-    def wear(self, *, coefficient: float, cycles: int, **table: Any) -> None:
+    def wear(self, *, coefficient: float, cycles: int, **table: object) -> None:
         """Repeat the load path and wear the contacts: ``steps``, ``jump``, ``rtol``.
 
         ``model.assemble().wear()`` then solves the cycles and returns a `Wear`.
@@ -326,17 +326,17 @@ class Model:
         given = {"coefficient": coefficient, "cycles": cycles, **table}
         self._table["wear"] = _plain(given)
 
-    def solver(self, **table: Any) -> None:
+    def solver(self, **table: object) -> None:
         """Set the contact solver: ``method``, ``tol``, ``max_iterations``."""
         self._table["solver"] = _plain(table)
 
-    def _named(self, kind: str, name: str, table: Mapping[str, Any]) -> None:
+    def _named(self, kind: str, name: str, table: Mapping[str, object]) -> None:
         known = self._table.setdefault(kind, {})
         if name in known:
             raise ValueError(f"{kind} {name!r} is already defined: choose another name")
         known[name] = _plain(table)
 
-    def _listed(self, kind: str, on: str, table: Mapping[str, Any]) -> None:
+    def _listed(self, kind: str, on: str, table: Mapping[str, object]) -> None:
         self._table.setdefault(kind, []).append({"on": on} | _plain(table))
 
     @property
@@ -562,7 +562,7 @@ class ModelResult(Result):
 def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
     """Change file names relative to ``here`` into names relative to ``folder``."""
 
-    def seen(file: Any) -> Any:
+    def seen(file: object) -> object:
         if not isinstance(file, str) or Path(file).is_absolute():
             return file
         return Path(os.path.relpath(here / file, folder)).as_posix()
@@ -578,7 +578,7 @@ def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
             rigid["surface"] = seen(rigid["surface"])
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Value as `tomllib` reads it: tuples and arrays become lists, None is left out."""
     if isinstance(value, Mapping):
         return {key: _plain(v) for key, v in value.items() if v is not None}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
 from bipot_rs.fem.bodies.body import Body, body_index
@@ -126,7 +126,7 @@ def without_stiffness(
         bare = B if bare is None else bare
         n += dim * sum(point.nodes for point in points_of)
         B.resize((B.shape[0], n))
-        B = B + obstacle_columns(contacts, met.group, met.frame, points_of, n)
+        B = (B + obstacle_columns(contacts, met.group, met.frame, points_of, n)).tocsr()
         fixed = np.concatenate([fixed, *(point.fixed for point in points_of)])
         ties = tied(relations, fixed, with_points(nodes, points_of), inclined)
         B, fixed = ties.relative(B), ties.fixed
@@ -251,7 +251,7 @@ def _turn_tangents(
 
 
 def _without_slip(
-    B: Any, whole: Any, free: Floats, frame: Floats, path: MovingGaps | None
+    B: CsrMatrix, whole: CsrMatrix, free: Floats, frame: Floats, path: MovingGaps | None
 ) -> Ints:
     """Contacts that cannot slip in any load step.
 

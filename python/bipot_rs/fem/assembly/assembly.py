@@ -17,7 +17,7 @@ from scipy import sparse
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
@@ -130,7 +130,7 @@ class Assembly:
     contacts: tuple[Contact, ...]
     offset: tuple[int, ...]
     K: Any
-    B: Any
+    B: CsrMatrix
     gap: Floats
     mu: Floats
     area: Floats
@@ -150,7 +150,7 @@ class Assembly:
     references: tuple[Reference, ...] = ()
     ties: Ties | None = None
     images: tuple[Images, ...] = ()
-    _bare: Any = field(default=None, repr=False)
+    _bare: CsrMatrix | None = field(default=None, repr=False)
     _path: MovingGaps | None = field(default=None, repr=False)
 
     __repr__ = short_repr
@@ -161,7 +161,7 @@ class Assembly:
         references = sum(one.nodes for one in self.references)
         return int(self.nodes.size) + self.dim * references
 
-    def stiffness(self) -> Any:
+    def stiffness(self) -> CsrMatrix:
         """K, assembled once more, with the same bits."""
         if self.ties is None:
             return system_stiffness(self.bodies, self.springs, self.inclined)
@@ -178,7 +178,7 @@ class Assembly:
         bare = replace(self, K=None)
         return bare if problem.stiffness.release(bare.stiffness) else self
 
-    def stiffness_rows(self, nodes: Ints) -> Any:
+    def stiffness_rows(self, nodes: Ints) -> CsrMatrix:
         """Rows of K of some nodes, CSR ``(d m, n)``, with the bits of `assemble`.
 
         Only the cells that touch these nodes are integrated: processes that share the
@@ -222,7 +222,7 @@ class Assembly:
         ]
 
     def fields(
-        self, displacement: Floats, reaction: Floats, status: NDArray[np.integer[Any]]
+        self, displacement: Floats, reaction: Floats, status: Integers
     ) -> dict[str, NDArray[Any]]:
         """Fields at `nodes`, for plots and ParaView.
 
@@ -284,7 +284,7 @@ class Assembly:
         contacts: Ints,
         pressure: Floats,
         shear: Floats,
-        status: NDArray[np.integer[Any]],
+        status: Integers,
     ) -> None:
         """Contact fields of two surfaces whose meshes do not match.
 
@@ -319,7 +319,7 @@ class Assembly:
             known, status[size.indices[largest]]
         )
 
-    def _weights(self, contacts: Ints) -> Any:
+    def _weights(self, contacts: Ints) -> CsrMatrix:
         """Scalar weights w of B, ``(nodes, contacts)``; its blocks are w_ij frame_i."""
         d = self.dim
         rows = (d * contacts[:, None] + np.arange(d)).ravel()
@@ -332,13 +332,14 @@ class Assembly:
         )
         B = self.B if self._bare is None else self._bare
         first = B[rows].tocsc()[:, ::d]
-        return sparse.csr_array(first.T @ along)
+        made: CsrMatrix = sparse.csr_array(first.T @ along)
+        return made
 
     def problem(
         self,
         *,
         num_threads: int | None = None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        on_forecast: Callable[[Mapping[str, object]], object] | None = None,
         engine: str = "auto",
         steps: int | None = None,
     ) -> ContactProblem:
@@ -639,7 +640,7 @@ def with_points(points: Floats, references: Sequence[Reference]) -> Floats:
     return np.concatenate([points, *own])
 
 
-def in_frames(turned: Floats, frame: Floats, B: Any) -> Any:
+def in_frames(turned: Floats, frame: Floats, B: CsrMatrix) -> CsrMatrix:
     """Convert B to the frames ``turned``."""
     rotation = np.einsum("cki,cli->ckl", turned, frame)
     same = (turned == frame).all(axis=(1, 2))
@@ -649,4 +650,5 @@ def in_frames(turned: Floats, frame: Floats, B: Any) -> Any:
     blocks = sparse.bsr_array(
         (rotation, np.arange(len(frame)), np.arange(len(frame) + 1))
     )
-    return sparse.csr_array(blocks.tocsr() @ B)
+    made: CsrMatrix = sparse.csr_array(blocks.tocsr() @ B)
+    return made

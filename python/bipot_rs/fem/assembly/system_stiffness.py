@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from bipot_rs._lib.types import Ints
+from bipot_rs._lib.types import CsrMatrix, Ints
 from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
@@ -21,7 +20,7 @@ def system_stiffness(
     inclined: Planes | None,
     nodes: Ints | None = None,
     rigid: Collection[str] = (),
-) -> Any:
+) -> CsrMatrix:
     """K of (1), CSR ``(n, n)``, block diagonal and bitwise symmetric; or some of its rows.
 
     Parameters
@@ -64,7 +63,7 @@ def system_stiffness(
     return inclined.stiffness(K, None if nodes is None else dofs_of(nodes, dim))
 
 
-def _stacked(blocks: Sequence[Any]) -> Any:
+def _stacked(blocks: Sequence[CsrMatrix]) -> CsrMatrix:
     """Block-diagonal CSR of the matrices of the bodies, entries in the same order."""
     if len(blocks) == 1:
         return blocks[0]
@@ -73,14 +72,14 @@ def _stacked(blocks: Sequence[Any]) -> Any:
     # One index type for all: mixed types are copied at each step.
     wide = np.int64 if max(columns[-1], entries[-1]) >= 2**31 else np.int32
     index = [
-        block.indices.astype(wide) + wide(first)
+        np.add(block.indices, first, dtype=wide)
         for block, first in zip(blocks, columns[:-1], strict=True)
     ]
     start = [
-        block.indptr[:-1].astype(wide) + wide(first)
+        np.add(block.indptr[:-1], first, dtype=wide)
         for block, first in zip(blocks, entries[:-1], strict=True)
     ]
-    return sparse.csr_array(
+    made: CsrMatrix = sparse.csr_array(
         (
             np.concatenate([block.data for block in blocks]),
             np.concatenate(index),
@@ -88,3 +87,4 @@ def _stacked(blocks: Sequence[Any]) -> Any:
         ),
         shape=(int(rows[-1]), int(columns[-1])),
     )
+    return made

@@ -25,7 +25,7 @@ from bipot_rs.mesh.elements import (
     jacobian,
     kind_of,
 )
-from bipot_rs.mesh.kinds import Kind
+from bipot_rs.mesh.kinds import ElementMesh, Kind
 
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]
@@ -86,7 +86,7 @@ class Body:
     """
 
     name: str
-    mesh: Any
+    mesh: ElementMesh
     material: Elastic | Mapping[str, Elastic]
 
     def __post_init__(self) -> None:

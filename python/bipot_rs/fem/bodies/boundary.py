@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.fem.bodies.body import Body, Box
 from bipot_rs.fem.bodies.elasticity import surface_stiffness
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.mesh.elements import facet_nodes, kind_of
+from bipot_rs.mesh.kinds import ElementMesh
 
 # Tolerance of a plane surface: files give coordinates with seven digits.
 _FLAT = 1e-6
@@ -69,7 +69,7 @@ class Symmetry:
     surface: str
 
 
-def spring_stiffness(body: Body, spring: Spring) -> Any:
+def spring_stiffness(body: Body, spring: Spring) -> CsrMatrix:
     """Stiffness ``∫ φ_i k φ_j`` of a spring, in the form of `elasticity.stiffness`."""
     points = body.surface(spring.surface)
     unit = np.eye(body.dim)[:, :, None, None]
@@ -119,7 +119,7 @@ def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
 
 
 def surface(
-    mesh: Any,
+    mesh: ElementMesh,
     within: Box | None = None,
     normal: ArrayLike | None = None,
     angle: float = 30.0,
@@ -186,6 +186,6 @@ def surface(
     return facets[keep]
 
 
-def with_surfaces(mesh: Any, surfaces: Mapping[str, Ints]) -> Any:
+def with_surfaces(mesh: ElementMesh, surfaces: Mapping[str, Ints]) -> ElementMesh:
     """Add named surfaces to those of the mesh."""
     return mesh.with_boundaries({**(mesh.boundaries or {}), **surfaces})

@@ -14,14 +14,14 @@ from scipy import sparse
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Field, Quadrature
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.mesh.elements import inverse, jacobian
 
 
-def stiffness(body: Body, nodes: Ints | None = None) -> Any:
+def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
     """Stiffness of one body, CSR ``(dim * nodes, dim * nodes)``, bitwise symmetric.
 
     With ``E_kl = ∫ ∂_k φ_i ∂_l φ_j`` the block of nodes i, j is
@@ -52,7 +52,10 @@ def stiffness(body: Body, nodes: Ints | None = None) -> Any:
     if nodes is not None:
         touching, near, corners = _around(body, nodes)
         if not touching.size:
-            return sparse.csr_array((body.dim * len(nodes), body.points.size))
+            made: CsrMatrix = sparse.csr_array(
+                (body.dim * len(nodes), body.points.size)
+            )
+            return made
         points = points[:, near]
         material = None if material is None else material[touching]
     try:
@@ -87,13 +90,15 @@ def _around(body: Body, nodes: Ints) -> tuple[Ints, Ints, Ints]:
     return touching, np.flatnonzero(near), number[cells[touching]]
 
 
-def _rows(part: Any, body: Body, nodes: Ints, near: Ints) -> Any:
+def _rows(part: CsrMatrix, body: Body, nodes: Ints, near: Ints) -> CsrMatrix:
     """Rows of ``nodes`` from the stiffness of the nodes ``near``."""
     dim = body.dim
     column = dofs_of(near, dim).astype(part.indices.dtype)
     own = part[dofs_of(np.searchsorted(near, nodes), dim)]
     shape = own.shape[0], body.points.size
-    made = sparse.csr_array((own.data, column[own.indices], own.indptr), shape=shape)
+    made: CsrMatrix = sparse.csr_array(
+        (own.data, column[own.indices], own.indptr), shape=shape
+    )
     # As in `_matrix`: the numbers of the nodes near ascend.
     made.has_canonical_format = True
     return made
@@ -104,7 +109,7 @@ def dofs_of(nodes: Ints, dim: int) -> Ints:
     return (dim * nodes[:, None] + np.arange(dim)).ravel()
 
 
-def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
+def surface_stiffness(body: Body, surface: str, density: Floats) -> CsrMatrix:
     """``∫ φ_i k φ_j`` over a surface, in the form of `stiffness`, bitwise symmetric.
 
     Parameters
@@ -131,9 +136,9 @@ def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
     return _matrix(found, dim * points.nodes)
 
 
-def _matrix(found: tuple[NDArray[Any], NDArray[Any], Floats], n: int) -> Any:
+def _matrix(found: tuple[NDArray[Any], NDArray[Any], Floats], n: int) -> CsrMatrix:
     start, column, data = found
-    made = sparse.csr_array((data, column, start), shape=(n, n))
+    made: CsrMatrix = sparse.csr_array((data, column, start), shape=(n, n))
     # Columns ascend by construction: SciPy need not look.
     made.has_canonical_format = True
     return made

@@ -48,8 +48,8 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
         columns = np.flatnonzero(np.isin(owner, joined))
         holding = _core.Holding(1, len(columns))
         # The triangle of QR holds what the many rows hold; there may be none.
-        rows = [constraints[:, columns], np.zeros((1, len(columns)))]
-        triangle = np.asarray(np.linalg.qr(np.concatenate(rows), "r"), np.float64)
+        felt_here = [constraints[:, columns], np.zeros((1, len(columns)))]
+        triangle = np.asarray(np.linalg.qr(np.concatenate(felt_here), "r"), np.float64)
         holding.hold(np.zeros(len(triangle), np.int64), triangle)
         free = holding.free_motions(0, _FREE).T
         if joined != members:

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 
 # Unit normals have seven digits in files: the part of a normal that is independent of other
 # normals or of supports is rounding below this.
@@ -49,13 +48,13 @@ class Planes:
         Positions of all nodes [m].
     """
 
-    normals: Any = field(repr=False)
-    within: Any = field(repr=False)
-    given: Any = field(repr=False)
+    normals: CsrMatrix = field(repr=False)
+    within: CsrMatrix = field(repr=False)
+    given: CsrMatrix = field(repr=False)
     fixed: Ints = field(repr=False)
     nodes: Floats = field(repr=False)
 
-    def stiffness(self, K: Any, rows: Ints | None = None) -> Any:
+    def stiffness(self, K: CsrMatrix, rows: Ints | None = None) -> CsrMatrix:
         """``P K P + Q A Qᵀ``, bitwise symmetric if K is.
 
         Parameters
@@ -80,17 +79,17 @@ class Planes:
         own = diagonal_matrix(abs(own_Q).T @ diagonal)
         beside = own_Q @ own @ Q.T
         mirrored = beside if rows is None else Q @ own @ own_Q.T
-        found = sparse.csr_array(inner + (beside + mirrored.T) / 2)
+        found: CsrMatrix = sparse.csr_array(inner + (beside + mirrored.T) / 2)
         found.sort_indices()
         return found
 
-    def relative(self, B: Any) -> Any:
+    def relative(self, B: CsrMatrix) -> CsrMatrix:
         """``B P``, with entries set to zero that are rounding relative to the row of B.
 
         A direction that the planes block must be exactly zero: W would take its rounding
         for a compliance.
         """
-        found = sparse.csr_array(B @ self.within)
+        found: CsrMatrix = sparse.csr_array(B @ self.within)
         rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
         largest = abs(B).max(axis=1).toarray().ravel()
         found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
@@ -154,7 +153,9 @@ class Planes:
         prescribed = np.zeros(self.nodes.size)
         prescribed[self.fixed] = values
         off = np.abs(self.given @ prescribed)
-        size = (self.given != 0) @ np.abs(prescribed)
+        terms = self.given.copy()
+        terms.data = np.ones_like(terms.data)
+        size = terms @ np.abs(prescribed)
         wrong = off > _SAME * size
         if wrong.any():
             row, dim = int(np.argmax(wrong)), self.nodes.shape[1]
@@ -198,11 +199,11 @@ def planes(
         _, size, directions = np.linalg.svd(left, full_matrices=False)
         columns += [(dof, row) for row in directions[size > _SAME]]
 
-    def stacked(rows: list[tuple[int, Floats]]) -> Any:
+    def stacked(rows: list[tuple[int, Floats]]) -> CsrMatrix:
         data = np.array([row for _, row in rows]).ravel()
         dofs = np.array([dof for dof, _ in rows], np.int64)[:, None] + np.arange(dim)
         entries = data, (np.repeat(np.arange(len(rows)), dim), dofs.ravel())
-        found = sparse.csr_array(entries, shape=(len(rows), nodes.size))
+        found: CsrMatrix = sparse.csr_array(entries, shape=(len(rows), nodes.size))
         found.eliminate_zeros()
         return found
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +21,7 @@ from scipy import sparse
 
 from bipot_rs._lib.messages import instead
 from bipot_rs._lib.rigid_motions import rigid_motions
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Box, body_index
 from bipot_rs.fem.constraints.ties import Relations
@@ -263,7 +262,7 @@ def obstacle_columns(
     frame: Floats,
     found: Sequence[Reference],
     n: int,
-) -> Any:
+) -> CsrMatrix:
     """Part of B ``(d n_c, n)`` that floating obstacles move: -1 times their frames."""
     count, d = frame.shape[:2]
     first = {one.name: one.first for one in found}
@@ -280,7 +279,7 @@ def obstacle_columns(
             np.broadcast_to(columns, shape).ravel(),
         ),
     )
-    made = sparse.csr_array(entries, shape=(d * count, n))
+    made: CsrMatrix = sparse.csr_array(entries, shape=(d * count, n))
     made.eliminate_zeros()
     return made
 

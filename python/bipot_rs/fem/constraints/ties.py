@@ -16,14 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.tuning import PREFERRED
 
@@ -72,19 +71,19 @@ class Ties:
         degree of freedom.
     """
 
-    within: Any = field(repr=False)
+    within: CsrMatrix = field(repr=False)
     dependent: Ints = field(repr=False)
-    given: Any = field(repr=False)
+    given: CsrMatrix = field(repr=False)
     fixed: Ints = field(repr=False)
     nodes: Floats = field(repr=False)
     planes: Planes | None = field(default=None, repr=False)
 
-    def stiffness(self, K: Any) -> Any:
+    def stiffness(self, K: CsrMatrix) -> CsrMatrix:
         """``Tᵀ K T``, bitwise symmetric if K is.
 
         K ``(n, n)``, or without the rows of the reference nodes, which have no stiffness.
         """
-        own = sparse.csr_array(K)
+        own: CsrMatrix = sparse.csr_array(K)
         if self.planes is not None:
             size = self.planes.nodes.size
             own = sparse.csr_array(self.planes.stiffness(own[:size][:, :size]))
@@ -92,7 +91,7 @@ class Ties:
         if not self.dependent.size:
             return own
         inner = sparse.csr_array(self.within.T @ own @ self.within)
-        found = sparse.csr_array((inner + inner.T) / 2)
+        found: CsrMatrix = sparse.csr_array((inner + inner.T) / 2)
         idle = self._without_stiffness(own, found)
         if idle.size:
             kept = np.ones(found.shape[0])
@@ -102,7 +101,7 @@ class Ties:
         found.sort_indices()
         return found
 
-    def _without_stiffness(self, K: Any, inner: Any) -> Ints:
+    def _without_stiffness(self, K: CsrMatrix, inner: CsrMatrix) -> Ints:
         """Independent degrees of freedom whose rows of ``Tᵀ K T`` are rounding.
 
         They move whole bodies as rigid ones. Their own size does not tell rounding from a
@@ -115,9 +114,9 @@ class Ties:
         real.eliminate_zeros()
         return np.asarray(shared[np.diff(real.indptr) == 0], np.int64)
 
-    def relative(self, B: Any) -> Any:
+    def relative(self, B: CsrMatrix) -> CsrMatrix:
         """``B T``, with entries set to zero that are rounding relative to the row of B."""
-        found = sparse.csr_array(B @ self.within)
+        found: CsrMatrix = sparse.csr_array(B @ self.within)
         rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
         largest = abs(B).max(axis=1).toarray().ravel()
         found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
@@ -323,10 +322,13 @@ class _Elimination:
             np.concatenate([np.ones(len(same)), np.array(values, np.float64)]),
         )
 
-    def given_rows(self, n: int) -> Any:
+    def given_rows(self, n: int) -> CsrMatrix:
         """Relations between prescribed degrees of freedom alone, ``(k, n)``."""
         rows = [k for k, row in enumerate(self._given) for _ in row]
         columns = [dof for row in self._given for dof in row]
         values = [value for row in self._given for value in row.values()]
         shape = len(self._given), n
-        return sparse.csr_array((values, (rows, columns)), shape=shape, dtype=float)
+        made: CsrMatrix = sparse.csr_array(
+            (values, (rows, columns)), shape=shape, dtype=float
+        )
+        return made

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.contact.contact import Contact, both, check_contact, surface_names
@@ -56,7 +56,7 @@ class Meeting:
     gap: Floats
     area: Floats
     dofs: Ints
-    rows: Any = None
+    rows: CsrMatrix | None = None
     moved: Approach | None = None
 
 
@@ -188,14 +188,18 @@ def _pair_bodies(
     )
 
 
-def relative_displacement(meetings: Sequence[Meeting], n: int) -> Any:
+def relative_displacement(meetings: Sequence[Meeting], n: int) -> CsrMatrix:
     """B of (2), contact after contact."""
     if not meetings:
-        return sparse.csr_array((0, n))
+        empty: CsrMatrix = sparse.csr_array((0, n))
+        return empty
     rows = []
     for one in meetings:
         # A partner of -1 stays negative in its first component.
         sides = [first[:, None] + np.arange(one.frame.shape[1]) for first in one.dofs.T]
         rows.append(operator(one.frame, sides, n) if one.rows is None else one.rows)
     # The empty first block allows for no contacts.
-    return sparse.csr_array(sparse.vstack([sparse.csr_array((0, n)), *rows], "csr"))
+    made: CsrMatrix = sparse.csr_array(
+        sparse.vstack([sparse.csr_array((0, n)), *rows], "csr")
+    )
+    return made
