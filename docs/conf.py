@@ -32,7 +32,9 @@ default_role = "py:obj"
 # Links to headings are those of the web pages of a repository, so that the same file
 # reads right in both places; pictures with a width are written as HTML there.
 myst_heading_anchors = 4
-myst_enable_extensions = ["dollarmath", "html_image"]
+myst_enable_extensions = ["html_image"]
+# Formulas, which the web pages of a repository show too.
+myst_fence_as_directive = ["math"]
 html_math_renderer = "mathml"
 
 # Shapes and units stand in the docstrings, where types would only repeat "array".

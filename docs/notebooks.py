@@ -15,6 +15,7 @@ BLOCK = re.compile(
 )
 # For MyST alone; a notebook has no list of pages.
 TOCTREE = re.compile(r"^```\{toctree\}\n.*?^```\n", re.MULTILINE | re.DOTALL)
+FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"(\]\()([\w-]+)\.md([#)])")
 
 
@@ -26,7 +27,8 @@ def pages() -> list[Path]:
 
 def cells(text: str) -> Iterator[tuple[str, str]]:
     """Kind and source of each cell of a page. Outputs that a page shows are left out."""
-    text = TOCTREE.sub("", text)
+    # Jupyter reads formulas between dollars.
+    text = FORMULA.sub(r"$$\n\1$$", TOCTREE.sub("", text))
     last = 0
     for match in BLOCK.finditer(text):
         yield "markdown", text[last : match.start()].strip()

@@ -1,4 +1,4 @@
-r"""Formulas of the pages: LaTeX between ``$$``, which the build makes MathML of.
+r"""Formulas of the pages: LaTeX in blocks ``math``, which the build makes MathML of.
 
 Browsers draw MathML without a script. Lines of ``align*`` are rows of a table, with the number
 of ``\tag`` at the end of the line; number ``(12)`` gives its row the anchor ``eq-12``.

@@ -8,7 +8,7 @@ import pytest
 from support.places import ROOT
 
 PAGES = [ROOT / "docs/theory.md", *sorted((ROOT / "docs/paper").glob("*-*.md"))]
-FORMULA = re.compile(r"^ *\$\$\n(.*?)^ *\$\$$", re.MULTILINE | re.DOTALL)
+FORMULA = re.compile(r"^ *```math\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
 def test_equations_of_the_theory_are_numbered_without_gaps() -> None:
@@ -25,11 +25,11 @@ def test_equations_of_the_theory_are_numbered_without_gaps() -> None:
 def test_formulas_are_complete(page: Path) -> None:
     """Braces and environments in pairs; no formula is left as an indented block."""
     text = page.read_text("utf-8")
-    assert text.count("$$") == 2 * len(FORMULA.findall(text))
+    assert text.count("```math") == len(FORMULA.findall(text))
     for formula in FORMULA.findall(text):
         plain = re.sub(r"\\[{}]", "", formula)
         assert plain.count("{") == plain.count("}"), formula
         assert plain.count(r"\begin{") == plain.count(r"\end{"), formula
         assert len(re.findall(r"\\left\b", plain)) == plain.count(r"\right"), formula
-    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.MULTILINE | re.DOTALL)
     assert not re.search(r"\n\n    \S.*[=≤≥]", outside)
