@@ -27,8 +27,8 @@ ROOT = HERE.parents[1]
 COPY = ROOT / "out" / "mutations"
 RESULTS = HERE / "results.csv"
 SWITCH = "BIPOT_FAULT"
-# Seconds of one run of tests: twice what all tests of the package take.
-MOST = 600
+# Seconds of one run of tests, by their marker: some times what they take.
+MOST = {"not slow": 600, "slow": 7200}
 
 RUST_SWITCH = f"""
 /// Whether the planted fault with this number is on.
@@ -100,7 +100,9 @@ def environment(number: int) -> dict[str, str]:
     }
 
 
-def run(command: list[str], number: int) -> tuple[int | None, str]:
+def run(
+    command: list[str], number: int, marked: str = "not slow"
+) -> tuple[int | None, str]:
     """Run a command in the copy with this fault on: exit status, None after `MOST`; output."""
     process = subprocess.Popen(
         command,
@@ -112,7 +114,7 @@ def run(command: list[str], number: int) -> tuple[int | None, str]:
         start_new_session=True,
     )
     try:
-        output, _ = process.communicate(timeout=MOST)
+        output, _ = process.communicate(timeout=MOST[marked])
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         output, _ = process.communicate()
@@ -126,7 +128,7 @@ def first(pattern: str, status: int | None, output: str) -> str:
         return ""
     failed = re.findall(pattern, output, re.MULTILINE)
     # A fault that makes a solver run on is found too.
-    ended = f"no end in {MOST} s" if status is None else f"exit status {status}"
+    ended = "no end" if status is None else f"exit status {status}"
     return failed[0] if failed else ended
 
 
@@ -146,7 +148,7 @@ def found_in_python(number: int, where: str = "", marked: str = "not slow") -> s
     folder = f"tests/python/{where}"
     which = [folder, "--ignore=tests/python/repository"]
     which += ["-m", marked, "-n", "2", "--dist", "loadgroup"]
-    tests = run([*pytest, *which], number)
+    tests = run([*pytest, *which], number, marked)
     return first(r"^(?:FAILED|ERROR) (\S+)", *tests)
 
 

@@ -86,16 +86,3 @@ def test_tractions_of_getfem_and_of_this_program_agree() -> None:
     assert max(between) <= 1e-11
 
 
-def test_each_program_of_the_table_has_its_text() -> None:
-    table = PAGE.partition("## In one table")[2].partition("\n\nbipot_rs solves")[0]
-    names = re.findall(r"^\| \[([\w-]+)\]", table, re.MULTILINE)
-    assert len(names) == 8
-    text = PAGE.partition("## Program by program")[2]
-    assert set(re.findall(r"\*\*([\w-]+)\*\*", text.partition("\n## ")[0])) == set(
-        names
-    )
-    # Each is either in the table of ratios or named among those not measured.
-    (rest,) = re.findall(r"\n\n(MOOSE, .*?) were not measured\.", PAGE)
-    for name in names:
-        measured = re.search(rf"\| {name}\b[^|]*\| \d", PAGE) is not None
-        assert measured is not (name in rest), name
