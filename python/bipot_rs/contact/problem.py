@@ -124,6 +124,14 @@ class ContactProblem:
         the iterative engine cannot solve is solved by the direct one, if its factor fits
         into memory.
 
+    Attributes
+    ----------
+    contacts, loading, stiffness
+        The parts of the problem: the contacts; the loads and gaps; ``K`` with the engines
+        that solve.
+    remarks
+        Warnings about the arrays: ``remarks.at_start``, a sentence each.
+
     Raises
     ------
     TypeError, ValueError

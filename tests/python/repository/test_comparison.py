@@ -84,5 +84,3 @@ def test_tractions_of_getfem_and_of_this_program_agree() -> None:
     assert len(between) > 3
     assert "agree to 1e-11 on the scenes" in PROSE
     assert max(between) <= 1e-11
-
-
