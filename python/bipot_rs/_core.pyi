@@ -12,32 +12,33 @@ from numpy.typing import NDArray
 
 __all__ = [
     "METHODS",
+    "CondensationForecast",
+    "CondensationStats",
     "Condensed",
     "ContactPath",
     "ContactTangent",
     "ContactVariables",
     "Holding",
     "LinearisedLaws",
+    "LoadStep",
+    "NewtonStep",
     "Path",
     "Primal",
     "PrimalPath",
     "PrimalTangent",
+    "ProvedBound",
     "Reduced",
+    "ReducedSolution",
+    "SequenceFields",
     "TangentSystem",
     "TangentView",
-    "answers",
-    "assess",
-    "assess_step",
     "bodies",
     "build_profile",
+    "check_settings",
     "connected",
     "diagonal",
     "dof_directions",
-    "error_bound_of_step",
-    "error_bounds",
     "follow",
-    "forward_errors",
-    "forward_errors_of_step",
     "is_sparse",
     "isotropic",
     "largest_friction_ratio",
@@ -46,7 +47,6 @@ __all__ = [
     "least_work",
     "most_loose_bodies",
     "project",
-    "reduced_tangent",
     "resisting_rows",
     "return_heap",
     "rigid_motions",
@@ -73,6 +73,14 @@ METHODS: Final[list[str]]
 
 def threads() -> int:
     """How many are used where no argument says it."""
+
+def check_settings(
+    method: str,
+    tol: float,
+    max_iterations: int | None,
+    max_seconds: float | None,
+) -> None:
+    """Refuses settings that are out of range, as each solve does."""
 
 def stiffness(
     points: _Floats,
@@ -113,6 +121,212 @@ def isotropic(mu: _Floats, d: int) -> tuple[_Floats, _Floats]:
     """
 
 @final
+class ReducedSolution:
+    """The solution of one problem, or the best point that was reached.
+
+    The attributes are those of `bipot_rs.contact.results.solution.Solution`.
+    """
+
+    @property
+    def reaction(self) -> _Floats: ...
+    @property
+    def relative_displacement(self) -> _Floats: ...
+    @property
+    def status(self) -> NDArray[np.int8]: ...
+    @property
+    def bipotential_gap(self) -> _Floats: ...
+    @property
+    def rigid_motion(self) -> _Floats | None: ...
+    @property
+    def free_motion(self) -> _Floats | None: ...
+    @property
+    def statuses_tried(self) -> int:
+        """Number of statuses tried if this proves that there is no equilibrium, else 0."""
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def work(self) -> float: ...
+    @property
+    def history(self) -> _Floats: ...
+    @property
+    def minimising_sequence(self) -> SequenceFields | None: ...
+    @property
+    def bytes_beside(self) -> int:
+        """Bytes of the transpose and the inverse of `W` that the solver keeps."""
+    @property
+    def seconds(self) -> float: ...
+
+@final
+class SequenceFields:
+    """The fields of a minimising sequence, a row of `d n_c` numbers for each."""
+
+    @property
+    def reaction(self) -> _Floats: ...
+    @property
+    def balanced_reaction(self) -> _Floats: ...
+    @property
+    def relative_displacement(self) -> _Floats: ...
+    @property
+    def bifunctional(self) -> _Floats: ...
+
+@final
+class LoadStep:
+    """A load step of a condensed problem."""
+
+    @property
+    def solution(self) -> ReducedSolution:
+        """Its relative displacement is the total one, `B u + gap`."""
+    @property
+    def slip(self) -> _Floats:
+        """Increment of the tangential relative displacement, `(n_c, d - 1)`."""
+    @property
+    def working_set(self) -> NDArray[np.int64] | None:
+        """Numbers of the contacts that `W` was formed for; None if for all."""
+    @property
+    def working_motion(self) -> _Floats | None:
+        """Amplitudes of rigid motions from which the next step begins."""
+
+@final
+class NewtonStep:
+    """A load step that Newton made in the displacements."""
+
+    @property
+    def solution(self) -> ReducedSolution:
+        """Its relative displacement is the total one, `B u + gap`."""
+    @property
+    def slip(self) -> _Floats:
+        """Increment of the tangential relative displacement, `(n_c, d - 1)`."""
+    @property
+    def newton(self) -> int:
+        """Number of Newton steps."""
+    @property
+    def krylov(self) -> int:
+        """Number of iterations of the linear solver."""
+    @property
+    def reason(self) -> str | None:
+        """Why it stalled, as part of a sentence."""
+    @property
+    def error_estimate(self) -> tuple[float, float] | None:
+        """Relative errors of the reaction and of the relative displacement."""
+    @property
+    def bytes_multigrid(self) -> int:
+        """Bytes of the largest multigrid hierarchy; 0 with another preconditioner."""
+
+@final
+class CondensationForecast:
+    """Counts of the analysis of `K`, before the factorisation."""
+
+    def as_dict(self) -> dict[str, object]:
+        """The attributes by their names."""
+    @property
+    def bodies(self) -> int: ...
+    @property
+    def n_contact_dofs(self) -> int: ...
+    @property
+    def nnz_factor(self) -> int: ...
+    @property
+    def flops(self) -> float: ...
+    @property
+    def bytes_factor(self) -> int: ...
+    @property
+    def bytes_peak(self) -> int: ...
+    @property
+    def ordering(self) -> str: ...
+
+@final
+class CondensationStats:
+    """Counts and seconds of a condensation, as in `ContactProblem.stats`."""
+
+    def as_dict(self) -> dict[str, object]:
+        """The attributes by their names."""
+    @property
+    def n(self) -> int: ...
+    @property
+    def n_contact_dofs(self) -> int: ...
+    @property
+    def nnz_factor(self) -> int: ...
+    @property
+    def flops(self) -> float: ...
+    @property
+    def bytes_factor(self) -> int: ...
+    @property
+    def bytes_peak(self) -> int: ...
+    @property
+    def bytes_compliance(self) -> int: ...
+    @property
+    def cond_S(self) -> float: ...
+    @property
+    def factor_kept(self) -> bool: ...
+    @property
+    def working_set(self) -> int | None:
+        """Number of contacts at the start; None if `W` was formed for all."""
+    @property
+    def bodies(self) -> int: ...
+    @property
+    def islands(self) -> int: ...
+    @property
+    def rigid_motions(self) -> int: ...
+    @property
+    def rigid_motion_dofs(self) -> list[int]:
+        """The most moved degree of freedom of each."""
+    @property
+    def rigid_motion_bodies(self) -> list[int]: ...
+    @property
+    def ordering(self) -> str: ...
+    @property
+    def orderings(self) -> int: ...
+    @property
+    def seconds_order(self) -> float: ...
+    @property
+    def seconds_symbolic(self) -> float: ...
+    @property
+    def seconds_factor(self) -> float: ...
+    @property
+    def seconds_compliance(self) -> float: ...
+
+@final
+class ProvedBound:
+    """A proved bound of the error of a point; what is not available is None.
+
+    The attributes are those of `bipot_rs.contact.results.error_bound.ErrorBound`.
+    """
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def unique(self) -> bool: ...
+    @property
+    def gap(self) -> _Floats: ...
+    @property
+    def share(self) -> float | None: ...
+    @property
+    def reason(self) -> str | None:
+        """A word for why there is no bound."""
+    @property
+    def which(self) -> int:
+        """The contact, or the number of unknowns, of the reason."""
+    @property
+    def energy(self) -> float | None: ...
+    @property
+    def relative(self) -> float | None: ...
+    @property
+    def alone_within(self) -> float | None: ...
+    @property
+    def reaction(self) -> _Floats | None: ...
+    @property
+    def relative_displacement(self) -> _Floats | None: ...
+    @property
+    def contraction(self) -> float | None: ...
+    @property
+    def energy_by_gap(self) -> float | None: ...
+
+@final
 class Condensed:
     """`K`, `B`, gap and friction, condensed onto the contact set."""
 
@@ -129,10 +343,10 @@ class Condensed:
         memory_limit: int | None = None,
         grow: bool | None = None,
         before: Condensed | None = None,
-        on_forecast: Callable[[dict[str, Any]], object] | None = None,
+        on_forecast: Callable[[CondensationForecast], object] | None = None,
     ) -> Condensed: ...
     @property
-    def stats(self) -> dict[str, Any]:
+    def stats(self) -> CondensationStats:
         """Counts and seconds of the condensation."""
     def compliance(self) -> _Floats:
         """`W`, dense."""
@@ -165,6 +379,39 @@ class Condensed:
         """The same bodies and contacts with other gaps ``(n_c, d)``."""
     def rotated(self, rotation: _Floats) -> Condensed:
         """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
+    def assess(
+        self,
+        load: _Floats,
+        prescribed: _Floats,
+        before: _Floats | None,
+        reaction: _Floats,
+    ) -> str:
+        """What one solution of a step implies for the number of its solutions.
+
+        `before` is the total relative displacement after the step before.
+        """
+    def forward_errors(
+        self,
+        load: _Floats,
+        prescribed: _Floats,
+        before: _Floats | None,
+        reaction: _Floats,
+        rigid: _Floats,
+    ) -> tuple[float, float] | None:
+        """Relative forward errors of a step, with `K` itself."""
+    def error_bound(
+        self,
+        load: _Floats,
+        prescribed: _Floats,
+        before: _Floats | None,
+        reaction: _Floats,
+        reported: _Floats,
+        rigid: _Floats,
+    ) -> ProvedBound | None:
+        """The bound of a step, whose total relative displacement is `reported`.
+
+        None with a working set.
+        """
 
 @final
 class Path:
@@ -185,7 +432,7 @@ class Path:
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
-    ) -> dict[str, Any]:
+    ) -> LoadStep:
         """One step to the total loads; the path moves on only where it converged.
 
         Without `gap` the gaps are those of the problem.
@@ -206,8 +453,8 @@ class Primal:
         places: _Floats | None = None,
     ) -> Primal: ...
     @property
-    def stats(self) -> dict[str, Any]:
-        """Bytes of `K` in blocks, and a forecast of the bytes beside it."""
+    def bytes(self) -> tuple[int, int]:
+        """Bytes of `K` in blocks, and a forecast of the bytes of all else."""
     def with_mu(self, mu: _Floats) -> Primal:
         """The same bodies and contacts with other friction coefficients."""
     def rotated(self, rotation: _Floats) -> Primal | None:
@@ -232,8 +479,8 @@ class PrimalPath:
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
-    ) -> dict[str, Any]:
-        """One step, as `Path.step`, with displacements and the work of the step."""
+    ) -> tuple[NewtonStep, _Floats]:
+        """One step, as `Path.step`, and the displacements at its end."""
 
 @final
 class ContactVariables:
@@ -370,8 +617,8 @@ class ContactPath:
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
-    ) -> dict[str, Any]:
-        """One step, as `Path.step`, with the unknowns at its end and the work of the step.
+    ) -> tuple[NewtonStep, Any]:
+        """One step, as `Path.step`, and the unknowns at its end.
 
         `engine` has the methods of `src/primal/engine.rs`; `bipot_rs.petsc` has one.
         """
@@ -409,7 +656,38 @@ class Reduced:
         rigid: _Floats | None,
         num_threads: int | None,
         callback: Callable[[int, float, float], object] | None = None,
-    ) -> dict[str, Any]: ...
+    ) -> ReducedSolution: ...
+    def answers(self) -> tuple[list[ReducedSolution], bool] | None:
+        """All solutions of a plane problem, found by trying all statuses.
+
+        With whether there are no others; None for a problem that is too large for it, or
+        not plane.
+        """
+    def assess(self, reaction: _Floats, num_threads: int | None = None) -> str:
+        """What one solution implies for the number of solutions."""
+    def forward_errors(
+        self, reaction: _Floats, rigid: _Floats, num_threads: int | None = None
+    ) -> tuple[float, float] | None:
+        """Relative forward errors of reaction and relative displacement.
+
+        By one further Newton correction; None if that is not determined.
+        """
+    def error_bounds(
+        self,
+        reactions: _Floats,
+        points: int,
+        rigid: _Floats,
+        reported: _Floats | None = None,
+        num_threads: int | None = None,
+    ) -> list[ProvedBound]:
+        """Bounds at several points, whose reactions are stacked.
+
+        `reported` are the relative displacements that are reported for them.
+        """
+    def tangent(
+        self, closed: _Indices, by_r: _Floats, by_v: _Floats
+    ) -> TangentSystem | None:
+        """The system of some contacts; nothing if it is singular."""
 
 @final
 class TangentView:
@@ -491,62 +769,8 @@ class PrimalTangent:
         The right side has the rows of these contacts, then those of the unknowns.
         """
 
-def reduced_tangent(
-    problem: Reduced, closed: _Indices, by_r: _Floats, by_v: _Floats
-) -> TangentSystem | None:
-    """The system of some contacts of a reduced problem; nothing if it is singular."""
-
 def is_sparse(blocks: int, contacts: int) -> bool:
     """Whether an island of so many blocks and contacts is kept sparse."""
-
-def answers(
-    problem: Reduced,
-) -> tuple[list[dict[str, Any]], bool] | None:
-    """Every answer of a plane problem, by exhausting the statuses.
-
-    With whether there is no other; ``None`` for a problem that is too large for it, or
-    not plane.
-    """
-
-def assess(problem: Reduced, reaction: _Floats, num_threads: int | None = None) -> str:
-    """What is known of the number of answers, from one of them."""
-
-def assess_step(
-    problem: Condensed,
-    load: _Floats,
-    prescribed: _Floats,
-    before: _Floats | None,
-    reaction: _Floats,
-) -> str:
-    """The same for a step, from the relative displacement that the step before left."""
-
-def error_bounds(
-    problem: Reduced,
-    reactions: _Floats,
-    points: int,
-    rigid: _Floats,
-    reported: _Floats | None = None,
-    num_threads: int | None = None,
-) -> list[dict[str, Any]]:
-    """Bounds at some points of one problem, their reactions one below the other.
-
-    `reported` is what is told as relative displacement beside each of them.
-    """
-
-def error_bound_of_step(
-    problem: Condensed,
-    load: _Floats,
-    prescribed: _Floats,
-    before: _Floats | None,
-    reaction: _Floats,
-    reported: _Floats,
-    rigid: _Floats,
-) -> dict[str, Any] | None:
-    """The same for a step of a load path; nothing with a working set.
-
-    Total loads, the total relative displacement that the step before left, and that
-    of the step.
-    """
 
 def follow(
     paths: list[Path],
@@ -555,7 +779,7 @@ def follow(
     tol: float,
     max_iterations: int | None,
     max_seconds: float | None,
-) -> list[tuple[list[dict[str, Any]], Exception | None]]:
+) -> list[tuple[list[LoadStep], Exception | None]]:
     """Takes several paths through their steps, side by side.
 
     Of each the steps taken, of which the last may not have converged, and the exception
@@ -646,24 +870,3 @@ def diagonal(stiffness: _Csr, num_threads: int | None = None) -> _Floats:
 
 def return_heap() -> None:
     """Returns freed arrays to the system, whatever a library of MPI has set."""
-
-def forward_errors(
-    problem: Reduced,
-    reaction: _Floats,
-    rigid: _Floats,
-    num_threads: int | None = None,
-) -> tuple[float, float] | None:
-    """Relative forward errors of reaction and relative displacement.
-
-    By one further Newton correction; ``None`` where that is not determined.
-    """
-
-def forward_errors_of_step(
-    problem: Condensed,
-    load: _Floats,
-    prescribed: _Floats,
-    before: _Floats | None,
-    reaction: _Floats,
-    rigid: _Floats,
-) -> tuple[float, float] | None:
-    """The same for a step, judged by ``K``."""

@@ -18,14 +18,14 @@ import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted, mistyped
 from bipot_rs._lib.optional import load_library
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import AnyArray, Floats, Integers, SparseMatrix
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.path.moving_gaps import read_gap
@@ -46,7 +46,11 @@ __all__ = [
     "write_path",
 ]
 
+if TYPE_CHECKING:
+    from h5py import Group
+
 Path_ = str | os.PathLike[str]
+Numbers = TypeVar("Numbers", bound=AnyArray)
 _TRIPLETS, _COLUMNS, _ROWS = 0, -1, -2
 _INFO = ("title", "description", "math_info")
 # A compressed array has at most about a thousand times the size of its file. One that
@@ -94,7 +98,7 @@ def read(path: Path_) -> ReducedProblem | GlobalProblem:
     MemoryError
         The problem does not fit into memory.
     """
-    with _opened(path) as file:
+    with _open(path) as file:
         if file.form() == "local":
             q, mu, W, rigid = _read_local(file)
             return ReducedProblem(W, q, mu, rigid=rigid)
@@ -104,13 +108,15 @@ def read(path: Path_) -> ReducedProblem | GlobalProblem:
 
 def read_solution(path: Path_) -> Vectors | None:
     """Read the ``/solution`` of a file, ``None`` if there is none; raises as `read`."""
-    with _opened(path) as file:
-        return _vectors(file, "/solution") if "solution" in file.names("/") else None
+    with _open(path) as file:
+        return (
+            _read_vectors(file, "/solution") if "solution" in file.names("/") else None
+        )
 
 
 def read_guesses(path: Path_) -> list[Vectors]:
     """Read the ``/guesses`` of a file, ``[]`` if there are none; raises as `read`."""
-    with _opened(path) as file:
+    with _open(path) as file:
         if "guesses" not in file.names("/"):
             return []
         count = file.number("/guesses/number_of_guesses")
@@ -122,12 +128,12 @@ def read_guesses(path: Path_) -> list[Vectors]:
                 f"/guesses/number_of_guesses is {count}, but there are {len(numbers)}"
             )
         file.expect("/guesses", ("number_of_guesses", *numbers))
-        return [_vectors(file, f"/guesses/{k}") for k in numbers]
+        return [_read_vectors(file, f"/guesses/{k}") for k in numbers]
 
 
 def read_info(path: Path_) -> dict[str, str]:
     """Read ``title``, ``description`` and ``math_info``, as far as they exist."""
-    with _opened(path) as file:
+    with _open(path) as file:
         group = f"/fclib_{file.form()}"
         if "info" not in file.names(group):
             return {}
@@ -185,9 +191,11 @@ def write(
     unknown = sorted(set(info or {}) - set(_INFO))
     if unknown:
         raise ValueError(f"info has {unknown[0]!r}, expected {', '.join(_INFO)}")
-    stored = [_stored(f"guesses[{k}]", problem, g) for k, g in enumerate(guesses)]
-    answer = None if solution is None else _stored("solution", problem, solution)
-    words = _words(target.stem, problem, solution) | dict(info or {})
+    stored = [
+        _check_vectors(f"guesses[{k}]", problem, g) for k, g in enumerate(guesses)
+    ]
+    answer = None if solution is None else _check_vectors("solution", problem, solution)
+    words = _describe(target.stem, problem, solution) | dict(info or {})
     if isinstance(solution, Solution) and not solution.converged and answer is not None:
         stored.append(answer)
         answer = None
@@ -195,13 +203,13 @@ def write(
     with aside(target) as draft, draft.open("w+b") as raw, h5py.File(raw, "w") as file:
         if isinstance(problem, GlobalProblem):
             group = file.create_group("fclib_global")
-            group["spacedim"] = _int32(problem.w.shape[1])
+            group["spacedim"] = _as_int32(problem.w.shape[1])
             _write_matrix(group.create_group("M"), problem.M)
             _write_matrix(group.create_group("H"), problem.H)
             named = {"f": problem.f, "w": problem.w, "mu": problem.mu}
         else:
             group = file.create_group("fclib_local")
-            group["spacedim"] = _int32(problem.q.shape[1])
+            group["spacedim"] = _as_int32(problem.q.shape[1])
             _write_matrix(group.create_group("W"), problem.W)
             named = {"q": problem.q, "mu": problem.mu}
             if problem.rigid is not None:
@@ -222,7 +230,7 @@ def write(
             _write_vectors(file.create_group("solution"), answer)
         if stored:
             group = file.create_group("guesses")
-            group["number_of_guesses"] = _int32(len(stored))
+            group["number_of_guesses"] = _as_int32(len(stored))
             for k, guess in enumerate(stored):
                 _write_vectors(group.create_group(str(k + 1)), guess)
 
@@ -280,7 +288,7 @@ def write_path(
         u = np.column_stack([step.relative_displacement[:, 0], step.slip])
         path = base.with_name(f"{base.name}-{k:04d}.hdf5")
         title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"
-        words = _words(base.name, reduced, step) | given | {"title": title}
+        words = _describe(base.name, reduced, step) | given | {"title": title}
         answer = Vectors(u, step.reaction, None, step.rigid_motion)
         write(path, reduced, answer, info=words)
         paths.append(path)
@@ -295,7 +303,7 @@ class _Fault(ValueError):
 class _File:
     """An open file; its methods take full names of groups and datasets."""
 
-    def __init__(self, file: Any, size: int) -> None:
+    def __init__(self, file: Group, size: int) -> None:
         self.file, self.size = file, size
 
     def form(self) -> str:
@@ -334,7 +342,7 @@ class _File:
             if name not in needed and name not in optional:
                 raise _Fault(f"{below}/{name} is unknown, not part of the format")
 
-    def _data(self, name: str, kinds: str, expected: str) -> NDArray[Any]:
+    def _data(self, name: str, kinds: str, expected: str) -> AnyArray:
         import h5py
 
         item = self.file.get(name)
@@ -357,9 +365,10 @@ class _File:
             raise _Fault(f"{name} has {found.size} entries, expected one")
         return int(found.ravel()[0])
 
-    def integers(self, name: str) -> NDArray[Any]:
+    def integers(self, name: str) -> Integers:
         """A vector of integers."""
-        return self._vector(name, self._data(name, "iu", "integers"))
+        integers: Integers = self._data(name, "iu", "integers")  # type: ignore[assignment]
+        return self._vector(name, integers)
 
     def floats(self, name: str, length: int | None = None) -> Floats:
         """A vector of finite numbers."""
@@ -409,7 +418,7 @@ class _File:
                 raise _Fault(f"{name}/{letter} is {value}, expected zero or more")
         return rows, columns
 
-    def matrix(self, name: str) -> Any:
+    def matrix(self, name: str) -> SparseMatrix:
         """A matrix in the storage of the file; the caller has checked its shape."""
         from scipy.sparse import coo_array, csc_array, csr_array
 
@@ -446,30 +455,32 @@ class _File:
         i, x = i[:count], x[:count]
         if storage >= _TRIPLETS:
             p = p[:count]
-            _inside(f"{name}/i", i, rows)
-            _inside(f"{name}/p", p, columns)
-            return coo_array((x, (i, p)), shape=shape)
-        _inside(f"{name}/i", i, rows if storage == _COLUMNS else columns)
+            _check_indices(f"{name}/i", i, rows)
+            _check_indices(f"{name}/p", p, columns)
+            triplets: SparseMatrix = coo_array((x, (i, p)), shape=shape)
+            return triplets
+        _check_indices(f"{name}/i", i, rows if storage == _COLUMNS else columns)
         kind = csc_array if storage == _COLUMNS else csr_array
-        return kind((x, i, p), shape=shape)
+        compressed: SparseMatrix = kind((x, i, p), shape=shape)
+        return compressed
 
-    def _vector(self, name: str, found: NDArray[Any]) -> NDArray[Any]:
+    def _vector(self, name: str, found: Numbers) -> Numbers:
         if found.ndim != 1:
             raise _Fault(f"{name} has {counted(found.ndim, 'dimension')}, expected 1")
         return found
 
 
-def _inside(name: str, found: NDArray[Any], limit: int) -> None:
-    outside = (found < 0) | (found >= limit)
+def _check_indices(name: str, indices: Integers, limit: int) -> None:
+    outside = (indices < 0) | (indices >= limit)
     if outside.any():
         at = int(np.argmax(outside))
         raise _Fault(
-            f"{name} is {found[at]} at position {at}, expected 0 to {limit - 1}"
+            f"{name} is {indices[at]} at position {at}, expected 0 to {limit - 1}"
         )
 
 
 @contextmanager
-def _opened(path: Path_) -> Iterator[_File]:
+def _open(path: Path_) -> Iterator[_File]:
     """Open a file; messages about its content begin with its path."""
     h5py = load_library("h5py")
     name = str(place(path))
@@ -496,10 +507,10 @@ def _opened(path: Path_) -> Iterator[_File]:
 
 def _read_local(
     file: _File,
-) -> tuple[Floats, Floats, Any, tuple[Floats, Floats] | None]:
+) -> tuple[Floats, Floats, SparseMatrix, tuple[Floats, Floats] | None]:
     group = "/fclib_local"
     file.expect(group, ("spacedim", "W", "vectors"), ("V", "R", "info"))
-    size, d = _sizes(file)
+    size, d = _read_sizes(file)
     here = file.names(group)
     constrained = "V" in here
     if constrained != ("R" in here):
@@ -517,7 +528,7 @@ def _read_local(
             f"{group}/R is {file.shape(f'{group}/R')}, expected {(count, count)}"
         )
     s = file.floats(f"{group}/vectors/s", count)
-    if file.matrix(f"{group}/R").tocsr().count_nonzero():
+    if file.matrix(f"{group}/R").tocsr().data.any():
         raise _Fault(
             f"{group}/R is not zero: constraints with a compliance of their own are not "
             "supported, only rigid motions"
@@ -526,10 +537,12 @@ def _read_local(
     return q, mu, W, (V, s) if count else None
 
 
-def _read_global(file: _File) -> tuple[Any, Any, Floats, Floats, Floats]:
+def _read_global(
+    file: _File,
+) -> tuple[SparseMatrix, SparseMatrix, Floats, Floats, Floats]:
     group = "/fclib_global"
     file.expect(group, ("spacedim", "M", "H", "vectors"), ("G", "info"))
-    size, d = _sizes(file)
+    size, d = _read_sizes(file)
     n = file.shape(f"{group}/M")[0]
     file.expect(f"{group}/vectors", ("f", "w", "mu"), ("b",))
     if "G" in file.names(group):
@@ -545,7 +558,7 @@ def _read_global(file: _File) -> tuple[Any, Any, Floats, Floats, Floats]:
     return file.matrix(f"{group}/M"), file.matrix(f"{group}/H"), f, w, mu
 
 
-def _sizes(file: _File) -> tuple[int, int]:
+def _read_sizes(file: _File) -> tuple[int, int]:
     """Number of components of all contacts and of one: ``d n_c`` and ``d``."""
     group = f"/fclib_{file.form()}"
     d = file.number(f"{group}/spacedim")
@@ -566,9 +579,9 @@ def _sizes(file: _File) -> tuple[int, int]:
     return size, d
 
 
-def _vectors(file: _File, group: str) -> Vectors:
+def _read_vectors(file: _File, group: str) -> Vectors:
     form = f"/fclib_{file.form()}"
-    size, d = _sizes(file)
+    size, d = _read_sizes(file)
     file.expect(group, ("u", "r"), ("v", "l"))
     here = file.names(group)
     u = file.floats(f"{group}/u", size).reshape(-1, d)
@@ -586,7 +599,7 @@ def _vectors(file: _File, group: str) -> Vectors:
     return Vectors(u, r, v, multiplier)
 
 
-def _stored(
+def _check_vectors(
     what: str, problem: ReducedProblem | GlobalProblem, known: Solution | Vectors
 ) -> Vectors:
     """Arrays of a solution or guess, checked against its problem."""
@@ -618,7 +631,7 @@ def _stored(
     )
 
 
-def _words(
+def _describe(
     title: str,
     problem: ReducedProblem | GlobalProblem,
     solution: Solution | Vectors | None,
@@ -645,7 +658,7 @@ def _words(
     }
 
 
-def _int32(value: int) -> NDArray[np.int32]:
+def _as_int32(value: int) -> NDArray[np.int32]:
     if value > np.iinfo(np.int32).max:
         raise ValueError(
             f"a matrix of the problem has {value} rows or entries, too many for the 32-bit "
@@ -654,33 +667,31 @@ def _int32(value: int) -> NDArray[np.int32]:
     return np.array([value], np.int32)
 
 
-def _write_matrix(group: Any, matrix: Any) -> None:
-    from scipy.sparse import csr_array, issparse
-
-    if not issparse(matrix):
+def _write_matrix(group: Group, matrix: SparseMatrix | Floats) -> None:
+    if isinstance(matrix, np.ndarray) or not hasattr(matrix, "tocsr"):
         full = np.asarray(matrix, np.float64)
         shape, storage, x = full.shape, _ROWS, full.ravel()
-        p = shape[1] * np.arange(shape[0] + 1)
-        i = np.tile(np.arange(shape[1]), shape[0])
+        p: Integers = shape[1] * np.arange(shape[0] + 1)
+        i: Integers = np.tile(np.arange(shape[1]), shape[0])
     elif matrix.format == "coo":
-        shape, storage = matrix.shape, matrix.nnz
-        p, i, x = matrix.col, matrix.row, matrix.data
+        shape, storage, entries = matrix.shape, matrix.nnz, matrix.tocoo()
+        p, i, x = entries.col, entries.row, entries.data
     else:
-        if matrix.format not in ("csc", "csr"):
-            matrix = csr_array(matrix)
-        shape, storage = matrix.shape, _COLUMNS if matrix.format == "csc" else _ROWS
+        by_columns = matrix.format == "csc"
+        shape, storage = matrix.shape, _COLUMNS if by_columns else _ROWS
+        stored = matrix.tocsc() if by_columns else matrix.tocsr()
         # SciPy may have allocated more than it uses.
-        used = int(matrix.indptr[-1])
-        p, i, x = matrix.indptr, matrix.indices[:used], matrix.data[:used]
+        used = int(stored.indptr[-1])
+        p, i, x = stored.indptr, stored.indices[:used], stored.data[:used]
     for name, value in {"m": shape[0], "n": shape[1], "nzmax": len(x)}.items():
-        group[name] = _int32(value)
+        group[name] = _as_int32(value)
     group["nz"] = np.array([storage], np.int32)
     group["p"] = np.asarray(p, np.int32)
     group["i"] = np.asarray(i, np.int32)
     group["x"] = np.asarray(x, np.float64)
 
 
-def _write_vectors(group: Any, known: Vectors) -> None:
+def _write_vectors(group: Group, known: Vectors) -> None:
     named = {"v": known.v, "l": known.multiplier, "u": known.u, "r": known.r}
     for name, array in named.items():
         if array is not None:

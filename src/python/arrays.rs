@@ -4,6 +4,7 @@
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::pages::zeros;
+use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 use crate::tasks;
 use crate::threads;
@@ -26,6 +27,34 @@ pub(super) enum Indices<'py> {
 
 /// Row pointers, column indices and values of a matrix in CSR form.
 pub(super) type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
+
+/// Row pointers, columns and values as results.
+pub(super) type CsrOutput<'py> = (
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+/// A sparse matrix with indices as `usize`.
+pub(super) struct CsrArrays<'a> {
+    pub(super) pointer: Vec<usize>,
+    pub(super) index: Vec<usize>,
+    pub(super) values: &'a [f64],
+}
+
+impl<'a> CsrArrays<'a> {
+    pub(super) fn new(
+        csr: &'a Csr<'_>,
+        what: &'static str,
+        num_threads: Option<usize>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            pointer: indices(&csr.0, what)?,
+            index: many_indices(&csr.1, what, num_threads)?,
+            values: csr.2.as_slice()?,
+        })
+    }
+}
 
 /// Friction coefficients: one for each contact, or one for each tangent.
 #[derive(FromPyObject)]
@@ -187,6 +216,15 @@ pub(super) fn from_indices(
     let wide: Result<Vec<i64>, _> = indices.into_iter().map(i64::try_from).collect();
     let wide = wide.map_err(|e| PyValueError::new_err(e.to_string()))?;
     Ok(PyArray1::from_vec(py, wide))
+}
+
+/// A matrix by rows.
+pub(super) fn from_csr(py: Python<'_>, matrix: OwnedMatrix) -> PyResult<CsrOutput<'_>> {
+    Ok((
+        from_indices(py, matrix.pointer)?,
+        from_indices(py, matrix.index)?,
+        from_vec(py, matrix.values),
+    ))
 }
 
 /// A vector.

@@ -1,145 +1,153 @@
 //! Proved error bounds of a point.
 
+use std::sync::atomic::AtomicBool;
+
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
-use crate::path::stepping::{increment, reduced_step};
+use crate::error::Error;
+use crate::path::stepping::{State, increment, reduced_step};
 use crate::proof::error_bound::{Bound, BoundKind, Prepared, Reason};
-use crate::python::arrays::{self, Matrix, Vector};
-use crate::python::{interrupt, problem, solver};
+use crate::python::arrays::{self, Matrix};
+use crate::python::condensed_arrays::{CondensedArrays, Loads};
+use crate::python::reduced_arrays::ReducedArrays;
 use crate::reduced::elliptic_scaling::over;
+use crate::reduced::reduced::Reduced;
 
-type Dicts<'py> = Vec<Told<'py>>;
-type Told<'py> = pyo3::Bound<'py, PyDict>;
+/// Points of a reduced problem; their reactions are stacked.
+pub(super) struct Points<'a, 'py> {
+    pub(super) reactions: &'a Matrix<'py>,
+    pub(super) count: usize,
+    pub(super) rigid: &'a [f64],
+    /// The reported relative displacements.
+    pub(super) reported: Option<&'a Matrix<'py>>,
+}
 
-/// Bounds at several points of one problem; their reactions are stacked.
-///
-/// `reported` are the reported relative displacements of these points.
-#[pyfunction]
-#[pyo3(signature = (problem, reactions, points, rigid, reported=None, num_threads=None))]
-pub(super) fn error_bounds<'py>(
-    py: Python<'py>,
-    problem: &solver::PyReduced,
-    reactions: Matrix<'py>,
-    points: usize,
-    rigid: Vector<'py>,
-    reported: Option<Matrix<'py>>,
+/// Bounds at several points of one problem.
+pub(super) fn of_reduced<const D: usize>(
+    problem: &ReducedArrays<D>,
+    py: Python<'_>,
+    points: &Points<'_, '_>,
     num_threads: Option<usize>,
-) -> PyResult<Dicts<'py>> {
-    let rigid = rigid.as_slice()?;
+) -> PyResult<Vec<PyBound>> {
+    problem.check_motion(points.rigid)?;
+    let rows = arrays::rows::<D>(points.reactions)?;
+    let contacts = problem.contacts();
+    let expected = points.count.saturating_mul(contacts);
+    arrays::length("reactions", rows.len(), expected)?;
+    let reported = points.reported.map(arrays::rows::<D>).transpose()?;
+    if let Some(reported) = reported {
+        arrays::length("reported", reported.len(), rows.len())?;
+    }
+    let (count, rigid) = (points.count, points.rigid);
+    let elliptic = problem.elliptic.as_ref();
+    let (bounds, unique) = problem.run(py, num_threads, None, |problem, stop, _| {
+        let prepared = prepare(problem, elliptic.is_some(), stop)?;
+        let exactly = vec![[0.0; D]; contacts];
+        let mut bounds = Vec::new();
+        for k in 0..count {
+            let at = k * contacts..(k + 1) * contacts;
+            let r = &over(elliptic, &rows[at.clone()]);
+            let r = problem.compliance.gather(r);
+            let v = reported.map(|v| problem.compliance.gather(&v[at]));
+            let reported = v.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
+            bounds.push(prepared.bound(problem, (&r, rigid), reported, stop)?);
+        }
+        Ok((bounds, prepared.unique()))
+    })?;
+    let bounds = bounds.iter();
+    bounds
+        .map(|bound| PyBound::new(py, bound, unique))
+        .collect()
+}
+
+/// The bound of a step of a load path, from the state before it and its relative displacement.
+/// `None` with a working set.
+pub(super) fn of_step<const D: usize>(
+    problem: &CondensedArrays<D>,
+    py: Python<'_>,
+    (loads, state): (Loads<'_>, Option<&State<D>>),
+    (reaction, rigid): (&[[f64; D]], &[f64]),
+    reported: &Matrix<'_>,
+) -> PyResult<Option<PyBound>> {
+    let reported = arrays::rows_of("reported", reported, problem.contacts())?;
     problem.check_motion(rigid)?;
-    macro_rules! of {
-        ($owned:expr, $d:literal) => {{
-            let rows = arrays::rows::<$d>(&reactions)?;
-            let contacts = $owned.contacts();
-            arrays::length("reactions", rows.len(), points.saturating_mul(contacts))?;
-            let told = reported.as_ref().map(arrays::rows::<$d>).transpose()?;
-            if let Some(told) = told {
-                arrays::length("reported", told.len(), rows.len())?;
-            }
-            let elliptic = $owned.elliptic.as_ref();
-            let found = $owned.run(py, num_threads, None, |problem, stop, _| {
-                let prepared = match elliptic {
-                    None => Prepared::new(problem, stop)?,
-                    Some(_) => Prepared::refused(problem, Reason::Directional),
-                };
-                let exactly = vec![[0.0; $d]; contacts];
-                let mut found = Vec::new();
-                for k in 0..points {
-                    let r = &rows[k * contacts..][..contacts];
-                    let r = problem.compliance.gather(&over(elliptic, r));
-                    let told =
-                        told.map(|v| problem.compliance.gather(&v[k * contacts..][..contacts]));
-                    let given = told.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
-                    found.push(prepared.bound(problem, (&r, rigid), given, stop)?);
-                }
-                Ok((found, prepared.unique()))
-            })?;
-            let (found, unique) = found;
-            found.iter().map(|bound| dict(py, bound, unique)).collect()
-        }};
-    }
-    match &problem.kind {
-        solver::AnyReduced::Two(owned) => of!(owned, 2),
-        solver::AnyReduced::Three(owned) => of!(owned, 3),
-    }
+    let Problem::Whole(whole) = &*problem.problem else {
+        return Ok(None);
+    };
+    let is_elliptic = problem.elliptic.is_some();
+    let (bound, unique) = problem.run(py, |stop| {
+        let reduced = reduced_step(whole, loads.0, loads.1, state)?;
+        let order = whole.compliance();
+        let (v, error) = increment(reported, state);
+        let (v, error) = (order.gather(&v), order.gather(&error));
+        let r = order.gather(reaction);
+        let prepared = prepare(&reduced, is_elliptic, stop)?;
+        let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
+        Ok((bound, prepared.unique()))
+    })?;
+    Ok(Some(PyBound::new(py, &bound, unique)?))
 }
 
-/// The same for a step of a load path, from the total loads, the total relative displacement
-/// after the step before, and that of the step. `None` with a working set.
-#[pyfunction]
-#[pyo3(signature = (problem, load, prescribed, before, reaction, reported, rigid))]
-#[expect(clippy::too_many_arguments, reason = "what makes a step, from Python")]
-pub(super) fn error_bound_of_step<'py>(
-    py: Python<'py>,
-    problem: &problem::PyCondensed,
-    load: Vector<'py>,
-    prescribed: Vector<'py>,
-    before: Option<Matrix<'py>>,
-    reaction: Matrix<'py>,
-    reported: Matrix<'py>,
-    rigid: Vector<'py>,
-) -> PyResult<Option<Told<'py>>> {
-    let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-    let rigid = rigid.as_slice()?;
-    macro_rules! of {
-        ($inner:expr) => {{
-            let contacts = $inner.contacts();
-            let state = problem.left(before.as_ref(), contacts)?;
-            let reaction = problem.reaction(&reaction, contacts)?;
-            let is_elliptic = problem.elliptic.is_some();
-            let reported = arrays::rows_of("reported", &reported, contacts)?;
-            arrays::length("rigid_motion", rigid.len(), $inner.bodies().motions().len())?;
-            let Problem::Whole(whole) = &**$inner else {
-                return Ok(None);
-            };
-            let (bound, unique) = interrupt::run(py, problem.num_threads, |stop| {
-                let reduced = reduced_step(whole, load, prescribed, state.as_ref())?;
-                let order = whole.compliance();
-                let (v, error) = increment(reported, state.as_ref());
-                let (v, error) = (order.gather(&v), order.gather(&error));
-                let r = order.gather(&reaction);
-                let prepared = if is_elliptic {
-                    Prepared::refused(&reduced, Reason::Directional)
-                } else {
-                    Prepared::new(&reduced, stop)?
-                };
-                let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
-                Ok((bound, prepared.unique()))
-            })?;
-            Ok(Some(dict(py, &bound, unique)?))
-        }};
+/// What all bounds of a problem share; no bound if friction depends on direction.
+fn prepare<const D: usize>(
+    problem: &Reduced<D>,
+    is_elliptic: bool,
+    stop: &AtomicBool,
+) -> Result<Prepared<D>, Error> {
+    if is_elliptic {
+        return Ok(Prepared::refused(problem, Reason::Directional));
     }
-    match &problem.kind {
-        problem::AnyProblem::Two(inner) => of!(inner),
-        problem::AnyProblem::Three(inner) => of!(inner),
-    }
+    Prepared::new(problem, stop)
 }
 
-fn dict<'py, const D: usize>(
-    py: Python<'py>,
-    bound: &Bound<D>,
+/// A proved bound; what is not available is `None`.
+#[pyclass(frozen, get_all, name = "ProvedBound", module = "bipot_rs._core")]
+pub(super) struct PyBound {
+    kind: &'static str,
     unique: bool,
-) -> PyResult<Told<'py>> {
-    let dict = PyDict::new(py);
-    dict.set_item("kind", bound.kind.name())?;
-    dict.set_item("unique", unique)?;
-    dict.set_item("gap", arrays::from_vec(py, bound.gap.clone()))?;
-    dict.set_item("share", bound.share)?;
-    if let BoundKind::NotAvailable(reason) = bound.kind {
-        let (word, which) = reason.told();
-        dict.set_item("reason", word)?;
-        dict.set_item("which", which)?;
-        return Ok(dict);
+    gap: Py<PyArray1<f64>>,
+    share: Option<f64>,
+    reason: Option<&'static str>,
+    which: usize,
+    energy: Option<f64>,
+    relative: Option<f64>,
+    alone_within: Option<f64>,
+    reaction: Option<Py<PyArray2<f64>>>,
+    relative_displacement: Option<Py<PyArray2<f64>>>,
+    contraction: Option<f64>,
+    energy_by_gap: Option<f64>,
+}
+
+impl PyBound {
+    fn new<const D: usize>(py: Python<'_>, bound: &Bound<D>, unique: bool) -> PyResult<Self> {
+        let (reason, which) = match bound.kind {
+            BoundKind::NotAvailable(reason) => {
+                let (word, which) = reason.told();
+                (Some(word), which)
+            }
+            _ => (None, 0),
+        };
+        let available = reason.is_none();
+        let rows = |rows: &[[f64; D]]| {
+            let rows = available.then(|| arrays::from_rows(py, rows));
+            PyResult::Ok(rows.transpose()?.map(pyo3::Bound::unbind))
+        };
+        Ok(Self {
+            kind: bound.kind.name(),
+            unique,
+            gap: arrays::from_vec(py, bound.gap.clone()).unbind(),
+            share: bound.share,
+            reason,
+            which,
+            energy: available.then_some(bound.energy),
+            relative: available.then_some(bound.relative),
+            alone_within: available.then_some(bound.alone_within),
+            reaction: rows(&bound.reaction)?,
+            relative_displacement: rows(&bound.relative_displacement)?,
+            contraction: bound.contraction.filter(|_| available),
+            energy_by_gap: bound.energy_by_gap.filter(|_| available),
+        })
     }
-    dict.set_item("energy", bound.energy)?;
-    dict.set_item("relative", bound.relative)?;
-    dict.set_item("alone_within", bound.alone_within)?;
-    dict.set_item("reaction", arrays::from_rows(py, &bound.reaction)?)?;
-    let moved = arrays::from_rows(py, &bound.relative_displacement)?;
-    dict.set_item("relative_displacement", moved)?;
-    dict.set_item("contraction", bound.contraction)?;
-    dict.set_item("energy_by_gap", bound.energy_by_gap)?;
-    Ok(dict)
 }

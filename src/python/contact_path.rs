@@ -5,9 +5,7 @@ use std::time::Instant;
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
-use crate::error::Error;
 use crate::law::cone::Status;
 use crate::path::stepping::State;
 use crate::primal::engine::{Correction, Engine, Terms};
@@ -15,11 +13,13 @@ use crate::primal::load_step::{Start, advance};
 use crate::primal::tangent::Tangent;
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::contact_variables::{
-    AnyInterface, Interface, PyContactTangent, PyContactVariables,
+    AnyTangent, Interface, InterfaceVariables, PyContactTangent, PyContactVariables,
 };
-use crate::python::load_path::{ContactArrays, newton_dict, state_of_contacts};
+use crate::python::dimension::{Dimension, for_either, map_either};
+use crate::python::load_path::{ContactArrays, state_of_contacts};
+use crate::python::solution::PyNewtonStep;
 use crate::python::solver::settings;
-use crate::reduced::elliptic_scaling::{EllipticScaling, times};
+use crate::reduced::elliptic_scaling::times;
 use crate::solver::Settings;
 
 /// Values by places, as Python returns them.
@@ -47,7 +47,7 @@ impl<'py, const D: usize> Callbacks<'_, 'py, D> {
 
 impl<'py, const D: usize> Engine<D> for Callbacks<'_, 'py, D>
 where
-    PyContactTangent: From<Tangent<D>>,
+    AnyTangent: From<Tangent<D>>,
 {
     type Vector = Bound<'py, PyAny>;
     type Error = PyErr;
@@ -143,28 +143,10 @@ where
     }
 }
 
-enum AnyState {
-    Two(Option<State<2>>),
-    Three(Option<State<3>>),
-}
-
-/// A load path whose vectors are those of a Python object. Without a state it starts from the
-/// unloaded bodies.
-#[pyclass(name = "ContactPath", module = "bipot_rs._core")]
-pub(super) struct PyContactPath {
-    variables: PyContactVariables,
-    state: AnyState,
-}
-
-fn state<const D: usize>(
-    elliptic: Option<&EllipticScaling>,
-    contacts: usize,
-    start: Option<&ContactArrays<'_>>,
-) -> PyResult<Option<State<D>>> {
-    let of = |(reaction, displaced, status): &ContactArrays<'_>| {
-        state_of_contacts(contacts, elliptic, (reaction, displaced, status))
-    };
-    start.map(of).transpose()
+/// A path and its contacts.
+struct Progress<const D: usize> {
+    variables: InterfaceVariables<D>,
+    state: Option<State<D>>,
 }
 
 /// The Python objects of one step: the engine, the start value of the unknowns, and the forces.
@@ -174,59 +156,76 @@ struct Objects<'a, 'py> {
     force: &'a Bound<'py, PyAny>,
 }
 
-fn step<'py, const D: usize>(
-    state: &mut Option<State<D>>,
-    interface: &Interface<D>,
-    elliptic: Option<&EllipticScaling>,
-    objects: Objects<'_, 'py>,
-    (prescribed, gap): (&[f64], Option<&Matrix<'_>>),
-    settings: &Settings,
-) -> PyResult<Bound<'py, PyDict>>
+/// A step, and the unknowns at its end.
+type Solved<'py> = (PyNewtonStep, Bound<'py, PyAny>);
+
+impl<const D: usize> Progress<D>
 where
-    PyContactTangent: From<Tangent<D>>,
+    AnyTangent: From<Tangent<D>>,
 {
-    let py = objects.engine.py();
-    let moved = gap
-        .map(|gap| {
+    fn new(variables: &InterfaceVariables<D>, start: Option<&ContactArrays<'_>>) -> PyResult<Self> {
+        let contacts = variables.interface.contacts.count();
+        let elliptic = variables.elliptic.as_ref();
+        let state = start.map(|(reaction, displaced, status)| {
+            state_of_contacts(contacts, elliptic, (reaction, displaced, status))
+        });
+        Ok(Self {
+            variables: variables.clone(),
+            state: state.transpose()?,
+        })
+    }
+
+    fn step<'py>(
+        &mut self,
+        objects: Objects<'_, 'py>,
+        (prescribed, gap): (&[f64], Option<&Matrix<'_>>),
+        settings: &Settings,
+    ) -> PyResult<Solved<'py>> {
+        let interface = &*self.variables.interface;
+        let elliptic = self.variables.elliptic.as_ref();
+        arrays::length("prescribed", prescribed.len(), self.variables.fixed)?;
+        let moved = gap.map(|gap| {
             let gap = times(elliptic, arrays::rows(gap)?).into_owned();
             PyResult::Ok(interface.contacts.with_gap(gap)?)
-        })
-        .transpose()?;
-    let contacts = moved.as_ref().unwrap_or(&interface.contacts);
-    let mut engine = Callbacks {
-        engine: objects.engine,
-        interface,
-    };
-    let start = Start {
-        state: state.as_ref(),
-        y: objects.start,
-    };
-    let force = (objects.force, prescribed);
-    let made = advance(&mut engine, contacts, start, force, settings)?;
-    let work = (made.newton, made.krylov);
-    let dict = newton_dict(py, &made.step, work, (made.reason, made.errors), elliptic)?;
-    if let Some(reached) = made.state() {
-        *state = Some(reached);
+        });
+        let moved = moved.transpose()?;
+        let contacts = moved.as_ref().unwrap_or(&interface.contacts);
+        let mut engine = Callbacks {
+            engine: objects.engine,
+            interface,
+        };
+        let start = Start {
+            state: self.state.as_ref(),
+            y: objects.start,
+        };
+        let force = (objects.force, prescribed);
+        let made = advance(&mut engine, contacts, start, force, settings)?;
+        let work = (made.newton, made.krylov, 0);
+        let py = objects.engine.py();
+        let step = PyNewtonStep::new(py, &made.step, work, (made.reason, made.errors), elliptic)?;
+        if let Some(reached) = made.state() {
+            self.state = Some(reached);
+        }
+        Ok((step, made.y))
     }
-    dict.set_item("unknowns", made.y)?;
-    Ok(dict)
+}
+
+/// A load path whose vectors are those of a Python object. Without a state it starts from the
+/// unloaded bodies.
+#[pyclass(name = "ContactPath", module = "bipot_rs._core")]
+pub(super) struct PyContactPath {
+    progress: Dimension<Progress<2>, Progress<3>>,
 }
 
 #[pymethods]
 impl PyContactPath {
     #[new]
     #[pyo3(signature = (variables, start=None))]
-    fn new(variables: PyContactVariables, start: Option<ContactArrays<'_>>) -> PyResult<Self> {
-        let (start, elliptic) = (start.as_ref(), variables.elliptic.as_ref());
-        let state = match &variables.kind {
-            AnyInterface::Two(inner) => {
-                AnyState::Two(state(elliptic, inner.contacts.count(), start)?)
-            }
-            AnyInterface::Three(inner) => {
-                AnyState::Three(state(elliptic, inner.contacts.count(), start)?)
-            }
-        };
-        Ok(Self { variables, state })
+    fn new(variables: &PyContactVariables, start: Option<ContactArrays<'_>>) -> PyResult<Self> {
+        let progress = map_either!(&variables.kind, variables => {
+            Progress::new(variables, start.as_ref())?
+        });
+        Ok(Self { progress })
     }
 
     /// A step of `engine` from the unknowns `start` to the forces `force` and the prescribed
@@ -247,30 +246,14 @@ impl PyContactPath {
         tol: f64,
         max_iterations: Option<usize>,
         max_seconds: Option<f64>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> PyResult<Solved<'py>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
-        let prescribed = prescribed.as_slice()?;
-        arrays::length("prescribed", prescribed.len(), self.variables.fixed)?;
-        let elliptic = self.variables.elliptic.as_ref();
         let objects = Objects {
             engine: &engine,
             start,
             force: &force,
         };
-        let asked = (prescribed, gap.as_ref());
-        match (&mut self.state, &self.variables.kind) {
-            (AnyState::Two(state), AnyInterface::Two(inner)) => {
-                step(state, inner, elliptic, objects, asked, &settings)
-            }
-            (AnyState::Three(state), AnyInterface::Three(inner)) => {
-                step(state, inner, elliptic, objects, asked, &settings)
-            }
-            _ => Err(Error::Shape {
-                what: "the dimension of the path",
-                expected: 2,
-                found: 3,
-            }
-            .into()),
-        }
+        let asked = (prescribed.as_slice()?, gap.as_ref());
+        for_either!(&mut self.progress, path => path.step(objects, asked, &settings))
     }
 }

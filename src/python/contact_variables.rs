@@ -15,9 +15,9 @@ use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
-use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Coefficients, Csr, CsrArrays, Indices, Matrix, Vector};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
-use crate::python::problem::CsrArrays;
+use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::validate::{check_finite, check_friction};
 
@@ -36,17 +36,39 @@ pub(super) struct Interface<const D: usize> {
     pub(super) floating: Vec<Vec<usize>>,
 }
 
+/// An interface in the variables of [`EllipticScaling`].
 #[derive(Clone)]
-pub(super) enum AnyInterface {
-    Two(Arc<Interface<2>>),
-    Three(Arc<Interface<3>>),
+pub(super) struct InterfaceVariables<const D: usize> {
+    pub(super) interface: Arc<Interface<D>>,
+    pub(super) elliptic: Option<EllipticScaling>,
+    /// Number of prescribed degrees of freedom.
+    pub(super) fixed: usize,
+}
+
+impl<const D: usize> InterfaceVariables<D> {
+    /// `T` of all contacts, component by component: `r = T r̃`, `v = T⁻¹ ṽ`.
+    fn factors(&self) -> Vec<f64> {
+        all_factors(&self.interface.contacts, self.elliptic.as_ref())
+    }
+
+    /// Changes values by places with the frames.
+    fn change(
+        &self,
+        values: &mut Changed<'_>,
+        change: impl FnOnce(&Frames<D>, &mut [f64]),
+    ) -> PyResult<()> {
+        let values = values.as_slice_mut()?;
+        arrays::length("values", values.len(), self.interface.free.len())?;
+        change(&self.interface.contacts.frames, values);
+        Ok(())
+    }
 }
 
 /// The arguments that do not depend on the dimension.
 struct Arguments<'a> {
     contact: CsrArrays<'a>,
     mu: Vec<f64>,
-    elliptic: Option<&'a EllipticScaling>,
+    elliptic: Option<EllipticScaling>,
     /// Number of each place among the prescribed degrees of freedom.
     position: Vec<Option<usize>>,
     blocks: &'a [f64],
@@ -87,8 +109,14 @@ impl Arguments<'_> {
         };
         let own: Vec<u32> = (0..places).map(narrow).collect();
         let contact = rows.select(Some);
-        let frames = Frames::new(&contact, self.elliptic, &own, &self.position, &nodes)?;
-        let gap = times(self.elliptic, gap).into_owned();
+        let frames = Frames::new(
+            &contact,
+            self.elliptic.as_ref(),
+            &own,
+            &self.position,
+            &nodes,
+        )?;
+        let gap = times(self.elliptic.as_ref(), gap).into_owned();
         let contacts = Contacts::new(frames, gap, self.mu, &block)?;
         let floating = contacts.floating(&self.bodies, &self.held);
         Ok(Interface {
@@ -116,65 +144,9 @@ fn positive<const D: usize>(block: &[f64], free: &[bool]) -> Block<D> {
 }
 
 /// Contacts on an interface, in any dimension.
-#[pyclass(
-    frozen,
-    from_py_object,
-    name = "ContactVariables",
-    module = "bipot_rs._core"
-)]
-#[derive(Clone)]
+#[pyclass(frozen, name = "ContactVariables", module = "bipot_rs._core")]
 pub(super) struct PyContactVariables {
-    pub(super) kind: AnyInterface,
-    pub(super) elliptic: Option<EllipticScaling>,
-    /// Number of prescribed degrees of freedom.
-    pub(super) fixed: usize,
-}
-
-/// Runs an expression for the interface of either dimension.
-macro_rules! of_any {
-    ($kind:expr, $interface:ident => $work:expr) => {
-        match $kind {
-            AnyInterface::Two($interface) => $work,
-            AnyInterface::Three($interface) => $work,
-        }
-    };
-}
-
-impl PyContactVariables {
-    /// `T` of all contacts, component by component: `r = T r̃`, `v = T⁻¹ ṽ`.
-    fn factors(&self) -> Vec<f64> {
-        let elliptic = self.elliptic.as_ref();
-        of_any!(&self.kind, inner => all_factors(&inner.contacts, elliptic))
-    }
-
-    /// Values of all contacts, `(n_c, d)`.
-    fn of_contacts<'py>(
-        &self,
-        py: Python<'py>,
-        values: Vec<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let d = match &self.kind {
-            AnyInterface::Two(_) => 2,
-            AnyInterface::Three(_) => 3,
-        };
-        arrays::of_contacts(py, values, d)
-    }
-
-    /// Changes values by places with the frames.
-    fn change(
-        &self,
-        values: &mut Changed<'_>,
-        two: impl FnOnce(&Frames<2>, &mut [f64]),
-        three: impl FnOnce(&Frames<3>, &mut [f64]),
-    ) -> PyResult<()> {
-        let values = values.as_slice_mut()?;
-        arrays::length("values", values.len(), self.places())?;
-        match &self.kind {
-            AnyInterface::Two(inner) => two(&inner.contacts.frames, values),
-            AnyInterface::Three(inner) => three(&inner.contacts.frames, values),
-        }
-        Ok(())
-    }
+    pub(super) kind: Dimension<InterfaceVariables<2>, InterfaceVariables<3>>,
 }
 
 #[pymethods]
@@ -194,7 +166,6 @@ impl PyContactVariables {
         bodies: Indices<'_>,
         held: Indices<'_>,
     ) -> PyResult<Self> {
-        let plane = gap.as_array().ncols() == 2;
         let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let numbers = arrays::indices(&position, "position")?;
         let position = numbers.into_iter().map(|k| (k < fixed).then_some(k));
@@ -204,7 +175,7 @@ impl PyContactVariables {
         let asked = Arguments {
             contact: CsrArrays::new(&contact, "B", None)?,
             mu,
-            elliptic: elliptic.as_ref(),
+            elliptic: elliptic.clone(),
             position: position.collect(),
             blocks: blocks.as_slice()?,
             bodies: bodies.iter().map(number).collect(),
@@ -213,35 +184,31 @@ impl PyContactVariables {
                 .map(|&h| h > 0)
                 .collect(),
         };
-        let kind = if plane {
-            AnyInterface::Two(Arc::new(asked.make(arrays::rows::<2>(&gap)?)?))
-        } else {
-            AnyInterface::Three(Arc::new(asked.make(arrays::rows::<3>(&gap)?)?))
-        };
-        Ok(Self {
-            kind,
+        let kind = map_either!(Dimension::of(gap.as_array().ncols()), () => InterfaceVariables {
+            interface: Arc::new(asked.make(arrays::rows(&gap)?)?),
             elliptic,
             fixed,
-        })
+        });
+        Ok(Self { kind })
     }
 
     /// Number of places.
     #[getter]
     fn places(&self) -> usize {
-        of_any!(&self.kind, inner => inner.free.len())
+        for_either!(&self.kind, inner => inner.interface.free.len())
     }
 
     /// Whether a contact joins nodes.
     #[getter]
     fn join(&self) -> bool {
-        of_any!(&self.kind, inner => inner.contacts.frames.join())
+        for_either!(&self.kind, inner => inner.interface.contacts.frames.join())
     }
 
     /// Node of each contact with an unknown.
     #[getter]
     fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let nodes: Vec<usize> = of_any!(&self.kind, inner => {
-            inner.contacts.frames.blocks().map(|(node, _)| node).collect()
+        let nodes = for_either!(&self.kind, inner => {
+            inner.interface.contacts.frames.blocks().map(|(node, _)| node).collect()
         });
         arrays::from_indices(py, nodes)
     }
@@ -261,7 +228,7 @@ impl PyContactVariables {
             }
             absent
         }
-        PyArray1::from_vec(py, of_any!(&self.kind, inner => of(inner)))
+        PyArray1::from_vec(py, for_either!(&self.kind, inner => of(&inner.interface)))
     }
 
     /// `T` by rows: row pointers, columns and values.
@@ -294,7 +261,7 @@ impl PyContactVariables {
             }
             (pointer, index, values)
         }
-        let (pointer, index, values) = of_any!(&self.kind, inner => of(inner));
+        let (pointer, index, values) = for_either!(&self.kind, inner => of(&inner.interface));
         Ok((
             arrays::from_indices(py, pointer)?,
             arrays::from_indices(py, index)?,
@@ -305,8 +272,9 @@ impl PyContactVariables {
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let own = of_any!(&self.kind, inner => diagonal(&inner.contacts, &self.factors()));
-        self.of_contacts(py, own)
+        for_either!(&self.kind, inner => {
+            from_contacts(py, inner, &diagonal(&inner.interface.contacts, &inner.factors()))
+        })
     }
 
     /// Relative displacements `B_f u_f` of prescribed ones, `(n_c, d)`.
@@ -316,25 +284,26 @@ impl PyContactVariables {
         prescribed: Vector<'py>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let prescribed = prescribed.as_slice()?;
-        arrays::length("prescribed", prescribed.len(), self.fixed)?;
-        let v = of_any!(&self.kind, inner => {
-            offsets(&inner.contacts, &self.factors(), prescribed)
-        });
-        self.of_contacts(py, v)
+        for_either!(&self.kind, inner => {
+            arrays::length("prescribed", prescribed.len(), inner.fixed)?;
+            let v = offsets(&inner.interface.contacts, &inner.factors(), prescribed);
+            from_contacts(py, inner, &v)
+        })
     }
 
     /// Relative displacements `R y` of values by places, `(n_c, d)`.
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.places())?;
-        let v = of_any!(&self.kind, inner => moved(&inner.contacts, &self.factors(), y));
-        self.of_contacts(py, v)
+        for_either!(&self.kind, inner => {
+            from_contacts(py, inner, &moved(&inner.interface.contacts, &inner.factors(), y))
+        })
     }
 
     /// `Rᵀ v` by places, of relative displacements `(n_c, d)`.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let y = of_any!(&self.kind, inner => {
-            work(&inner.contacts, &self.factors(), &v, inner.free.len())?
+        let y = for_either!(&self.kind, inner => {
+            work(&inner.interface.contacts, &inner.factors(), &v, inner.interface.free.len())?
         });
         Ok(arrays::from_vec(py, y))
     }
@@ -348,55 +317,48 @@ impl PyContactVariables {
                 own.copy_from_slice(turned.as_slice());
             }
         }
-        self.change(&mut values, turn::<2>, turn::<3>)
+        for_either!(&self.kind, inner => inner.change(&mut values, turn))
     }
 
     /// `u = T y`, in place.
     fn to_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
-        self.change(
-            &mut values,
-            Frames::to_displacements,
-            Frames::to_displacements,
-        )
+        for_either!(&self.kind, inner => inner.change(&mut values, Frames::to_displacements))
     }
 
     /// `y = T⁻¹ u`, in place.
     fn to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
-        self.change(&mut values, Frames::to_local, Frames::to_local)
+        for_either!(&self.kind, inner => inner.change(&mut values, Frames::to_local))
     }
 
     /// `Tᵀ f`, in place.
     fn forces_to_local(&self, mut values: Changed<'_>) -> PyResult<()> {
-        self.change(
-            &mut values,
-            Frames::forces_to_local,
-            Frames::forces_to_local,
-        )
+        for_either!(&self.kind, inner => inner.change(&mut values, Frames::forces_to_local))
     }
 
     /// `|T| |y|`, in place.
     fn terms_of_displacements(&self, mut values: Changed<'_>) -> PyResult<()> {
-        self.change(
-            &mut values,
-            Frames::terms_of_displacements,
-            Frames::terms_of_displacements,
-        )
+        for_either!(&self.kind, inner => {
+            inner.change(&mut values, Frames::terms_of_displacements)
+        })
     }
 
     /// `|Tᵀ| f` for `f ≥ 0`, in place.
     fn terms_of_forces(&self, mut values: Changed<'_>) -> PyResult<()> {
-        self.change(
-            &mut values,
-            Frames::terms_of_forces,
-            Frames::terms_of_forces,
-        )
+        for_either!(&self.kind, inner => inner.change(&mut values, Frames::terms_of_forces))
     }
 }
 
-enum AnyTangent {
-    Two(Tangent<2>),
-    Three(Tangent<3>),
+/// Values of all contacts, `(n_c, d)`.
+fn from_contacts<'py, const D: usize>(
+    py: Python<'py>,
+    _: &InterfaceVariables<D>,
+    values: &[f64],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    arrays::from_rows(py, values.as_chunks::<D>().0)
 }
+
+/// The system of one Newton step in either dimension.
+pub(super) type AnyTangent = Dimension<Tangent<2>, Tangent<3>>;
 
 /// The system of one Newton step at the places of the interface.
 #[pyclass(frozen, name = "ContactTangent", module = "bipot_rs._core")]
@@ -404,33 +366,28 @@ pub(super) struct PyContactTangent {
     kind: AnyTangent,
 }
 
-/// Runs an expression for the tangent of either dimension.
-macro_rules! of_tangent {
-    ($kind:expr, $tangent:ident => $work:expr) => {
-        match $kind {
-            AnyTangent::Two($tangent) => $work,
-            AnyTangent::Three($tangent) => $work,
-        }
-    };
-}
-
-impl From<Tangent<2>> for PyContactTangent {
+impl From<Tangent<2>> for AnyTangent {
     fn from(tangent: Tangent<2>) -> Self {
-        let kind = AnyTangent::Two(tangent);
-        Self { kind }
+        Self::Plane(tangent)
     }
 }
 
-impl From<Tangent<3>> for PyContactTangent {
+impl From<Tangent<3>> for AnyTangent {
     fn from(tangent: Tangent<3>) -> Self {
-        let kind = AnyTangent::Three(tangent);
+        Self::Space(tangent)
+    }
+}
+
+impl<T: Into<AnyTangent>> From<T> for PyContactTangent {
+    fn from(tangent: T) -> Self {
+        let kind = tangent.into();
         Self { kind }
     }
 }
 
 impl PyContactTangent {
     fn places(&self) -> usize {
-        of_tangent!(&self.kind, tangent => tangent.held.len())
+        for_either!(&self.kind, tangent => tangent.held.len())
     }
 }
 
@@ -441,7 +398,7 @@ impl PyContactTangent {
     fn held<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         PyArray1::from_slice(
             py,
-            of_tangent!(&self.kind, tangent => tangent.held.as_slice()),
+            for_either!(&self.kind, tangent => tangent.held.as_slice()),
         )
     }
 
@@ -450,7 +407,7 @@ impl PyContactTangent {
     fn known<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(
             py,
-            of_tangent!(&self.kind, tangent => tangent.known.as_slice()),
+            for_either!(&self.kind, tangent => tangent.known.as_slice()),
         )
     }
 
@@ -458,7 +415,7 @@ impl PyContactTangent {
     fn clear(&self, mut values: Changed<'_>) -> PyResult<()> {
         let values = values.as_slice_mut()?;
         arrays::length("values", values.len(), self.places())?;
-        of_tangent!(&self.kind, tangent => tangent.clear(values));
+        for_either!(&self.kind, tangent => tangent.clear(values));
         Ok(())
     }
 
@@ -467,7 +424,7 @@ impl PyContactTangent {
         let (x, out) = (x.as_slice()?, out.as_slice_mut()?);
         arrays::length("x", x.len(), self.places())?;
         arrays::length("out", out.len(), self.places())?;
-        of_tangent!(&self.kind, tangent => tangent.add_laws(x, out));
+        for_either!(&self.kind, tangent => tangent.add_laws(x, out));
         Ok(())
     }
 
@@ -475,7 +432,7 @@ impl PyContactTangent {
     fn pull(&self, mut z: Changed<'_>) -> PyResult<()> {
         let z = z.as_slice_mut()?;
         arrays::length("z", z.len(), self.places())?;
-        of_tangent!(&self.kind, tangent => tangent.pull(z));
+        for_either!(&self.kind, tangent => tangent.pull(z));
         Ok(())
     }
 
@@ -484,7 +441,7 @@ impl PyContactTangent {
         let (z, out) = (z.as_slice()?, out.as_slice_mut()?);
         arrays::length("z", z.len(), self.places())?;
         arrays::length("out", out.len(), self.places())?;
-        of_tangent!(&self.kind, tangent => tangent.add_transposed(z, out));
+        for_either!(&self.kind, tangent => tangent.add_transposed(z, out));
         Ok(())
     }
 
@@ -498,14 +455,14 @@ impl PyContactTangent {
         let (e, mut moved) = (e.as_slice()?, moved.as_slice()?.to_vec());
         arrays::length("e", e.len(), self.places())?;
         arrays::length("moved", moved.len(), self.places())?;
-        let right = of_tangent!(&self.kind, tangent => tangent.right_side(e, &mut moved));
+        let right = for_either!(&self.kind, tangent => tangent.right_side(e, &mut moved));
         Ok(arrays::from_vec(py, right))
     }
 
     /// Nodes of sliding contacts, and the symmetric part of the spring of each, by rows.
     fn springs<'py>(&self, py: Python<'py>) -> PyResult<(Numbers<'py>, Bound<'py, PyArray2<f64>>)> {
         let (mut nodes, mut values) = (Vec::new(), Vec::<f64>::new());
-        let columns = of_tangent!(&self.kind, tangent => {
+        let columns = for_either!(&self.kind, tangent => {
             for (node, spring) in tangent.springs_of_nodes() {
                 nodes.push(node);
                 values.extend(spring.iter());

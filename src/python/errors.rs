@@ -1,82 +1,88 @@
-//! Converts [`Error`] to exceptions.
+//! Converts [`Error`] to exceptions, which have its kind and its fields as attributes.
 
 use pyo3::exceptions::{
     PyArithmeticError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
 };
 use pyo3::prelude::*;
-use pyo3::types::PyString;
 
 use crate::error::Error;
 use crate::panics::Panicked;
 
+/// Makes the exception of an error: a class for its variants, each with its fields. `kind` is
+/// the name of the variant in lower case, as in `floating_body`.
+macro_rules! exception {
+    ($error:expr, { $($class:expr => [$($variant:ident $({ $($field:ident),* })?),* $(,)?],)* }) => {{
+        let text = $error.to_string();
+        Python::attach(|py| match $error {
+            $($(Error::$variant $({ $($field),* })? => {
+                let made: PyErr = ($class)(py, text);
+                let value = made.value(py);
+                // Only a Python class that refuses attributes makes this fail.
+                drop(value.setattr("kind", lower(stringify!($variant))));
+                $($(drop(value.setattr(stringify!($field), $field));)*)?
+                made
+            })*)*
+        })
+    }};
+}
+
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
-        let text = error.to_string();
-        let motion = of_motion(&error);
-        let cell = match error {
-            Error::FoldedCell { cell } => Some(cell),
-            _ => None,
-        };
-        let made = match error {
-            Error::Shape { .. }
-            | Error::NotFinite { .. }
-            | Error::EntryNotFinite { .. }
-            | Error::IndexRange { .. }
-            | Error::Repeated { .. }
-            | Error::SparseStructure { .. }
-            | Error::Friction { .. }
-            | Error::EllipticFriction { .. }
-            | Error::Setting { .. }
-            | Error::NotHeld { .. }
-            | Error::Range { .. }
-            | Error::ThreadCount { .. }
-            | Error::Megabytes { .. }
-            | Error::Asymmetric { .. }
-            | Error::FactorDropped
-            | Error::UnknownLoads
-            | Error::FewDigits { .. }
-            | Error::Multigrid { .. }
-            | Error::FoldedCell { .. }
-            | Error::Indefinite { .. } => PyValueError::new_err(text),
-            Error::FloatingBody { .. } | Error::DependentMotion { .. } => {
-                ours("FloatingBodyError", text)
-            }
-            Error::NotBalanced { .. } | Error::NotConfirmed { .. } => {
-                ours("NotConvergedError", text)
-            }
-            Error::NotIterative { reason } => {
-                let made = ours("NotIterativeError", text);
-                Python::attach(|py| drop(made.value(py).setattr("reason", reason)));
-                made
-            }
-            Error::ContradictoryContact { .. } => ours("NoEquilibriumError", text),
-            Error::Memory { .. } | Error::MemoryLimit { .. } => PyMemoryError::new_err(text),
-            Error::Threads { .. } => PyOSError::new_err(text),
-            Error::Interrupted => PyKeyboardInterrupt::new_err(text),
-        };
-        if let Some(cell) = cell {
-            // Python adds the name of the body and the place.
-            Python::attach(|py| drop(made.value(py).setattr("cell", cell)));
-        }
-        if let Some((kind, dof)) = motion {
-            // Python adds the name of the body, and what few digits may explain.
-            Python::attach(|py| {
-                drop(made.value(py).setattr("kind", kind));
-                drop(made.value(py).setattr("dof", dof));
-            });
-        }
-        made
+        exception!(error, {
+            |_, text| PyValueError::new_err::<String>(text) => [
+                Shape { what, expected, found },
+                NotFinite { what, index, value },
+                EntryNotFinite { what, row, column, value },
+                IndexRange { what, position, found, limit },
+                Repeated { what, index, first, second },
+                SparseStructure { what, row },
+                Friction { node, mu },
+                EllipticFriction { node, mu, ratio },
+                Setting { what, found, expected },
+                NotHeld { method },
+                Asymmetric { row, column, upper, lower },
+                Indefinite { dof },
+                FewDigits { dof },
+                Range { softest, free },
+                FactorDropped,
+                UnknownLoads,
+                ThreadCount { what, found, most },
+                Megabytes { what, found },
+                Multigrid { reason },
+                FoldedCell { cell },
+            ],
+            |py, text| ours(py, "FloatingBodyError", text) => [
+                FloatingBody { dof },
+                DependentMotion { mode },
+            ],
+            |py, text| ours(py, "NotConvergedError", text) => [
+                NotBalanced { dof, by_row, of_forces },
+                NotConfirmed { contact, off, size },
+            ],
+            |py, text| ours(py, "NoEquilibriumError", text) => [
+                ContradictoryContact { node, penetration },
+            ],
+            |py, text| ours(py, "NotIterativeError", text) => [NotIterative { reason }],
+            |_, text| PyMemoryError::new_err::<String>(text) => [
+                Memory { what, bytes, available },
+                MemoryLimit { what, bytes, limit },
+            ],
+            |_, text| PyOSError::new_err::<String>(text) => [Threads { threads }],
+            |_, text| PyKeyboardInterrupt::new_err::<String>(text) => [Interrupted],
+        })
     }
 }
 
-/// The kind of an error about what can move, and a degree of freedom that moves.
-fn of_motion(error: &Error) -> Option<(&'static str, usize)> {
-    match *error {
-        Error::FloatingBody { dof } => Some(("floating_body", dof)),
-        Error::FewDigits { dof } => Some(("few_digits", dof)),
-        Error::Indefinite { dof } => Some(("indefinite", dof)),
-        _ => None,
+/// `floating_body` of `FloatingBody`.
+fn lower(variant: &str) -> String {
+    let mut name = String::with_capacity(variant.len() + 4);
+    for (at, letter) in variant.char_indices() {
+        if at > 0 && letter.is_ascii_uppercase() {
+            name.push('_');
+        }
+        name.push(letter.to_ascii_lowercase());
     }
+    name
 }
 
 impl From<Panicked> for PyErr {
@@ -86,15 +92,13 @@ impl From<Panicked> for PyErr {
 }
 
 /// An exception of `bipot_rs.contact.errors`. It is a Python class because it carries a result.
-fn ours(name: &str, text: String) -> PyErr {
-    Python::attach(|py| {
-        let made = PyModule::import(py, "bipot_rs.contact.errors")
-            .and_then(|module| module.getattr(PyString::new(py, name)))
-            .and_then(|class| class.call1((text.clone(),)));
-        match made {
-            Ok(exception) => PyErr::from_value(exception),
-            // The package is incomplete: keep the message.
-            Err(_) => PyArithmeticError::new_err(text),
-        }
-    })
+fn ours(py: Python<'_>, name: &str, text: String) -> PyErr {
+    let made = PyModule::import(py, "bipot_rs.contact.errors")
+        .and_then(|module| module.getattr(name))
+        .and_then(|class| class.call1((text.clone(),)));
+    match made {
+        Ok(exception) => PyErr::from_value(exception),
+        // The package is incomplete: keep the message.
+        Err(_) => PyArithmeticError::new_err(text),
+    }
 }

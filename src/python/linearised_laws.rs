@@ -6,72 +6,45 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::law::cone::Status;
 use crate::primal::linearised_laws::LinearisedLaws;
-use crate::primal::tangent::Tangent;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
 use crate::python::contact_variables::{
-    AnyInterface, Changed, Interface, PyContactTangent, PyContactVariables,
+    Changed, Interface, InterfaceVariables, PyContactTangent, PyContactVariables,
 };
+use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::tangent::{factors, laws};
-use crate::reduced::elliptic_scaling::EllipticScaling;
 
-/// The laws of either dimension. Values of laws are flat, component by component.
-trait Laws: Send + Sync {
-    fn dimension(&self) -> usize;
-    fn statuses(&self) -> &[Status];
-    fn tangent(&self) -> PyContactTangent;
-    fn aim(&mut self, s: &mut [f64], g: &[f64]);
-    fn reactions(&self, s: &mut [f64], g: &[f64], moved: (&[f64], &[f64]));
-    fn pulled(&self, rho: &[f64], e: &mut [f64]) -> Vec<f64>;
-    fn multipliers(&self, rho: &mut [f64], e: &[f64], z: &[f64], moved: &mut [f64]);
-}
-
-struct Own<const D: usize> {
+/// Laws, and the interface of their contacts.
+struct InterfaceLaws<const D: usize> {
     laws: LinearisedLaws<D>,
     interface: Arc<Interface<D>>,
 }
 
-impl<const D: usize> Laws for Own<D>
-where
-    PyContactTangent: From<Tangent<D>>,
-{
-    fn dimension(&self) -> usize {
-        D
-    }
-
-    fn statuses(&self) -> &[Status] {
-        &self.laws.statuses
-    }
-
-    fn tangent(&self) -> PyContactTangent {
-        self.laws.tangent.clone().into()
-    }
-
-    fn aim(&mut self, s: &mut [f64], g: &[f64]) {
-        self.laws.aim(s.as_chunks_mut::<D>().0, g);
-    }
-
-    fn reactions(&self, s: &mut [f64], g: &[f64], moved: (&[f64], &[f64])) {
-        let frames = &self.interface.contacts.frames;
-        self.laws
-            .reactions(frames, s.as_chunks_mut::<D>().0, g, moved);
-    }
-
-    fn pulled(&self, rho: &[f64], e: &mut [f64]) -> Vec<f64> {
-        self.laws.pulled(rho.as_chunks::<D>().0, e)
-    }
-
-    fn multipliers(&self, rho: &mut [f64], e: &[f64], z: &[f64], moved: &mut [f64]) {
-        let rho = rho.as_chunks_mut::<D>().0;
-        self.laws.multipliers(rho, e, z, moved);
+impl<const D: usize> InterfaceLaws<D> {
+    /// Nothing if a contact determines nothing.
+    fn new(
+        variables: &InterfaceVariables<D>,
+        closed: &[usize],
+        (by_r, by_v): (&Matrix<'_>, &Matrix<'_>),
+    ) -> PyResult<Option<Self>> {
+        let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
+        let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
+        let (interface, elliptic) = (&variables.interface, variables.elliptic.as_ref());
+        let order: Vec<usize> = (0..interface.contacts.count()).collect();
+        let factor = |i: usize, k: usize| elliptic.map_or(1.0, |s| s.factor(i, k));
+        let laws = laws(closed, &order, (by_r, by_v), factor)?;
+        let laws = LinearisedLaws::new(&interface.contacts, &interface.free, &laws);
+        Ok(laws.map(|laws| Self {
+            laws,
+            interface: Arc::clone(interface),
+        }))
     }
 }
 
 /// The linearised laws of one step in the form of a Newton step.
 #[pyclass(name = "LinearisedLaws", module = "bipot_rs._core")]
 pub(super) struct PyLinearisedLaws {
-    laws: Box<dyn Laws>,
+    kind: Dimension<InterfaceLaws<2>, InterfaceLaws<3>>,
     /// `T` of the contacts of the laws, component by component: `r = T r̃`.
     factors: Vec<f64>,
     places: usize,
@@ -91,49 +64,34 @@ impl PyLinearisedLaws {
         by_r: Matrix<'_>,
         by_v: Matrix<'_>,
     ) -> PyResult<Option<Self>> {
-        fn made<const D: usize>(
-            interface: &Arc<Interface<D>>,
-            elliptic: Option<&EllipticScaling>,
-            (closed, by_r, by_v): (&[usize], &Matrix<'_>, &Matrix<'_>),
-        ) -> PyResult<Option<PyLinearisedLaws>>
-        where
-            PyContactTangent: From<Tangent<D>>,
-        {
-            let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
-            let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
-            let order: Vec<usize> = (0..interface.contacts.count()).collect();
-            let factor = |i: usize, k: usize| elliptic.map_or(1.0, |s| s.factor(i, k));
-            let given = laws(closed, &order, (by_r, by_v), factor)?;
-            let own = LinearisedLaws::new(&interface.contacts, &interface.free, &given);
-            Ok(own.map(|laws| PyLinearisedLaws {
-                laws: Box::new(Own {
-                    laws,
-                    interface: Arc::clone(interface),
-                }),
-                factors: factors::<D>(closed, elliptic),
-                places: interface.free.len(),
-            }))
-        }
         let closed = arrays::indices(&closed, "closed")?;
-        let given = (&closed[..], &by_r, &by_v);
-        let elliptic = variables.elliptic.as_ref();
-        match &variables.kind {
-            AnyInterface::Two(inner) => made(inner, elliptic, given),
-            AnyInterface::Three(inner) => made(inner, elliptic, given),
-        }
+        let (factors, places) = for_either!(&variables.kind, variables => (
+            factors_of(variables, &closed),
+            variables.interface.free.len(),
+        ));
+        let kind = map_either!(&variables.kind, variables => {
+            match InterfaceLaws::new(variables, &closed, (&by_r, &by_v))? {
+                Some(laws) => laws,
+                None => return Ok(None),
+            }
+        });
+        Ok(Some(Self {
+            kind,
+            factors,
+            places,
+        }))
     }
 
     /// The `Status` of each contact, whose preconditioner fits.
     #[getter]
     fn statuses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i8>> {
-        let numbers = self.laws.statuses().iter().map(|&status| status as i8);
-        PyArray1::from_vec(py, numbers.collect())
+        for_either!(&self.kind, inner => arrays::from_status(py, &inner.laws.statuses))
     }
 
     /// The tangent without right sides.
     #[getter]
     fn tangent(&self) -> PyContactTangent {
-        self.laws.tangent()
+        for_either!(&self.kind, inner => inner.laws.tangent.clone().into())
     }
 
     /// The tangent for right sides `s` of the laws and `g` of the places, and `s` multiplied.
@@ -144,11 +102,12 @@ impl PyLinearisedLaws {
         g: Vector<'py>,
     ) -> PyResult<Aimed<'py>> {
         let mut s = self.values("s", &s)?;
-        self.laws.aim(&mut s, self.at_places("g", &g)?);
-        Ok((
-            self.laws.tangent(),
-            arrays::of_contacts(py, s, self.laws.dimension())?,
-        ))
+        let g = self.at_places("g", &g)?;
+        for_either!(&mut self.kind, inner => {
+            let rows = s.as_chunks_mut().0;
+            inner.laws.aim(rows, g);
+            Ok((inner.laws.tangent.clone().into(), arrays::from_rows(py, rows)?))
+        })
     }
 
     /// `dr` of the laws, from their multiplied right sides, `g`, `dy` and `A dy`.
@@ -164,9 +123,12 @@ impl PyLinearisedLaws {
         let dy = self.at_places("dy", &dy)?;
         let moved = self.at_places("moved", &moved)?;
         let g = self.at_places("g", &g)?;
-        self.laws.reactions(&mut s, g, (dy, moved));
-        self.scale(&mut s);
-        arrays::of_contacts(py, s, self.laws.dimension())
+        for_either!(&self.kind, inner => {
+            let frames = &inner.interface.contacts.frames;
+            inner.laws.reactions(frames, s.as_chunks_mut().0, g, (dy, moved));
+            self.scale(&mut s);
+            rows_of_laws(py, inner, &s)
+        })
     }
 
     /// `b` of the places in the transposed system with right sides `rho` of the laws and `e` of
@@ -181,7 +143,8 @@ impl PyLinearisedLaws {
         self.scale(&mut rho);
         let e = e.as_slice_mut()?;
         arrays::length("e", e.len(), self.places)?;
-        Ok(arrays::from_vec(py, self.laws.pulled(&rho, e)))
+        let b = for_either!(&self.kind, inner => inner.laws.pulled(rho.as_chunks().0, e));
+        Ok(arrays::from_vec(py, b))
     }
 
     /// The multipliers of the laws, from `rho`, the right side `e` of the linear system, its
@@ -198,8 +161,10 @@ impl PyLinearisedLaws {
         self.scale(&mut rho);
         let (e, z) = (self.at_places("e", &e)?, self.at_places("z", &z)?);
         let mut moved = self.at_places("moved", &moved)?.to_vec();
-        self.laws.multipliers(&mut rho, e, z, &mut moved);
-        arrays::of_contacts(py, rho, self.laws.dimension())
+        for_either!(&self.kind, inner => {
+            inner.laws.multipliers(rho.as_chunks_mut().0, e, z, &mut moved);
+            rows_of_laws(py, inner, &rho)
+        })
     }
 }
 
@@ -221,4 +186,16 @@ impl PyLinearisedLaws {
             *value *= t;
         }
     }
+}
+
+fn factors_of<const D: usize>(variables: &InterfaceVariables<D>, closed: &[usize]) -> Vec<f64> {
+    factors::<D>(closed, variables.elliptic.as_ref())
+}
+
+fn rows_of_laws<'py, const D: usize>(
+    py: Python<'py>,
+    _: &InterfaceLaws<D>,
+    values: &[f64],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    arrays::from_rows(py, values.as_chunks::<D>().0)
 }

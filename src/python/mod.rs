@@ -9,10 +9,11 @@ mod arrays;
 mod assembly;
 mod bodies;
 mod bound;
+mod condensed_arrays;
 mod contact_path;
 mod contact_values;
 mod contact_variables;
-mod enumeration;
+mod dimension;
 mod errors;
 mod estimate;
 mod heap;
@@ -22,7 +23,11 @@ mod load_path;
 mod primal;
 mod primal_tangent;
 mod problem;
+mod reduced;
+mod reduced_arrays;
+mod solution;
 mod solver;
+mod stats;
 mod tangent;
 
 use pyo3::prelude::*;
@@ -36,15 +41,11 @@ mod _core {
     #[pymodule_export]
     use super::bodies::{PyHolding, connected, dof_directions, resisting_rows, rigid_motions};
     #[pymodule_export]
-    use super::bound::{error_bound_of_step, error_bounds};
+    use super::bound::PyBound;
     #[pymodule_export]
     use super::contact_path::PyContactPath;
     #[pymodule_export]
     use super::contact_variables::{PyContactTangent, PyContactVariables};
-    #[pymodule_export]
-    use super::enumeration::{answers, assess, assess_step};
-    #[pymodule_export]
-    use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
     use super::heap::return_heap;
     #[pymodule_export]
@@ -58,9 +59,15 @@ mod _core {
     #[pymodule_export]
     use super::problem::PyCondensed;
     #[pymodule_export]
-    use super::solver::{PyReduced, is_sparse, isotropic, project, threads};
+    use super::reduced::PyReduced;
     #[pymodule_export]
-    use super::tangent::{PyTangentSystem, PyTangentView, reduced_tangent};
+    use super::solution::{PyLoadStep, PyNewtonStep, PySequence, PySolution};
+    #[pymodule_export]
+    use super::solver::{check_settings, is_sparse, isotropic, project, threads};
+    #[pymodule_export]
+    use super::stats::{PyForecast, PyStats};
+    #[pymodule_export]
+    use super::tangent::{PyTangentSystem, PyTangentView};
 
     /// Two friction coefficients of a contact are within this factor of each other.
     #[pymodule_export]

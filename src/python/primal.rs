@@ -3,38 +3,39 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use numpy::PyArray1;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
 use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::linalg::sparse::rows::Rows;
-use crate::primal::path::{PrimalPath, PrimalStep};
+use crate::primal::path::PrimalPath;
 use crate::primal::problem::Primal;
-use crate::python::arrays::{self, Coefficients, Csr, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Coefficients, Csr, CsrArrays, Indices, Matrix, Vector};
+use crate::python::condensed_arrays::Loads;
+use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
-use crate::python::load_path::{ContactArrays, newton_dict, state_of_contacts};
-use crate::python::problem::CsrArrays;
+use crate::python::load_path::{ContactArrays, state_of_contacts};
+use crate::python::solution::PyNewtonStep;
 use crate::python::solver::settings;
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
 use crate::reduced::memory::Budget;
 use crate::reduced::rotation::Rotation;
+use crate::solver::Settings;
 
+/// A problem in the displacements, in the variables of [`EllipticScaling`].
 #[derive(Clone)]
-pub(super) enum AnyPrimal {
-    Two(Arc<Primal<2>>),
-    Three(Arc<Primal<3>>),
+pub(super) struct PrimalArrays<const D: usize> {
+    pub(super) problem: Arc<Primal<D>>,
+    pub(super) elliptic: Option<EllipticScaling>,
+    pub(super) num_threads: Option<usize>,
 }
 
 /// `K`, `B`, gap and friction, for Newton on the displacements.
-#[pyclass(frozen, from_py_object, name = "Primal", module = "bipot_rs._core")]
-#[derive(Clone)]
+#[pyclass(frozen, name = "Primal", module = "bipot_rs._core")]
 pub(super) struct PyPrimal {
-    /// In the variables of [`EllipticScaling`].
-    pub(super) kind: AnyPrimal,
-    pub(super) elliptic: Option<EllipticScaling>,
-    pub(super) num_threads: Option<usize>,
+    pub(super) kind: Dimension<PrimalArrays<2>, PrimalArrays<3>>,
 }
 
 /// The indices of `K`, in the bits of the caller if that can be.
@@ -57,14 +58,21 @@ struct Arguments<'a> {
 
 impl Arguments<'_> {
     fn make<const D: usize>(
-        self,
-        gap: &[[f64; D]],
-        stop: &AtomicBool,
-    ) -> Result<Arc<Primal<D>>, Error> {
-        match &self.columns {
+        &self,
+        py: Python<'_>,
+        gap: &Matrix<'_>,
+        num_threads: Option<usize>,
+    ) -> PyResult<PrimalArrays<D>> {
+        let gap = arrays::rows(gap)?;
+        let problem = interrupt::run(py, num_threads, |stop| match &self.columns {
             Columns::Narrow(columns) => self.made_of(columns, gap, stop),
             Columns::Wide(columns) => self.made_of(columns, gap, stop),
-        }
+        })?;
+        Ok(PrimalArrays {
+            problem: Arc::new(problem),
+            elliptic: self.elliptic.clone(),
+            num_threads,
+        })
     }
 
     fn made_of<const D: usize, I: Index>(
@@ -72,7 +80,7 @@ impl Arguments<'_> {
         columns: &[I],
         gap: &[[f64; D]],
         stop: &AtomicBool,
-    ) -> Result<Arc<Primal<D>>, Error> {
+    ) -> Result<Primal<D>, Error> {
         let b = &self.contact;
         let n = self.pointer.len().saturating_sub(1);
         let given = ProblemArrays {
@@ -89,7 +97,37 @@ impl Arguments<'_> {
             known: None,
             budget: Budget::default(),
         };
-        Primal::new(&given, self.elliptic.as_ref(), stop).map(Arc::new)
+        Primal::new(&given, self.elliptic.as_ref(), stop)
+    }
+}
+
+impl<const D: usize> PrimalArrays<D> {
+    fn with_mu(&self, mu: &Coefficients<'_>) -> PyResult<Self> {
+        let (mu, elliptic) = mu.friction(D)?;
+        let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
+        let problem = self
+            .problem
+            .with_mu(mu, elliptic.as_ref(), change.as_ref())?;
+        Ok(Self {
+            problem: Arc::new(problem),
+            elliptic,
+            num_threads: self.num_threads,
+        })
+    }
+
+    fn rotated(&self, py: Python<'_>, rotation: &Matrix<'_>) -> PyResult<Option<Self>> {
+        let rotation = Rotation::new(arrays::rows(rotation)?, None);
+        let elliptic = self.elliptic.as_ref();
+        let made = interrupt::run(py, self.num_threads, |_| {
+            match self.problem.rotated(&rotation, elliptic) {
+                Err(Error::NotIterative { .. }) => Ok(None),
+                made => made.map(Some),
+            }
+        })?;
+        Ok(made.map(|problem| Self {
+            problem: Arc::new(problem),
+            ..self.clone()
+        }))
     }
 }
 
@@ -109,7 +147,6 @@ impl PyPrimal {
         num_threads: Option<usize>,
         places: Option<Matrix<'py>>,
     ) -> PyResult<Self> {
-        let plane = gap.as_array().ncols() == 2;
         let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
         let asked = Arguments {
             pointer: arrays::indices(&stiffness.0, "K")?,
@@ -123,152 +160,95 @@ impl PyPrimal {
             contact: CsrArrays::new(&contact, "B", num_threads)?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu,
-            elliptic: elliptic.clone(),
+            elliptic,
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
         };
-        let kind = if plane {
-            let gap = arrays::rows::<2>(&gap)?;
-            AnyPrimal::Two(interrupt::run(py, num_threads, |stop| {
-                asked.make(gap, stop)
-            })?)
-        } else {
-            let gap = arrays::rows::<3>(&gap)?;
-            AnyPrimal::Three(interrupt::run(py, num_threads, |stop| {
-                asked.make(gap, stop)
-            })?)
-        };
-        Ok(Self {
-            kind,
-            elliptic,
-            num_threads,
-        })
+        let kind = map_either!(Dimension::of(gap.as_array().ncols()), () => {
+            asked.make(py, &gap, num_threads)?
+        });
+        Ok(Self { kind })
     }
 
     /// The same bodies and contacts with other friction coefficients.
     fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
-        let (mu, elliptic) = match &self.kind {
-            AnyPrimal::Two(_) => mu.friction(2)?,
-            AnyPrimal::Three(_) => mu.friction(3)?,
-        };
-        let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
-        let change = change.as_ref();
-        let kind = match &self.kind {
-            AnyPrimal::Two(inner) => {
-                AnyPrimal::Two(Arc::new(inner.with_mu(mu, elliptic.as_ref(), change)?))
-            }
-            AnyPrimal::Three(inner) => {
-                AnyPrimal::Three(Arc::new(inner.with_mu(mu, elliptic.as_ref(), change)?))
-            }
-        };
-        Ok(Self {
-            kind,
-            elliptic,
-            num_threads: self.num_threads,
-        })
+        let kind = map_either!(&self.kind, problem => problem.with_mu(&mu)?);
+        Ok(Self { kind })
     }
 
     /// The same bodies and contacts with `Q B` and `Q g`; `rotation` has the rows of all `Q`.
     /// `None` if supports are oblique to the new frames.
     fn rotated(&self, py: Python<'_>, rotation: Matrix<'_>) -> PyResult<Option<Self>> {
-        fn of<const D: usize>(
-            inner: &Primal<D>,
-            rotation: &[[f64; D]],
-            elliptic: Option<&EllipticScaling>,
-        ) -> Result<Option<Arc<Primal<D>>>, Error> {
-            match inner.rotated(&Rotation::new(rotation, None), elliptic) {
-                Ok(made) => Ok(Some(Arc::new(made))),
-                Err(Error::NotIterative { .. }) => Ok(None),
-                Err(other) => Err(other),
-            }
-        }
-        let elliptic = self.elliptic.as_ref();
-        let kind = match &self.kind {
-            AnyPrimal::Two(inner) => {
-                let rows = arrays::rows(&rotation)?;
-                interrupt::run(py, self.num_threads, |_| of(inner, rows, elliptic))?
-                    .map(AnyPrimal::Two)
-            }
-            AnyPrimal::Three(inner) => {
-                let rows = arrays::rows(&rotation)?;
-                interrupt::run(py, self.num_threads, |_| of(inner, rows, elliptic))?
-                    .map(AnyPrimal::Three)
-            }
-        };
-        Ok(kind.map(|kind| Self {
-            kind,
-            elliptic: self.elliptic.clone(),
-            num_threads: self.num_threads,
-        }))
+        let kind = map_either!(&self.kind, problem => match problem.rotated(py, &rotation)? {
+            Some(problem) => problem,
+            None => return Ok(None),
+        });
+        Ok(Some(Self { kind }))
     }
 
-    /// Counts of the problem.
+    /// Bytes of `K` in blocks, and a forecast of the bytes of all else.
     #[getter]
-    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (bytes, forecast) = match &self.kind {
-            AnyPrimal::Two(inner) => inner.bytes(),
-            AnyPrimal::Three(inner) => inner.bytes(),
-        };
-        let dict = PyDict::new(py);
-        dict.set_item("bytes_stiffness", bytes)?;
-        dict.set_item("bytes_forecast", forecast)?;
-        Ok(dict)
+    fn bytes(&self) -> (usize, usize) {
+        for_either!(&self.kind, problem => problem.problem.bytes())
     }
 }
 
-enum AnyPath {
-    Two(PrimalPath<2>),
-    Three(PrimalPath<3>),
+/// A step, and the displacements at its end.
+type Solved<'py> = (PyNewtonStep, Bound<'py, PyArray1<f64>>);
+
+/// A path and its problem.
+struct Progress<const D: usize> {
+    problem: PrimalArrays<D>,
+    path: PrimalPath<D>,
+}
+
+impl<const D: usize> Progress<D> {
+    fn new(
+        problem: &PrimalArrays<D>,
+        start: Option<&ContactArrays<'_>>,
+        displacement: Option<&Vector<'_>>,
+    ) -> PyResult<Self> {
+        let mut path = PrimalPath::default();
+        if let Some((reaction, displaced, status)) = start {
+            let (contacts, elliptic) = (&problem.problem.contacts, problem.elliptic.as_ref());
+            let arrays = (reaction, displaced, status);
+            let state = state_of_contacts(contacts.count(), elliptic, arrays)?;
+            let u = displacement.map_or(Ok(&[][..]), |u| u.as_slice())?;
+            if !u.is_empty() {
+                let order = problem.problem.order();
+                arrays::length("displacement of start", u.len(), order)?;
+            }
+            path = PrimalPath::new(Some(state), u.to_vec());
+        }
+        let problem = problem.clone();
+        Ok(Self { problem, path })
+    }
+
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        (load, prescribed): Loads<'_>,
+        gap: Option<&Matrix<'_>>,
+        settings: &Settings,
+    ) -> PyResult<Solved<'py>> {
+        let elliptic = self.problem.elliptic.as_ref();
+        let gap = gap.map(arrays::rows).transpose()?;
+        let gap = gap.map(|gap| times(elliptic, gap).into_owned());
+        let (path, problem) = (&mut self.path, &self.problem.problem);
+        let made = interrupt::run(py, self.problem.num_threads, |stop| {
+            let moved = gap.map(|gap| problem.with_gap(gap)).transpose()?;
+            let problem = moved.as_ref().unwrap_or(problem);
+            path.advance(problem, load, prescribed, settings, stop)
+        })?;
+        let work = (made.newton, made.krylov, made.bytes);
+        let step = PyNewtonStep::new(py, &made.step, work, (made.reason, made.errors), elliptic)?;
+        Ok((step, arrays::from_vec(py, made.displacement)))
+    }
 }
 
 /// A load path in the displacements. Without a state it starts from the unloaded bodies.
 #[pyclass(name = "PrimalPath", module = "bipot_rs._core")]
 pub(super) struct PyPrimalPath {
-    problem: PyPrimal,
-    path: AnyPath,
-}
-
-fn begin<const D: usize>(
-    problem: &Primal<D>,
-    elliptic: Option<&EllipticScaling>,
-    start: Option<&ContactArrays<'_>>,
-    displacement: Option<&Vector<'_>>,
-) -> PyResult<PrimalPath<D>> {
-    let Some((reaction, displaced, status)) = start else {
-        return Ok(PrimalPath::default());
-    };
-    let arrays = (reaction, displaced, status);
-    let state = state_of_contacts(problem.contacts.count(), elliptic, arrays)?;
-    let u = displacement.map_or(Ok(&[][..]), |u| u.as_slice())?;
-    if !u.is_empty() {
-        arrays::length("displacement of start", u.len(), problem.order())?;
-    }
-    Ok(PrimalPath::new(Some(state), u.to_vec()))
-}
-
-fn advance<const D: usize>(
-    path: &mut PrimalPath<D>,
-    problem: &Primal<D>,
-    gap: Option<Vec<[f64; D]>>,
-    (load, prescribed): (&[f64], &[f64]),
-    settings: &crate::solver::Settings,
-    stop: &AtomicBool,
-) -> Result<PrimalStep<D>, Error> {
-    match gap {
-        None => path.advance(problem, load, prescribed, settings, stop),
-        Some(gap) => path.advance(&problem.with_gap(gap)?, load, prescribed, settings, stop),
-    }
-}
-
-fn step_dict<'py, const D: usize>(
-    py: Python<'py>,
-    made: PrimalStep<D>,
-    elliptic: Option<&EllipticScaling>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let work = (made.newton, made.krylov);
-    let dict = newton_dict(py, &made.step, work, (made.reason, made.errors), elliptic)?;
-    dict.set_item("displacement", arrays::from_vec(py, made.displacement))?;
-    dict.set_item("bytes_multigrid", made.bytes)?;
-    Ok(dict)
+    progress: Dimension<Progress<2>, Progress<3>>,
 }
 
 #[pymethods]
@@ -276,17 +256,14 @@ impl PyPrimalPath {
     #[new]
     #[pyo3(signature = (problem, start=None, displacement=None))]
     fn new(
-        problem: PyPrimal,
+        problem: &PyPrimal,
         start: Option<ContactArrays<'_>>,
         displacement: Option<Vector<'_>>,
     ) -> PyResult<Self> {
-        let (start, displacement) = (start.as_ref(), displacement.as_ref());
-        let elliptic = problem.elliptic.as_ref();
-        let path = match &problem.kind {
-            AnyPrimal::Two(inner) => AnyPath::Two(begin(inner, elliptic, start, displacement)?),
-            AnyPrimal::Three(inner) => AnyPath::Three(begin(inner, elliptic, start, displacement)?),
-        };
-        Ok(Self { problem, path })
+        let progress = map_either!(&problem.kind, problem => {
+            Progress::new(problem, start.as_ref(), displacement.as_ref())?
+        });
+        Ok(Self { progress })
     }
 
     /// A step to the total loads, with the gaps of the problem unless others are given. The
@@ -306,34 +283,9 @@ impl PyPrimalPath {
         tol: f64,
         max_iterations: Option<usize>,
         max_seconds: Option<f64>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> PyResult<Solved<'py>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let loads = (load.as_slice()?, prescribed.as_slice()?);
-        let elliptic = self.problem.elliptic.as_ref();
-        let threads = self.problem.num_threads;
-        match (&mut self.path, &self.problem.kind) {
-            (AnyPath::Two(path), AnyPrimal::Two(inner)) => {
-                let gap = gap.as_ref().map(arrays::rows).transpose()?;
-                let gap = gap.map(|gap| times(elliptic, gap).into_owned());
-                let made = interrupt::run(py, threads, |stop| {
-                    advance(path, inner, gap, loads, &settings, stop)
-                })?;
-                step_dict(py, made, elliptic)
-            }
-            (AnyPath::Three(path), AnyPrimal::Three(inner)) => {
-                let gap = gap.as_ref().map(arrays::rows).transpose()?;
-                let gap = gap.map(|gap| times(elliptic, gap).into_owned());
-                let made = interrupt::run(py, threads, |stop| {
-                    advance(path, inner, gap, loads, &settings, stop)
-                })?;
-                step_dict(py, made, elliptic)
-            }
-            _ => Err(Error::Shape {
-                what: "the dimension of the path",
-                expected: 2,
-                found: 3,
-            }
-            .into()),
-        }
+        for_either!(&mut self.progress, path => path.step(py, loads, gap.as_ref(), &settings))
     }
 }

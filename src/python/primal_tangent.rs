@@ -1,35 +1,24 @@
 //! Derivatives of the steps of a load path in the displacements.
 
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::linalg::amg::following::Following;
 use crate::primal::linearised::LinearisedStep;
-use crate::primal::problem::Primal;
-use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::arrays::{self, CsrOutput, Indices, Matrix, Vector};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
+use crate::python::dimension::{Dimension, for_either};
 use crate::python::interrupt;
-use crate::python::primal::{AnyPrimal, PyPrimal};
-use crate::python::problem::CsrOutput;
+use crate::python::primal::{PrimalArrays, PyPrimal};
 use crate::python::tangent::{Free, laws};
 
-/// Calls one generic expression for both dimensions.
-macro_rules! either {
-    ($kind:expr, $inner:ident => $body:expr) => {
-        match $kind {
-            AnyPrimal::Two($inner) => $body,
-            AnyPrimal::Three($inner) => $body,
-        }
-    };
-}
-
-/// LinearisedStep steps in the displacements, whose unknowns take the place of rigid motions.
+/// Linearised steps in the displacements, whose unknowns take the place of rigid motions.
 #[pyclass(frozen, name = "PrimalTangent", module = "bipot_rs._core")]
 pub(super) struct PyPrimalTangent {
-    problem: PyPrimal,
+    kind: Dimension<PrimalArrays<2>, PrimalArrays<3>>,
     /// `T` of all contacts, component by component.
     factors: Vec<f64>,
     /// The hierarchy of the last linear system.
@@ -42,11 +31,12 @@ type Given<'a, 'py> = (&'a [usize], &'a Matrix<'py>, &'a Matrix<'py>, &'a [f64])
 #[pymethods]
 impl PyPrimalTangent {
     #[new]
-    fn new(problem: PyPrimal) -> Self {
-        let elliptic = problem.elliptic.as_ref();
-        let factors = either!(&problem.kind, inner => all_factors(&inner.contacts, elliptic));
+    fn new(problem: &PyPrimal) -> Self {
+        let factors = for_either!(&problem.kind, problem => {
+            all_factors(&problem.problem.contacts, problem.elliptic.as_ref())
+        });
         Self {
-            problem,
+            kind: problem.kind.clone(),
             factors,
             hierarchy: Mutex::new(None),
         }
@@ -55,8 +45,8 @@ impl PyPrimalTangent {
     /// Estimate of the diagonal of `W`, `(n_c, d)`; zero at components without an unknown.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let own = either!(&self.problem.kind, inner => {
-            diagonal(&inner.contacts, &self.factors)
+        let own = for_either!(&self.kind, inner => {
+            diagonal(&inner.problem.contacts, &self.factors)
         });
         self.square(py, own)
     }
@@ -64,17 +54,13 @@ impl PyPrimalTangent {
     /// Number of unknowns.
     #[getter]
     fn order(&self) -> usize {
-        either!(&self.problem.kind, inner => inner.order())
+        for_either!(&self.kind, inner => inner.problem.order())
     }
 
     /// `K`, by rows, without the entries between prescribed degrees of freedom.
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
-        let whole = either!(&self.problem.kind, inner => inner.stiffness_by_rows());
-        Ok((
-            arrays::from_indices(py, whole.pointer)?,
-            arrays::from_indices(py, whole.index)?,
-            arrays::from_vec(py, whole.values),
-        ))
+        let matrix = for_either!(&self.kind, inner => inner.problem.stiffness_by_rows());
+        arrays::from_csr(py, matrix)
     }
 
     /// The relative displacements of prescribed ones, and the forces on the unknowns.
@@ -85,9 +71,9 @@ impl PyPrimalTangent {
         prescribed: Vector<'py>,
     ) -> PyResult<Free<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let (q, e) = either!(&self.problem.kind, inner => {
-            let e = inner.force(load, prescribed)?;
-            (offsets(&inner.contacts, &self.factors, prescribed), e)
+        let (q, e) = for_either!(&self.kind, inner => {
+            let e = inner.problem.force(load, prescribed)?;
+            (offsets(&inner.problem.contacts, &self.factors, prescribed), e)
         });
         let q = self.square(py, q)?;
         Ok((q, arrays::from_vec(py, e)))
@@ -97,14 +83,14 @@ impl PyPrimalTangent {
     fn moved<'py>(&self, py: Python<'py>, y: Vector<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let y = y.as_slice()?;
         arrays::length("y", y.len(), self.order())?;
-        let v = either!(&self.problem.kind, inner => moved(&inner.contacts, &self.factors, y));
+        let v = for_either!(&self.kind, inner => moved(&inner.problem.contacts, &self.factors, y));
         self.square(py, v)
     }
 
     /// `Rᵀ v` of relative displacements.
     fn work<'py>(&self, py: Python<'py>, v: Matrix<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let y = either!(&self.problem.kind, inner => {
-            work(&inner.contacts, &self.factors, &v, inner.order())?
+        let y = for_either!(&self.kind, inner => {
+            work(&inner.problem.contacts, &self.factors, &v, inner.problem.order())?
         });
         Ok(arrays::from_vec(py, y))
     }
@@ -118,7 +104,7 @@ impl PyPrimalTangent {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let (y, prescribed) = (y.as_slice()?, prescribed.as_slice()?);
         arrays::length("y", y.len(), self.order())?;
-        let u = either!(&self.problem.kind, inner => inner.displacement(y, prescribed));
+        let u = for_either!(&self.kind, inner => inner.problem.displacement(y, prescribed));
         Ok(arrays::from_vec(py, u))
     }
 
@@ -135,7 +121,7 @@ impl PyPrimalTangent {
     ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
         let closed = arrays::indices(&closed, "closed")?;
         let given = (&closed[..], &by_r, &by_v, right.as_slice()?);
-        let found = either!(&self.problem.kind, inner => {
+        let found = for_either!(&self.kind, inner => {
             self.solved(py, inner, given, transposed)?
         });
         Ok(found.map(|x| arrays::from_vec(py, x)))
@@ -148,17 +134,18 @@ impl PyPrimalTangent {
         py: Python<'py>,
         values: Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let d = either!(&self.problem.kind, inner => dimension(inner));
+        let d = for_either!(&self.kind, inner => dimension(inner));
         arrays::of_contacts(py, values, d)
     }
 
     fn solved<const D: usize>(
         &self,
         py: Python<'_>,
-        problem: &Arc<Primal<D>>,
+        arrays: &PrimalArrays<D>,
         (closed, by_r, by_v, right): Given<'_, '_>,
         transposed: bool,
     ) -> PyResult<Option<Vec<f64>>> {
+        let problem = &arrays.problem;
         let m = D * closed.len();
         arrays::length("right", right.len(), m + problem.order())?;
         let by_r = arrays::rows_of::<D>("by_r", by_r, m)?;
@@ -196,10 +183,10 @@ impl PyPrimalTangent {
             all.extend(rest);
             Ok(reached.then_some(all))
         };
-        interrupt::run(py, self.problem.num_threads, run)
+        interrupt::run(py, arrays.num_threads, run)
     }
 }
 
-const fn dimension<const D: usize>(_: &Arc<Primal<D>>) -> usize {
+const fn dimension<const D: usize>(_: &PrimalArrays<D>) -> usize {
     D
 }

@@ -9,33 +9,20 @@ use crate::error::Error;
 use crate::linalg::small::Block;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::python::condensed_arrays::CondensedArrays;
+use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
-use crate::python::problem::{AnyProblem, PyCondensed};
-use crate::python::solver::{AnyReduced, PyReduced};
+use crate::python::problem::PyCondensed;
+use crate::python::reduced_arrays::ReducedArrays;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::solver::derivatives::tangent_stiffness_form::TangentStiffnessForm;
 use crate::solver::derivatives::tangent_system::{ClosedLaw, FactoredTangent, TangentSystem};
 
-enum AnyView {
-    Two(View<2>),
-    Three(View<3>),
-}
-
-/// Calls one generic expression for both dimensions.
-macro_rules! either {
-    ($kind:expr, $inner:ident => $body:expr) => {
-        match $kind {
-            AnyView::Two($inner) => $body,
-            AnyView::Three($inner) => $body,
-        }
-    };
-}
-
 /// The contacts of a problem that close in a load path, for its derivatives.
 #[pyclass(frozen, name = "TangentView", module = "bipot_rs._core")]
 pub(super) struct PyTangentView {
-    kind: AnyView,
+    kind: Dimension<View<2>, View<3>>,
     /// `T` of the members, component by component.
     factors: Vec<f64>,
     num_threads: Option<usize>,
@@ -50,75 +37,64 @@ impl PyTangentView {
     #[new]
     fn new(py: Python<'_>, problem: &PyCondensed, contacts: Indices<'_>) -> PyResult<Self> {
         let contacts = arrays::indices(&contacts, "contacts")?;
-        let threads = problem.num_threads;
-        let count = match &problem.kind {
-            AnyProblem::Two(inner) => inner.contacts(),
-            AnyProblem::Three(inner) => inner.contacts(),
-        };
-        if let Some(&contact) = contacts.iter().find(|&&contact| contact >= count) {
-            let error = Error::Shape {
-                what: "contacts",
-                expected: count,
-                found: contact,
-            };
-            return Err(error.into());
+        fn close<const D: usize>(
+            py: Python<'_>,
+            problem: &CondensedArrays<D>,
+            contacts: Vec<usize>,
+        ) -> PyResult<View<D>> {
+            let count = problem.contacts();
+            if let Some(&contact) = contacts.iter().find(|&&contact| contact >= count) {
+                let error = Error::Shape {
+                    what: "contacts",
+                    expected: count,
+                    found: contact,
+                };
+                return Err(error.into());
+            }
+            let mut view = problem.run(py, |stop| {
+                working_set::with(&problem.problem, contacts.into_iter(), stop)
+            })?;
+            // Derivatives have no gaps.
+            view.problem = view.problem.with_gap(vec![[0.0; D]; view.members.len()]);
+            Ok(view)
         }
-        let kind = match &problem.kind {
-            AnyProblem::Two(inner) => AnyView::Two(interrupt::run(py, threads, |stop| {
-                working_set::with(inner, contacts.into_iter(), stop)
-            })?),
-            AnyProblem::Three(inner) => AnyView::Three(interrupt::run(py, threads, |stop| {
-                working_set::with(inner, contacts.into_iter(), stop)
-            })?),
-        };
-        let (kind, factors) = match kind {
-            AnyView::Two(view) => {
-                let factors = factors::<2>(&view.members, problem.elliptic.as_ref());
-                (AnyView::Two(without_gaps(view)), factors)
-            }
-            AnyView::Three(view) => {
-                let factors = factors::<3>(&view.members, problem.elliptic.as_ref());
-                (AnyView::Three(without_gaps(view)), factors)
-            }
-        };
+        let (elliptic, num_threads) = for_either!(&problem.kind, problem => {
+            (problem.elliptic.as_ref(), problem.num_threads)
+        });
+        let kind = map_either!(&problem.kind, problem => close(py, problem, contacts)?);
         Ok(Self {
+            factors: for_either!(&kind, view => factors_of(view, elliptic)),
             kind,
-            factors,
-            num_threads: threads,
+            num_threads,
         })
     }
 
     /// Numbers of the contacts that `W` is known of, ascending.
     #[getter]
     fn members<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        arrays::from_indices(py, either!(&self.kind, view => view.members.clone()))
+        arrays::from_indices(py, for_either!(&self.kind, view => view.members.clone()))
     }
 
     /// The diagonal of `W` of the members.
     #[getter]
     fn diagonal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        fn of<const D: usize>(view: &View<D>) -> Vec<f64> {
+        fn of<const D: usize>(view: &View<D>) -> (Vec<f64>, usize) {
             let compliance = view.problem.compliance();
             let blocks: Vec<[f64; D]> = (0..compliance.contacts())
                 .map(|i| compliance.block(i).diagonal().into())
                 .collect();
-            compliance.scatter(&blocks).as_flattened().to_vec()
+            (compliance.scatter(&blocks).as_flattened().to_vec(), D)
         }
-        let (diagonal, d) = match &self.kind {
-            AnyView::Two(view) => (of(view), 2),
-            AnyView::Three(view) => (of(view), 3),
-        };
+        let (diagonal, d) = for_either!(&self.kind, view => of(view));
         // W = T⁻¹ W̃ T⁻¹.
         let own = diagonal.iter().zip(&self.factors);
-        let own: Vec<f64> = own.map(|(w, t)| w / (t * t)).collect();
-        let rows = own.len() / d;
-        arrays::square(py, own, rows, d)
+        arrays::of_contacts(py, own.map(|(w, t)| w / (t * t)).collect(), d)
     }
 
     /// Each rigid motion at the members, as a row.
     #[getter]
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let modes = either!(&self.kind, view => {
+        let modes = for_either!(&self.kind, view => {
             let modes = view.problem.modes();
             modes.iter().map(|mode| mode.as_flattened().to_vec()).collect::<Vec<_>>()
         });
@@ -134,15 +110,14 @@ impl PyTangentView {
         prescribed: Vector<'py>,
     ) -> PyResult<Free<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let (q, e, d) = either!(&self.kind, view => {
+        let (q, e, d) = for_either!(&self.kind, view => {
             let part = interrupt::run(py, self.num_threads, |_| {
                 view.problem.free_part(load, prescribed)
             })?;
             let q = over(part.q.as_flattened(), &self.factors);
             (q, part.rigid.load, part.q.first().map_or(2, |v| v.len()))
         });
-        let rows = q.len() / d;
-        Ok((arrays::square(py, q, rows, d)?, arrays::from_vec(py, e)))
+        Ok((arrays::of_contacts(py, q, d)?, arrays::from_vec(py, e)))
     }
 
     /// `W r + R a` of the members.
@@ -175,9 +150,8 @@ impl PyTangentView {
             Ok((over(v.as_flattened(), factors), D))
         }
         let rigid = rigid.as_slice()?;
-        let (v, d) = either!(&self.kind, view => of(view, &self.factors, &reaction, rigid)?);
-        let rows = v.len() / d;
-        arrays::square(py, v, rows, d)
+        let (v, d) = for_either!(&self.kind, view => of(view, &self.factors, &reaction, rigid)?);
+        arrays::of_contacts(py, v, d)
     }
 
     /// `u` of loads, prescribed displacements, reactions of the members and rigid motions.
@@ -213,7 +187,7 @@ impl PyTangentView {
             })?;
             Ok((all.concat(), problem.bodies().order()))
         }
-        let (u, n) = either!(&self.kind, inner => of(py, self, inner, &states)?);
+        let (u, n) = for_either!(&self.kind, inner => of(py, self, inner, &states)?);
         arrays::square(py, u, states.len(), n)
     }
 
@@ -232,14 +206,14 @@ impl PyTangentView {
             factors: &[f64],
             (closed, by_r, by_v): (&[usize], &Matrix<'_>, &Matrix<'_>),
             threads: Option<usize>,
-        ) -> PyResult<Option<Box<dyn FactoredTangent>>> {
+        ) -> PyResult<(Option<Box<dyn FactoredTangent>>, usize)> {
             let compliance = view.problem.compliance();
             let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
             let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
             let factor = |i: usize, k: usize| factors[D * i + k];
             let laws = laws(closed, compliance.order(), (by_r, by_v), factor)?;
             let modes = view.problem.modes();
-            interrupt::run(py, threads, |stop| {
+            let system = interrupt::run(py, threads, |stop| {
                 let contacts = view.members.len();
                 let load = vec![0.0; modes.len()];
                 let (q, mu) = (vec![[0.0; D]; contacts], vec![0.0; contacts]);
@@ -253,51 +227,37 @@ impl PyTangentView {
                     }
                 }
                 boxed(TangentSystem::new(&problem, &laws, stop))
-            })
+            })?;
+            Ok((system, D))
         }
         let closed = arrays::indices(&closed, "closed")?;
         let given = (&closed[..], &by_r, &by_v);
-        let threads = self.num_threads;
-        let (made, d) = match &self.kind {
-            AnyView::Two(view) => (of(py, view, &self.factors, given, threads)?, 2),
-            AnyView::Three(view) => (of(py, view, &self.factors, given, threads)?, 3),
-        };
+        let (system, d) = for_either!(&self.kind, view => {
+            of(py, view, &self.factors, given, self.num_threads)?
+        });
         let at = |&i: &usize| &self.factors[d * i..d * (i + 1)];
         let factors = closed.iter().flat_map(at).copied().collect();
-        Ok(made.map(|system| PyTangentSystem { system, factors }))
+        Ok(system.map(|system| PyTangentSystem { system, factors }))
     }
 }
 
 /// The system of some contacts of a reduced problem; nothing if it is singular.
-#[pyfunction]
-pub(super) fn reduced_tangent(
+pub(super) fn of_reduced<const D: usize>(
+    problem: &ReducedArrays<D>,
     py: Python<'_>,
-    problem: &PyReduced,
-    closed: Indices<'_>,
-    by_r: Matrix<'_>,
-    by_v: Matrix<'_>,
+    closed: &[usize],
+    (by_r, by_v): (&Matrix<'_>, &Matrix<'_>),
 ) -> PyResult<Option<PyTangentSystem>> {
-    let closed = arrays::indices(&closed, "closed")?;
-    macro_rules! of {
-        ($owned:expr, $d:literal) => {{
-            let factor =
-                |i: usize, k: usize| $owned.elliptic.as_ref().map_or(1.0, |s| s.factor(i, k));
-            let by_r = arrays::rows_of::<$d>("by_r", &by_r, $d * closed.len())?;
-            let by_v = arrays::rows_of::<$d>("by_v", &by_v, $d * closed.len())?;
-            let made = $owned.run(py, None, None, |problem, stop, _| {
-                let order = problem.compliance.order();
-                let given = laws(&closed, order, (by_r, by_v), factor)?;
-                boxed(TangentSystem::new(problem, &given, stop))
-            })?;
-            let components = |&i: &usize| (0..$d).map(move |k| factor(i, k));
-            (made, closed.iter().flat_map(components).collect())
-        }};
-    }
-    let (made, factors) = match &problem.kind {
-        AnyReduced::Two(owned) => of!(owned, 2),
-        AnyReduced::Three(owned) => of!(owned, 3),
-    };
-    Ok(made.map(|system| PyTangentSystem { system, factors }))
+    let elliptic = problem.elliptic.as_ref();
+    let factor = |i: usize, k: usize| elliptic.map_or(1.0, |s| s.factor(i, k));
+    let by_r = arrays::rows_of::<D>("by_r", by_r, D * closed.len())?;
+    let by_v = arrays::rows_of::<D>("by_v", by_v, D * closed.len())?;
+    let system = problem.run(py, None, None, |problem, stop, _| {
+        let laws = laws(closed, problem.compliance.order(), (by_r, by_v), factor)?;
+        boxed(TangentSystem::new(problem, &laws, stop))
+    })?;
+    let factors = factors::<D>(closed, elliptic);
+    Ok(system.map(|system| PyTangentSystem { system, factors }))
 }
 
 /// The factored system of one step.
@@ -377,9 +337,8 @@ pub(super) fn factors<const D: usize>(
     members.iter().flat_map(of).collect()
 }
 
-fn without_gaps<const D: usize>(mut view: View<D>) -> View<D> {
-    view.problem = view.problem.with_gap(vec![[0.0; D]; view.members.len()]);
-    view
+fn factors_of<const D: usize>(view: &View<D>, elliptic: Option<&EllipticScaling>) -> Vec<f64> {
+    factors::<D>(&view.members, elliptic)
 }
 
 pub(super) fn over(values: &[f64], factors: &[f64]) -> Vec<f64> {

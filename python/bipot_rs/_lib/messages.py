@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping
 
 
@@ -84,19 +83,6 @@ def instead(word: str, known: Collection[str], hint: str = "") -> str:
     if known:
         return f", expected one of {', '.join(known)}{meant(word, known)}"
     return f": {hint}" if hint else ""
-
-
-def later(message: str, steps: int, of: str = "") -> str:
-    """Renumber the load step in a message of a resumed path: add the earlier steps.
-
-    >>> later("load step 2: not converged", 3, " of 9")
-    'load step 5 of 9: not converged'
-    """
-
-    def renumbered(found: re.Match[str]) -> str:
-        return f"load step {int(found[1]) + steps}{of}: "
-
-    return re.sub(r"^load step (\d+): ", renumbered, message)
 
 
 def body_of(dof: int, bodies: Mapping[str, int] | None) -> str:

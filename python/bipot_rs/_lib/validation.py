@@ -511,13 +511,20 @@ def settings(
     max_seconds: float | None,
     maxiter: int | None = None,
 ) -> Settings:
-    """Check the types of the settings; the core checks their ranges."""
+    """Check the settings of a solve."""
     if not isinstance(method, str):
         raise TypeError(f"method is {shown(method)}, expected a name")
+    if method not in _core.METHODS:
+        names = ", ".join(map(repr, _core.METHODS))
+        raise ValueError(
+            f"method is {method!r}, expected one of {names}{meant(method, _core.METHODS)}"
+        )
     limit = iteration_limit(max_iterations, maxiter)
     limit = None if limit is None else positive("max_iterations", limit)
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
-    return Settings(method, number("tol", tol), limit, seconds)
+    checked = Settings(method, number("tol", tol), limit, seconds)
+    _core.check_settings(*checked)
+    return checked
 
 
 def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | None:

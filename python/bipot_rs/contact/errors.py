@@ -1,13 +1,20 @@
-"""Errors of solves. Wrong arguments raise ``ValueError`` or ``TypeError`` instead."""
+"""Errors of solves. Wrong arguments raise ``ValueError`` or ``TypeError`` instead.
+
+Errors of the core, of any class, have a ``kind`` (the name of a variant of `src/error.rs`,
+``"floating_body"``) and the fields of that variant as attributes.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from copy import copy
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bipot_rs._lib.types import Floats
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.result import Result
+
+E = TypeVar("E", bound=Exception)
 
 
 class BipotError(Exception):
@@ -22,13 +29,21 @@ class BipotError(Exception):
         so that the largest has length 1, or ``None``. For a `NoEquilibriumError` it is a
         proof. For a `NotConvergedError` it is the direction in which the iteration
         diverged, which proves nothing.
+    kind
+        What is wrong, in a word of the core (``"floating_body"``), or ``""``.
     dof
         A degree of freedom of the body that can move freely, or ``None``.
+    step
+        Number of the load step that failed, from 1, or ``None``.
+    reason
+        The message without the load step.
     wear
         A `Wear` with the cycles before, if `ContactProblem.wear` failed; else ``None``.
     """
 
+    kind: str = ""
     dof: int | None = None
+    step: int | None = None
     wear: Any = None
 
     def __init__(
@@ -38,12 +53,21 @@ class BipotError(Exception):
         direction: Floats | None = None,
     ) -> None:
         super().__init__(message)
+        self.reason = message
         self.result = result
         self.direction = direction
 
-    def __reduce__(self) -> tuple[object, ...]:
-        known = (*self.args, self.result, self.direction)
-        return type(self), known, {"dof": self.dof, "wear": self.wear}
+    def at_step(self, step: int, count: int | None = None) -> str:
+        """Set the number of the load step, of ``count``, and make the message anew.
+
+        Returns
+        -------
+        The message, ``"load step 2 of 9: not converged ..."``.
+        """
+        of = "" if count is None else f" of {count}"
+        self.step = step
+        self.args = (f"load step {step}{of}: {self.reason}",)
+        return str(self)
 
 
 class NoEquilibriumError(BipotError):
@@ -82,3 +106,12 @@ class NotIterativeError(ValueError):
     """
 
     reason = ""
+
+
+def with_message(error: E, message: str) -> E:
+    """A copy of an error, with its fields and another message."""
+    made = copy(error)
+    made.args = (message,)
+    if isinstance(made, BipotError):
+        made.reason = message
+    return made

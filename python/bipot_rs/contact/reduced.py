@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
-from bipot_rs._lib.messages import counted, meant, size
+from bipot_rs._lib.messages import counted, size
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
@@ -31,7 +31,7 @@ from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
-from bipot_rs.contact.results.core_answer import find_opening, read_solution_fields
+from bipot_rs.contact.results.core_answer import find_opening, make_solution
 from bipot_rs.contact.results.error_bound import ErrorBound, read_error_bound
 from bipot_rs.contact.results.solution import Solution
 
@@ -207,8 +207,8 @@ class ReducedProblem:
             )
         rigid = np.zeros(self._motions)
         rows = found.reshape(-1, self.q.shape[1])
-        raw = _core.error_bounds(self._core, rows, len(found), rigid)
-        return [read_error_bound(bound) for bound in raw]
+        bounds = self._core.error_bounds(rows, len(found), rigid)
+        return [read_error_bound(bound) for bound in bounds]
 
     def solve(
         self,
@@ -257,8 +257,8 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = threads(num_threads)
-        raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
-        return self._solution(raw, method, chosen.max_seconds)
+        core = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
+        return self._complete(core, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
         """Find all solutions of a problem that may have several.
@@ -285,10 +285,10 @@ class ReducedProblem:
 
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
-        exhausted = _core.answers(self._core)
+        exhausted = self._core.answers()
         if exhausted is not None:
             found, complete = exhausted
-            known = [self._solution(raw, "auto") for raw in found]
+            known = [self._complete(core, "auto") for core in found]
             return Answers(known, complete=complete)
         contacts, d = self.q.shape
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
@@ -452,7 +452,7 @@ class ReducedProblem:
             inside=None if found.inside is None else found.inside / by,
         )
         if found.verdict == "unknown" and exhaust:
-            tried = _core.answers(self._core)
+            tried = self._core.answers()
             if tried is not None and (len(tried[0]) or tried[1]):
                 some = len(tried[0]) > 0
                 return Existence(
@@ -471,23 +471,28 @@ class ReducedProblem:
         return ReducedModel(self._core, W, self.mu, modes)
 
     def _has_several(self, solution: Solution) -> bool:
-        exhausted = _core.answers(self._core)
+        exhausted = self._core.answers()
         if exhausted is not None and len(exhausted[0]) > 1:
             return True
         near = solution.residual <= tuning.NEAR_SOLUTION
-        return near and _core.assess(self._core, solution.reaction) == "others exist"
+        return near and self._core.assess(solution.reaction) == "others exist"
 
-    def _solution(
-        self, raw: dict[str, Any], method: str, max_seconds: float | None = None
+    def _complete(
+        self,
+        core: _core.ReducedSolution,
+        method: str,
+        max_seconds: float | None = None,
     ) -> Solution:
+        """The solution with this problem, for what is computed on first use."""
         from bipot_rs.contact.messages.diagnosis import FailedSolve
         from bipot_rs.contact.proof.existence import make_dense
 
         words = ""
-        if self.rigid is not None and len(raw["free_motion"]):
-            modes, amounts = self.rigid[0].T, raw["free_motion"]
+        if self.rigid is not None and core.free_motion is not None:
+            modes, amounts = self.rigid[0].T, core.free_motion
             direction = rigid_motions.move_contacts(modes, amounts, self.q.shape[1])
-            words = rigid_motions.describe_motion(direction, find_opening(raw, self.mu))
+            opening = find_opening(core.outcome, self.mu)
+            words = rigid_motions.describe_motion(direction, opening)
         tried = FailedSolve(
             method=method,
             max_seconds=max_seconds,
@@ -498,8 +503,8 @@ class ReducedProblem:
             ),
             several=self._has_several,
         )
-        return Solution(
-            **read_solution_fields(raw),
+        return make_solution(
+            core,
             free_motion_text=words,
             inquiry=_ReducedInquiry(self._core, tried, self._model()),
         )
@@ -514,19 +519,19 @@ class _ReducedInquiry:
     model: ReducedModel
 
     def unique(self, solution: Solution, /) -> str:
-        return _core.assess(self.core, solution.reaction)
+        return self.core.assess(solution.reaction)
 
     def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
         amounts = solution.rigid_motion
         rigid = np.empty(0) if amounts is None else amounts
-        return _core.forward_errors(self.core, solution.reaction, rigid)
+        return self.core.forward_errors(solution.reaction, rigid)
 
     def error(self, solution: Solution, /) -> ErrorBound:
         amounts = solution.rigid_motion
         rigid = np.empty(0) if amounts is None else amounts
         reported = solution.relative_displacement
-        (raw,) = _core.error_bounds(self.core, solution.reaction, 1, rigid, reported)
-        return read_error_bound(raw)
+        (bound,) = self.core.error_bounds(solution.reaction, 1, rigid, reported)
+        return read_error_bound(bound)
 
     def diagnosis(self, solution: Solution, /) -> str:
         from bipot_rs.contact.messages.diagnosis import diagnose
@@ -585,19 +590,3 @@ def _find_islands(W: Any, contacts: int, d: int) -> list[_Part]:
             dense[i[own], j[own]] = values[own]
             parts.append((names, dense.ravel(), None))
     return parts
-
-
-def refuse_settings(method: str, tol: float | str) -> None:
-    """Check settings before any work, by solving a problem of one open contact.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `ReducedProblem.solve`; the message suggests a method with a similar name.
-    """
-    one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
-    chosen = settings(method, 1e-10 if isinstance(tol, str) else tol, None, None)
-    try:
-        one._core.solve(*chosen, None, None, None, None)
-    except ValueError as error:
-        raise ValueError(f"{error}{meant(method, _core.METHODS)}") from None

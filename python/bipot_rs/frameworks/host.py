@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.results.derivatives import Tangent
 from bipot_rs.contact.results.result import Result
 
 # Arguments of a solution, in the order of `solve` of the frameworks.
@@ -29,7 +30,10 @@ TWICE = (
 )
 
 
-class Solved(NamedTuple):
+A = TypeVar("A")
+
+
+class Solved(NamedTuple, Generic[A]):
     """Results of all load steps, as arrays of the framework.
 
     Attributes
@@ -42,10 +46,10 @@ class Solved(NamedTuple):
         Slip of each load step [m].
     """
 
-    reaction: Any
-    displacement: Any
-    relative_displacement: Any
-    slip: Any
+    reaction: A
+    displacement: A
+    relative_displacement: A
+    slip: A
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,59 +87,62 @@ class Host:
         return longest
 
     @property
-    def made(self) -> Solved:
+    def result_shapes(self) -> Solved[tuple[int, ...]]:
         """Shapes of the results."""
         n, (n_c, d) = self.problem.loading.n, self.problem.contacts.shape
         steps = self.steps
         every = (steps, n_c, d)
         return Solved(every, (steps, n), every, (steps, n_c, d - 1))
 
-    def solve(self, given: Sequence[Floats]) -> Solved:
+    def solve(self, arguments: Sequence[Floats]) -> Solved[Floats]:
         """Results for arguments with any number of leading batch dimensions."""
-        results, batch = self._of(given)
-        return Solved(
-            *(
-                np.reshape([getattr(one, name) for one in results], batch + shape)
-                for name, shape in zip(Solved._fields, self.made, strict=True)
-            )
-        )
+        return self._stack(*self._solve_cases(arguments))
 
-    def jvp(self, given: Sequence[Floats], tangents: Sequence[Floats]) -> Solved:
+    def jvp(
+        self, arguments: Sequence[Floats], tangents: Sequence[Floats]
+    ) -> Solved[Floats]:
         """Derivatives of the results along ``tangents``, shaped as the arguments."""
-        results, batch = self._of(given)
-        rows = self._rows(tangents, list(self.shapes.values()))
-        found = [
-            one.jvp(**{name: self._spread(name, row) for name, row in own.items()})
-            for one, own in zip(results, rows, strict=True)
+        results, batch = self._solve_cases(arguments)
+        cases = self._split_cases(tangents, list(self.shapes.values()))
+        along = [
+            result.jvp(**{name: self._spread(name, row) for name, row in case.items()})
+            for result, case in zip(results, cases, strict=True)
         ]
-        return Solved(
-            *(
-                np.reshape([getattr(one, name) for one in found], batch + shape)
-                for name, shape in zip(Solved._fields, self.made, strict=True)
-            )
-        )
+        return self._stack(along, batch)
 
     def vjp(
-        self, given: Sequence[Floats], cotangents: Sequence[Floats]
+        self, arguments: Sequence[Floats], cotangents: Sequence[Floats]
     ) -> tuple[Floats, ...]:
         """Gradients with respect to the arguments, from those of the four results."""
-        results, batch = self._of(given)
-        count = len(results)
-        cots = [
-            np.reshape(one, (count, *shape))
-            for one, shape in zip(cotangents, self.made, strict=True)
+        results, batch = self._solve_cases(arguments)
+        by_case = [
+            np.reshape(array, (len(results), *shape))
+            for array, shape in zip(cotangents, self.result_shapes, strict=True)
         ]
-        sums: dict[str, list[Floats]] = {name: [] for name in self.shapes}
+        gradients: dict[str, list[Floats]] = {name: [] for name in self.shapes}
         for k, result in enumerate(results):
-            own = {name: one[k] for name, one in zip(Solved._fields, cots, strict=True)}
-            gradient = result.vjp(**own)
-            for name in self.shapes:
-                sums[name].append(self._gathered(name, getattr(gradient, name)))
+            fields = zip(Solved._fields, by_case, strict=True)
+            gradient = result.vjp(**{name: array[k] for name, array in fields})
+            for name, rows in gradients.items():
+                rows.append(self._gather(name, getattr(gradient, name)))
         return tuple(
-            np.reshape(sums[name], batch + shape) for name, shape in self.shapes.items()
+            np.reshape(gradients[name], batch + shape)
+            for name, shape in self.shapes.items()
         )
 
-    def _rows(
+    def _stack(
+        self, results: Sequence[Result | Tangent], batch: tuple[int, ...]
+    ) -> Solved[Floats]:
+        """The four results of all cases, with the batch dimensions first."""
+        fields = zip(Solved._fields, self.result_shapes, strict=True)
+        return Solved(
+            *(
+                np.reshape([getattr(result, name) for result in results], batch + shape)
+                for name, shape in fields
+            )
+        )
+
+    def _split_cases(
         self, arrays: Sequence[Floats], shapes: Sequence[tuple[int, ...]]
     ) -> list[dict[str, Floats]]:
         """The arguments of each case, from arrays with batch dimensions."""
@@ -148,11 +155,14 @@ class Host:
             for case in zip(*flat, strict=True)
         ]
 
-    def _of(self, given: Sequence[Floats]) -> tuple[list[Any], tuple[int, ...]]:
+    def _solve_cases(
+        self, arguments: Sequence[Floats]
+    ) -> tuple[list[Result], tuple[int, ...]]:
         """A result for each case, solved together, and the batch dimensions."""
         shapes = list(self.shapes.values())
-        batch = np.shape(given[0])[: np.ndim(given[0]) - len(shapes[0])]
-        cases = self._rows(given, shapes)
+        first = arguments[0]
+        batch = np.shape(first)[: np.ndim(first) - len(shapes[0])]
+        cases = self._split_cases(arguments, shapes)
         keys = [b"".join(a.tobytes() for a in case.values()) for case in cases]
         known = {key: self._results[key] for key in keys if key in self._results}
         new = {k: c for k, c in zip(keys, cases, strict=True) if k not in known}
@@ -160,7 +170,7 @@ class Host:
         for key, result in zip(new, found, strict=True):
             if not result.success:
                 raise NotConvergedError(result.message)
-            if np.shape(result.reaction) != self.made.reaction:
+            if np.shape(result.reaction) != self.result_shapes.reaction:
                 raise ValueError(
                     f"the path has {len(result)} load steps, but the arguments have "
                     f"{self.steps} rows: give load, prescribed or gap a row for each step"
@@ -185,7 +195,7 @@ class Host:
         along[:, :, 0] = value
         return along
 
-    def _gathered(self, name: str, value: Floats) -> Floats:
+    def _gather(self, name: str, value: Floats) -> Floats:
         """The transpose of `_spread`."""
         shape = self.shapes[name]
         value = np.asarray(value, np.float64)

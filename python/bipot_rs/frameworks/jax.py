@@ -5,19 +5,23 @@ Both modes of differentiation work, under ``jit`` and ``vmap``.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.frameworks.host import Solved
 
+if TYPE_CHECKING:
+    from jax import Array
+    from jax.typing import ArrayLike
+
 
 def solve(
     problem: ContactProblem,
-    load: Any = None,
-    prescribed: Any = None,
-    gap: Any = None,
-    mu: Any = None,
-) -> Solved:
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+    gap: ArrayLike | None = None,
+    mu: ArrayLike | None = None,
+) -> Solved[Array]:
     """Solve a load path; the result is differentiable in all arguments but ``problem``.
 
     Under ``vmap`` the paths are solved together by `ContactProblem.solve_many`.

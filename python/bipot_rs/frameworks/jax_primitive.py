@@ -9,11 +9,12 @@ has no forward mode, and `jax.custom_derivatives.linear_call` has no ``vmap``.)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bipot_rs._lib.optional import missing
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.frameworks.host import ARGUMENTS, TWICE, Host, Solved
 
@@ -25,15 +26,23 @@ try:
 except ModuleNotFoundError as error:
     raise missing(error, "functions of JAX", "jax", "jax") from None
 
+if TYPE_CHECKING:
+    from jax import Array
+    from jax.typing import ArrayLike
 
-def solve(problem: ContactProblem, arguments: Sequence[Any]) -> Solved:
+Shape = tuple[int, ...]
+
+
+def solve(
+    problem: ContactProblem, arguments: Sequence[ArrayLike | None]
+) -> Solved[Array]:
     """As `bipot_rs.jax.solve`, with the arguments in the order of `ARGUMENTS`."""
     if not jax.config.jax_enable_x64:
         raise TypeError(
             "JAX computes in float32, and the solution needs float64: call "
             'jax.config.update("jax_enable_x64", True) before the first array'
         )
-    given: dict[str, Any] = {}
+    given: dict[str, Array] = {}
     for name, value in zip(ARGUMENTS, arguments, strict=True):
         if value is None:
             continue
@@ -47,62 +56,74 @@ def solve(problem: ContactProblem, arguments: Sequence[Any]) -> Solved:
     return Solved(*_solution(host, *given.values()))
 
 
-def _shaped(
-    shapes: Sequence[tuple[int, ...]], batch: tuple[int, ...] = ()
-) -> tuple[Any, ...]:
+def _declare(
+    shapes: Sequence[Shape], batch: Shape = ()
+) -> tuple[jax.ShapeDtypeStruct, ...]:
     return tuple(jax.ShapeDtypeStruct(batch + s, np.float64) for s in shapes)
 
 
-def _forward(host: Host, *given: Any) -> Any:
-    return jax.pure_callback(
+def _call_host(host: Host, *given: Array) -> Sequence[Array]:
+    results: Sequence[Array] = jax.pure_callback(
         lambda *arrays: tuple(host.solve([np.asarray(a) for a in arrays])),
-        _shaped(host.made),
+        _declare(host.result_shapes),
         *given,
         vmap_method="broadcast_all",
     )
+    return results
 
 
-_solution: Any = jax.custom_jvp(_forward, nondiff_argnums=(0,))
+_solution = jax.custom_jvp(_call_host, nondiff_argnums=(0,))
 
 
-def _derivative(host: Host, given: Any, tangents: Any) -> Any:
+def _differentiate(
+    host: Host, given: Sequence[Array], tangents: Sequence[Array]
+) -> tuple[Sequence[Array], Sequence[Array]]:
     along = _product.bind(*given, *tangents, host=host, batch=(), transposed=False)
     return _solution(host, *given), tuple(along)
 
 
-_product: Any = Primitive("bipot_derivative")
+_product = Primitive("bipot_derivative")
 _product.multiple_results = True
 
 
-def _shapes(host: Host, transposed: bool) -> list[tuple[int, ...]]:
-    return list(host.shapes.values() if transposed else host.made)
+def _shapes(host: Host, transposed: bool) -> list[Shape]:
+    return list(host.shapes.values() if transposed else host.result_shapes)
 
 
-def _evaluate(*arrays: Any, host: Host, batch: Any, transposed: bool) -> Any:
+def _evaluate(
+    *arrays: Array, host: Host, batch: Shape, transposed: bool
+) -> list[Array]:
     count = len(host.shapes)
 
-    def product(*known: Any) -> Any:
+    def product(*known: Array) -> tuple[Floats, ...]:
         every = [np.asarray(a) for a in known]
         call = host.vjp if transposed else host.jvp
         return tuple(call(every[:count], every[count:]))
 
     found = jax.pure_callback(
         product,
-        _shaped(_shapes(host, transposed), batch),
+        _declare(_shapes(host, transposed), batch),
         *arrays,
         vmap_method="sequential",
     )
     return list(found)
 
 
-def _abstract(*_: Any, host: Host, batch: Any, transposed: bool) -> Any:
+def _abstract(
+    *_: object, host: Host, batch: Shape, transposed: bool
+) -> list[jax.core.ShapedArray]:
     shapes = _shapes(host, transposed)
     return [jax.core.ShapedArray(batch + s, np.dtype(np.float64)) for s in shapes]
 
 
 def _jvp(
-    primals: Any, tangents: Any, *, host: Host, batch: Any, transposed: bool
-) -> Any:
+    primals: Sequence[Array],
+    tangents: Sequence[Array],
+    *,
+    host: Host,
+    batch: Shape,
+    transposed: bool,
+) -> tuple[Sequence[Array], Sequence[Array]]:
     count = len(host.shapes)
     if any(type(t) is not ad.Zero for t in tangents[:count]):
         raise ValueError(TWICE)
@@ -115,17 +136,26 @@ def _jvp(
 
 
 def _transpose(
-    cotangents: Any, *arrays: Any, host: Host, batch: Any, transposed: bool
-) -> Any:
+    cotangents: Sequence[Array],
+    *arrays: Array,
+    host: Host,
+    batch: Shape,
+    transposed: bool,
+) -> list[Array | None]:
     count = len(host.shapes)
     cots = [ad.instantiate_zeros(c) for c in cotangents]
     options = {"host": host, "batch": batch, "transposed": not transposed}
-    return [None] * count + _product.bind(*arrays[:count], *cots, **options)
+    return [*[None] * count, *_product.bind(*arrays[:count], *cots, **options)]
 
 
-def _batched(
-    arrays: Any, axes: Any, *, host: Host, batch: Any, transposed: bool
-) -> Any:
+def _batch(
+    arrays: Sequence[Array],
+    axes: Sequence[int | None],
+    *,
+    host: Host,
+    batch: Shape,
+    transposed: bool,
+) -> tuple[Sequence[Array], list[int]]:
     size = next(
         a.shape[axis] for a, axis in zip(arrays, axes, strict=True) if axis is not None
     )
@@ -141,10 +171,10 @@ def _batched(
     return found, [0] * len(found)
 
 
-_solution.defjvp(_derivative)
+_solution.defjvp(_differentiate)
 _product.def_impl(_evaluate)
 _product.def_abstract_eval(_abstract)
 mlir.register_lowering(_product, mlir.lower_fun(_evaluate, multiple_results=True))
 ad.primitive_jvps[_product] = _jvp
 ad.primitive_transposes[_product] = _transpose
-batching.primitive_batchers[_product] = _batched
+batching.primitive_batchers[_product] = _batch

@@ -5,19 +5,24 @@ Reverse and forward mode work, also by `torch.func`; second derivatives are refu
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.frameworks.host import Solved
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
 
 def solve(
     problem: ContactProblem,
-    load: Any = None,
-    prescribed: Any = None,
-    gap: Any = None,
-    mu: Any = None,
-) -> Solved:
+    load: Tensor | ArrayLike | None = None,
+    prescribed: Tensor | ArrayLike | None = None,
+    gap: Tensor | ArrayLike | None = None,
+    mu: Tensor | ArrayLike | None = None,
+) -> Solved[Tensor]:
     """Solve a load path; the result is differentiable in all arguments but ``problem``.
 
     Under `torch.vmap` the paths are solved together by `ContactProblem.solve_many`.

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.optional import missing
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.frameworks.host import ARGUMENTS, TWICE, Host, Solved
 
@@ -14,10 +17,20 @@ try:
 except ModuleNotFoundError as error:
     raise missing(error, "functions of PyTorch", "torch", "torch") from None
 
+if TYPE_CHECKING:
+    from torch import Tensor
+    from torch._functorch.autograd_function import VmapInfo
+    from torch.autograd.function import FunctionCtx as Context
 
-def solve(problem: ContactProblem, arguments: Sequence[Any]) -> Solved:
+# Results of a `torch.vmap`, and their batch dimensions.
+Batched = tuple[tuple["Tensor", ...], tuple[int, ...]]
+
+
+def solve(
+    problem: ContactProblem, arguments: Sequence[Tensor | ArrayLike | None]
+) -> Solved[Tensor]:
     """As `bipot_rs.torch.solve`, with the arguments in the order of `ARGUMENTS`."""
-    given: dict[str, Any] = {}
+    given: dict[str, Tensor] = {}
     for name, value in zip(ARGUMENTS, arguments, strict=True):
         if value is None:
             continue
@@ -30,11 +43,17 @@ def solve(problem: ContactProblem, arguments: Sequence[Any]) -> Solved:
     return Solved(*_Solution.apply(host, *given.values()))
 
 
-def _arrays(tensors: Any) -> list[Any]:
-    return [one.detach().cpu().numpy() for one in tensors]
+def _to_arrays(tensors: Sequence[Tensor]) -> list[Floats]:
+    return [tensor.detach().cpu().numpy() for tensor in tensors]
 
 
-def _batched(info: Any, dims: Sequence[Any], tensors: Sequence[Any]) -> list[Any]:
+def _to_tensors(arrays: Sequence[Floats]) -> tuple[Tensor, ...]:
+    return tuple(map(torch.from_numpy, arrays))
+
+
+def _move_batch(
+    info: VmapInfo, dims: Sequence[int | None], tensors: Sequence[Tensor]
+) -> list[Tensor]:
     """The tensors of a `torch.vmap`, each with its dimension first."""
     return [
         one.expand(info.batch_size, *one.shape)
@@ -48,31 +67,38 @@ class _Solution(torch.autograd.Function):  # type: ignore[misc]
     """The solution; `_Product` is the product with its derivative."""
 
     @staticmethod
-    def forward(host: Host, *given: Any) -> Any:
-        return tuple(map(torch.from_numpy, host.solve(_arrays(given))))
+    def forward(host: Host, *given: Tensor) -> tuple[Tensor, ...]:
+        return _to_tensors(host.solve(_to_arrays(given)))
 
     @staticmethod
-    def setup_context(ctx: Any, inputs: Any, _: Any) -> None:
+    def setup_context(
+        ctx: Context, inputs: tuple[Host, *tuple[Tensor, ...]], _: object
+    ) -> None:
         ctx.host, *given = inputs
         ctx.save_for_backward(*given)
         ctx.save_for_forward(*given)
 
     @staticmethod
-    def backward(ctx: Any, *cotangents: Any) -> Any:
+    def backward(ctx: Context, *cotangents: Tensor) -> tuple[Tensor | None, ...]:
         return None, *_Product.apply(ctx.host, True, *ctx.saved_tensors, *cotangents)
 
     @staticmethod
-    def jvp(ctx: Any, _: Any, *tangents: Any) -> Any:
+    def jvp(ctx: Context, _: object, *tangents: Tensor | None) -> tuple[Tensor, ...]:
         given = ctx.saved_tensors
         along = [
             torch.zeros_like(one) if tangent is None else tangent
             for one, tangent in zip(given, tangents, strict=True)
         ]
-        return _Product.apply(ctx.host, False, *given, *along)
+        derivatives: tuple[Tensor, ...] = _Product.apply(
+            ctx.host, False, *given, *along
+        )
+        return derivatives
 
     @staticmethod
-    def vmap(info: Any, dims: Any, host: Host, *given: Any) -> Any:
-        found = _Solution.apply(host, *_batched(info, dims[1:], given))
+    def vmap(
+        info: VmapInfo, dims: Sequence[int | None], host: Host, *given: Tensor
+    ) -> Batched:
+        found = _Solution.apply(host, *_move_batch(info, dims[1:], given))
         return found, (0,) * len(found)
 
 
@@ -80,25 +106,30 @@ class _Product(torch.autograd.Function):  # type: ignore[misc]
     """The product with the derivative of a solution, or with its transpose."""
 
     @staticmethod
-    def forward(host: Host, transposed: bool, *tensors: Any) -> Any:
-        arrays, count = _arrays(tensors), len(host.shapes)
+    def forward(host: Host, transposed: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
+        arrays, count = _to_arrays(tensors), len(host.shapes)
         product = host.vjp if transposed else host.jvp
-        found = product(arrays[:count], arrays[count:])
-        return tuple(map(torch.from_numpy, found))
+        return _to_tensors(product(arrays[:count], arrays[count:]))
 
     @staticmethod
-    def setup_context(*_: Any) -> None:
+    def setup_context(*_: object) -> None:
         """Nothing is kept: there are no second derivatives."""
 
     @staticmethod
-    def backward(*_: Any) -> Any:
+    def backward(*_: object) -> None:
         raise ValueError(TWICE)
 
     @staticmethod
-    def jvp(*_: Any) -> Any:
+    def jvp(*_: object) -> None:
         raise ValueError(TWICE)
 
     @staticmethod
-    def vmap(info: Any, dims: Any, host: Host, transposed: bool, *tensors: Any) -> Any:
-        found = _Product.apply(host, transposed, *_batched(info, dims[2:], tensors))
+    def vmap(
+        info: VmapInfo,
+        dims: Sequence[int | None],
+        host: Host,
+        transposed: bool,
+        *tensors: Tensor,
+    ) -> Batched:
+        found = _Product.apply(host, transposed, *_move_batch(info, dims[2:], tensors))
         return found, (0,) * len(found)

@@ -15,9 +15,11 @@ from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
-from bipot_rs.contact.results.solution import Step
+from bipot_rs.contact.results.core_answer import make_newton_step
+from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.operator import Operator
+from bipot_rs.petsc.result import Step
 
 
 class VectorOperations:
@@ -108,7 +110,7 @@ class _Inquiry(UncondensedStep):
 
     reason: str = ""
 
-    def diagnosis(self, step: Step, /) -> str:
+    def diagnosis(self, step: WholeStep, /) -> str:
         """Why the solve failed."""
         if not self.reason:
             return ""
@@ -176,7 +178,7 @@ class PetscEngine:
         """Nothing replaces this engine."""
         return self
 
-    def path(self, at: Step | None) -> PetscPath:
+    def path(self, at: WholeStep | None) -> PetscPath:
         """A load path that starts from a step, or from the unloaded bodies."""
         if at is None:
             return PetscPath(self, _core.ContactPath(self.operator.variables), None)
@@ -238,21 +240,24 @@ class PetscPath:
 
     def step(
         self, load: Any, prescribed: Floats, gap: Floats | None, settings: Settings
-    ) -> dict[str, Any]:
+    ) -> Step:
         """Make a step to the total loads; the path moves on only if it converges."""
         engine = self.engine
         operator = engine.operator
         engine.solver.begin()
         y = operator.make_zeros() if self._u is None else operator.to_unknowns(self._u)
         force = engine.make_force(load, prescribed)
-        raw = self._core.step(self._operations, y, force, prescribed, gap, *settings)
-        engine.record.newton += raw["newton"]
-        engine.record.krylov += raw["krylov"]
-        engine.record.reason = raw["reason"] or ""
-        raw["displacement"] = engine.make_displacement(raw.pop("unknowns"), prescribed)
-        if raw["outcome"] == "converged":
-            self._u = raw["displacement"]
-        return raw
+        core, y = self._core.step(
+            self._operations, y, force, prescribed, gap, *settings
+        )
+        engine.record.newton += core.newton
+        engine.record.krylov += core.krylov
+        engine.record.reason = core.reason or ""
+        displacement = engine.make_displacement(y, prescribed)
+        step = make_newton_step(core, displacement, Step)  # type: ignore[arg-type]
+        if step.converged:
+            self._u = displacement
+        return step
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +275,6 @@ class _Recovery:
         """Nothing is condensed."""
         raise ValueError("engine='petsc' does not condense: use engine='direct'")
 
-    def recover(self, _steps: Sequence[Step]) -> Floats:
+    def recover(self, _steps: Sequence[WholeStep]) -> Floats:
         """Nothing: a step without displacements was read from a file."""
         raise ValueError("the displacements of this step are not available")

@@ -49,7 +49,7 @@ from bipot_rs.petsc.derivatives import DistributedDerivatives
 from bipot_rs.petsc.engine import NO_FRAMES
 from bipot_rs.petsc.library import Library, load
 from bipot_rs.petsc.make_engine import Arguments, make_engine
-from bipot_rs.petsc.result import Result, Step
+from bipot_rs.petsc.result import Result
 
 
 class ContactProblem:
@@ -170,7 +170,6 @@ class ContactProblem:
             contacts,
             remarks,
             time.perf_counter() - began,
-            make_step=Step,
             make_result=partial(Result, comm=self.comm),
         )
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted, later
+from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.results.result import Result
@@ -446,7 +446,8 @@ class Model:
             )
         except BipotError as error:
             # The message counts steps from the start of the whole path.
-            error.args = (later(str(error), first),)
+            if error.step is not None:
+                error.at_step(error.step + first)
             if error.result is not None:
                 error.result = ModelResult(error.result, case, first)
                 error.result.message = str(error)

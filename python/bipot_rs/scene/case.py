@@ -13,7 +13,7 @@ from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact import tuning
-from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.errors import FloatingBodyError, with_message
 from bipot_rs.contact.path.load_steps import Totals, find_difference, last_step
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.contact.problem import ContactProblem
@@ -113,9 +113,7 @@ class Case:
             problems = list(describe_free_bodies(self.model, rough=True))
             if not problems:
                 raise
-            named = FloatingBodyError("; ".join(problems))
-            named.dof = error.dof
-            raise named from None
+            raise with_message(error, "; ".join(problems)) from None
 
     def _steps(self) -> int:
         """About as many load steps as the path takes."""

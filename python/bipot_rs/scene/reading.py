@@ -10,8 +10,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, instead
-from bipot_rs.contact.reduced import refuse_settings
 from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
@@ -91,10 +91,10 @@ def _check_settings(table: dict[str, Any]) -> Iterator[Mistake]:
         return
     plain = Solver()
     for method, tol in ((solver.method, plain.tol), (plain.method, solver.tol)):
-        if (method, tol) == (plain.method, plain.tol):
-            continue  # The defaults are valid, and the check imports the solver.
         try:
-            refuse_settings(method, tol)
+            validation.settings(
+                method, 1e-10 if isinstance(tol, str) else tol, None, None
+            )
         except ValueError as error:
             yield Mistake("solver", str(error), MistakeKind.RANGE)
 

@@ -222,21 +222,21 @@ class ImplicitBody:
         flow = self.mechanism(step.load)
         which = f"step {len(found)}"
         if flow is not None:
-            raise LimitLoadError(
+            above = LimitLoadError(
                 f"the load of {which} is above the limit load: no stress satisfies the "
                 "criterion and balances it, because on the mechanism of this error the "
                 "load does more work than the soil can dissipate; reduce the load, or "
-                "prescribe displacements",
-                found,
-                flow,
+                "prescribe displacements"
             )
-        raise StepNotConvergedError(
+            above.steps, above.mechanism = found, flow
+            raise above
+        failed = StepNotConvergedError(
             f"{which} did not converge: gap {step.gap:.1e}, imbalance "
             f"{step.imbalance:.1e}. Its load may be above the limit load of the flow, "
-            "or the step too large: use smaller steps, or prescribe displacements",
-            found,
-            step,
+            "or the step too large: use smaller steps, or prescribe displacements"
         )
+        failed.steps, failed.last = found, step
+        raise failed
 
     def _shaped(self, what: str, state: BodyState) -> BodyState:
         """Refuse a state of another shape."""

@@ -13,12 +13,10 @@ limit is that of associated flow, and an upper bound of all others (Radenkovic).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.proof.cone_programme import Programme
 from bipot_rs.theory.body_assembly import BodyAssembly
 from bipot_rs.theory.body_step import BodyStep
@@ -31,16 +29,7 @@ _OPERATIONS = 5e9
 _SURE = 1e-6
 
 
-class _PathError(BipotError):
-    """Keeps the attributes of the errors below when they are copied to another process."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), self._known
-
-    _known: tuple[Any, ...]
-
-
-class LimitLoadError(_PathError, NoEquilibriumError):
+class LimitLoadError(NoEquilibriumError):
     """The load is above the limit load; this is proved.
 
     Attributes
@@ -51,15 +40,11 @@ class LimitLoadError(_PathError, NoEquilibriumError):
         ``(n,)``, the proof, see `mechanism`; its largest component is 1.
     """
 
-    def __init__(
-        self, message: str, steps: tuple[BodyStep, ...], mechanism: Floats
-    ) -> None:
-        super().__init__(message)
-        self.steps, self.mechanism = steps, mechanism
-        self._known = message, steps, mechanism
+    steps: tuple[BodyStep, ...] = ()
+    mechanism: Floats
 
 
-class StepNotConvergedError(_PathError, NotConvergedError):
+class StepNotConvergedError(NotConvergedError):
     """A step did not reach the tolerance. A solution may exist.
 
     Attributes
@@ -70,12 +55,8 @@ class StepNotConvergedError(_PathError, NotConvergedError):
         The last iterate of the step that failed.
     """
 
-    def __init__(
-        self, message: str, steps: tuple[BodyStep, ...], last: BodyStep
-    ) -> None:
-        super().__init__(message)
-        self.steps, self.last = steps, last
-        self._known = message, steps, last
+    steps: tuple[BodyStep, ...] = ()
+    last: BodyStep
 
 
 def mechanism(

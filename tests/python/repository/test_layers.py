@@ -48,8 +48,8 @@ PYTHON_NAMES = {
     "pandas": ("contact/results/tables.py",),
     "petsc4py": ("petsc/library.py",),
     "mpi4py": ("petsc/library.py",),
-    "jax": ("frameworks/jax_primitive.py",),
-    "torch": ("frameworks/torch_function.py",),
+    "jax": ("frameworks/jax_primitive.py", "frameworks/jax.py"),
+    "torch": ("frameworks/torch_function.py", "frameworks/torch.py"),
 }
 
 

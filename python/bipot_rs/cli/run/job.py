@@ -12,7 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted, later
+from bipot_rs._lib.messages import counted
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, complain, tell
@@ -106,7 +106,7 @@ class Job(SharedRunner):
         """Read, mesh, assemble, condense, solve and write."""
         # An import that a signal interrupts leaves half a module.
         self.interrupts.hold()
-        from bipot_rs.contact.reduced import refuse_settings
+        from bipot_rs._lib import validation
         from bipot_rs.files.export import require
         from bipot_rs.scene.reading import read
 
@@ -123,7 +123,9 @@ class Job(SharedRunner):
         with self.ranks.together():
             method = scene.solver.method if request.method is None else request.method
             tol = scene.solver.tol if request.tol is None else request.tol
-            refuse_settings(method, tol)
+            validation.settings(
+                method, 1e-10 if isinstance(tol, str) else tol, None, None
+            )
             stamp = self._prepare(scene, method, tol)
         files = "reads another scene, or another file that it names, than rank 0"
         self.ranks.check_same(stamp, files)
@@ -423,10 +425,10 @@ class Job(SharedRunner):
 
     def failed(self, error: BipotError) -> tuple[int, str]:
         """As of any command, with the load step counted from the start of the path."""
-        code, message = super().failed(error)
+        if error.step is not None:
+            error.at_step(error.step + self.resumed, self.count)
         self.wear = error.wear
-        of = "" if self.count is None else f" of {self.count}"
-        return code, later(message, self.resumed, of)
+        return super().failed(error)
 
     def _keep(
         self, draft: Path, code: int, message: str, stamp: Mapping[str, Any]

@@ -72,7 +72,7 @@ def solve_rows(request: StudyOptions) -> int:
 
     ``KeyboardInterrupt`` passes through; the finished rows are in the table.
     """
-    from bipot_rs.contact.reduced import refuse_settings
+    from bipot_rs._lib import validation
 
     if request.jobs is not None and request.scheduler is not None:
         raise ValueError(
@@ -83,7 +83,7 @@ def solve_rows(request: StudyOptions) -> int:
     study = plan(
         request.scene, request.settings, request.ranges, request.method, request.tol
     )
-    refuse_settings(request.method or "auto", tol)
+    validation.settings(request.method or "auto", tol, None, None)
     mine, folder = list(range(len(study.rows))), request.folder
     if request.part is not None:
         mine = deal(study.costs, request.part.count)[request.part.number - 1]

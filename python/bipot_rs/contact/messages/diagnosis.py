@@ -31,7 +31,6 @@ _ROUNDING = 1e-15
 _NEGATIVE = 1e-6
 # Coupling below this part of the diagonal is rounding error of the elimination.
 _UNCOUPLED = 1e-12
-_NEARLY_FREE = "a body is nearly free"
 # Numbers below have fewer digits, and squares of numbers above overflow.
 _SMALL, _LARGE = 1e-300, 1e300
 
@@ -67,13 +66,14 @@ class Finding:
     """A fault of a problem: the ``cause``, and the ``cure``.
 
     ``alone``: only this cure helps. ``certain``: it is a cause also if a limit ended the
-    solve early.
+    solve early. ``soft``: a body is nearly free.
     """
 
     cause: str
     cure: str
     alone: bool = False
     certain: bool = False
+    soft: bool = False
 
 
 def _write_sentence(tried: FailedSolve, solution: Solution, v: Floats) -> str:
@@ -243,12 +243,12 @@ def _find_faults(
                 yield sure
                 return
         for finding in _check_compliance(tried, solution, W, scaled, modes):
-            soft |= finding.cause.startswith(_NEARLY_FREE)
+            soft |= finding.soft
             yield finding
     condition = tried.condition()
     if condition > tuning.SOFT_MOTION and not soft:
         yield Finding(
-            f"{_NEARLY_FREE}, with a stiffness of condition number {condition:.0e}",
+            f"a body is nearly free, with a stiffness of condition number {condition:.0e}",
             "adding a support",
         )
     if W is not None and solution.reaction.any() and tried.several(solution):
@@ -404,8 +404,8 @@ def _check_compliance(
         first = int(np.argmax(softer))
         if softer[first] > tuning.SOFT_MOTION and first < min(6, len(values) // 2):
             which = "one motion is" if first == 0 else f"{first + 1} motions are"
-            cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
-            yield Finding(f"{cause} than all others", "adding a support")
+            cause = f"a body is nearly free, {which} softer by {softer[first]:.0e}"
+            yield Finding(f"{cause} than all others", "adding a support", soft=True)
 
 
 def _check_wedging(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:

@@ -8,6 +8,7 @@ from typing import Any
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import mistyped
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.errors import with_message
 from bipot_rs.contact.path.direct import DirectPath
 from bipot_rs.contact.path.load_path import PathSolver, has_frames
 from bipot_rs.contact.path.load_steps import Loading, Totals
@@ -77,7 +78,7 @@ def _for_each(cases: list[Case], make: Callable[[Case], Any]) -> list[Any]:
         try:
             made.append(make(case))
         except (TypeError, ValueError) as error:
-            raise type(error)(f"case {k}: {error}") from None
+            raise with_message(error, f"case {k}: {error}") from None
     return made
 
 

@@ -18,6 +18,7 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.moving_gaps import find_rotation, rotate
+from bipot_rs.contact.results.core_answer import make_step
 from bipot_rs.contact.results.error_bound import (
     ErrorBound,
     make_unavailable,
@@ -39,8 +40,8 @@ class Direct:
 
     @property
     def stats(self) -> Mapping[str, Any]:
-        """As `_core.Condensed.stats`."""
-        return self.core.stats
+        """As `_core.CondensationStats`."""
+        return self.core.stats.as_dict()
 
     def modes(self) -> Floats:
         """Each rigid motion at the contacts, as a row."""
@@ -64,7 +65,7 @@ class Direct:
 
     def path(self, at: Step | None) -> DirectPath:
         """A load path that starts from a step, or from the unloaded bodies."""
-        stand = _read_start(at, self.core.stats["rigid_motions"])
+        stand = _read_start(at, self.core.stats.rigid_motions)
         path = _core.Path(self.core, stand, _read_working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
             # An earlier step made the inverse of W, and counted this work.
@@ -93,9 +94,9 @@ class DirectPath:
         prescribed: Floats,
         gap: Floats | None,
         settings: Settings,
-    ) -> dict[str, Any]:
+    ) -> Step:
         """Make a step to the total loads."""
-        return self.core.step(load, prescribed, gap, *settings)
+        return make_step(self.core.step(load, prescribed, gap, *settings))
 
 
 @dataclass(frozen=True)
@@ -119,15 +120,15 @@ class CondensedStep:
 
     def unique(self, step: Solution, /) -> str:
         """Whether the solution is unique."""
-        return _core.assess_step(self.core, *self._loads, step.reaction)
+        return self.core.assess(*self._loads, step.reaction)
 
     def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
         """Relative forward errors, by one more Newton correction."""
         core = self.core
-        if not core.stats["factor_kept"]:
+        if not core.stats.factor_kept:
             return None  # the estimate needs the factor of K
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        found = _core.forward_errors_of_step(core, *self._loads, step.reaction, motion)
+        found = core.forward_errors(*self._loads, step.reaction, motion)
         restored = self.data.restored
         if found is None or restored is None:
             return found
@@ -140,16 +141,12 @@ class CondensedStep:
     def error(self, step: Any, /) -> ErrorBound:
         """Guaranteed bound of the error."""
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        raw = _core.error_bound_of_step(
-            self.core,
-            *self._loads,
-            step.reaction,
-            step.relative_displacement,
-            motion,
+        bound = self.core.error_bound(
+            *self._loads, step.reaction, step.relative_displacement, motion
         )
-        if raw is None:
+        if bound is None:
             return make_unavailable("working set", step.bipotential_gap)
-        return read_error_bound(raw, self.data.contacts.area)
+        return read_error_bound(bound, self.data.contacts.area)
 
     def diagnosis(self, step: Any, /) -> str:
         """Why the solve failed."""
@@ -180,7 +177,7 @@ class CondensedStep:
             W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,
             several=several,
-            condition=lambda: float(core.stats["cond_S"]),
+            condition=lambda: core.stats.cond_S,
             points=self.data.contacts.x,
         )
 
@@ -199,7 +196,7 @@ class DirectRecovery:
 
     def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
-        return bool(self.core.stats["factor_kept"])
+        return self.core.stats.factor_kept
 
     def primal(self) -> None:
         """Nothing: the bodies are condensed."""
@@ -263,6 +260,6 @@ def _read_working_set(
 
 
 def _find_compliance(core: _core.Condensed) -> Floats | None:
-    if core.stats["working_set"] is not None:
+    if core.stats.working_set is not None:
         return None  # a diagnosis does not justify condensing onto all candidates
     return core.compliance()

@@ -72,8 +72,11 @@ class EnginePath(Protocol):
         gap: Floats | None,
         settings: Settings,
         /,
-    ) -> dict[str, Any]:
-        """Make a step to the total loads; the path moves on only if it converges."""
+    ) -> Step:
+        """Make a step to the total loads; the path moves on only if it converges.
+
+        The step has neither its loads nor its problem.
+        """
 
 
 class Engine(Protocol):

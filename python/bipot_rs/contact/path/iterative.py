@@ -15,11 +15,12 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine, EnginePath, StepData
 from bipot_rs.contact.path.loose import Loose
-from bipot_rs.contact.results.core_answer import read_solution_fields
+from bipot_rs.contact.results.core_answer import make_newton_step
 from bipot_rs.contact.results.error_bound import ErrorBound, make_unavailable
 from bipot_rs.contact.results.solution import Computed, Recovery, Solution, Step
 
@@ -61,7 +62,10 @@ class Iterative:
     @property
     def stats(self) -> Mapping[str, Any]:
         """Counts; nothing is condensed."""
-        return self.core.stats | {
+        stiffness, forecast = self.core.bytes
+        return {
+            "bytes_stiffness": stiffness,
+            "bytes_forecast": forecast,
             "newton": self.record.newton,
             "krylov": self.record.krylov,
             "bytes_multigrid": self.record.bytes_multigrid,
@@ -141,57 +145,61 @@ class IterativePath:
         prescribed: Floats,
         gap: Floats | None,
         settings: Settings,
-    ) -> dict[str, Any]:
+    ) -> Step:
         """Make a step to the total loads."""
         if self._other is not None:
             return self._other.step(load, prescribed, gap, settings)
-        loose = self._iterative.loose
-        if loose.dofs.size:
-            raw = self._solve_with_springs(load, prescribed, gap, settings)
-        else:
-            raw = self._solve_in_core(load, prescribed, gap, settings)
-        if raw["outcome"] == "stalled":
-            return self._solve_directly(raw, load, prescribed, gap, settings)
-        if raw["outcome"] == "converged":
-            kept = raw["displacement"] if loose.dofs.size else None
-            self._last = Step(
-                **read_solution_fields(raw), slip=raw["slip"], computed=Computed(kept)
-            )
-        return raw
+        asked = load, prescribed, gap, settings
+        loose = self._iterative.loose.dofs.size
+        step, reason = (
+            self._solve_with_springs(*asked) if loose else self._solve_in_core(*asked)
+        )
+        if step.outcome is Outcome.STALLED:
+            try:
+                direct = self._iterative.replacement()
+            except MemoryError:
+                return step
+            other = direct.path(self._last)
+            step = other.step(*asked)
+            self._other, self.engine = other, direct
+            self._iterative.record.replaced = reason
+        elif step.converged:
+            computed = step.computed if loose else Computed()
+            self._last = replace(step, computed=computed)
+        return step
 
-    def _solve_in_core(self, *asked: Any) -> dict[str, Any]:
-        """One step of the core, with its record."""
-        *loads, settings = asked
-        raw = self._core.step(*loads, *settings)
+    def _solve_in_core(
+        self,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> tuple[Step, str]:
+        """One step of the core, and why it stalled if it did."""
+        core, displacement = self._core.step(load, prescribed, gap, *settings)
         record = self._iterative.record
-        record.newton += raw["newton"]
-        record.krylov += raw["krylov"]
-        record.bytes_multigrid = max(record.bytes_multigrid, raw["bytes_multigrid"])
-        return raw
+        record.newton += core.newton
+        record.krylov += core.krylov
+        record.bytes_multigrid = max(record.bytes_multigrid, core.bytes_multigrid)
+        return make_newton_step(core, displacement, Step), core.reason or ""
 
-    def _solve_with_springs(self, load: Floats, *asked: Any) -> dict[str, Any]:
+    def _solve_with_springs(
+        self,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None,
+        settings: Settings,
+    ) -> tuple[Step, str]:
         """A step with degrees of freedom without stiffness, from the last state each time."""
         loose, last = self._iterative.loose, self._last
-        known = None if last is None else last.computed.displacement
-        at = np.zeros(len(loose.dofs)) if known is None else known[loose.dofs]
+        u = None if last is None else last.computed.displacement
+        at = np.zeros(len(loose.dofs)) if u is None else u[loose.dofs]
 
-        def step(stretched: Floats) -> dict[str, Any]:
+        def step(stretched: Floats) -> tuple[Step, str]:
             self._core = self._iterative.from_step(last)
-            return self._solve_in_core(stretched, *asked)
+            return self._solve_in_core(stretched, prescribed, gap, settings)
 
-        return loose.solve(step, load, at, asked[-1][1])
-
-    def _solve_directly(self, raw: dict[str, Any], *asked: Any) -> dict[str, Any]:
-        """The same step by the direct engine; the first answer if it does not fit."""
-        try:
-            direct = self._iterative.replacement()
-        except MemoryError as error:
-            return raw | {"reason": f"{raw['reason']}, and {error}"}
-        other = direct.path(self._last)
-        again = other.step(*asked)
-        self._other, self.engine = other, direct
-        self._iterative.record.replaced = str(raw["reason"])
-        return again
+        return loose.solve(step, load, at, settings.tol)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of, counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
-from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
@@ -32,13 +32,15 @@ from bipot_rs.contact.path.moving_gaps import (
     find_rotation,
     list_components,
 )
-from bipot_rs.contact.results.core_answer import find_opening, read_solution_fields
+from bipot_rs.contact.results.core_answer import find_opening, make_step
 from bipot_rs.contact.results.derivatives import PathDerivatives
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Computed, Recovery, Step
 
 if TYPE_CHECKING:
     from bipot_rs.contact.results.state import Start
+
+E = TypeVar("E", bound=BipotError)
 
 # A path that continues from a step with frames of its own needs those of B.
 NO_FRAME = (
@@ -65,8 +67,8 @@ class PathProblem:
         Relative error of K, if it is not rounding.
     held
         Inclined supports, rigid sets and cyclic symmetries.
-    make_step, make_result
-        `Step` and `Result`, or others with the same arguments.
+    make_result
+        `Result`, or another class with the same arguments.
     """
 
     contacts: Contacts
@@ -75,7 +77,6 @@ class PathProblem:
     bodies: Mapping[str, int] | None = None
     restored: RestoredDigits | None = None
     held: Held | None = None
-    make_step: Callable[..., Step] = Step
     make_result: Callable[..., Result] = Result
 
 
@@ -179,7 +180,7 @@ class PathSolver:
         try:
             step = self.attempt(load, prescribed, gap)
         except NoEquilibriumError as error:
-            raise self.make_end(error) from None
+            raise self.add_steps(error) from None
         return self._accept_converged(step)
 
     def attempt(self, load: Floats, prescribed: Floats, gap: Gap | None = None) -> Step:
@@ -193,22 +194,22 @@ class PathSolver:
         began = time.perf_counter()
         try:
             offsets = self._turn_to_frames(gap)
-            raw = self.path.step(load, prescribed, offsets, self._settings)
+            step = self.path.step(load, prescribed, offsets, self._settings)
         finally:
             self._seconds["solve"] += time.perf_counter() - began
         if self.path.engine.name != self._engine.name:
             # The direct engine replaced the iterative one, for the rest of the path.
             self._engine = self._engine.replacement()
-        return self._make_step(raw, load, prescribed, gap)
+        return self._complete(step, load, prescribed, gap)
 
-    def _make_step(
+    def _complete(
         self,
-        raw: dict[str, Any],
+        step: Step,
         load: Floats,
         prescribed: Floats,
         gap: Gap | None = None,
     ) -> Step:
-        """Make a `Step` from the answer of the core."""
+        """Add loads, tractions and the problem to a step of the engine."""
         offsets = None if gap is None else list_components(gap)
         engine, turned = self.path.engine, self._turned
         if turned is not None:
@@ -217,11 +218,12 @@ class PathSolver:
         elif offsets is not None:
             engine = engine.with_gap(offsets)
         moving = gap if isinstance(gap, MovingGaps) else None
-        u, errors = raw.get("displacement"), raw.get("error_estimate")
         recovery = engine.recovery(self._seconds, self._contacts)
-        problem = self._problem
+        problem, computed = self._problem, step.computed
         if problem.held is not None:
-            u = None if u is None else problem.held.displacement(u)
+            u = computed.displacement
+            if u is not None:
+                computed = replace(computed, displacement=problem.held.displacement(u))
             recovery = HeldRecovery(recovery, problem.held)
         data = StepData(
             load,
@@ -232,20 +234,18 @@ class PathSolver:
             problem.restored,
             None if turned is None or offsets is None else StepFrames(turned, offsets),
         )
-        return problem.make_step(
-            **read_solution_fields(raw),
-            free_motion_text=self._describe_motion(raw, moving),
-            slip=raw["slip"],
-            **_read_working_set(raw.get("working_set")),
+        return replace(
+            step,
+            free_motion_text=self._describe_motion(step, moving),
             load=load,
             prescribed=prescribed,
             gap=offsets,
             frame=None if moving is None else moving.frame,
             drag=None if moving is None else moving.drag,
-            traction=self._contacts.tractions(raw["reaction"]),
+            traction=self._contacts.tractions(step.reaction),
             recovery=recovery,
             inquiry=engine.inquiry(data),
-            computed=Computed(displacement=u, error_estimate=errors),
+            computed=computed,
         )
 
     def _accept_converged(self, step: Step) -> Step:
@@ -262,20 +262,22 @@ class PathSolver:
 
     def make_failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
         """Make the error of a step that did not converge."""
-        message = f"load step {len(self.steps) + 1}: {step.message}"
         none = step.outcome is Outcome.NO_EQUILIBRIUM
         direction = None
         if step.free_motion is not None:
             modes, d = self.path.engine.modes(), self._contacts.d
             direction = motion.move_contacts(modes, step.free_motion, d)
-        return (NoEquilibriumError if none else NotConvergedError)(
-            message, self.result(False, message), direction
+        return self.add_steps(
+            (NoEquilibriumError if none else NotConvergedError)(
+                step.message, None, direction
+            )
         )
 
-    def make_end(self, error: Exception) -> NoEquilibriumError:
-        """Make the error of a step without a solution, with the steps before it."""
-        message = f"load step {len(self.steps) + 1}: {error}"
-        return NoEquilibriumError(message, self.result(False, message))
+    def add_steps(self, error: E) -> E:
+        """Add the number of the step that failed, and the steps before it, to an error."""
+        error.at_step(len(self.steps) + 1)
+        error.result = self.result(False, str(error))
+        return error
 
     def result(self, success: bool = True, message: str | None = None) -> Result:
         """Make the `Result` of the steps so far."""
@@ -309,26 +311,27 @@ class PathSolver:
     def take_all(
         self,
         totals: Sequence[Totals],
-        answers: tuple[Sequence[dict[str, Any]], Exception | None],
+        answers: tuple[Sequence[_core.LoadStep], Exception | None],
     ) -> Result:
         """Make the `Result` of steps that the core solved, also if an error ended them."""
-        raws, error = answers
+        solved, error = answers
         try:
-            for raw, asked in zip(raws, totals, strict=False):
-                self._seconds["solve"] += raw["seconds"]
-                self._accept_converged(self._make_step(raw, *asked))
+            for core, asked in zip(solved, totals, strict=False):
+                step = make_step(core)
+                self._seconds["solve"] += step.seconds
+                self._accept_converged(self._complete(step, *asked))
             if isinstance(error, NoEquilibriumError):
-                raise self.make_end(error)
+                raise self.add_steps(error)
             if error is not None:
                 raise error
         except (NoEquilibriumError, NotConvergedError, ValueError) as failed:
             return self.result(False, str(failed))
         return self.result()
 
-    def _describe_motion(self, raw: dict[str, Any], moving: MovingGaps | None) -> str:
+    def _describe_motion(self, step: Step, moving: MovingGaps | None) -> str:
         """Describe the free motion of each body."""
-        amounts = raw["free_motion"]
-        if not len(amounts):
+        amounts = step.free_motion
+        if amounts is None:
             return ""
         contacts, d = self._contacts.shape
         engine = self.path.engine
@@ -346,7 +349,7 @@ class PathSolver:
         ]
         return motion.describe_motion(
             motion.move_contacts(modes, amounts, d),
-            find_opening(raw, self._contacts.mu),
+            find_opening(step.outcome, self._contacts.mu),
             points=self._contacts.x,
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,
@@ -394,13 +397,3 @@ def find_start(start: Start | None, shape: tuple[int, int]) -> Step | None:
             "pass a result of a problem with the same contacts"
         )
     return step
-
-
-def _read_working_set(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
-    if raw is None:
-        return {}
-    members, motion = raw
-    return {
-        "working_set": members,
-        "working_motion": motion if len(motion) else None,
-    }

@@ -10,8 +10,7 @@ stiffness s of the bodies under the obstacle.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +18,8 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Parts
 from bipot_rs.contact import tuning
+from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.results.solution import Step
 
 
 @dataclass(frozen=True)
@@ -71,17 +72,18 @@ class Loose:
 
     def solve(
         self,
-        step: Callable[[Floats], dict[str, Any]],
+        step: Callable[[Floats], tuple[Step, str]],
         load: Floats,
         at: Floats,
         tol: float,
-    ) -> dict[str, Any]:
+    ) -> tuple[Step, str]:
         """Iterate until the springs carry no force, relative to ``tol``.
 
         Parameters
         ----------
         step
-            Solves the load step with the springs, for a load.
+            Solves the load step with the springs, for a load. It returns the step, and
+            why it stalled if it did.
         load
             ``(n,)``.
         at
@@ -90,14 +92,14 @@ class Loose:
         for _ in range(tuning.LOOSE_ITERATIONS):
             stretched = load.copy()
             stretched[self.dofs] += self.spring * at
-            raw = step(stretched)
-            if raw["outcome"] != "converged":
-                return raw
-            moved = raw["displacement"][self.dofs]
+            solved, reason = step(stretched)
+            if not solved.converged:
+                return solved, reason
+            moved = solved.displacement[self.dofs]
             left = self.spring * np.abs(moved - at).max()
-            size = max(np.abs(load).max(), np.abs(raw["reaction"]).max(initial=0.0))
+            size = max(np.abs(load).max(), np.abs(solved.reaction).max(initial=0.0))
             if left <= tol * size:
-                return raw
+                return solved, reason
             at = moved
-        reason = "the position of an obstacle under a force does not settle"
-        return raw | {"outcome": "stalled", "reason": reason}
+        stalled = replace(solved, outcome=Outcome.STALLED)
+        return stalled, "the position of an obstacle under a force does not settle"

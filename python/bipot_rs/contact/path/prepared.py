@@ -27,7 +27,7 @@ from bipot_rs._lib.validation import (
     threads,
 )
 from bipot_rs.contact import tuning
-from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError
+from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError, with_message
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.contacts import Contacts
@@ -327,10 +327,10 @@ class PreparedStiffness:
         """As `ContactProblem.stats`."""
         name, why = self._choice
         contacts, d = self._contacts.shape
-        stats = (
+        stats: dict[str, Any] = (
             WITHOUT_FACTOR | {"n": self.options.n, "n_contact_dofs": d * contacts}
             if self._condensed is None
-            else dict(self._condensed.stats)
+            else self._condensed.stats.as_dict()
         )
         stats |= {
             "engine": name,
@@ -351,8 +351,8 @@ class PreparedStiffness:
         stats = self.core.stats
         return rigid_motion_names.name_free_motions(
             self.core.modes().reshape(-1, *self._contacts.shape),
-            stats["rigid_motion_bodies"],
-            stats["rigid_motion_dofs"],
+            stats.rigid_motion_bodies,
+            stats.rigid_motion_dofs,
             self._contacts.frame,
             self.options.bodies,
         )
@@ -410,12 +410,11 @@ class PreparedStiffness:
         on_forecast: OnForecast | None = None,
     ) -> _core.Condensed:
         started = time.perf_counter()
-        options, tell = self.options, on_forecast
-        if on_forecast is not None:
-            name, why = self._choice
+        options, (name, why) = self.options, self._choice
 
-            def tell(counts: Mapping[str, Any]) -> None:
-                on_forecast({**counts, "engine": name, "engine_reason": why})
+        def tell(counts: _core.CondensationForecast) -> None:
+            if on_forecast is not None:
+                on_forecast({**counts.as_dict(), "engine": name, "engine_reason": why})
 
         try:
             condensed = _core.Condensed(
@@ -425,7 +424,7 @@ class PreparedStiffness:
                 options.memory_limit,
                 options.working_set,
                 before,
-                tell,
+                None if on_forecast is None else tell,
             )
         except (FloatingBodyError, ValueError) as error:
             raise self._explain(error, parts) from None
@@ -439,17 +438,13 @@ class PreparedStiffness:
         if isinstance(error, ValueError):
             cause = one_triangle(parts) or enforced(parts)
             if cause:
-                return ValueError(f"{error}{cause}")
+                return with_message(error, f"{error}{cause}")
         dof = getattr(error, "dof", None)
         if dof is None:
             return error
         text = str(error) + self._explain_digits(error, parts, dof)
         where = self._describe_place(dof)
-        if not where and text == str(error):
-            return error
-        named: Any = type(error)(f"{where}: {text}" if where else text)
-        named.dof, named.kind = dof, getattr(error, "kind", "")
-        return named  # type: ignore[no-any-return]
+        return with_message(error, f"{where}: {text}" if where else text)
 
     def _describe_place(self, dof: int) -> str:
         """The name of the body of a degree of freedom, and its place, if they are known."""
@@ -496,7 +491,7 @@ class PreparedStiffness:
             return None
         except ValueError as error:
             cause = one_triangle(parts) or enforced(parts)
-            raise ValueError(f"{error}{cause}") from None
+            raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
         self._choice = "auto", "the first load path decides"
         return Iterative(core, self.make_direct, self._contacts.shape, loose=loose)
@@ -525,7 +520,7 @@ class PreparedStiffness:
         if tell is None or iterative is None:
             return
         contacts, d = self._contacts.shape
-        counts, steps = iterative.stats, self.options.steps or 1
+        steps = self.options.steps or 1
         tell(
             {
                 "engine": "iterative",
@@ -535,7 +530,7 @@ class PreparedStiffness:
                 "nnz_factor": 0,
                 "flops": tuning.STEP_FLOPS * self.options.n * steps,
                 "bytes_factor": 0,
-                "bytes_peak": counts["bytes_stiffness"] + counts["bytes_forecast"],
+                "bytes_peak": sum(iterative.core.bytes),
                 "ordering": None,
             }
         )

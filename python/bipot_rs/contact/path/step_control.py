@@ -14,7 +14,7 @@ import numpy as np
 
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact import tuning
-from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError, with_message
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.path.load_path import PathSolver
 from bipot_rs.contact.path.load_steps import Totals
@@ -177,8 +177,8 @@ def _make_failure(
 ) -> NoEquilibriumError | NotConvergedError:
     """Make the error of a path that ends at s, with the steps before."""
     where = (
-        f"load step {len(path.steps) + 1}: the path ends at s = {s:.10g}: the step to "
-        f"s = {to:.10g} failed, and smallest = {plan.smallest:g} allows no shorter step: "
+        f"the path ends at s = {s:.10g}: the step to s = {to:.10g} failed, and smallest = "
+        f"{plan.smallest:g} allows no shorter step: "
     )
     if isinstance(failed, Step) and failed.converged:
         at = np.where(failed.status == Status.SLIP, 1.0, 0.0)
@@ -187,9 +187,6 @@ def _make_failure(
             f"{where}contact {contact} slips by {find_largest_slip(failed):g}, more than "
             f"slip = {plan.slip:g}; raise slip, or lower smallest"
         )
-        return NotConvergedError(message, path.result(False, message))
-    error = (
-        path.make_failure(failed) if isinstance(failed, Step) else path.make_end(failed)
-    )
-    message = where + str(error).partition(": ")[2]
-    return type(error)(message, path.result(False, message), error.direction)
+        return path.add_steps(NotConvergedError(message))
+    error = path.make_failure(failed) if isinstance(failed, Step) else failed
+    return path.add_steps(with_message(error, where + error.reason))

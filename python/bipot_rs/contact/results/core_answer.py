@@ -1,49 +1,76 @@
-"""What the core answers about one problem, as fields of `Solution`."""
+"""Solutions and load steps from what the core answers."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.law.status import Outcome
+from bipot_rs.contact.results.solution import Computed, Solution, Step
+
+S = TypeVar("S", bound=Step)
 
 
-def read_solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
-    """Fields of `Solution` in the answer of the core."""
-    taken = (
-        "reaction",
-        "relative_displacement",
-        "status",
-        "residual",
-        "tolerance",
-        "iterations",
-        "work",
-        "history",
-        "bipotential_gap",
-        "seconds",
+def make_solution(core: _core.ReducedSolution, **about: Any) -> Solution:
+    """A `Solution`; ``about`` are its other fields."""
+    return Solution(**_fields(core), **about)
+
+
+def make_step(core: _core.LoadStep) -> Step:
+    """A step of a condensed problem, without its loads and its problem."""
+    return Step(
+        **_fields(core.solution),
+        slip=core.slip,
+        working_set=core.working_set,
+        working_motion=core.working_motion,
     )
-    rigid, free = raw["rigid_motion"], raw["free_motion"]
-    sequence = raw.get("minimising_sequence")
-    if sequence is not None:
-        from bipot_rs.contact.results.minimising_sequence import read_sequence
-
-        sequence = read_sequence(sequence, raw["reaction"].shape)
-    return {name: raw[name] for name in taken} | {
-        "outcome": Outcome(raw["outcome"]),
-        "rigid_motion": rigid if len(rigid) else None,
-        "stats": {"bytes_beside_W": raw["bytes_beside"]}
-        | {name: raw[name] for name in ("newton", "krylov") if name in raw},
-        "free_motion": free if len(free) else None,
-        "minimising_sequence": sequence,
-        "statuses_tried": raw["statuses_tried"],
-    }
 
 
-def find_opening(raw: dict[str, Any], mu: Floats) -> Floats:
+def make_newton_step(core: _core.NewtonStep, displacement: Floats, kind: type[S]) -> S:
+    """A step of Newton in the displacements, without its loads and its problem.
+
+    ``kind`` is its class.
+    """
+    return kind(
+        **_fields(core.solution, newton=core.newton, krylov=core.krylov),
+        slip=core.slip,
+        computed=Computed(displacement, error_estimate=core.error_estimate),
+    )
+
+
+def find_opening(outcome: str, mu: Floats) -> Floats:
     """Ratio of opening to slip that the free motion contains: mu for a proof, else zero.
 
     A proof lies in the dual cone; a direction of divergence is a displacement.
     """
-    return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
+    return mu if outcome == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
+
+
+def _fields(core: _core.ReducedSolution, **counts: int) -> dict[str, Any]:
+    """Fields of a `Solution`; ``counts`` are entries of its ``stats``."""
+    sequence = None
+    if core.minimising_sequence is not None:
+        from bipot_rs.contact.results.minimising_sequence import read_sequence
+
+        sequence = read_sequence(core.minimising_sequence, core.reaction.shape)
+    return {
+        "reaction": core.reaction,
+        "relative_displacement": core.relative_displacement,
+        "status": core.status,
+        "outcome": Outcome(core.outcome),
+        "residual": core.residual,
+        "tolerance": core.tolerance,
+        "iterations": core.iterations,
+        "work": core.work,
+        "rigid_motion": core.rigid_motion,
+        "free_motion": core.free_motion,
+        "history": core.history,
+        "bipotential_gap": core.bipotential_gap,
+        "minimising_sequence": sequence,
+        "seconds": core.seconds,
+        "stats": {"bytes_beside_W": core.bytes_beside, **counts},
+        "statuses_tried": core.statuses_tried,
+    }

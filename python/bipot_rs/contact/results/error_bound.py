@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+import bipot_rs._core as _core
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 
@@ -108,33 +107,26 @@ class ErrorBound:
     __repr__ = short_repr
 
 
-def read_error_bound(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
-    """Build an `ErrorBound` from the numbers that the core returns."""
-    gap = raw["gap"]
-    known = {
-        name: raw.get(name)
-        for name in (
-            "energy",
-            "relative",
-            "alone_within",
-            "reaction",
-            "relative_displacement",
-            "contraction",
-            "energy_by_gap",
-        )
-    }
-    reaction = known["reaction"]
+def read_error_bound(core: _core.ProvedBound, area: Floats | None = None) -> ErrorBound:
+    """Build an `ErrorBound` from what the core returns."""
+    reaction = core.reaction
     traction = None if area is None or reaction is None else reaction / area[:, None]
-    reason = raw.get("reason")
+    reason = core.reason
     return ErrorBound(
-        constitutive=gap,
-        total=float(gap.sum()),
-        share=raw["share"],
-        kind=raw["kind"],
-        reason="" if reason is None else _REASONS[reason].format(raw["which"]),
-        unique=raw["unique"],
+        constitutive=core.gap,
+        total=float(core.gap.sum()),
+        share=core.share,
+        kind=core.kind,
+        reason="" if reason is None else _REASONS[reason].format(core.which),
+        unique=core.unique,
+        energy=core.energy,
+        relative=core.relative,
+        alone_within=core.alone_within,
+        reaction=reaction,
+        relative_displacement=core.relative_displacement,
         traction=traction,
-        **known,
+        contraction=core.contraction,
+        energy_by_gap=core.energy_by_gap,
     )
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
+import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats
 
 
@@ -71,8 +70,13 @@ class MinimisingSequence:
         return f"{type(self).__name__}({lengths})"
 
 
-def read_sequence(raw: Mapping[str, Any], shape: tuple[int, ...]) -> MinimisingSequence:
+def read_sequence(
+    core: _core.SequenceFields, shape: tuple[int, ...]
+) -> MinimisingSequence:
     """The sequence of contacts of a shape ``(n_c, d)`` from what the core returns."""
-    fields = ("reaction", "balanced_reaction", "relative_displacement")
-    each = {name: raw[name].reshape(len(raw[name]), *shape) for name in fields}
-    return MinimisingSequence(bifunctional=raw["bifunctional"], **each)
+    return MinimisingSequence(
+        bifunctional=core.bifunctional,
+        reaction=core.reaction.reshape(-1, *shape),
+        balanced_reaction=core.balanced_reaction.reshape(-1, *shape),
+        relative_displacement=core.relative_displacement.reshape(-1, *shape),
+    )

@@ -242,7 +242,7 @@ class ReducedResponse:
         """The system (33) of these laws; None if it is singular."""
         d = self._shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        return _core.reduced_tangent(self._core, laws.contacts, by_r, by_v)
+        return self._core.tangent(laws.contacts, by_r, by_v)
 
     def moved(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``."""

@@ -94,9 +94,10 @@ class CycleSolver:
         try:
             cycle = self._solve_cycle(self._state.at, self._state.depth, number)
         except BipotError as error:
-            text = f"cycle {number}: {error}"
-            error.args = (text,)
-            error.wear = self._make_wear(text)
+            error.reason = f"cycle {number}: {error}"
+            # The step belongs to the cycle, not to a path that can be continued.
+            error.step, error.args = None, (error.reason,)
+            error.wear = self._make_wear(error.reason)
             raise
         self._wait = max(self._wait - 1, 0)
         self._accept(cycle, 0, np.zeros_like(cycle.worn), 0.0)

@@ -34,7 +34,7 @@ class Case:
 
     def step(
         self, path: _core.ContactPath, engine: Any, y: Array, k: int
-    ) -> dict[str, Any]:
+    ) -> tuple[_core.NewtonStep, Array]:
         fixed, moved = self.model.fixed, self.prescribed[k]
         zero = np.zeros(len(self.K))
         force = force_of(self.K, self.variables, zero, fixed, moved)
@@ -56,14 +56,15 @@ def test_the_answers_of_the_direct_engine(dim: int) -> None:
     expected = case.direct()
     y = np.zeros(len(case.K))
     for k in range(2):
-        raw = case.step(path, engine, y, k)
-        assert raw["outcome"] == "converged"
-        y = raw["unknowns"]
+        step, y = case.step(path, engine, y, k)
+        assert step.solution.outcome == "converged"
         scale = np.abs(expected.reaction).max()
-        assert np.abs(raw["reaction"] - expected[k].reaction).max() <= CLOSE * scale
-        assert np.array_equal(raw["status"], expected[k].status)
+        assert (
+            np.abs(step.solution.reaction - expected[k].reaction).max() <= CLOSE * scale
+        )
+        assert np.array_equal(step.solution.status, expected[k].status)
         slip = np.abs(expected[k].relative_displacement).max()
-        assert np.abs(raw["slip"] - expected[k].slip).max() <= CLOSE * max(slip, 1e-300)
+        assert np.abs(step.slip - expected[k].slip).max() <= CLOSE * max(slip, 1e-300)
         u = y.copy()
         case.variables.to_displacements(u)
         u[case.model.fixed] = case.prescribed[k]
@@ -105,8 +106,8 @@ def test_an_exception_of_the_engine_reaches_the_caller() -> None:
     with pytest.raises(ZeroDivisionError, match="out of products"):
         case.step(path, broken, np.zeros(len(case.K)), 0)
     # The path did not move.
-    raw = case.step(path, case.engine(), np.zeros(len(case.K)), 0)
-    assert raw["outcome"] == "converged"
+    step, _ = case.step(path, case.engine(), np.zeros(len(case.K)), 0)
+    assert step.solution.outcome == "converged"
 
 
 def test_the_engine_decides_that_time_is_over() -> None:
@@ -117,8 +118,8 @@ def test_the_engine_decides_that_time_is_over() -> None:
     case = Case(pressed(2))
     late = Late(case.K, case.variables, case.model.fixed)
     path = _core.ContactPath(case.variables)
-    raw = case.step(path, late, np.zeros(len(case.K)), 0)
-    assert raw["outcome"] == "time_limit"
+    step, _ = case.step(path, late, np.zeros(len(case.K)), 0)
+    assert step.solution.outcome == "time_limit"
 
 
 def test_values_of_a_wrong_length_are_refused() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import _core, scene
+from bipot_rs import scene
 from support.random_problems import random_problem
 
 Array = NDArray[np.float64]
@@ -307,13 +307,13 @@ def test_threads_change_no_bit() -> None:
     problem = bp.ReducedProblem((W + W.T) / 2, q, 0.05)
     point = problem.solve(tol=1e-4).reaction
     one, two = (
-        _core.error_bounds(problem._core, point, 1, np.empty(0), None, threads)[0]
+        problem._core.error_bounds(point, 1, np.empty(0), None, threads)[0]
         for threads in (1, 2)
     )
-    assert one["kind"] == "global"
-    assert one["energy"] == two["energy"]
+    assert one.kind == "global"
+    assert one.energy == two.energy
     for name in ("reaction", "relative_displacement"):
-        np.testing.assert_array_equal(one[name], two[name])
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
 
 
 @pytest.mark.parametrize("k_c", [0.1, -0.4, 0.7])

@@ -1,0 +1,265 @@
+//! A condensed problem in the plane or in space.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use numpy::PyArray2;
+use pyo3::prelude::*;
+
+use crate::condensation::bodies::{Loaded, Loads as OwnLoads};
+use crate::condensation::condense::{ProblemArrays, SortedProblem};
+use crate::condensation::forecast::Notice;
+use crate::condensation::problem::{Confirmed, Problem};
+use crate::error::Error;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::rows::Rows;
+use crate::path::stepping::{State, reduced_step};
+use crate::proof::uniqueness::Unique;
+use crate::python::arrays::{self, Coefficients, CsrArrays, Matrix, Vector};
+use crate::python::interrupt;
+use crate::python::reduced_arrays::Assess;
+use crate::reduced::compliance::Compliance;
+use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
+use crate::reduced::memory::Budget;
+
+/// Total forces and prescribed displacements of a step.
+pub(super) type Loads<'a> = (&'a [f64], &'a [f64]);
+
+/// A condensed problem, in the variables of [`EllipticScaling`].
+#[derive(Clone)]
+pub(super) struct CondensedArrays<const D: usize> {
+    pub(super) problem: Arc<Problem<D>>,
+    pub(super) elliptic: Option<EllipticScaling>,
+    pub(super) num_threads: Option<usize>,
+}
+
+/// The arguments that do not depend on the dimension.
+pub(super) struct Arguments<'a> {
+    pub(super) stiffness: CsrArrays<'a>,
+    pub(super) contact: CsrArrays<'a>,
+    pub(super) mu: Vec<f64>,
+    pub(super) elliptic: Option<EllipticScaling>,
+    pub(super) fixed: Vec<usize>,
+    pub(super) places: Option<&'a [[f64; 3]]>,
+    pub(super) known: Option<Vec<OwnLoads>>,
+    pub(super) limit: Option<u128>,
+    pub(super) grow: Option<bool>,
+    pub(super) notice: Option<Notice>,
+}
+
+impl Arguments<'_> {
+    /// Condenses in a thread, while this one calls `tell`.
+    pub(super) fn condense<const D: usize>(
+        self,
+        py: Python<'_>,
+        gap: &Matrix<'_>,
+        before: Option<&Problem<D>>,
+        (num_threads, tell): (Option<usize>, &(dyn Fn(Python<'_>) -> PyResult<()> + Sync)),
+    ) -> PyResult<CondensedArrays<D>> {
+        let gap = arrays::rows::<D>(gap)?;
+        let elliptic = self.elliptic.clone();
+        let problem = interrupt::watch(py, num_threads, tell, |stop| {
+            // The converted indices are freed before the factor is made.
+            let mut sorted = {
+                let (k, b) = (self.stiffness, self.contact);
+                let n = k.pointer.len().saturating_sub(1);
+                SortedProblem::new(ProblemArrays {
+                    stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+                    contact: Rows {
+                        row_ptr: &b.pointer,
+                        columns: &b.index,
+                        values: b.values,
+                    },
+                    gap,
+                    mu: &self.mu,
+                    fixed: &self.fixed,
+                    places: self.places,
+                    known: self.known,
+                    budget: Budget { limit: self.limit },
+                })?
+            };
+            if let Some(elliptic) = &self.elliptic {
+                sorted.surface.scale(elliptic);
+            }
+            sorted.notice = self.notice;
+            Problem::new(sorted, self.grow, before, stop)
+        })?;
+        Ok(CondensedArrays {
+            problem: Arc::new(problem),
+            elliptic,
+            num_threads,
+        })
+    }
+}
+
+/// `u` of total loads, prescribed displacements, reaction and rigid motion.
+pub(super) type StateArrays<'py> = (Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>);
+
+impl<const D: usize> CondensedArrays<D> {
+    /// Runs `work` without the interpreter lock.
+    pub(super) fn run<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
+    ) -> PyResult<T> {
+        interrupt::run(py, self.num_threads, work)
+    }
+
+    pub(super) fn contacts(&self) -> usize {
+        self.problem.contacts()
+    }
+
+    /// Number of contact components, `D n_c`.
+    pub(super) fn components(&self) -> usize {
+        D * self.contacts()
+    }
+
+    /// What one solution of a step implies for the number of its solutions.
+    pub(super) fn assess(
+        &self,
+        py: Python<'_>,
+        (loads, before, reaction): (Loads<'_>, Option<&Matrix<'_>>, &Matrix<'_>),
+        assess: Assess<D>,
+    ) -> PyResult<Unique> {
+        let state = self.state(before)?;
+        let reaction = self.reaction(reaction)?;
+        let Problem::Whole(whole) = &*self.problem else {
+            // Contacts outside a working set are only known to be open in this solution.
+            return Ok(Unique::Unknown);
+        };
+        let r = whole.compliance().gather(&reaction);
+        self.run(py, |stop| {
+            let reduced = reduced_step(whole, loads.0, loads.1, state.as_ref())?;
+            assess(&reduced, &r, stop)
+        })
+    }
+
+    /// Refuses a wrong number of amounts of rigid motions.
+    pub(super) fn check_motion(&self, amounts: &[f64]) -> Result<(), Error> {
+        let motions = self.problem.bodies().motions().len();
+        arrays::length("rigid_motion", amounts.len(), motions)
+    }
+
+    /// `r̃` of a reaction.
+    pub(super) fn reaction(&self, array: &Matrix<'_>) -> PyResult<Vec<[f64; D]>> {
+        let rows = arrays::rows_of("reaction", array, self.contacts())?;
+        Ok(over(self.elliptic.as_ref(), rows).into_owned())
+    }
+
+    /// The part of the state before a step that its reduced problem needs: `ṽ`.
+    pub(super) fn state(&self, before: Option<&Matrix<'_>>) -> PyResult<Option<State<D>>> {
+        let Some(before) = before else {
+            return Ok(None);
+        };
+        let rows = arrays::rows_of("before", before, self.contacts())?;
+        Ok(Some(State {
+            relative_displacement: times(self.elliptic.as_ref(), rows).into_owned(),
+            ..State::default()
+        }))
+    }
+
+    /// The problem of one step, with the gaps of the step if there are any.
+    pub(super) fn moved(&self, gap: Option<&[[f64; D]]>) -> Result<Self, Error> {
+        let Some(gap) = gap else {
+            return Ok(self.clone());
+        };
+        arrays::length("gap", gap.len(), self.contacts())?;
+        let gap = times(self.elliptic.as_ref(), gap).into_owned();
+        Ok(self.with(self.problem.with_gap(gap)?))
+    }
+
+    /// The same variables for another problem.
+    pub(super) fn with(&self, problem: Problem<D>) -> Self {
+        Self {
+            problem: Arc::new(problem),
+            elliptic: self.elliptic.clone(),
+            num_threads: self.num_threads,
+        }
+    }
+
+    /// `W` in the variables of the caller, as `form` stores it.
+    pub(super) fn compliance<T: Send>(
+        &self,
+        py: Python<'_>,
+        form: impl FnOnce(&Compliance<'_, D>) -> Result<T, Error> + Send,
+    ) -> PyResult<T> {
+        let inverse = self.elliptic.as_ref().map(EllipticScaling::inverse);
+        self.run(py, |stop| {
+            let whole = self.problem.whole(stop)?;
+            match inverse {
+                None => form(whole.compliance()),
+                Some(inverse) => form(&whole.compliance().scaled(&inverse)?),
+            }
+        })
+    }
+
+    /// Rigid motions at the contacts, as rows.
+    pub(super) fn as_rows<'py>(
+        &self,
+        py: Python<'py>,
+        modes: &[Vec<[f64; D]>],
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows = modes.iter();
+        let flat = rows.flat_map(|mode| over(self.elliptic.as_ref(), mode).as_flattened().to_vec());
+        arrays::square(py, flat.collect(), modes.len(), self.components())
+    }
+
+    pub(super) fn displacements<'py>(
+        &self,
+        py: Python<'py>,
+        states: &[StateArrays<'py>],
+        confirmed: Option<&[[Matrix<'py>; 3]]>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let elliptic = self.elliptic.as_ref();
+        let reactions = states
+            .iter()
+            .map(|(_, _, reaction, _)| Ok(over(elliptic, arrays::rows(reaction)?)))
+            .collect::<PyResult<Vec<_>>>()?;
+        let loaded = states
+            .iter()
+            .zip(&reactions)
+            .map(|((load, prescribed, _, rigid), reaction)| {
+                Ok(Loaded {
+                    load: load.as_slice()?,
+                    prescribed: prescribed.as_slice()?,
+                    reaction,
+                    rigid: rigid.as_slice()?,
+                })
+            })
+            .collect::<PyResult<Vec<_>>>()?;
+        let scale = |rows| PyResult::Ok(times(elliptic, arrays::rows(rows)?).into_owned());
+        let confirmed = confirmed
+            .unwrap_or_default()
+            .iter()
+            .map(|[v, gap, slip]| {
+                Ok(Confirmed {
+                    v: scale(v)?,
+                    gap: scale(gap)?,
+                    slip: scale(slip)?,
+                })
+            })
+            .collect::<PyResult<Vec<_>>>()?;
+        let problem = &self.problem;
+        let all = self.run(py, |_| {
+            let all = problem.displacements(&loaded)?;
+            for ((u, state), held_to) in all.iter().zip(&loaded).zip(&confirmed) {
+                problem.confirm(state, u, held_to)?;
+            }
+            Ok(all)
+        })?;
+        arrays::square(py, all.concat(), states.len(), problem.bodies().order())
+    }
+
+    pub(super) fn with_mu(&self, mu: &Coefficients<'_>) -> PyResult<Self> {
+        let (mu, elliptic) = mu.friction(D)?;
+        let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
+        let mut problem = self.problem.with_mu(mu)?;
+        if let Some(change) = change {
+            problem = problem.scaled(&change)?;
+        }
+        Ok(Self {
+            elliptic,
+            ..self.with(problem)
+        })
+    }
+}
