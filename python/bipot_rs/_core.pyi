@@ -5,10 +5,12 @@ coefficients ``mu`` are ``(n_c,)``, or in space ``(n_c, 2)``.
 """
 
 from collections.abc import Callable
-from typing import Any, Final, final
+from typing import Final, Protocol, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bipot_rs._lib.types import Integers
 
 __all__ = [
     "METHODS",
@@ -58,7 +60,7 @@ __all__ = [
 
 _Floats = NDArray[np.float64]
 # Of 32 or 64 bits.
-_Indices = NDArray[np.integer[Any]]
+_Indices = Integers
 # Row pointers, column indices, values.
 _Csr = tuple[_Indices, _Indices, _Floats]
 
@@ -597,6 +599,29 @@ class LinearisedLaws:
     ) -> _Floats:
         """Multipliers of the laws, from the solution `z` and `A` times the pulled `z`."""
 
+_V = TypeVar("_V")
+
+class _Engine(Protocol[_V]):
+    def product(self, y: _V, /) -> _V: ...
+    def add(self, y: _V, s: float, x: _V, /) -> _V: ...
+    def at_places(self, y: _V, /) -> _Floats: ...
+    def norm(self, y: _V, /) -> float: ...
+    def largest(self, y: _V, /) -> float: ...
+    def imbalance(self, e: _V, forces: _Floats, /) -> float: ...
+    def terms(self, y: _V, /) -> tuple[float, _Floats]: ...
+    def correction(
+        self,
+        tangent: ContactTangent,
+        statuses: NDArray[np.int8],
+        e: _V,
+        tol: float,
+        /,
+    ) -> tuple[_V, int, bool] | None: ...
+    def estimate(
+        self, tangent: ContactTangent, statuses: NDArray[np.int8], e: _V, /
+    ) -> _V | None: ...
+    def agreed(self, decision: bool, /) -> bool: ...
+
 @final
 class ContactPath:
     """A load path whose long vectors and linear systems are those of a Python object."""
@@ -608,19 +633,19 @@ class ContactPath:
     ) -> ContactPath: ...
     def step(
         self,
-        engine: Any,
-        start: Any,
-        force: Any,
+        engine: _Engine[_V],
+        start: _V,
+        force: _V,
         prescribed: _Floats,
         gap: _Floats | None,
         method: str,
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
-    ) -> tuple[NewtonStep, Any]:
+    ) -> tuple[NewtonStep, _V]:
         """One step, as `Path.step`, and the unknowns at its end.
 
-        `engine` has the methods of `src/primal/engine.rs`; `bipot_rs.petsc` has one.
+        `engine` is described in `src/primal/engine.rs`; `bipot_rs.petsc` has one.
         """
 
 @final

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +33,7 @@ def _within_range(function: Callable[P, T]) -> Callable[P, T]:
         try:
             with np.errstate(all="ignore"):
                 answer = function(*args, **kwargs)
-                known = _finite(answer)
+                known = _is_finite(answer)
         except (OverflowError, ZeroDivisionError):
             known = False
         if not known:
@@ -46,10 +46,10 @@ def _within_range(function: Callable[P, T]) -> Callable[P, T]:
     return checked
 
 
-def _finite(answer: Any) -> bool:
+def _is_finite(answer: object) -> bool:
     if isinstance(answer, (tuple, list)):
-        return all(_finite(part) for part in answer)
-    return isinstance(answer, str) or bool(np.isfinite(answer).all())
+        return all(map(_is_finite, answer))
+    return isinstance(answer, str) or bool(np.isfinite(np.asarray(answer)).all())
 
 
 def _numbers(**values: float) -> None:

@@ -6,8 +6,6 @@ quadrature points are in one row, cell after cell.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
@@ -15,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from bipot_rs._lib.messages import mistyped, place
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import indices
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.elasticity import stiffness
@@ -81,7 +79,7 @@ class BodyAssembly:
         """Nodal forces ``∫ σ:ε(φ_i) dΩ`` that balance stresses ``(m, 6)``, ``(n,)`` [N]."""
         return np.asarray(self._strain.T @ (self.weights[:, None] * stress).ravel())
 
-    def stiffness(self, tangent: Floats) -> Any:
+    def stiffness(self, tangent: Floats) -> CsrMatrix:
         """``∫ ε(φ_i):C:ε(φ_j) dΩ`` of tangents ``(m, 6, 6)``, CSR ``(n, n)`` [N/m]."""
         points = len(tangent)
         blocks = self.weights[:, None, None] * tangent
@@ -89,7 +87,8 @@ class BodyAssembly:
             (blocks, np.arange(points), np.arange(points + 1)),
             shape=(6 * points, 6 * points),
         )
-        return (self._strain.T @ (law.tocsr() @ self._strain)).tocsr()
+        blocks_of_points: CsrMatrix = law.tocsr()
+        return (self._strain.T @ (blocks_of_points @ self._strain)).tocsr()
 
     def solve(self, rest: Floats) -> Floats:
         """Elastic displacement of the free degrees of freedom under forces on them."""
@@ -118,7 +117,7 @@ def _moduli(body: Body) -> Floats:
     return np.array(pairs)[body.material_of_cells].T
 
 
-def _strain_matrix(body: Body) -> Any:
+def _strain_matrix(body: Body) -> CsrMatrix:
     """Strains at the quadrature points of the displacements of nodes, CSR ``(6 m, n)``."""
     d, slopes = body.dim, slopes_at_points(body)
     q, corners, _, cells = slopes.shape
@@ -130,15 +129,15 @@ def _strain_matrix(body: Body) -> Any:
     dofs = d * body.cells[:, None, :, None] + np.arange(d)
     columns = np.broadcast_to(dofs[..., None], strain.shape)
     rows = 6 * np.arange(cells * q).reshape(cells, q, 1, 1, 1) + np.arange(6)
-    made = sparse.coo_array(
+    matrix: CsrMatrix = sparse.coo_array(
         (
             strain.ravel(),
             (np.broadcast_to(rows, strain.shape).ravel(), columns.ravel()),
         ),
         shape=(6 * cells * q, body.points.size),
     ).tocsr()
-    made.eliminate_zeros()
-    return made
+    matrix.eliminate_zeros()
+    return matrix
 
 
 def _check_supports(body: Body, fixed: Ints) -> None:

@@ -8,10 +8,9 @@ The sets and functions are those of contact and soils: balls, norms, and the con
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.law.projection import project
@@ -42,7 +41,7 @@ def within(lack: Floats, size: Floats) -> Bools:
     return np.asarray(lack <= ROUNDING * size)
 
 
-def indicator(inside: NDArray[Any]) -> Floats:
+def indicator(inside: Bools) -> Floats:
     """``Ψ``: 0 where the condition holds, ``+inf`` elsewhere."""
     return np.where(inside, 0.0, np.inf)
 
@@ -72,7 +71,9 @@ def shrink(x: Floats, weight: Floats) -> Floats:
     return np.asarray(x * ratio[..., None])
 
 
-def project_cone(height: Floats, radial: Floats, slope: Any) -> tuple[Floats, Floats]:
+def project_cone(
+    height: Floats, radial: Floats, slope: ArrayLike
+) -> tuple[Floats, Floats]:
     """Nearest point of the cone ``|radial| <= slope height`` in any dimension.
 
     By rotational symmetry the problem reduces to the plane through the axis and the point,

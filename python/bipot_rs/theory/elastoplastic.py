@@ -20,7 +20,7 @@ Strains and stresses are vectors of six components, as `soils.mandel` makes them
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,8 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.theory import materials
 from bipot_rs.theory.convex import direction, dot, length
 from bipot_rs.theory.soils import DruckerPrager
+
+N = TypeVar("N", bound=np.generic)
 
 # The unit tensor, and the projection on deviators.
 _UNIT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -250,6 +252,6 @@ class ElastoplasticStep:
         return np.asarray(kept - _matrices(cone) * lost)
 
 
-def _matrices(values: NDArray[Any]) -> NDArray[Any]:
+def _matrices(values: NDArray[N]) -> NDArray[N]:
     """Numbers ``(...)`` as factors of matrices ``(..., 6, 6)``."""
     return values[..., None, None]

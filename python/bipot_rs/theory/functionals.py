@@ -10,14 +10,13 @@ unloaded state; increments are then totals.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import mistyped
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
@@ -87,7 +86,7 @@ class Functionals:
     def __init__(
         self,
         problem: ContactProblem,
-        K: Any,
+        K: MatrixLike,
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
         *,
@@ -145,7 +144,7 @@ class Functionals:
     def of_step(
         cls,
         problem: ContactProblem,
-        K: Any,
+        K: MatrixLike,
         result: Result,
         k: int = -1,
         *,
@@ -407,6 +406,7 @@ class Functionals:
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
 
 
-def _matrix(problem: ContactProblem) -> Any:
+def _matrix(problem: ContactProblem) -> CsrMatrix:
     """``B`` of a problem."""
-    return problem.contacts.operator.matrix
+    matrix: CsrMatrix = problem.contacts.operator.matrix
+    return matrix

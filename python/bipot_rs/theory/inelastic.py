@@ -7,12 +7,11 @@ hardening. Contact has Coulomb friction, with its bipotential (54).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, MatrixLike
 from bipot_rs._lib.validation import coulomb, csr, floats, integer, number
 
 # After this many halvings of a Newton step, only rounding remains.
@@ -142,8 +141,8 @@ class Truss:
     def __init__(
         self,
         bars: HardeningBars,
-        C: Any,
-        B: Any,
+        C: MatrixLike,
+        B: MatrixLike,
         load: ArrayLike,
         *,
         gap: ArrayLike,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -383,7 +383,7 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
         The tangential part of ``du`` is the slip of the step.
     """
     k = integer("k", k, least=0, most=max(len(result) - 1, 0))
-    mu, gaps = _known(result, "mu"), _known(result, "gap")
+    mu, gaps = _read_contacts(result, "mu"), _read_contacts(result, "gap")
     height = gaps if gaps.ndim == 1 else gaps[:, 0]
     now = result[k]
     before = result[k - 1] if k else result.start
@@ -402,10 +402,10 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
     return Coulomb(mu, start), du, now.reaction - start.reaction
 
 
-def _known(result: Result, name: str) -> Any:
-    found = result.contacts.get(name)
-    if found is None:
+def _read_contacts(result: Result, name: str) -> Floats:
+    values: Floats | None = result.contacts.get(name)
+    if values is None:
         raise ValueError(
             f"result.contacts has no {name!r}: give the result of ContactProblem.solve"
         )
-    return found
+    return values

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -494,7 +494,9 @@ class Coulomb:
         return Tresca(self.mu * np.maximum(t[:, 0], 0.0), self.start)
 
 
-def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Floats], Any]:
+def elastic_strain(
+    compliance: ArrayLike, free: ArrayLike
+) -> Callable[[Floats], Floats]:
     """The structure of `uzawa` for contact: ``Δt ↦ x = -(W Δt + Δq)``, (73a).
 
     Parameters
