@@ -95,11 +95,11 @@ def _read_table(scene: str | None) -> Any:
     if not isinstance(scene, str):
         return {}
     from bipot_rs.scene.library import text
-    from bipot_rs.scene.reading import parsed
+    from bipot_rs.scene.reading import parse
 
     # A faulty scene has no keys to complete; the command itself reports the fault.
     with suppress(ValueError):
-        return parsed(scene, text(scene))
+        return parse(scene, text(scene))
     return {}
 
 

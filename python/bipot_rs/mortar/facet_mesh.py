@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
+from bipot_rs.mortar.shape_functions import CORNER_SHAPES, FacetKind, kind_of, skewness
 from bipot_rs.mortar.tuning import FACING
 
 # A facet thinner than this fraction of its longest edge is degenerate; a quadrilateral of
@@ -19,7 +19,7 @@ _FLAT, _FOLDED = 1e-12, 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Surface:
+class FacetMesh:
     """A checked surface; geometry is that of the polygons of corners.
 
     Attributes
@@ -43,7 +43,7 @@ class Surface:
     name: str
     points: Floats
     facets: Ints
-    kind: Kind
+    kind: FacetKind
     normals: Floats
     size: Floats
     centre: Floats
@@ -112,7 +112,7 @@ def bases(normals: Floats) -> Floats:
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Surface:
+def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> FacetMesh:
     """Check the points ``what`` and the facets ``name``, as messages call them.
 
     Raises
@@ -129,7 +129,7 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Surfa
     centre = x[corners].mean(axis=1)
     places = x[corners] - centre[:, None]
     normals, size = _normals(name, places)
-    found = Surface(
+    found = FacetMesh(
         name=name,
         points=x,
         facets=nodes,
@@ -209,7 +209,7 @@ def _normals(name: str, places: Floats) -> tuple[Floats, Floats]:
     return area / size[:, None], size
 
 
-def _middles(found: Surface) -> None:
+def _middles(found: FacetMesh) -> None:
     """Refuse nodes on edges that are nearer to an end than to the midpoint."""
     kind, c = found.kind, found.kind.corners
     edges = min(kind.nodes - c, c if found.dim == 3 else 1)
@@ -256,7 +256,7 @@ def candidates(
     places: Floats,
     radius: Floats,
     normals: Floats,
-    other: Surface,
+    other: FacetMesh,
     distance: float = np.inf,
 ) -> tuple[Ints, Ints]:
     """Facets of ``other`` that may lie opposite to spheres and face them.

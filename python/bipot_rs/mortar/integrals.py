@@ -54,12 +54,12 @@ from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree
 from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
-from bipot_rs.mortar.facet_mesh import Surface, bases, candidates
+from bipot_rs.mortar.facet_mesh import FacetMesh, bases, candidates
 from bipot_rs.mortar.polygon_integrals import polygon_integrals
 from bipot_rs.mortar.shape_functions import (
     CORNER_SHAPES,
     KINDS,
-    Kind,
+    FacetKind,
     reference,
     skewness,
 )
@@ -140,7 +140,7 @@ class Weights:
     clearance: Floats
 
 
-def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
+def overlaps(slave: FacetMesh, master: FacetMesh, distance: float) -> Overlaps:
     """Intersections of all facets that face each other.
 
     Raises
@@ -175,7 +175,7 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
     return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
 
 
-def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Floats:
+def _apart(slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints) -> Floats:
     """Smallest distance of facets along the normals of the slave."""
     between = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
@@ -186,9 +186,9 @@ def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Floats:
 
 
 def _one_layer(
-    slave: Surface,
+    slave: FacetMesh,
     s: Ints,
-    master: Surface,
+    master: FacetMesh,
     m: Ints,
     ours: Floats,
     theirs: Floats,
@@ -255,7 +255,7 @@ def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
             yield many[one[later]], many[other[later]]
 
 
-def whole(slave: Surface) -> Overlaps:
+def whole(slave: FacetMesh) -> Overlaps:
     """The whole of each slave facet, for an obstacle without a mesh."""
     s = np.arange(len(slave.facets))
     none = np.zeros(0, dtype=np.int64)
@@ -271,7 +271,9 @@ def _areas(polygons: Floats) -> Floats:
     return np.asarray((x * following[..., 1] - y * following[..., 0]).sum(axis=1) / 2)
 
 
-def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Floats) -> None:
+def _folded(
+    slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints, theirs: Floats
+) -> None:
     bad = skewness(theirs) >= 1
     if bad.any():
         at = int(np.argmax(bad))
@@ -283,9 +285,9 @@ def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Floats) -
 
 
 def integrate(
-    slave: Surface,
+    slave: FacetMesh,
     over: Overlaps,
-    master: Surface | None = None,
+    master: FacetMesh | None = None,
     clearance: Places | None = None,
 ) -> Integrals:
     """Compute the integrals for `weights`."""
@@ -331,9 +333,9 @@ def integrate(
 
 
 def _resultants(
-    slave: Surface,
+    slave: FacetMesh,
     over: Overlaps,
-    master: Surface | None,
+    master: FacetMesh | None,
     mass: Floats,
     own: Floats,
     coupling: Floats,
@@ -355,7 +357,7 @@ def _resultants(
         return
     size, corners = _areas(over.polygons), flat[over.slave]
 
-    def exact(kind: Kind, corners: Floats) -> Floats:
+    def exact(kind: FacetKind, corners: Floats) -> Floats:
         return polygon_integrals(kind, corners, over.polygons)
 
     rows = mass.sum(axis=2)
@@ -394,7 +396,7 @@ def _values(function: Places, places: Floats) -> list[Floats]:
 
 
 def _points(
-    slave: Surface, over: Overlaps, master: Surface | None, function: bool
+    slave: FacetMesh, over: Overlaps, master: FacetMesh | None, function: bool
 ) -> Iterator[tuple[Ints, Floats, Floats | None, Floats]]:
     """Gauss points, for a limited number of intersections at a time.
 
@@ -420,7 +422,7 @@ def _points(
 
 
 def _segment(
-    slave: Surface, over: Overlaps, part: Ints, degree: int
+    slave: FacetMesh, over: Overlaps, part: Ints, degree: int
 ) -> tuple[Ints, Floats, Floats | None, Floats]:
     x, w = np.polynomial.legendre.leggauss(degree // 2 + 1)
     low, high = over.polygons[part].T[..., None]
@@ -435,7 +437,7 @@ def _segment(
     return part, xi[..., None], eta[..., None], weight
 
 
-def _turn(slave: Surface, over: Overlaps, part: Ints) -> Floats:
+def _turn(slave: FacetMesh, over: Overlaps, part: Ints) -> Floats:
     """Signed length of each slave segment along its axis."""
     facet = over.slave[part]
     along = (
@@ -446,7 +448,7 @@ def _turn(slave: Surface, over: Overlaps, part: Ints) -> Floats:
 
 
 def _triangles(
-    slave: Surface, over: Overlaps, part: Ints, degree: int
+    slave: FacetMesh, over: Overlaps, part: Ints, degree: int
 ) -> tuple[Ints, Floats, Floats | None, Floats]:
     corners, owner = triangles(over.polygons[part])
     part = part[owner]
@@ -463,7 +465,7 @@ def _triangles(
     return part, xi, reference(over.opposite[part], places), weight
 
 
-def _degree(slave: Surface, over: Overlaps, master: Surface | None) -> Ints:
+def _degree(slave: FacetMesh, over: Overlaps, master: FacetMesh | None) -> Ints:
     """Degree of exactness of the rule for each intersection, ``(k,)``."""
     corner = 2 if slave.kind.corners == 4 else 1
     other = max(slave.kind.degree, 0 if master is None else master.kind.degree)
@@ -487,7 +489,7 @@ def _beyond(skew: Floats) -> Ints:
     return np.where(skew <= _SKEW, 0, 2 * (beyond // 2 + 1))
 
 
-def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights:
+def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Weights:
     """Weights of all contacts, by the three rules of this module."""
     from scipy import sparse
 
@@ -531,7 +533,7 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
     )
 
 
-def _kept(slave: Surface, covered: Floats) -> Bools:
+def _kept(slave: FacetMesh, covered: Floats) -> Bools:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)

@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats, integers, number, shown
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
+from bipot_rs.mortar.facet_mesh import FacetMesh, bases, candidates, surface
 from bipot_rs.mortar.shape_functions import reference
 
 # A contact of matching nodes imports this module, but not the integrals.
@@ -166,8 +166,8 @@ def pairs(
 
 
 def pair_surfaces(
-    slave: Surface,
-    master: Surface,
+    slave: FacetMesh,
+    master: FacetMesh,
     *,
     method: str,
     distance: float | None = None,
@@ -261,7 +261,7 @@ def rigid_pairs(
 
 
 def weigh_surface(
-    slave: Surface, fields: Callable[[Floats], ArrayLike] | None = None
+    slave: FacetMesh, fields: Callable[[Floats], ArrayLike] | None = None
 ) -> Weights:
     """The contacts of a surface with a rigid obstacle, and weighted means of fields.
 
@@ -274,7 +274,7 @@ def weigh_surface(
 
 
 def make_rigid_pairs(
-    slave: Surface,
+    slave: FacetMesh,
     found: Weights,
     normals: Floats,
     axis: ArrayLike | None,
@@ -297,7 +297,7 @@ def _clearance(value: ArrayLike, nodes: int) -> Floats:
     return found
 
 
-def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None:
+def _own_dofs(slave: FacetMesh, ours: Ints, master: FacetMesh, theirs: Ints) -> None:
     """Refuse a degree of freedom shared by two nodes at different positions."""
     own, other = np.unique(slave.facets), np.unique(master.facets)
     known = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
@@ -320,7 +320,7 @@ def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None
         )
 
 
-def _normals(slave: Surface, node: Ints) -> Floats:
+def _normals(slave: FacetMesh, node: Ints) -> Floats:
     """Normals from the obstacle towards the slave, at slave nodes."""
     normals = -slave.node_normals()[node]
     size = slave.node_areas()[node]
@@ -335,7 +335,7 @@ def _normals(slave: Surface, node: Ints) -> Floats:
     return np.asarray(normals)
 
 
-def _apart(slave: Surface, master: Surface) -> None:
+def _apart(slave: FacetMesh, master: FacetMesh) -> None:
     """Refuse a surface in contact with itself."""
     if not np.array_equal(slave.points, master.points):
         return
@@ -348,7 +348,7 @@ def _apart(slave: Surface, master: Surface) -> None:
             )
 
 
-def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
+def _nothing(slave: FacetMesh, master: FacetMesh, distance: float | None) -> str:
     """Message: why no facet of the slave meets a facet of the master."""
     from scipy.spatial import cKDTree
 
@@ -378,8 +378,8 @@ def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
 
 
 def _nodes(
-    slave: Surface,
-    master: Surface,
+    slave: FacetMesh,
+    master: FacetMesh,
     limit: float,
     clearance: Callable[[Floats], ArrayLike] | None,
 ) -> Weights:
@@ -445,9 +445,9 @@ def _nodes(
 
 
 def _columns(
-    slave: Surface,
+    slave: FacetMesh,
     dofs_slave: ArrayLike | None,
-    master: Surface | None,
+    master: FacetMesh | None,
     dofs_master: ArrayLike | None,
     n: int | None,
 ) -> tuple[Ints, Ints, int]:
@@ -482,8 +482,8 @@ def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
 def _assembled(
     found: Weights,
     frame: Floats,
-    slave: Surface,
-    master: Surface | None,
+    slave: FacetMesh,
+    master: FacetMesh | None,
     clearance: Floats | float,
     columns: tuple[Ints, Ints, int],
 ) -> Pairs:
@@ -511,7 +511,7 @@ def _assembled(
     )
 
 
-def _facets(slave: Surface, node: Ints) -> Ints:
+def _facets(slave: FacetMesh, node: Ints) -> Ints:
     """Facets of the slave in numbers of contacts ``(m, k)``; -1 for other nodes."""
     number = np.full(len(slave.points), -1, np.int64)
     number[node] = np.arange(len(node))

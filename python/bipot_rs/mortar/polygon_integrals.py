@@ -17,10 +17,10 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.mortar.shape_functions import Kind, affine, reference, skewness
+from bipot_rs.mortar.shape_functions import FacetKind, affine, reference, skewness
 
 
-def polygon_integrals(kind: Kind, corners: Floats, polygons: Floats) -> Floats:
+def polygon_integrals(kind: FacetKind, corners: Floats, polygons: Floats) -> Floats:
     """∫ φ_j dA over polygons, ``(k, nodes)``.
 
     Parameters
@@ -46,7 +46,7 @@ def polygon_integrals(kind: Kind, corners: Floats, polygons: Floats) -> Floats:
     return found
 
 
-def _boundary(kind: Kind, corners: Floats, polygons: Floats, n: int) -> Floats:
+def _boundary(kind: FacetKind, corners: Floats, polygons: Floats, n: int) -> Floats:
     t, weight = np.polynomial.legendre.leggauss(n)
     edge = np.roll(polygons, -1, axis=1) - polygons
     places = polygons[:, :, None] + (1 + t)[:, None] / 2 * edge[:, :, None]
@@ -71,7 +71,7 @@ def _boundary(kind: Kind, corners: Floats, polygons: Floats, n: int) -> Floats:
     )
 
 
-def _coefficients(kind: Kind, most: int) -> Floats:
+def _coefficients(kind: FacetKind, most: int) -> Floats:
     """Shape functions in the monomials ξᵖ ηᑫ, ``((most + 1)², nodes)``."""
     line = np.linspace(-1, 1, most + 1)
     grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)

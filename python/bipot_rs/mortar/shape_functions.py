@@ -21,7 +21,7 @@ _ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Kind:
+class FacetKind:
     """One kind of facet.
 
     Attributes
@@ -105,16 +105,16 @@ def _quad9(x: Floats) -> Floats:
 
 
 # By dimension of space and nodes of a facet.
-KINDS: dict[tuple[int, int], Kind] = {
-    (2, 2): Kind("line", 2, 2, 1, _line2, (1, 0)),
-    (2, 3): Kind("line of three nodes", 3, 2, 2, _line3, (1, 0, 2)),
-    (3, 3): Kind("triangle", 3, 3, 1, _tri3, (0, 2, 1)),
-    (3, 6): Kind("triangle of six nodes", 6, 3, 2, _tri6, (0, 2, 1, 5, 4, 3)),
-    (3, 4): Kind("quadrilateral", 4, 4, 2, _quad4, (0, 3, 2, 1)),
-    (3, 8): Kind(
+KINDS: dict[tuple[int, int], FacetKind] = {
+    (2, 2): FacetKind("line", 2, 2, 1, _line2, (1, 0)),
+    (2, 3): FacetKind("line of three nodes", 3, 2, 2, _line3, (1, 0, 2)),
+    (3, 3): FacetKind("triangle", 3, 3, 1, _tri3, (0, 2, 1)),
+    (3, 6): FacetKind("triangle of six nodes", 6, 3, 2, _tri6, (0, 2, 1, 5, 4, 3)),
+    (3, 4): FacetKind("quadrilateral", 4, 4, 2, _quad4, (0, 3, 2, 1)),
+    (3, 8): FacetKind(
         "quadrilateral of eight nodes", 8, 4, 3, _quad8, (0, 3, 2, 1, 7, 6, 5, 4)
     ),
-    (3, 9): Kind(
+    (3, 9): FacetKind(
         "quadrilateral of nine nodes", 9, 4, 4, _quad9, (0, 3, 2, 1, 7, 6, 5, 4, 8)
     ),
 }
@@ -191,7 +191,7 @@ def _components(edges: Floats, x: Floats) -> Floats:
     return np.stack([first, second], axis=-1)
 
 
-def kind_of(what: str, dim: int, nodes: int) -> Kind:
+def kind_of(what: str, dim: int, nodes: int) -> FacetKind:
     """Kind of the facets ``what`` with a number of nodes each."""
     if (dim, nodes) not in KINDS:
         known = [f"{k} ({n.name})" for (d, k), n in KINDS.items() if d == dim]

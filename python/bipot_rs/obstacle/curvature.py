@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.obstacle.protocol import Obstacle, directed, length
+from bipot_rs.obstacle.protocol import Obstacle, check_direction, length
 from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus, Union
 
 
@@ -35,12 +35,12 @@ def curvature(obstacle: Obstacle, points: Floats) -> Floats:
     if isinstance(obstacle, Cylinder):
         arm, slope = points - np.asarray(obstacle.point, np.float64), unit
         if obstacle.axis is not None:
-            axis = directed("axis of the cylinder", obstacle.axis, 3)
+            axis = check_direction("axis of the cylinder", obstacle.axis, 3)
             slope = unit - np.outer(axis, axis)
             arm = np.einsum("nij,nj->ni", slope, arm)
         return _round(arm, slope, obstacle.inside)
     if isinstance(obstacle, Torus):
-        axis = directed("axis of the torus", obstacle.axis, 3)
+        axis = check_direction("axis of the torus", obstacle.axis, 3)
         across = unit - np.outer(axis, axis)
         arm = points - np.asarray(obstacle.centre, np.float64)
         radial = np.einsum("nij,nj->ni", across, arm)

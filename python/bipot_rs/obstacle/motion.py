@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
-from bipot_rs.obstacle.protocol import Obstacle, directed
+from bipot_rs.obstacle.protocol import Obstacle, check_direction
 from bipot_rs.obstacle.shapes import ask
 from bipot_rs.obstacle.tuning import MOST_TURNS
 
@@ -75,7 +75,7 @@ class Motion:
         if self.rotation is not None:
             angle = self._radians(floats("rotation", self.rotation, ndim=1))
         pole = None if self.about is None else floats("about", self.about, ndim=1)
-        turn = None if self.axis is None else directed("axis", self.axis, 3)
+        turn = None if self.axis is None else check_direction("axis", self.axis, 3)
         if any(x is not None and not len(x) for x in (shift, angle)):
             raise ValueError("motion has no steps, expected at least one")
         if shift is None and angle is None:

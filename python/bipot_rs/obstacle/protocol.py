@@ -39,7 +39,7 @@ class Obstacle(Protocol):
         """The closest points to ``points (n, d)``."""
 
 
-def taken(points: object, dim: int | None) -> Floats:
+def check_points(points: object, dim: int | None) -> Floats:
     """Check the points ``(n, d)`` that are passed to an obstacle."""
     if dim is None:
         return vectors("points", points, rows="n", copy=False)
@@ -49,7 +49,7 @@ def taken(points: object, dim: int | None) -> Floats:
     return found
 
 
-def directed(what: str, value: object, dim: int | None = None) -> Floats:
+def check_direction(what: str, value: object, dim: int | None = None) -> Floats:
     """Check a direction, and scale it to length 1."""
     found = floats(what, value, ndim=1)
     if len(found) not in ((2, 3) if dim is None else (dim,)):

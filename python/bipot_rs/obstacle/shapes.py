@@ -22,7 +22,13 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
+from bipot_rs.obstacle.protocol import (
+    Closest,
+    Obstacle,
+    check_direction,
+    check_points,
+    length,
+)
 from bipot_rs.obstacle.triangulated import Surface
 from bipot_rs.obstacle.tuning import (
     DIFFERENCE_STEP,
@@ -46,7 +52,7 @@ class Plane:
     normal: ArrayLike
 
     def __post_init__(self) -> None:
-        direction = directed("normal of the plane", self.normal)
+        direction = check_direction("normal of the plane", self.normal)
         floats("point of the plane", self.point, shape=direction.shape)
 
     @property
@@ -56,8 +62,8 @@ class Plane:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`."""
-        x = taken(points, self.dim)
-        n = directed("normal of the plane", self.normal)
+        x = check_points(points, self.dim)
+        n = check_direction("normal of the plane", self.normal)
         distance = (x - np.asarray(self.point, np.float64)) @ n
         return Closest(distance, np.tile(n, (len(x), 1)), x - distance[:, None] * n)
 
@@ -91,7 +97,7 @@ class Sphere:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` for a point at the centre."""
-        x = taken(points, self.dim)
+        x = check_points(points, self.dim)
         arm = x - np.asarray(self.centre, np.float64)
         return _round(x, arm, self.radius, self.inside, "centre of the sphere")
 
@@ -126,7 +132,7 @@ class Cylinder:
                 else "axis of the cylinder was given, but a 2D cylinder has none"
             )
         if self.axis is not None:
-            directed("axis of the cylinder", self.axis, 3)
+            check_direction("axis of the cylinder", self.axis, 3)
         _positive("radius of the cylinder", self.radius)
 
     @property
@@ -136,10 +142,10 @@ class Cylinder:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` for a point on the axis."""
-        x = taken(points, self.dim)
+        x = check_points(points, self.dim)
         arm = x - np.asarray(self.point, np.float64)
         if self.axis is not None:
-            arm = _across(arm, directed("axis of the cylinder", self.axis, 3))
+            arm = _across(arm, check_direction("axis of the cylinder", self.axis, 3))
         return _round(x, arm, self.radius, self.inside, "axis of the cylinder")
 
 
@@ -176,7 +182,7 @@ class Torus:
 
     def __post_init__(self) -> None:
         floats("centre of the torus", self.centre, shape=(3,))
-        directed("axis of the torus", self.axis, 3)
+        check_direction("axis of the torus", self.axis, 3)
         _positive("major_radius of the torus", self.major_radius)
         _positive("minor_radius of the torus", self.minor_radius)
         if not self.minor_radius < self.major_radius:
@@ -192,8 +198,8 @@ class Torus:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` for a point at the centre of the tube."""
-        x = taken(points, 3)
-        axis = directed("axis of the torus", self.axis, 3)
+        x = check_points(points, 3)
+        axis = check_direction("axis of the torus", self.axis, 3)
         arm = x - np.asarray(self.centre, np.float64)
         radial = _across(arm, axis)
         far = length(radial)
@@ -247,7 +253,7 @@ class Distance:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` where the function is not a distance."""
-        x = taken(points, None)
+        x = check_points(points, None)
         distance = self._at(x)
         extent = float(np.ptp(x, axis=0).max(initial=0.0)) if len(x) else 0.0
         extent = max(extent, float(np.abs(distance).max(initial=0.0)))

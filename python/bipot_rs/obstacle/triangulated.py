@@ -19,7 +19,7 @@ from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
-from bipot_rs.obstacle.protocol import Closest, length, taken
+from bipot_rs.obstacle.protocol import Closest, check_points, length
 from bipot_rs.obstacle.tuning import POINTS_AT_ONCE
 
 # A facet thinner than this fraction of its longest edge has no normal.
@@ -152,7 +152,7 @@ class Surface:
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; of two points at the same distance either may be taken."""
-        x = taken(points, self.dim)
+        x = check_points(points, self.dim)
         return self._signed(x, *self._located(x))
 
     def _located(self, x: Floats) -> tuple[Floats, Ints, Ints]:
@@ -171,7 +171,7 @@ class Surface:
         that lies there gets the one nearest to ``-outward``, so that a flat body on a flat
         punch is pressed straight at the rim too.
         """
-        x = taken(points, self.dim)
+        x = check_points(points, self.dim)
         foot, facet, part = self._located(x)
         found = self._signed(x, foot, facet, part)
         on = np.flatnonzero(np.abs(found.distance) <= _RIM * self._size)

@@ -18,7 +18,7 @@ from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Solution, Step
 from bipot_rs.mortar.pairs import Pairs
 from bipot_rs.plots.geometry import triangles
-from bipot_rs.scene.units import inconsistent
+from bipot_rs.scene.units import find_inconsistency
 
 if TYPE_CHECKING:
     from bipot_rs.fem.assembly.assembly import Assembly
@@ -170,7 +170,7 @@ def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str
         raise mistyped(
             "units", known, "a mapping from length, force and stress to their names"
         )
-    if said := inconsistent(known):
+    if said := find_inconsistency(known):
         raise ValueError(f"units: {said}")
     return known
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from bipot_rs.scene.library import shipped, text
     from bipot_rs.scene.load_history import LoadHistory
     from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
-    from bipot_rs.scene.reading import checked, parsed, put, read
+    from bipot_rs.scene.reading import check, parse, put, read
 
 __all__ = [
     "Case",
@@ -20,8 +20,8 @@ __all__ = [
     "SceneError",
     "assemble",
     "bodies",
-    "checked",
-    "parsed",
+    "check",
+    "parse",
     "put",
     "read",
     "shipped",
@@ -36,6 +36,6 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.scene.library": ("shipped", "text"),
         "bipot_rs.scene.load_history": ("LoadHistory",),
         "bipot_rs.scene.mistakes": ("Mistake", "MistakeKind", "SceneError"),
-        "bipot_rs.scene.reading": ("checked", "parsed", "put", "read"),
+        "bipot_rs.scene.reading": ("check", "parse", "put", "read"),
     },
 )

@@ -26,7 +26,7 @@ from bipot_rs.scene.build import bodies
 from bipot_rs.scene.case import Case, assemble
 from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
-from bipot_rs.scene.reading import checked, parsed, put
+from bipot_rs.scene.reading import check, parse, put
 from bipot_rs.scene.schema.root import Scene, Units
 
 _UNITS = tuple(Units.model_fields)
@@ -111,9 +111,9 @@ class Model:
         made = cls()
         name = os.fspath(source)
         if "\n" in name:
-            made._table = parsed("text", name)
+            made._table = parse("text", name)
         else:
-            made._table = parsed(name, text(name))
+            made._table = parse(name, text(name))
             made._folder = folder_of(name)
         return made
 
@@ -353,7 +353,7 @@ class Model:
         SceneError
             All mistakes found, each with its key path; a `ValueError`.
         """
-        return checked(self.title, self.to_dict(), folder=self._folder)
+        return check(self.title, self.to_dict(), folder=self._folder)
 
     def assemble(self) -> Case:
         """Make the arrays of this model: ``case.model`` and its load path.

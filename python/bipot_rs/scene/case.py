@@ -380,7 +380,7 @@ class Case:
             return step.s
         return float(Histories(self.scene, np.array([step.s])).parameter[0])
 
-    def loaded(self, result: Sequence[Step]) -> list[Step]:
+    def add_loads(self, result: Sequence[Step]) -> list[Step]:
         """Add the loads to steps read from a file, which does not store them."""
         nothing = np.zeros(self.model.n)
         found = []

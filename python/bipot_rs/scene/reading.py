@@ -36,12 +36,12 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     SceneError
         All mistakes found, each with its key path.
     """
-    table = parsed(name, text(name))
+    table = parse(name, text(name))
     mistakes = [m for m in (_override(table, item) for item in settings) if m]
-    return checked(name, table, mistakes, folder_of(name))
+    return check(name, table, mistakes, folder_of(name))
 
 
-def parsed(name: str, source: str) -> dict[str, Any]:
+def parse(name: str, source: str) -> dict[str, Any]:
     """Tables of a TOML text; `SceneError` if it is not TOML."""
     source = source.removeprefix("\ufeff")
     try:
@@ -54,7 +54,7 @@ def parsed(name: str, source: str) -> dict[str, Any]:
     raise SceneError(name, [Mistake("", f"is not TOML: {wrong}", MistakeKind.FILE)])
 
 
-def checked(
+def check(
     name: str,
     table: dict[str, Any],
     mistakes: Sequence[Mistake] = (),

@@ -100,13 +100,13 @@ def size(kind: str, name: str) -> float | None:
     return None
 
 
-def inconsistent(names: Mapping[str, str]) -> str | None:
+def find_inconsistency(names: Mapping[str, str]) -> str | None:
     """Message about units of ``"length"``, ``"force"`` and ``"stress"``, None if consistent.
 
-    >>> inconsistent({"length": "mm", "force": "N", "stress": "MPa"})
-    >>> inconsistent({"length": "mm", "force": "kN", "stress": "bar"})
+    >>> find_inconsistency({"length": "mm", "force": "N", "stress": "MPa"})
+    >>> find_inconsistency({"length": "mm", "force": "kN", "stress": "bar"})
     'stress in bar does not fit kN / mm², which is GPa: stress = "GPa" would fit'
-    >>> inconsistent({"length": "N"})
+    >>> find_inconsistency({"length": "N"})
     'length in N: that is a unit of force'
 
     Unknown and missing names are not checked.

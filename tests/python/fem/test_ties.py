@@ -12,7 +12,7 @@ from bipot_rs import fem
 from bipot_rs.fem.assembly.assembly import Support
 from bipot_rs.fem.bodies.boundary import Symmetry
 from bipot_rs.fem.constraints.references import Remote
-from bipot_rs.fem.constraints.ties import Relations, tied
+from bipot_rs.fem.constraints.ties import Relations, make_ties
 
 Floats = NDArray[np.float64]
 STEEL = fem.Material(200.0, 0.3)
@@ -39,7 +39,7 @@ def random_relations(seed: int) -> tuple[list[Relations], NDArray[Any], Floats]:
 def test_the_columns_span_the_null_space(seed: int) -> None:
     blocks, fixed, C = random_relations(seed)
     n = C.shape[1]
-    found = tied(blocks, fixed, np.zeros((n // 2, 2)))
+    found = make_ties(blocks, fixed, np.zeros((n // 2, 2)))
     T = found.within.toarray()
     # Relations between prescribed values alone are not part of T.
     inside = np.vstack([C, np.zeros((0, n))])
@@ -55,7 +55,7 @@ def test_the_columns_span_the_null_space(seed: int) -> None:
 
 
 def test_no_relations_change_nothing() -> None:
-    found = tied([], np.array([1]), np.zeros((3, 2)))
+    found = make_ties([], np.array([1]), np.zeros((3, 2)))
     K = sparse.csr_array(np.diag(np.arange(1.0, 7.0)))
     assert (found.stiffness(K) != K).nnz == 0
     f = np.arange(6.0)
@@ -64,7 +64,7 @@ def test_no_relations_change_nothing() -> None:
 
 def test_loads_that_were_changed_stay_the_same_bits() -> None:
     blocks, fixed, C = random_relations(0)
-    found = tied(blocks, fixed, np.zeros((12, 2)))
+    found = make_ties(blocks, fixed, np.zeros((12, 2)))
     f = np.random.default_rng(1).normal(size=C.shape[1])
     once = found.load(f)
     assert found.load(once) is once

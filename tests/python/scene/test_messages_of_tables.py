@@ -131,7 +131,7 @@ def changed(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 def messages(table: dict[str, Any]) -> list[str]:
     try:
-        scene.checked("it", table)
+        scene.check("it", table)
     except scene.SceneError as error:
         return [str(mistake) for mistake in error.mistakes]
     return []
@@ -191,7 +191,7 @@ def test_key_and_kind_of_each_mistake() -> None:
     table["contact"][0]["plane"]["point"] = [0.0]
     table["mesh"]["n"] = 2.5
     with pytest.raises(scene.SceneError) as raised:
-        scene.checked("it", table)
+        scene.check("it", table)
     kind = scene.MistakeKind
     assert [(m.key, m.kind) for m in raised.value.mistakes] == [
         ("mesh.n", kind.INTEGER),
@@ -202,7 +202,7 @@ def test_key_and_kind_of_each_mistake() -> None:
     table = tomllib.loads(text("pressed_block"))
     table["contact"][0]["on"] = "block.under"
     with pytest.raises(scene.SceneError) as raised:
-        scene.checked("it", table)
+        scene.check("it", table)
     assert {(m.key, m.kind) for m in raised.value.mistakes} >= {
         ("contact.0.on", kind.NAME),
     }

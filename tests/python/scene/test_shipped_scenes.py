@@ -248,14 +248,14 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
 
 def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     """A key is looked for elsewhere in the scene, with one search for all mistakes."""
-    table = scene.parsed("sheared_cube", scene.text("sheared_cube"))
+    table = scene.parse("sheared_cube", scene.text("sheared_cube"))
     contact = table["contact"][0]
     table["contact"] = [
         contact | {"cells": 3, "young": 1, "zzz": k} for k in range(300)
     ]
     table["body"]["cube"]["zzz"] = 1
     with pytest.raises(scene.SceneError) as caught:
-        scene.checked("mine", table)
+        scene.check("mine", table)
     found = [str(mistake) for mistake in caught.value.mistakes]
     (young,) = (f"material.{name}.young" for name in table["material"])
     for k in (0, 299):

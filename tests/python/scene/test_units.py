@@ -64,12 +64,12 @@ WRONG = [
 
 @pytest.mark.parametrize("names", FITTING)
 def test_consistent_units(names: tuple[str, str, str]) -> None:
-    assert units.inconsistent(dict(zip(units._SI, names, strict=True))) is None
+    assert units.find_inconsistency(dict(zip(units._SI, names, strict=True))) is None
 
 
 @pytest.mark.parametrize(("names", "said"), WRONG)
 def test_inconsistent_units(names: tuple[str, str, str], said: str) -> None:
-    assert units.inconsistent(dict(zip(units._SI, names, strict=True))) == said
+    assert units.find_inconsistency(dict(zip(units._SI, names, strict=True))) == said
 
 
 def test_suggested_units_are_consistent() -> None:
@@ -81,7 +81,7 @@ def test_suggested_units_are_consistent() -> None:
         sizes = {kind: units.size(kind, name) for kind, name in names.items()}
         assert None not in sizes.values()
         ratio = sizes["stress"] * sizes["length"] ** 2 / sizes["force"]  # type: ignore[operator]
-        said = units.inconsistent(names)
+        said = units.find_inconsistency(names)
         assert (said is None) is (abs(ratio - 1) < 1e-3)
         if said is None:
             continue
@@ -94,7 +94,7 @@ def test_suggested_units_are_consistent() -> None:
             .split(", ")
             if part
         ):
-            assert units.inconsistent(names | {kind: quoted.strip('"')}) is None
+            assert units.find_inconsistency(names | {kind: quoted.strip('"')}) is None
     assert wrong > 700
 
 
@@ -109,7 +109,7 @@ def test_suggested_units_are_consistent() -> None:
     ],
 )
 def test_unknown_units_are_not_checked(names: dict[str, str]) -> None:
-    assert units.inconsistent(names) is None
+    assert units.find_inconsistency(names) is None
 
 
 def test_scenes_are_refused(bipot: Any) -> None:

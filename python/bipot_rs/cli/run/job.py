@@ -300,7 +300,7 @@ class Job(SharedRunner):
                 self.resumed = len(done)
                 self.reached = [
                     (self._row(k, case, step), step)
-                    for k, step in enumerate(case.loaded(done))
+                    for k, step in enumerate(case.add_loads(done))
                 ]
                 self.progress.skip(self.resumed)
             self.case = case

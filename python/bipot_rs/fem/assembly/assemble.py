@@ -13,9 +13,13 @@ from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
 from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
 from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
-from bipot_rs.fem.constraints.inclined_supports import Planes, planes
-from bipot_rs.fem.constraints.references import Remote, obstacle_columns, references
-from bipot_rs.fem.constraints.ties import tied
+from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
+from bipot_rs.fem.constraints.references import (
+    Remote,
+    make_references,
+    obstacle_columns,
+)
+from bipot_rs.fem.constraints.ties import make_ties
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.meeting import Meeting, meet, relative_displacement
 from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
@@ -105,11 +109,15 @@ def without_stiffness(
     meetings = [meet(bodies, offset, n, contact) for contact in contacts]
     cuts: list[Images] = []
     if repetitions:
-        from bipot_rs.fem.constraints.repetition import images, merged, refuse_floating
+        from bipot_rs.fem.constraints.repetition import (
+            find_images,
+            merge_images,
+            refuse_floating,
+        )
 
-        cuts = [images(bodies, offset, one) for one in repetitions]
+        cuts = [find_images(bodies, offset, one) for one in repetitions]
         for cut in cuts:
-            meetings = merged(meetings, contacts, cut, cuts, nodes)
+            meetings = merge_images(meetings, contacts, cut, cuts, nodes)
             refuse_floating(contacts, cut)
     met = _stack(meetings, contacts, dim)
     B, bare = relative_displacement(meetings, n), None
@@ -119,7 +127,7 @@ def without_stiffness(
         met = _turn_tangents(met, contacts, inclined)
         bare = in_frames(met.frame, met.frame_of_rows, B)
         B = inclined.relative(bare)
-    points_of, relations = references(bodies, offset, contacts, remotes)
+    points_of, relations = make_references(bodies, offset, contacts, remotes)
     relations += [cut.relations() for cut in cuts]
     ties = None
     if points_of or relations:
@@ -128,7 +136,7 @@ def without_stiffness(
         B.resize((B.shape[0], n))
         B = (B + obstacle_columns(contacts, met.group, met.frame, points_of, n)).tocsr()
         fixed = np.concatenate([fixed, *(point.fixed for point in points_of)])
-        ties = tied(relations, fixed, with_points(nodes, points_of), inclined)
+        ties = make_ties(relations, fixed, with_points(nodes, points_of), inclined)
         B, fixed = ties.relative(B), ties.fixed
     path = gaps_of_steps(meetings, contacts, met.frame, inclined is not None)
     free = np.ones(n)
@@ -296,4 +304,4 @@ def _incline(
             b = body_index(bodies, symmetry.body)
             nodes = bodies[b].nodes(symmetry.surface)
             groups.append((offset[b] + bodies[b].dim * nodes, normal))
-    return planes(groups, fixed, points)
+    return make_planes(groups, fixed, points)

@@ -167,7 +167,7 @@ class Planes:
             )
 
 
-def planes(
+def make_planes(
     groups: Iterable[tuple[Ints, Floats]], fixed: Ints, nodes: Floats
 ) -> Planes | None:
     """Combine the planes of all nodes; None without any.

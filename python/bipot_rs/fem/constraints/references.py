@@ -174,7 +174,7 @@ class Reference:
         return found
 
 
-def references(
+def make_references(
     bodies: Sequence[Body],
     offset: Sequence[int],
     contacts: Sequence[Contact],

@@ -23,7 +23,7 @@ from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.matching import nearest_points
 from bipot_rs.fem.contact.meeting import Meeting
 from bipot_rs.obstacle.motion import Approach
-from bipot_rs.obstacle.protocol import directed
+from bipot_rs.obstacle.protocol import check_direction
 
 # Tolerance of coordinates from two meshers, relative to the size of the body.
 _SAME = 1e-7
@@ -109,7 +109,7 @@ class Images:
         return Relations(dofs.reshape(-1, 1 + d), values.reshape(-1, 1 + d))
 
 
-def images(
+def find_images(
     bodies: Sequence[Body], offset: Sequence[int], repetition: Repetition
 ) -> Images:
     """Find the image of each node.
@@ -170,7 +170,7 @@ def _motions(
         )
     axis = None
     if dim == 3:
-        axis = directed(f"axis of {what}", repetition.axis, 3)
+        axis = check_direction(f"axis of {what}", repetition.axis, 3)
     found = []
     for angle in (2 * np.pi / count, -2 * np.pi / count):
         turn = _rotation(angle, axis)
@@ -210,7 +210,7 @@ def refuse_floating(contacts: Sequence[Contact], pairs: Images) -> None:
             )
 
 
-def merged(
+def merge_images(
     found: Sequence[Meeting],
     contacts: Sequence[Contact],
     pairs: Images,

@@ -167,7 +167,7 @@ class Ties:
         return y
 
 
-def tied(
+def make_ties(
     relations: Sequence[Relations],
     fixed: Ints,
     nodes: Floats,

@@ -10,7 +10,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.contact.contact import Contact, rigid_obstacle
 from bipot_rs.fem.contact.surfaces import facets_of, outward, split_clearance
-from bipot_rs.mortar.facet_mesh import Surface, surface
+from bipot_rs.mortar.facet_mesh import FacetMesh, surface
 from bipot_rs.obstacle.motion import Approach, Motion, approach
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def follow_obstacle(
 
 def weigh_obstacle(
     body: Body, contact: Contact, motion: Motion | None, since: int = 0
-) -> tuple[Surface, Weights, Approach]:
+) -> tuple[FacetMesh, Weights, Approach]:
     """Weighted means of gap and drag over a surface, and normals at its contact nodes."""
     from bipot_rs.mortar.pairs import weigh_surface
 

@@ -15,11 +15,11 @@ from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
-from bipot_rs.scene.schema.contact import Plane, Ring, Touch
+from bipot_rs.scene.schema.contact import PlaneTable, Ring, Touch
 from bipot_rs.scene.schema.mesh import Block, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, Components
-from bipot_rs.scene.units import inconsistent
+from bipot_rs.scene.units import find_inconsistency
 
 _DOT = "contains a dot, which separates a body from its surface; choose another name"
 _IN_SPACE = "remove it, the scene has two dimensions"
@@ -74,7 +74,7 @@ def _of_table(block: Block) -> Known:
 
 def _units(scene: Scene) -> Iterator[Mistake]:
     """Units that do not fit together: numbers in pictures would be wrong."""
-    problem = inconsistent(scene.units.model_dump())
+    problem = find_inconsistency(scene.units.model_dump())
     if problem is not None:
         yield Mistake("units", problem)
 
@@ -377,7 +377,7 @@ def _no_obstacle(key: str, name: str, scene: Scene) -> Mistake:
     return _unknown(key, "obstacle", name, scene.obstacle, hint)
 
 
-def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[Mistake]:
+def _plane(place: str, plane: PlaneTable, dim: int | None) -> Iterator[Mistake]:
     yield from _length(f"{place}.point", plane.point, dim)
     yield from _direction(f"{place}.normal", plane.normal, dim)
 

@@ -22,7 +22,7 @@ _Coefficient = Annotated[float, Field(ge=0)]
 _Pair = Annotated[list[_Coefficient], Field(min_length=2, max_length=2)]
 
 
-class Plane(Table):
+class PlaneTable(Table):
     """A rigid plane; its normal points towards the body."""
 
     point: Vector
@@ -99,7 +99,7 @@ class Rigid(Table):
     # The keys that define its shape.
     SHAPES: ClassVar = ("plane", "sphere", "cylinder", "torus", "surface")
 
-    plane: Plane | None = None
+    plane: PlaneTable | None = None
     sphere: Ball | None = None
     cylinder: Bar | None = None
     torus: Ring | None = None
@@ -143,7 +143,7 @@ class Touch(Table):
     on: str
     mu: OneOrList[_Coefficient, _Pair]
     axis: Vector | None = None
-    plane: Plane | None = None
+    plane: PlaneTable | None = None
     against: str | None = None
     pairing: Literal["match", "nodes", "mortar"] = "match"
     clearance: Annotated[Clearance, wrap("height")] = Field(default_factory=Clearance)

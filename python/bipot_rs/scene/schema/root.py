@@ -28,8 +28,8 @@ from bipot_rs.scene.schema.table import (
     no_entries,
     no_tables,
 )
-from bipot_rs.scene.schema.tie import Cyclic, Periodic, Remote
-from bipot_rs.scene.schema.wear import Wear
+from bipot_rs.scene.schema.tie import CyclicTable, PeriodicTable, RemoteTable
+from bipot_rs.scene.schema.wear import WearTable
 
 # Cells of an element, by dimension.
 _CARRIES = {
@@ -91,9 +91,9 @@ class Scene(Table):
     obstacle: dict[str, Rigid] = Field(default_factory=no_tables)
     support: list[Prescribed] = Field(default_factory=no_entries)
     symmetry: list[Mirror] = Field(default_factory=no_entries)
-    cyclic: list[Cyclic] = Field(default_factory=no_entries)
-    periodic: list[Periodic] = Field(default_factory=no_entries)
-    remote: dict[str, Remote] = Field(default_factory=no_tables)
+    cyclic: list[CyclicTable] = Field(default_factory=no_entries)
+    periodic: list[PeriodicTable] = Field(default_factory=no_entries)
+    remote: dict[str, RemoteTable] = Field(default_factory=no_tables)
     spring: list[Foundation] = Field(default_factory=no_entries)
     traction: list[Traction] = Field(default_factory=no_entries)
     pressure: list[Pressure] = Field(default_factory=no_entries)
@@ -101,7 +101,7 @@ class Scene(Table):
     strain: list[InitialStrain] = Field(default_factory=no_entries)
     contact: Annotated[list[Touch], Field(min_length=1)]
     path: LoadPath = Field(default_factory=LoadPath)
-    wear: Wear | None = None
+    wear: WearTable | None = None
     solver: Solver = Field(default_factory=Solver)
 
     # Relative names of files refer to this folder.

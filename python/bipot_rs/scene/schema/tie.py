@@ -15,7 +15,7 @@ from bipot_rs.scene.schema.table import (
 )
 
 
-class Remote(Table):
+class RemoteTable(Table):
     """A part of a body that follows a point, or that a force at this point acts on.
 
     ``on`` is a surface, a volume or a whole body, of which ``within`` selects nodes. The
@@ -50,7 +50,7 @@ class Remote(Table):
         }
 
 
-class Cyclic(Table):
+class CyclicTable(Table):
     """Two cuts ``on`` and ``onto`` of one of ``sectors`` equal sectors about an axis.
 
     The axis goes through ``about``, by default the origin; in three dimensions its direction
@@ -64,7 +64,7 @@ class Cyclic(Table):
     axis: Vector | None = None
 
 
-class Periodic(Table):
+class PeriodicTable(Table):
     """Two cuts ``on`` and ``onto`` of a structure that repeats itself by a translation."""
 
     on: str

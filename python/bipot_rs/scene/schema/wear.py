@@ -10,7 +10,7 @@ from bipot_rs.scene.schema.table import Table
 _MOST_CYCLES = 1_000_000_000
 
 
-class Wear(Table):
+class WearTable(Table):
     """Archard wear: the last ``steps`` load steps are a cycle, repeated ``cycles`` times.
 
     In each load step the depth ``coefficient`` × pressure × slip is worn off; the unit of

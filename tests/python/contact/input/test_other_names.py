@@ -29,7 +29,7 @@ def solves() -> dict[str, Callable[..., Any]]:
 
     def wear(**given: Any) -> Any:
         worn = model.to_dict() | {"wear": {"coefficient": 0.0, "cycles": 1}}
-        made = scene.checked("it", worn)
+        made = scene.check("it", worn)
         return scene.assemble(made, scene.bodies(made)).wear(**given)
 
     def cycles(**given: Any) -> Any:
