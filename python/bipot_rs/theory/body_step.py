@@ -195,7 +195,7 @@ class StepSolver:
         for _ in range(_NEWTON):
             if np.sqrt(0.5 * size) <= tol * np.sqrt(self._work(end)):
                 return du, end, True
-            matrix = body.stiffness(end.tangent) + _SHARE * body.elastic
+            matrix = (body.stiffness(end.tangent) + _SHARE * body.elastic).tocsr()
             move = np.zeros_like(du)
             try:
                 move[free] = splu(matrix[free][:, free].tocsc()).solve(rest)
