@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from types import ModuleType
 
 # Name of the distribution, if it is not the name of the module.
 _DISTRIBUTIONS = {"skfem": "scikit-fem"}
@@ -37,7 +37,7 @@ def missing(
     )
 
 
-def load_library(name: str, *, extra: str = "io", need: str = "files") -> Any:
+def load_library(name: str, *, extra: str = "io", need: str = "files") -> ModuleType:
     """Import an optional library; ``need`` says what it is for.
 
     Raises

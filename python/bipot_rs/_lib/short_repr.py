@@ -36,10 +36,10 @@ def short_repr(self: Any) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     if isinstance(value, np.ndarray) and value.size > _FEW:
         return f"array {value.shape}"
-    if hasattr(value, "nnz"):
+    if hasattr(value, "nnz") and hasattr(value, "shape"):
         return f"sparse {value.shape}, {value.nnz} entries"
     if isinstance(value, tuple | list) and value:
         inner = ", ".join(_short(one) for one in value)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Integers
 
 
 def check(what: str, matrix: Any) -> None:
@@ -41,7 +42,9 @@ def check(what: str, matrix: Any) -> None:
         _within(what, column, columns)
 
 
-def _pointers(what: str, pointer: Any, indices: int, entries: int, major: int) -> None:
+def _pointers(
+    what: str, pointer: Integers, indices: int, entries: int, major: int
+) -> None:
     if len(pointer) != major + 1:
         raise ValueError(
             f"{what} has {counted(len(pointer), 'pointer')} to its rows, expected {major + 1}"
@@ -58,7 +61,7 @@ def _pointers(what: str, pointer: Any, indices: int, entries: int, major: int) -
         )
 
 
-def _within(what: str, indices: Any, limit: int) -> None:
+def _within(what: str, indices: Integers, limit: int) -> None:
     # Least and greatest take no memory, where a comparison takes a byte for each entry.
     if len(indices) and (indices.min() < 0 or indices.max() >= limit):
         at = int(np.argmax((indices < 0) | (indices >= limit)))

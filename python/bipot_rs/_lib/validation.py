@@ -41,7 +41,7 @@ class Csr(NamedTuple):
 
 def floats(
     what: str,
-    value: Any,
+    value: object,
     *,
     ndim: int | None = None,
     shape: tuple[int, ...] | None = None,
@@ -79,7 +79,9 @@ def floats(
     return array
 
 
-def vectors(what: str, value: Any, *, rows: str = "n_c", copy: bool = True) -> Floats:
+def vectors(
+    what: str, value: object, *, rows: str = "n_c", copy: bool = True
+) -> Floats:
     """Vectors of two or three components, one for each row."""
     found = floats(what, value, ndim=2, copy=copy)
     if found.shape[1] not in (2, 3):
@@ -89,7 +91,7 @@ def vectors(what: str, value: Any, *, rows: str = "n_c", copy: bool = True) -> F
     return found
 
 
-def integers(what: str, value: Any) -> NDArray[Any]:
+def integers(what: str, value: object) -> NDArray[Any]:
     """An array of integers."""
     found = np.asarray(value)
     if found.dtype.kind not in "iu":
@@ -284,17 +286,17 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     return np.array(found, dtype=np.int64)
 
 
-def positive(what: str, value: Any) -> int:
+def positive(what: str, value: object) -> int:
     """An integer of 1 or more."""
     return integer(what, value, least=1)
 
 
-def threads(value: Any) -> int:
+def threads(value: object) -> int:
     """A number of threads; the core limits environment variables to the same range."""
     return integer("num_threads", value, least=1, most=1024)
 
 
-def integer(what: str, value: Any, *, least: int, most: int | None = None) -> int:
+def integer(what: str, value: object, *, least: int, most: int | None = None) -> int:
     """An integer from ``least`` to ``most``."""
     number = None
     # `operator.index` takes a logical value, of NumPy with a warning before NumPy 1.25.
@@ -309,7 +311,7 @@ def integer(what: str, value: Any, *, least: int, most: int | None = None) -> in
     return number
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """``repr`` of a value on one line, short enough for a message."""
     try:
         text = " ".join(repr(value).split())
@@ -378,7 +380,7 @@ def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
     return found
 
 
-def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
+def matrices(K: object, B: object) -> tuple[Csr, Csr]:
     """A stiffness ``(n, n)`` and a contact operator with n columns."""
     stiffness, contact = csr("K", K), csr("B", B)
     n = stiffness.shape[0]
@@ -539,13 +541,13 @@ def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | No
     return maxiter
 
 
-def callback(what: str, value: Any) -> None:
+def callback(what: str, value: object) -> None:
     """Refuse a callback that is neither callable nor None."""
     if value is not None and not callable(value):
         raise TypeError(f"{what} is {shown(value)}, expected a function, or None")
 
 
-def number(what: str, value: Any) -> float:
+def number(what: str, value: object) -> float:
     """A real number, or an array without dimensions, as float."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
@@ -559,7 +561,7 @@ def number(what: str, value: Any) -> float:
         ) from None
 
 
-def one_of(what: str, value: Any, known: Sequence[str]) -> str:
+def one_of(what: str, value: object, known: Sequence[str]) -> str:
     """``value``, which must be one of the names ``known``."""
     if isinstance(value, str) and value in known:
         return value

@@ -73,7 +73,7 @@ class PrintText(argparse.Action):
         super().__init__(nargs=0, **options)
         self.text = text
 
-    def __call__(self, *_: Any) -> NoReturn:
+    def __call__(self, *_: object) -> NoReturn:
         """Print it."""
         tell(self.text().rstrip(), sys.stdout)
         raise SystemExit(SOLVED)

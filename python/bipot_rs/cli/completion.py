@@ -9,12 +9,11 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import Any
 
 Completer = Callable[..., Iterable[str]]
 
 
-def complete_scenes(prefix: str, **_: Any) -> Iterable[str]:
+def complete_scenes(prefix: str, **_: object) -> Iterable[str]:
     """Names of shipped scenes, and TOML files."""
     from argcomplete.completers import FilesCompleter
 
@@ -23,21 +22,21 @@ def complete_scenes(prefix: str, **_: Any) -> Iterable[str]:
     return [*shipped(), *FilesCompleter(["toml"])(prefix)]
 
 
-def complete_methods(**_: Any) -> Iterable[str]:
+def complete_methods(**_: object) -> Iterable[str]:
     """Names of the contact solvers."""
     import bipot_rs._core as _core
 
     return list(_core.METHODS)
 
 
-def complete_kinds(**_: Any) -> Iterable[str]:
+def complete_kinds(**_: object) -> Iterable[str]:
     """Kinds of pictures."""
     from bipot_rs.plots.by_name import KINDS
 
     return list(KINDS)
 
 
-def complete_keys(prefix: str, parsed_args: Namespace, **_: Any) -> list[str]:
+def complete_keys(prefix: str, parsed_args: Namespace, **_: object) -> list[str]:
     """Keys for ``--set`` of the scene that is named before it."""
     return list_keys(getattr(parsed_args, "scene", None), prefix)
 
@@ -84,14 +83,14 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
     return found
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     """Whether a value of the scene has no keys: a number, a text, or a list of these."""
     if isinstance(value, list):
         return not any(isinstance(one, dict) for one in value)
     return value is not None and not isinstance(value, dict)
 
 
-def _read_table(scene: str | None) -> Any:
+def _read_table(scene: str | None) -> object:
     if not isinstance(scene, str):
         return {}
     from bipot_rs.scene.library import text
@@ -103,7 +102,7 @@ def _read_table(scene: str | None) -> Any:
     return {}
 
 
-def _follow(table: Any, place: list[str]) -> Any:
+def _follow(table: object, place: list[str]) -> object:
     """The value at a key path; None if there is none."""
     for part in place:
         if isinstance(table, dict):

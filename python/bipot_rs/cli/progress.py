@@ -16,7 +16,7 @@ def drop_rounding(load: float, largest: float) -> float:
     return 0.0 if abs(load) < 1e-13 * largest else load
 
 
-def line(**values: Any) -> None:
+def line(**values: object) -> None:
     """Print one object of --json."""
     tell(json.dumps(values), sys.stdout)
 

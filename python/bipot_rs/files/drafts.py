@@ -6,12 +6,11 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from bipot_rs._lib.messages import mistyped
 
 
-def place(path: Any, what: str = "path") -> Path:
+def place(path: str | os.PathLike[str], what: str = "path") -> Path:
     """Convert to a `Path`; a `TypeError` names the argument ``what``."""
     try:
         return Path(os.fsdecode(path))

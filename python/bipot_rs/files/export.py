@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -94,7 +95,7 @@ def write_result(
     named = units or {}
     first = {} if fields is None or not steps else fields(0)
 
-    def store(group: Any, name: str, value: Any, about: Mapping[str, str]) -> None:
+    def store(group: Any, name: str, value: object, about: Mapping[str, str]) -> None:
         _store(h5py, group, name, value, about)
 
     def fill(file: Any) -> None:
@@ -275,7 +276,7 @@ def _about(
 
 
 def _store(
-    h5py: Any, group: Any, name: str, value: Any, about: Mapping[str, str]
+    h5py: ModuleType, group: Any, name: str, value: object, about: Mapping[str, str]
 ) -> None:
     """Make a dataset; numbers by the low-level interface, which is faster."""
     array = np.asarray(value, order="C")
@@ -293,7 +294,7 @@ def _store(
         _label(h5py, h5py.Dataset(made), label, text)
 
 
-def _label(h5py: Any, holder: Any, name: str, value: Any) -> None:
+def _label(h5py: ModuleType, holder: Any, name: str, value: object) -> None:
     """Make an attribute by the low-level interface; strings of the type that h5py uses."""
     text = isinstance(value, str)
     kind = h5py.string_dtype() if text else None
@@ -304,7 +305,7 @@ def _label(h5py: Any, holder: Any, name: str, value: Any) -> None:
     h5py.h5a.create(holder.id, name.encode(), *_form(h5py, array)).write(array)
 
 
-def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
+def _form(h5py: ModuleType, array: NDArray[Any]) -> tuple[Any, Any]:
     """Type and dataspace of an array of numbers."""
     h5s = h5py.h5s
     space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
@@ -363,7 +364,7 @@ def _sentence(error: Exception) -> str:
     return " ".join(str(message).split()) or type(error).__name__
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Convert bytes and NumPy numbers to those of Python; leave arrays unchanged."""
     if isinstance(value, bytes):
         return value.decode()

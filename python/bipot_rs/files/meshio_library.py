@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 from bipot_rs._lib.optional import load_library
 
 
-def load_meshio(need: str) -> Any:
+def load_meshio(need: str) -> ModuleType:
     """The module; ``need``, in the plural, is what needs it, for the error without it."""
     return load_library("meshio", extra="fem", need=need)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import arguments as shared
@@ -42,7 +41,7 @@ def add_arguments(parser: shared.Parser) -> None:
         help=f"Kind of scene: {', '.join(templates())}. Default: block.",
     )
 
-    def complete_templates(**_: Any) -> list[str]:
+    def complete_templates(**_: object) -> list[str]:
         return templates()
 
     shared.complete_by(template, complete_templates)

@@ -59,7 +59,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-def _shorten(node: Any) -> None:
+def _shorten(node: dict[str, Any] | list[Any]) -> None:
     """Accept the plain values of `_SHORT`; changes ``node`` in place."""
     inner = list(node.values() if isinstance(node, dict) else node)
     for one in inner:

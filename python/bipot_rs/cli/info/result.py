@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.info.mesh import box
@@ -113,7 +114,7 @@ def summarise(path: Path) -> dict[str, Any]:
     return found | {"lines": lines}
 
 
-def _span(values: Any) -> str:
+def _span(values: ArrayLike | None) -> str:
     if values is None or not np.size(values):
         return "-"
     low, high = float(np.min(values)), float(np.max(values))

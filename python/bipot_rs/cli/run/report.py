@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.progress import drop_rounding
@@ -19,6 +20,9 @@ from bipot_rs.contact.results.tables import (
     list_surface_forces,
 )
 from bipot_rs.fem.contact_surface import surface_names
+
+if TYPE_CHECKING:
+    from bipot_rs.fem.assembly.assembly import Assembly
 
 _FORMS = {
     "load": "{:.6g}",
@@ -39,7 +43,7 @@ _ROUNDING = 1e-13
 _MOST_ROWS = 60
 
 
-def forces(model: Any, step: Step) -> dict[str, float | None]:
+def forces(model: Assembly, step: Step) -> dict[str, float | None]:
     """`list_surface_forces` of a model, with keys such as ``"normal_force of block.bottom"``."""
     frame = find_step_frames(step, model.frame)
     return list_surface_forces(step, frame, model.mu, model.group, surface_names(model))
@@ -164,7 +168,7 @@ def _cell(one: Mapping[str, Any], column: str) -> str:
 def closing(
     rows: Sequence[Mapping[str, Any]],
     tol: float,
-    folder: Any,
+    folder: Path | None,
     remarks: Sequence[str] = (),
     index: str = "result.pvd",
 ) -> list[str]:

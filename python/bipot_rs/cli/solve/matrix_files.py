@@ -37,7 +37,7 @@ import numpy as np
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted, printable
 from bipot_rs._lib.strict_numbers import real, whole
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Ints, SparseMatrix
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
@@ -76,8 +76,8 @@ class MatrixProblem:
         Labels of the contact nodes.
     """
 
-    K: Any
-    B: Any
+    K: SparseMatrix
+    B: SparseMatrix
     gap: Floats
     mu: Floats
     area: Floats | None
@@ -310,7 +310,9 @@ def _stiffness(
     return K, _Dofs(n, known, "")
 
 
-def _in_order(path: Path, K: Any, dim: int, listed: _Nodes, order: str | None) -> None:
+def _in_order(
+    path: Path, K: SparseMatrix, dim: int, listed: _Nodes, order: str | None
+) -> None:
     """Refuse a stiffness whose degrees of freedom do not fit the order of the nodes."""
     parts, labels, places = csr("K", K).parts, listed.labels, listed.places
     nodes = listed.path
@@ -347,7 +349,9 @@ def _in_order(path: Path, K: Any, dim: int, listed: _Nodes, order: str | None) -
     )
 
 
-def _same_nodes(path: Path, K: Any, dofs: _Dofs, dim: int, listed: _Nodes) -> None:
+def _same_nodes(
+    path: Path, K: SparseMatrix, dofs: _Dofs, dim: int, listed: _Nodes
+) -> None:
     """Refuse coordinates that do not fit the nodes named in the stiffness."""
     places = np.full((dofs.count, dim), np.nan)
     component, node_of = (np.full(dofs.count, -1, np.int64) for _ in range(2))
@@ -374,7 +378,7 @@ def market_refuses(field: str, symmetry: str) -> str | None:
     return None
 
 
-def _market(path: Path) -> Any:
+def _market(path: Path) -> SparseMatrix:
     from scipy.io import mminfo, mmread
 
     try:
@@ -384,7 +388,8 @@ def _market(path: Path) -> Any:
                 raise ValueError(why)
             if rows != columns:
                 raise ValueError(f"it has {rows} rows and {columns} columns")
-            return mmread(source)
+            stiffness: SparseMatrix = mmread(source)
+            return stiffness
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{path} is not a stiffness in Matrix Market format: {printable(str(error))}"

@@ -42,6 +42,7 @@ def draw(
     """
     from bipot_rs.files.drafts import writing
     from bipot_rs.plots.study import study
+    from bipot_rs.plots.style import figure_of
 
     folder = path if path.is_dir() else path.parent
     keys, rows = read(folder / SWEEP)
@@ -67,7 +68,7 @@ def draw(
     if (folder / RECORD).exists():
         record = read_record(folder)
         title, units = record.title, record.units
-    ax: Any = study(
+    ax = study(
         _series(folder / SWEEP, drawn, across, up, varied),
         *((_words(name, columns), _unit(name, units)) for name in (across, up)),
         parameter=", ".join(varied),
@@ -77,12 +78,12 @@ def draw(
     if absent:
         many = f"{len(absent)} of {counted(len(rows), 'row')} without value"
         title = f"{title}\n{many}" if title else many
-    ax.figure.suptitle(title, fontsize="medium")
+    figure_of(ax).suptitle(title, fontsize="medium")
     name = re.sub(r"\W+", "_", f"{y}_over_{x}")
     target = folder / f"{name}.png" if out is None else out
     try:
         with writing(target):
-            ax.figure.savefig(target, dpi=150, bbox_inches="tight")
+            figure_of(ax).savefig(target, dpi=150, bbox_inches="tight")
     except ValueError as error:
         raise ValueError(f"cannot draw {target}: {error}") from error
     return target, _left_out(absent, across, up)

@@ -73,7 +73,7 @@ class Study:
         return _digest([self.rows, self.digests])
 
 
-def _digest(known: Any) -> str:
+def _digest(known: object) -> str:
     text = json.dumps(known, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

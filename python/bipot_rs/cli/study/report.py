@@ -73,10 +73,10 @@ def _print(
     tell("\n".join([*lines, message]), sys.stdout)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     if value is None or value == "":
         return "-"
     try:
-        return f"{float(value):.4g}"
+        return f"{float(str(value)):.4g}"
     except ValueError:
         return str(value)
