@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from bipot_rs.cli.entry import call
-from bipot_rs.cli.study.axes import rows, spaced, values
+from bipot_rs.cli.study.axes import rows, space_values, values
 from bipot_rs.cli.study.table import write as write_table
 from bipot_rs.cli.study.worker_pool import Workers
 
@@ -45,7 +45,7 @@ def test_values_of_a_setting() -> None:
     ],
 )
 def test_values_of_a_range(setting: str, found: list[str]) -> None:
-    assert spaced(setting)[1] == found
+    assert space_values(setting)[1] == found
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_values_of_a_range(setting: str, found: list[str]) -> None:
 )
 def test_wrong_ranges(setting: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}"):
-        spaced(setting)
+        space_values(setting)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_wrong_ranges(setting: str) -> None:
 )
 def test_messages_of_wrong_ranges(setting: str, why: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}: {why}; expected KEY="):
-        spaced(setting)
+        space_values(setting)
 
 
 def test_a_spacing_given_as_count(
