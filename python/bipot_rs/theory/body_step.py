@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats
 from bipot_rs.theory.body_assembly import BodyAssembly
-from bipot_rs.theory.elastoplastic import ElastoplasticStep, Response
+from bipot_rs.theory.elastoplastic import ElastoplasticStep, PointEnd
 from bipot_rs.theory.soils import DruckerPrager
 
 # Halvings of a Newton step: a shorter one only adds rounding.
@@ -28,7 +28,7 @@ _ROUNDS, _PASSES = 4, 8
 # around a node yield at the apex. It changes Newton's rate of convergence by as much.
 _SHARE = 1e-9
 
-Law: TypeAlias = Callable[[Floats], Response]
+Law: TypeAlias = Callable[[Floats], PointEnd]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,7 +156,7 @@ class StepSolver:
         stress: Floats,
         passes: int,
         history: list[tuple[float, float]],
-    ) -> tuple[Floats, Response, bool]:
+    ) -> tuple[Floats, PointEnd, bool]:
         """Passes of (37), (38) with their gaps and imbalances; whether all were balanced.
 
         A pass without equilibrium has no minimum: its load is above the limit load of the
@@ -182,7 +182,7 @@ class StepSolver:
 
     def _newton(
         self, law: Law, du: Floats, tol: float
-    ) -> tuple[Floats, Response, bool]:
+    ) -> tuple[Floats, PointEnd, bool]:
         """Balance the load with the stresses of ``law``, and tell whether this was reached.
 
         The unbalanced forces are measured by ``r·K⁻¹r``, which decreases along a Newton
@@ -219,19 +219,19 @@ class StepSolver:
         rest = (self.load - self.assembly.forces(stress))[self.assembly.free]
         return rest, float(rest @ self.assembly.solve(rest))
 
-    def _work(self, end: Response) -> float:
+    def _work(self, end: PointEnd) -> float:
         elastic = 0.5 * np.sum(end.stress * self.law.compliance(end.stress), axis=1)
         # Dissipation σ·p, which for `frozen` is that of its own potential.
         spent = np.abs(np.sum(end.stress * end.plastic, axis=1))
         return float(self.assembly.weights @ (elastic + spent))
 
     def _step(
-        self, du: Floats, end: Response, history: list[tuple[float, float]]
+        self, du: Floats, end: PointEnd, history: list[tuple[float, float]]
     ) -> BodyStep:
         """Judge an iterate, with its stress brought into the criterion."""
         body, start = self.assembly, self.start
         stress = self.soil.prox_at(end.stress, np.zeros_like(end.stress), 1.0)
-        work = self._work(Response(stress, end.plastic, end.tangent))
+        work = self._work(PointEnd(stress, end.plastic, end.tangent))
         gap = self.law.gap(body.strains(du), end.plastic, stress)
         _, size = self._unbalanced(stress)
         relative = _ratio(float(body.weights @ gap), work)

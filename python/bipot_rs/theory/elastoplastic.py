@@ -38,7 +38,7 @@ _UNIT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 _DEVIATOR = np.eye(6) - np.outer(_UNIT, _UNIT) / 3
 
 
-class Response(NamedTuple):
+class PointEnd(NamedTuple):
     """End of a step with a given strain.
 
     Attributes
@@ -170,11 +170,13 @@ class ElastoplasticStep:
         depth = np.maximum(self.soil.apex - stress @ _UNIT / 3, 0.0)
         return np.asarray(excess * depth)
 
-    def response(self, strain: Floats) -> Response:
+    def response(self, strain: Floats) -> PointEnd:
         """Stress and flow of the law, ``σ ∈ ∂_ε β(ε, σ)``, (22), at strains ``(..., 6)``."""
-        return self._returned(strain, self.soil.friction, np.zeros(self.bulk.shape))
+        return self._return_to_criterion(
+            strain, self.soil.friction, np.zeros(self.bulk.shape)
+        )
 
-    def frozen(self, strain: Floats, limit: Floats) -> Response:
+    def frozen(self, strain: Floats, limit: Floats) -> PointEnd:
         """Stress and flow of the explicit material with the potential ``β(·, σ')``, (38a).
 
         In β the stress ``σ'`` is present through ``c = limit(σ')`` only: the potential is
@@ -187,9 +189,11 @@ class ElastoplasticStep:
         limit
             c, not negative, ``(...)`` [Pa].
         """
-        return self._returned(strain, self.soil.dilatancy, limit)
+        return self._return_to_criterion(strain, self.soil.dilatancy, limit)
 
-    def _returned(self, strain: Floats, slope: float, limit: Floats) -> Response:
+    def _return_to_criterion(
+        self, strain: Floats, slope: float, limit: Floats
+    ) -> PointEnd:
         """Closed form of the step for ``‖s‖ <= c + slope (a - σ_m)``, ``σ_m <= a``.
 
         The elastic trial stress stays, returns to the cone, or to the cap ``σ_m = a``:
@@ -225,7 +229,7 @@ class ElastoplasticStep:
         share = np.divide(kept, size, out=np.ones_like(size), where=size > 0)
         edge = cap & (size > limit)
         tangent = self._tangent(n, share, slope, cone, cap, edge)
-        return Response(stress, plastic, tangent)
+        return PointEnd(stress, plastic, tangent)
 
     def _tangent(
         self,
@@ -236,7 +240,7 @@ class ElastoplasticStep:
         cap: Bools,
         edge: Bools,
     ) -> Floats:
-        """Derivative of the stress of `_returned`; ``share`` of ``‖s‖`` is kept."""
+        """Derivative of the stress of `_return_to_criterion`; ``share`` of ``‖s‖`` is kept."""
         K, G = _matrices(self.bulk), _matrices(self.shear)
         dilatancy = self.soil.dilatancy
         normal = n[..., :, None] * n[..., None, :]

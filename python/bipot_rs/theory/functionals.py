@@ -23,7 +23,7 @@ from bipot_rs.contact.results.result import Result
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class StepStart:
     """State at the start of a step: ``t0``, ``u0`` and the loads in equilibrium with them.
 
     Attributes
@@ -90,7 +90,7 @@ class Functionals:
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
         *,
-        start: State | None = None,
+        start: StepStart | None = None,
         slack: float = 1e-9,
     ) -> None:
         if not isinstance(problem, ContactProblem):
@@ -191,14 +191,14 @@ class Functionals:
         if before is not None:
             u0 = before.displacement
             if increments:
-                start = State(
+                start = StepStart(
                     reaction=before.reaction, displacement=u0, load=before.load
                 )
             else:
                 gap = problem.contacts.gap_by_component.copy()
                 moved = (_matrix(problem) @ u0).reshape(gap.shape)
                 gap[:, 1:] = -moved[:, 1:]
-                start = State(
+                start = StepStart(
                     reaction=np.zeros_like(before.reaction),
                     displacement=np.zeros_like(u0),
                     load=np.zeros_like(u0),

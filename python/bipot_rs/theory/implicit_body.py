@@ -100,7 +100,9 @@ class ImplicitBody:
         if given.ndim == 2:
             given = given[..., None, None]
         found = mandel(np.moveaxis(given, (0, 1), (-2, -1)))
-        return self._checked(replace(start, stress=np.broadcast_to(found, zero.shape)))
+        return self._check_start(
+            replace(start, stress=np.broadcast_to(found, zero.shape))
+        )
 
     def strain(self, displacement: ArrayLike) -> Floats:
         """Strain at the quadrature points, ``(cells, points, 6)``."""
@@ -159,7 +161,7 @@ class ImplicitBody:
             raise ValueError(f"tol is {tol}, expected a number between 0 and 1")
         passes = integer("max_iterations", max_iterations, least=1)
         n = self.body.points.size
-        state = self.at_rest() if start is None else self._checked(start)
+        state = self.at_rest() if start is None else self._check_start(start)
         found: list[BodyStep] = []
         for force, moved in loads(load, prescribed, n, len(self.fixed)):
             step = StepSolver(self._assembly, self.soil, state, force, moved, tol)
@@ -186,7 +188,7 @@ class ImplicitBody:
             Total loads at the end, ``(n,)`` [N].
         """
         force = floats("load", load, shape=(self.body.points.size,))
-        before, after = self._checked(start), self._shaped("end", end)
+        before, after = self._check_start(start), self._check_shape("end", end)
         body = self._assembly
         law = law_of(body, self.soil, before)
         du = after.displacement - before.displacement
@@ -238,7 +240,7 @@ class ImplicitBody:
         failed.steps, failed.last = found, step
         raise failed
 
-    def _shaped(self, what: str, state: BodyState) -> BodyState:
+    def _check_shape(self, what: str, state: BodyState) -> BodyState:
         """Refuse a state of another shape."""
         if not isinstance(state, BodyState):
             raise mistyped(what, state, "a BodyState")
@@ -253,9 +255,9 @@ class ImplicitBody:
             ),
         )
 
-    def _checked(self, state: BodyState) -> BodyState:
+    def _check_start(self, state: BodyState) -> BodyState:
         """Refuse a start of another shape, or with a stress outside the criterion."""
-        start = self._shaped("start", state)
+        start = self._check_shape("start", state)
         none = np.zeros_like(start.stress)
         outside = np.isinf(self.soil.bipotential(none, start.stress))
         if outside.any():

@@ -97,7 +97,7 @@ class HardeningBars:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Displaced:
+class TrussSolution:
     """Result of `Truss.solve`.
 
     Attributes
@@ -175,7 +175,7 @@ class Truss:
         """``v = B u + gap``, ``(n_c, d)``."""
         return np.asarray((self._B @ u).reshape(self._gap.shape) + self._gap)
 
-    def solve(self, *, tol: float = 1e-12, max_iterations: int = 200) -> Displaced:
+    def solve(self, *, tol: float = 1e-12, max_iterations: int = 200) -> TrussSolution:
         """Iterate (37), (38), starting without friction.
 
         Each pass minimises ``Σ V(C u) - load·u + Σ s ‖v_t‖`` over ``v_n >= 0``, with the
@@ -216,7 +216,7 @@ class Truss:
             if np.abs(s - before).max(initial=0.0) <= tol * np.abs(r).max(initial=0.0):
                 converged = True
                 break
-        return Displaced(
+        return TrussSolution(
             displacement=u,
             force=self.bars.force(self._C @ u),
             reaction=r,
@@ -248,13 +248,15 @@ class Truss:
         """Minimise the convex function of (37) by augmented multipliers, [dSF91, IV]."""
         for _ in range(_MULTIPLIERS):
             u = self._newton(u, self._load, (r, s))
-            before, r = r, self._held(r, u, s)[0]
+            before, r = r, self._project_reactions(r, u, s)[0]
             change = np.abs(r - before).max(initial=0.0)
             if change <= 1e-14 * np.abs(r).max(initial=0.0):
                 break
         return u, r
 
-    def _held(self, r: Floats, u: Floats, s: Floats) -> tuple[Floats, Floats]:
+    def _project_reactions(
+        self, r: Floats, u: Floats, s: Floats
+    ) -> tuple[Floats, Floats]:
         """Projection of ``r - rho v`` onto ``r_n >= 0``, ``‖r_t‖ <= s``, and its derivative."""
         x = r - self._rho * self.relative_displacement(u)
         contacts, d = x.shape
@@ -290,7 +292,7 @@ class Truss:
             slope = C.T @ N - load
             size = np.abs(C.T) @ np.abs(N) + np.abs(load)
             if held is not None:
-                r, _ = self._held(held[0], at, held[1])
+                r, _ = self._project_reactions(held[0], at, held[1])
                 # The Moreau envelope of the support function: ‖x‖² - ‖x - r‖².
                 x = held[0] - rho * self.relative_displacement(at)
                 value += float(np.sum(r * (2 * x - r))) / (2 * rho)
@@ -304,7 +306,7 @@ class Truss:
                 break
             H = C.T * self.bars.tangent(C @ u) @ C
             if held is not None:
-                _, derivative = self._held(held[0], u, held[1])
+                _, derivative = self._project_reactions(held[0], u, held[1])
                 blocks = B.reshape(contacts, d, -1)
                 H += rho * np.einsum("ika,ikl,ilb->ab", blocks, derivative, blocks)
             step = np.linalg.solve(H, -slope)

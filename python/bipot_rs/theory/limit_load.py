@@ -84,7 +84,7 @@ def mechanism(
     operations = len(assembly.weights) * components * len(force) ** 2
     if not force.any() or operations > _OPERATIONS:
         return None
-    cones = _cones(assembly, soil)
+    cones = _list_cones(assembly, soil)
     dilation = assembly.weights @ cones[:, 0]
     cost = soil.apex * dilation - force
     # Columns and cost of unit length: the result does not depend on units.
@@ -104,7 +104,7 @@ def mechanism(
     return whole
 
 
-def _cones(assembly: BodyAssembly, soil: DruckerPrager) -> Floats:
+def _list_cones(assembly: BodyAssembly, soil: DruckerPrager) -> Floats:
     """``(d_v, α d_e)`` of unit displacements: ``(m, 1 + components, free)``."""
     strain = assembly.unit_strains()
     volume = strain[:, :3].sum(axis=1)

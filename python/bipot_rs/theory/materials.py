@@ -93,20 +93,20 @@ class Separable:
 
     def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
         """``W(z) - W(y)``."""
-        return _less(
+        return _subtract(
             self.explicit.complementary_energy(z), self.explicit.complementary_energy(y)
         )
 
     def right_dual(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``V(u) - V(x)``."""
-        return _less(self.explicit.energy(u), self.explicit.energy(x))
+        return _subtract(self.explicit.energy(u), self.explicit.energy(x))
 
     def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:  # noqa: ARG002 - V(x) does not change it
         """Proximal point of ``r W``, for every ``x``."""
         return self.explicit.prox(predictor, r)
 
 
-def _less(value: Floats, taken: Floats) -> Floats:
+def _subtract(value: Floats, taken: Floats) -> Floats:
     """``value - taken``; ``-inf``, the supremum of an empty set, where ``taken`` is ``+inf``."""
     nothing = np.isposinf(taken)
     return np.where(nothing, -np.inf, value - np.where(nothing, 0.0, taken))
@@ -251,7 +251,7 @@ class LinearElastic:
 
     def strain(self, y: ArrayLike) -> Floats:
         """``x = D⁻¹ y``, (4)."""
-        return _solved(self.stiffness, self._vectors("y", y))
+        return _solve_step(self.stiffness, self._vectors("y", y))
 
     def energy(self, x: ArrayLike) -> Floats:
         """``½ x·D x``."""
@@ -265,10 +265,10 @@ class LinearElastic:
         """Solution of ``(D + r I) y = D ŷ``, which is (40) without the inverse of ``D``."""
         step = floats("r", r, shape=())
         shifted = self.stiffness + positive_step(step) * np.eye(len(self.stiffness))
-        return _solved(shifted, self.stress(self._vectors("predictor", predictor)))
+        return _solve_step(shifted, self.stress(self._vectors("predictor", predictor)))
 
 
-def _solved(matrix: Floats, vectors: Floats) -> Floats:
+def _solve_step(matrix: Floats, vectors: Floats) -> Floats:
     flat = vectors.reshape(-1, vectors.shape[-1])
     return np.asarray(np.linalg.solve(matrix, flat.T).T.reshape(vectors.shape))
 
@@ -461,7 +461,7 @@ class Coulomb:
         size = self.mu * (np.abs(self.start.reaction[:, 0]) + np.abs(dt[:, 0]))
         inside = self.start.pressed(bar) & self.start.held(bar, self.mu * t_n, size)
         value = (bar[:, 0] - dt[:, 0]) * self.start.opening + indicator(inside)
-        return _less(value, indicator(self.admissible(dt)))
+        return _subtract(value, indicator(self.admissible(dt)))
 
     def right_dual(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``b_r*(-Δu, -Δw)`` of each contact [J].
@@ -475,7 +475,7 @@ class Coulomb:
         lack = moved - kept - dw[:, 0] - self.start.opening
         inside = within(lack, np.abs(dw[:, 0]) + terms + kept + moved)
         value = dot(self.start.reaction, dw - du) + indicator(inside)
-        return _less(value, indicator(self.start.separated(du)))
+        return _subtract(value, indicator(self.start.separated(du)))
 
     def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:
         """(44): the projection of ``ŷ - r (u_n⁰ + h₀ + μ|Δu_t|) n`` onto ``ΔK_μ``.

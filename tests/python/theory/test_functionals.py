@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import scene
-from bipot_rs.theory.functionals import Functionals, State
+from bipot_rs.theory.functionals import Functionals, StepStart
 from support.bodies import block
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def started(g: Given, seed: int, kind: str) -> tuple[Functionals, Array, Array]:
         made = Functionals.of_step(problem, g.K, result, 1)
     else:  # # any: neither complementary nor in equilibrium
         t0, u0 = static(rng, g.mu, d), rng.normal(size=len(g.K))
-        start = State(reaction=t0, displacement=u0)
+        start = StepStart(reaction=t0, displacement=u0)
         made = Functionals(problem, g.K, g.load[1], g.prescribed[1], start=start)
     return made, t0, u0
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.theory.inelastic import Displaced, HardeningBars, Truss
+from bipot_rs.theory.inelastic import TrussSolution, HardeningBars, Truss
 
 Array = NDArray[np.float64]
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 1.0], [1.1, 1.0]])
@@ -106,7 +106,7 @@ def enumerated(g: Given) -> list[tuple[Array, Array]]:
 
 
 @cache
-def solved(seed: int) -> Displaced:
+def solved(seed: int) -> TrussSolution:
     g = given(seed)
     return Truss(g.bars, g.C, g.B, g.load, gap=g.gap, mu=g.mu).solve()
 
