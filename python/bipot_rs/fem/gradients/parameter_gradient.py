@@ -32,6 +32,9 @@ from bipot_rs.fem.bodies.stress_recovery import (
     internal_forces,
     slopes_at_points,
 )
+from bipot_rs.fem.constraints.inclined_supports import Planes
+from bipot_rs.fem.constraints.references import Reference
+from bipot_rs.fem.constraints.ties import Ties
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.gradients.contact_derivative import (
     Meets,
@@ -42,64 +45,37 @@ from bipot_rs.fem.gradients.material_derivative import of_poisson, of_young
 from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motion
 
 
-class Assembled(Protocol):
-    """What is needed of an `Assembly`."""
+class _Assembled(Protocol):
+    """What is needed of an `Assembly`, whose attributes these are."""
 
     @property
-    def bodies(self) -> tuple[Body, ...]:
-        """The bodies."""
-
+    def bodies(self) -> tuple[Body, ...]: ...
     @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """As passed to `assemble`."""
-
+    def contacts(self) -> tuple[Contact, ...]: ...
     @property
-    def springs(self) -> tuple[Spring, ...]:
-        """Elastic foundations."""
-
+    def springs(self) -> tuple[Spring, ...]: ...
     @property
-    def offset(self) -> tuple[int, ...]:
-        """First degree of freedom of each body."""
-
+    def offset(self) -> tuple[int, ...]: ...
     @property
-    def contact_dofs(self) -> Ints:
-        """``(n_c, 2)``, -1 without a partner."""
-
+    def contact_dofs(self) -> Ints: ...
     @property
-    def group(self) -> Ints:
-        """Index in ``contacts``, ``(n_c,)``."""
-
+    def group(self) -> Ints: ...
     @property
-    def frame(self) -> Floats:
-        """``(n_c, d, d)``."""
-
+    def frame(self) -> Floats: ...
     @property
-    def points(self) -> Floats:
-        """``(n_c, d)`` [m]."""
-
+    def points(self) -> Floats: ...
     @property
-    def nodes(self) -> Floats:
-        """``(n / d, d)`` [m]."""
-
+    def nodes(self) -> Floats: ...
     @property
-    def dim(self) -> int:
-        """2 or 3."""
-
+    def dim(self) -> int: ...
     @property
-    def moving(self) -> Floats | MovingGaps | None:
-        """Gaps of each step, if obstacles move."""
-
+    def moving(self) -> Floats | MovingGaps | None: ...
     @property
-    def inclined(self) -> Any:
-        """Planes of symmetry that are not normal to an axis, or None."""
-
+    def inclined(self) -> Planes | None: ...
     @property
-    def references(self) -> Sequence[Any]:
-        """Floating obstacles and rigid sets."""
-
+    def references(self) -> Sequence[Reference]: ...
     @property
-    def ties(self) -> Any:
-        """Relations between degrees of freedom, or None."""
+    def ties(self) -> Ties | None: ...
 
 
 @dataclass(frozen=True)
@@ -143,7 +119,7 @@ class ParameterGradient:
 
     def __init__(
         self,
-        model: Assembled,
+        model: _Assembled,
         *,
         adjoint: ArrayLike,
         displacement: ArrayLike,
@@ -519,7 +495,7 @@ class ParameterGradient:
 
 
 def of_gradient(
-    model: Assembled, gradient: Any, loads: Sequence[Load] = ()
+    model: _Assembled, gradient: Any, loads: Sequence[Load] = ()
 ) -> ParameterGradient:
     """The gradient of `Result.vjp` with respect to the parameters of a model.
 
