@@ -20,7 +20,6 @@ __all__ = [
     "ContactPath",
     "ContactTangent",
     "ContactVariables",
-    "Holding",
     "LinearisedLaws",
     "LoadStep",
     "NewtonStep",
@@ -41,6 +40,7 @@ __all__ = [
     "diagonal",
     "dof_directions",
     "follow",
+    "free_motions",
     "is_sparse",
     "isotropic",
     "largest_friction_ratio",
@@ -866,29 +866,12 @@ def resisting_rows(
     columns of the rows.
     """
 
-@final
-class Holding:
-    """What holds some bodies with ``m`` motions each, as rows in the amounts of the motions."""
+def free_motions(rows: _Floats, accuracy: float = ...) -> _Floats:
+    """Amounts of the motions that none of the ``rows (k, m)`` tells, orthonormal rows.
 
-    def __new__(cls, bodies: int, motions: int) -> Holding:
-        """Bodies that nothing holds."""
-    def hold(self, body: _Indices, rows: _Floats) -> None:
-        """Add rows ``(k, m)``, each with its body."""
-    def hold_rotations(self, bodies: _Indices, translations: int) -> None:
-        """Bodies of one node, which has no rotations: later motions move nothing."""
-    @property
-    def triangles(self) -> _Floats:
-        """Rows with the same meaning as those of each body, ``(bodies, m, m)``."""
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """Whether no motion of each body is free."""
-    def join(self, bodies: _Indices) -> Holding:
-        """Some bodies as one, with the motions of each after those of the one before."""
-    def free_motions(self, body: int, accuracy: float) -> _Floats:
-        """Amounts of the free motions of a body, orthonormal rows ``(k, m)``.
-
-        ``accuracy`` is that of the rows that hold the body.
-        """
+    A row is what the motions move at a support, a spring or a contact, to an ``accuracy``
+    relative to the largest; the default is that of rows in double precision.
+    """
 
 def diagonal(stiffness: _Csr, num_threads: int | None = None) -> _Floats:
     """The diagonal of `K`, whose columns ascend in each row."""

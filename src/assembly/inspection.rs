@@ -128,27 +128,23 @@ where
     let sets = tasks::map(0..parts, |_, part| {
         joined(n * part / parts..n * (part + 1) / parts)
     });
-    let mut sets = sets.into_iter().reduce(Union::with).unwrap_or_default();
-    let mut number = vec![u32::MAX; count];
-    let mut found = Bodies::default();
-    for node in 0..count {
-        let leader = sets.leader(node);
-        if number[leader] == u32::MAX {
-            number[leader] = narrow(found.work.len());
-            found.work.push(0.0);
-            found.low.push([f64::INFINITY; D]);
-            found.high.push([f64::NEG_INFINITY; D]);
-            found.all.push(0);
-            found.free.push(0);
-        }
-        number[node] = number[leader];
-    }
+    let sets = sets.into_iter().reduce(Union::with).unwrap_or_default();
+    let number = sets.numbers();
+    let bodies = number.iter().max().map_or(0, |last| last + 1);
+    let mut found = Bodies {
+        work: vec![0.0; bodies],
+        low: vec![[f64::INFINITY; D]; bodies],
+        high: vec![[f64::NEG_INFINITY; D]; bodies],
+        all: vec![0; bodies],
+        free: vec![0; bodies],
+        ..Bodies::default()
+    };
     found.outward.reserve_exact(n);
     found.body.reserve_exact(n);
     for (i, row) in rows.into_iter().flatten().enumerate() {
-        let body = number[split(i).0] as usize;
+        let body = number[split(i).0];
         found.outward.push(row.outward);
-        found.body.push(i64::from(number[split(i).0]));
+        found.body.push(i64::from(narrow(body)));
         found.all[body] += 1;
         if row.free {
             found.free[body] += 1;

@@ -46,6 +46,12 @@ impl Geometry {
         }
     }
 
+    /// The positions of some degrees of freedom.
+    #[must_use]
+    pub fn list_places(&self, dofs: &[usize]) -> Vec<[f64; 3]> {
+        dofs.iter().map(|&i| self.places[i]).collect()
+    }
+
     /// Rigid motions that the stiffness `k` of a body leaves free, a basis over its degrees of
     /// freedom `dofs`. `None` if the directions of the degrees of freedom cannot be found, or do
     /// not fit the stiffness.

@@ -1,8 +1,5 @@
-//! What holds bodies: supports, springs and contacts, as rows in the amounts of rigid motions.
-//!
-//! A motion is free if it moves no row. Only the triangle of the QR factorisation of the rows of
-//! a body is kept: it has the same singular values, and the triangles of several ranks are rows
-//! again.
+//! What holds a body: supports, springs and contacts, as rows in the amounts of its rigid
+//! motions. A motion is free if it moves no row.
 
 use crate::bodies::rank::{ACCURACY, Combinations};
 
@@ -10,80 +7,43 @@ use crate::bodies::rank::{ACCURACY, Combinations};
 /// grows with the square of their number.
 pub const MOST_LOOSE: usize = 32;
 
-/// The rows that hold each of some bodies with equal numbers of motions.
+/// The rows that hold a body, one column for each of its motions.
 #[derive(Clone, Debug)]
 pub struct Holding {
-    motions: usize,
-    /// Upper triangles, `m × m` by rows.
-    triangles: Vec<Vec<f64>>,
+    columns: Vec<Vec<f64>>,
 }
 
 impl Holding {
-    /// Bodies that nothing holds.
+    /// A body that nothing holds.
     #[must_use]
-    pub fn new(bodies: usize, motions: usize) -> Self {
+    pub fn new(motions: usize) -> Self {
         Self {
-            motions,
-            triangles: vec![vec![0.0; motions * motions]; bodies],
+            columns: vec![Vec::new(); motions],
         }
-    }
-
-    #[must_use]
-    pub fn bodies(&self) -> usize {
-        self.triangles.len()
     }
 
     #[must_use]
     pub fn motions(&self) -> usize {
-        self.motions
+        self.columns.len()
     }
 
-    /// The rows of a body, an upper triangle.
-    #[must_use]
-    pub fn triangle(&self, body: usize) -> &[f64] {
-        &self.triangles[body]
-    }
-
-    /// Adds a row: the displacement or the force that the motions of a body have there.
-    pub fn hold(&mut self, body: usize, row: &[f64]) {
-        let m = self.motions;
-        let mut row = row.to_vec();
-        let triangle = self.triangles[body].chunks_exact_mut(m.max(1));
-        for (k, above) in triangle.enumerate() {
-            if row[k] == 0.0 {
-                continue;
-            }
-            let length = above[k].hypot(row[k]);
-            let (cosine, sine) = (above[k] / length, row[k] / length);
-            for (above, below) in above[k..].iter_mut().zip(&mut row[k..]) {
-                (*above, *below) = (
-                    cosine * *above + sine * *below,
-                    cosine * *below - sine * *above,
-                );
-            }
+    /// Adds a row: the displacement or the force that the motions have there.
+    pub fn hold(&mut self, row: &[f64]) {
+        for (column, &value) in self.columns.iter_mut().zip(row) {
+            column.push(value);
         }
     }
 
-    /// A body of one node without rotations cannot turn: the motions after the first
-    /// `translations` move nothing.
-    pub fn hold_rotations(&mut self, body: usize, translations: usize) {
-        for rotation in translations..self.motions {
-            let mut row = vec![0.0; self.motions];
-            row[rotation] = 1.0;
-            self.hold(body, &row);
-        }
+    /// Whether no motion is free.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.find_free_motions(ACCURACY).is_empty()
     }
 
-    /// Whether no motion of a body is free.
+    /// The amounts of the free motions, orthonormal; `accuracy` is that of the rows.
     #[must_use]
-    pub fn is_held(&self, body: usize) -> bool {
-        self.combine(body).exceed(ACCURACY).all(|exceeds| exceeds)
-    }
-
-    /// The amounts of the free motions of a body, orthonormal; `accuracy` is that of the rows.
-    #[must_use]
-    pub fn find_free_motions(&self, body: usize, accuracy: f64) -> Vec<Vec<f64>> {
-        let combinations = self.combine(body);
+    pub fn find_free_motions(&self, accuracy: f64) -> Vec<Vec<f64>> {
+        let combinations = Combinations::new(self.columns.clone());
         let held: Vec<bool> = combinations.exceed(accuracy).collect();
         let amounts = combinations.amounts.into_iter().zip(held);
         amounts
@@ -91,25 +51,22 @@ impl Holding {
             .collect()
     }
 
-    /// Some bodies as one, with the motions of each after those of the one before.
+    /// Several bodies as one, with the motions of each after those of the one before.
     #[must_use]
-    pub fn join(&self, bodies: &[usize]) -> Self {
-        let mut joined = Self::new(1, self.motions * bodies.len());
-        let width = joined.motions;
-        for (b, &body) in bodies.iter().enumerate() {
-            for (k, row) in self.triangles[body].chunks_exact(self.motions).enumerate() {
-                let at = (self.motions * b + k) * width + self.motions * b;
-                joined.triangles[0][at..at + self.motions].copy_from_slice(row);
+    pub fn join(bodies: Vec<Self>) -> Self {
+        let rows = |body: &Self| body.columns.first().map_or(0, Vec::len);
+        let height: usize = bodies.iter().map(rows).sum();
+        let (mut columns, mut above) = (Vec::new(), 0);
+        for body in bodies {
+            let next = above + rows(&body);
+            for own in body.columns {
+                let mut column = vec![0.0; above];
+                column.extend(own);
+                column.resize(height, 0.0);
+                columns.push(column);
             }
+            above = next;
         }
-        joined
-    }
-
-    fn combine(&self, body: usize) -> Combinations {
-        let column = |k: usize| {
-            let entries = self.triangles[body].iter().skip(k).step_by(self.motions);
-            entries.copied().collect()
-        };
-        Combinations::new((0..self.motions).map(column).collect())
+        Self { columns }
     }
 }

@@ -38,14 +38,9 @@ impl Combinations {
         }
     }
 
-    #[must_use]
-    pub fn largest(&self) -> f64 {
-        self.sizes.iter().copied().fold(0.0, f64::max)
-    }
-
     /// Whether each combination exceeds this share of the largest one, or not.
     pub fn exceed(&self, share: f64) -> impl Iterator<Item = bool> + '_ {
-        let least = share * self.largest();
+        let least = share * self.sizes.iter().copied().fold(0.0, f64::max);
         self.sizes.iter().map(move |&size| size > least)
     }
 }

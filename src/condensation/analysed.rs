@@ -28,9 +28,8 @@ pub struct AnalysedBody {
 
 impl AnalysedBody {
     /// Orders and counts. It uses the analysis of the same body with other values, or else the
-    /// analysis `of_pattern` of its pattern. `kept` are local numbers; `places` are the
-    /// positions of the degrees of freedom in space, if known. `stiffest` is the size of the
-    /// stiffness.
+    /// analysis `of_pattern` of its pattern. `kept` are local numbers; `stiffest` is the size of
+    /// the stiffness.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -38,7 +37,7 @@ impl AnalysedBody {
         dofs: Vec<usize>,
         mut stiffness: OwnedMatrix,
         kept: Vec<usize>,
-        places: Option<Vec<[f64; 3]>>,
+        geometry: Option<Arc<Geometry>>,
         before: Option<&Body>,
         of_pattern: Option<Arc<Symbolic>>,
         stiffest: f64,
@@ -56,36 +55,30 @@ impl AnalysedBody {
         let was_ordered = analysed.is_none();
         let symbolic = match analysed {
             Some(symbolic) => symbolic,
-            None => Arc::new(analyse(&view, &kept, places.as_deref())?),
+            None => analyse(&view, &dofs, &kept, geometry.as_deref())?,
         };
         let body = OrderedBody {
             dofs,
             stiffness,
             unit,
             kept,
-            places,
-            geometry: None,
+            geometry,
             symbolic,
             was_ordered,
         };
         Ok(Self { body, again })
     }
 
-    /// Adds the geometry of all degrees of freedom, from which rigid motions follow.
-    #[must_use]
-    pub fn with_geometry(mut self, geometry: Option<Arc<Geometry>>) -> Self {
-        self.body.geometry = geometry;
-        self
-    }
-
     /// Stores an analysis made here for other problems with its pattern.
     pub fn share(&self) {
         let body = &self.body;
         if body.was_ordered {
+            let geometry = body.geometry.as_ref();
+            let places = geometry.map(|geometry| geometry.list_places(&body.dofs));
             let asked = Lookup {
                 matrix: body.stiffness.view(),
                 kept: &body.kept,
-                places: body.places.as_deref(),
+                places: places.as_deref(),
             };
             asked.keep(&body.symbolic);
         }
@@ -96,17 +89,12 @@ impl AnalysedBody {
     /// # Errors
     /// As [`AnalysedBody::new`].
     pub fn again(body: &OrderedBody, kept: Vec<usize>) -> Result<Self, Error> {
-        let stiffness = body.stiffness.clone();
-        let symbolic = analyse(&stiffness.view(), &kept, body.places.as_deref())?;
+        let (view, geometry) = (body.stiffness.view(), body.geometry.as_deref());
         let body = OrderedBody {
-            dofs: body.dofs.clone(),
-            symbolic: Arc::new(symbolic),
-            unit: body.unit,
-            places: body.places.clone(),
-            geometry: body.geometry.clone(),
-            stiffness,
+            symbolic: analyse(&view, &body.dofs, &kept, geometry)?,
             kept,
             was_ordered: true,
+            ..body.clone()
         };
         Ok(Self { body, again: false })
     }
@@ -115,7 +103,7 @@ impl AnalysedBody {
     #[must_use]
     pub fn bytes(&self) -> u128 {
         let (k, dofs) = (&self.body.stiffness, self.body.dofs.len());
-        let places = self.body.places.as_ref().map_or(0, |at| 24 * at.len());
+        let places = self.body.geometry.as_ref().map_or(0, |_| 24 * dofs);
         let numbers = k.pointer.len() + k.index.len() + k.values.len() + 2 * dofs;
         // Memory that earlier steps leave in the heap, as measured.
         let lists = 160 * dofs;
@@ -238,8 +226,15 @@ pub fn largest(matrix: &OwnedMatrix) -> f64 {
 
 fn analyse(
     view: &Symmetric,
+    dofs: &[usize],
     kept: &[usize],
-    coordinates: Option<&[[f64; 3]]>,
-) -> Result<Symbolic, Error> {
-    Symbolic::analyse(view, kept, &Options { coordinates })
+    geometry: Option<&Geometry>,
+) -> Result<Arc<Symbolic>, Error> {
+    let places = geometry.map(|geometry| geometry.list_places(dofs));
+    let coordinates = places.as_deref();
+    Ok(Arc::new(Symbolic::analyse(
+        view,
+        kept,
+        &Options { coordinates },
+    )?))
 }

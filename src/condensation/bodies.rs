@@ -120,7 +120,7 @@ impl Bodies {
         };
         let list: Vec<Body> = list.into_iter().collect::<Result<_, _>>()?;
         let wall = started.elapsed().as_secs_f64();
-        let spent = |k: usize| list.iter().map(|body| body.seconds()[k]).sum::<f64>();
+        let spent = |k: usize| list.iter().map(|body| body.seconds[k]).sum::<f64>();
         let motions = list.iter().enumerate();
         Ok(Self {
             // For parallel bodies, each part gets its share of the elapsed time.
@@ -405,8 +405,8 @@ impl Bodies {
             .filter(|body| body.ordered().was_ordered)
             .count();
         let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
-        stats.cond_s = most(Body::condition);
-        stats.amplification = most(Body::amplification);
+        stats.cond_s = most(|body| body.contact.condition);
+        stats.amplification = most(|body| body.contact.amplification);
         stats.factor_kept = self.list.iter().all(|body| body.factor().is_some());
         stats
     }

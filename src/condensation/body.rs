@@ -83,10 +83,10 @@ pub struct Body {
     ordered: OrderedBody,
     /// Index among the kept unknowns of each degree of freedom; `u32::MAX` for others.
     place: Vec<u32>,
-    contact: ContactStiffness,
+    pub(super) contact: ContactStiffness,
     interior: Interior,
     /// Seconds until S, and after it.
-    seconds: [f64; 2],
+    pub(super) seconds: [f64; 2],
 }
 
 impl Body {
@@ -174,28 +174,10 @@ impl Body {
         &self.contact.motions.whole[motion]
     }
 
-    /// Seconds until S, and after it.
-    #[must_use]
-    pub fn seconds(&self) -> [f64; 2] {
-        self.seconds
-    }
-
     /// Number of rigid motions that its supports leave free.
     #[must_use]
     pub fn motions(&self) -> usize {
         self.contact.motions.kept.len()
-    }
-
-    /// Condition number of `S + α R Rᵀ` in the 1-norm.
-    #[must_use]
-    pub fn condition(&self) -> f64 {
-        self.contact.condition
-    }
-
-    /// Bound of the error of `W`, in ε: [`ContactStiffness`].
-    #[must_use]
-    pub fn amplification(&self) -> f64 {
-        self.contact.amplification
     }
 
     /// `(S + α R Rᵀ)⁻¹ / unit`, moved out with this unit: it is needed once.
@@ -323,7 +305,7 @@ impl Body {
         }
         // If contacts of a slender body hardly move, the rounding of its displacements is large
         // relative to theirs.
-        let fine = self.amplification() > DIGITS;
+        let fine = self.contact.amplification > DIGITS;
         let mut low = vec![0.0; u.len()];
         let column = |k: usize| k * n..(k + 1) * n;
         let mut left = vec![Imbalance::default(); count];
@@ -389,7 +371,7 @@ impl Body {
         pushes: &[f64],
         rigid: &[&[f64]],
     ) -> Result<Recovered, Error> {
-        if self.amplification() > DIGITS {
+        if self.contact.amplification > DIGITS {
             return self.displacements(forces, pushes, rigid);
         }
         let factor = self.require_factor()?;

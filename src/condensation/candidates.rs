@@ -71,7 +71,6 @@ impl<const D: usize> Candidates<D> {
     ) -> Result<Self, Error> {
         let SortedProblem {
             parts,
-            places,
             geometry,
             supports,
             surface,
@@ -90,7 +89,7 @@ impl<const D: usize> Candidates<D> {
             }
         });
         let kept = kept.collect();
-        let parts = analyse(parts, kept, (places, geometry), before)?;
+        let parts = analyse(parts, kept, geometry.as_ref(), before)?;
         if let Some(notice) = notice {
             notice.leave(forecast(&parts, false));
         }
@@ -235,7 +234,7 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Bound of the error of this `W`, in ε: stiffness times compliance, as
-    /// [`Body::amplification`](crate::condensation::body::Body::amplification) of S.
+    /// [`ContactStiffness::amplification`](crate::condensation::contact_stiffness::ContactStiffness) of S.
     fn amplification(&self, surface: &Surface<D>, compliance: &Compliance<'_, D>) -> f64 {
         let ones = vec![[1.0; D]; compliance.contacts()];
         let mut sums = vec![[0.0; D]; compliance.contacts()];

@@ -59,8 +59,6 @@ pub struct ProblemArrays<'a, const D: usize, I = usize> {
 pub struct SortedProblem<const D: usize> {
     /// Degrees of freedom and stiffness of each body.
     pub parts: Vec<(Vec<usize>, OwnedMatrix)>,
-    /// The positions of the degrees of freedom of each body.
-    pub places: Option<Vec<Vec<[f64; 3]>>>,
     /// The positions of all degrees of freedom.
     pub geometry: Option<Arc<Geometry>>,
     pub supports: Supports,
@@ -118,10 +116,6 @@ impl<const D: usize> SortedProblem<D> {
             check_length("coordinates", places.len(), n)?;
             check_finite("coordinates", places.as_flattened())?;
         }
-        let places = given.places.map(|at| {
-            let of_body = |dofs: &[usize]| dofs.iter().map(|&i| at[i]).collect();
-            parts.iter().map(|(dofs, _)| of_body(dofs)).collect()
-        });
         let geometry = given.places.map(|at| {
             let mut supported = vec![false; n];
             for &dof in &coupling.index {
@@ -131,7 +125,6 @@ impl<const D: usize> SortedProblem<D> {
         });
         Ok(Self {
             parts,
-            places,
             geometry,
             supports: Supports {
                 n,
@@ -147,10 +140,6 @@ impl<const D: usize> SortedProblem<D> {
     }
 }
 
-/// The positions of the degrees of freedom of each body, and the geometry of all of them, if
-/// known.
-pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
-
 /// Analyses bodies in parallel. `before` are bodies of an earlier problem, whose analyses are
 /// used again for equal patterns. For a few bodies, analyses of all problems of this process
 /// are used again, and theirs are stored.
@@ -160,14 +149,10 @@ pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
 pub fn analyse(
     parts: Vec<(Vec<usize>, OwnedMatrix)>,
     kept: Vec<Vec<usize>>,
-    (places, geometry): Whereabouts,
+    geometry: Option<&Arc<Geometry>>,
     before: Option<&Bodies>,
 ) -> Result<Vec<AnalysedBody>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
-    let places: Vec<Option<Vec<[f64; 3]>>> = match places {
-        Some(places) => places.into_iter().map(Some).collect(),
-        None => vec![None; parts.len()],
-    };
     let few = pattern_cache::limit()? > 0 && parts.len() <= FEW;
     let own: Vec<f64> = parts.par_iter().map(|(_, part)| largest(part)).collect();
     let most = own.iter().copied().fold(0.0, f64::max);
@@ -175,27 +160,28 @@ pub fn analyse(
     // the others. A unit of 1 N/m would make its α so small, in a system of units with large
     // stiffnesses, that W loses the digits of the bodies in contact with it.
     let stiffest = |b: usize| if own[b] > 0.0 { own[b] } else { most };
-    let all = parts.iter().zip(&kept).zip(&places);
-    let known: Vec<_> = all
-        .map(|(((_, stiffness), kept), places)| {
-            let asked = Lookup {
-                matrix: stiffness.view(),
-                kept,
-                places: places.as_deref(),
-            };
-            few.then(|| asked.find()).flatten()
-        })
+    let find = |((dofs, stiffness), kept): (&(Vec<usize>, OwnedMatrix), &Vec<usize>)| {
+        let places = geometry.map(|geometry| geometry.list_places(dofs));
+        let asked = Lookup {
+            matrix: stiffness.view(),
+            kept,
+            places: places.as_deref(),
+        };
+        asked.find()
+    };
+    let of_patterns: Vec<_> = parts
+        .iter()
+        .zip(&kept)
+        .map(|body| if few { find(body) } else { None })
         .collect();
     let analysed: Vec<Result<AnalysedBody, Error>> = parts
         .into_par_iter()
         .zip(kept)
-        .zip(places)
-        .zip(known)
+        .zip(of_patterns)
         .enumerate()
-        .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            let made =
-                AnalysedBody::new(dofs, stiffness, kept, places, old(b), known, stiffest(b))?;
-            Ok(made.with_geometry(geometry.clone()))
+        .map(|(b, (((dofs, stiffness), kept), of_pattern))| {
+            let (geometry, size) = (geometry.cloned(), stiffest(b));
+            AnalysedBody::new(dofs, stiffness, kept, geometry, old(b), of_pattern, size)
         })
         .collect();
     let analysed: Vec<AnalysedBody> = analysed.into_iter().collect::<Result<_, _>>()?;
@@ -220,7 +206,6 @@ impl<const D: usize> Condensed<D> {
     ) -> Result<Self, Error> {
         let SortedProblem {
             parts,
-            places,
             geometry,
             supports,
             surface,
@@ -231,7 +216,7 @@ impl<const D: usize> Condensed<D> {
         let sizes = parts.iter().map(|(dofs, _)| dofs.len());
         let kept = sizes.zip(surface.shares.iter());
         let kept = kept.map(|(n, share)| contact_set(share, n)).collect();
-        let parts = analyse(parts, kept, (places, geometry), before)?;
+        let parts = analyse(parts, kept, geometry.as_ref(), before)?;
         if let Some(notice) = notice {
             let mut told = forecast(&parts, supports.known.is_some());
             let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();

@@ -7,7 +7,7 @@ use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::linalg::sparse::symbolic::{Counts, Symbolic};
 
 /// What a body is before and after its factorisation.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct OrderedBody {
     /// Its degrees of freedom in the numbering of the caller.
     pub(super) dofs: Vec<usize>,
@@ -18,9 +18,7 @@ pub struct OrderedBody {
     pub(super) unit: f64,
     /// The unknowns of `S`, as local numbers.
     pub(super) kept: Vec<usize>,
-    /// The positions of its degrees of freedom in space, if known.
-    pub(super) places: Option<Vec<[f64; 3]>>,
-    /// The geometry of all degrees of freedom, from which rigid motions follow.
+    /// The positions of all degrees of freedom, if known.
     pub(super) geometry: Option<Arc<Geometry>>,
     pub(super) symbolic: Arc<Symbolic>,
     /// Whether it was ordered, because no analysis of its pattern was known.

@@ -46,16 +46,16 @@ pub(super) fn check<const D: usize, I: Index>(
         bodies.sort_unstable();
         bodies.dedup();
         for body in bodies {
-            holding.hold(body, of(dof));
+            holding[body].hold(of(dof));
         }
     }
     // Bodies that supports do not hold, and then those that springs do not hold either.
-    let mut loose = vec![false; holding.bodies()];
+    let mut moves = vec![false; holding.len()];
     for dof in (0..position.len()).filter(|&dof| position[dof].is_none()) {
-        loose[body(dof)] = true;
+        moves[body(dof)] = true;
     }
-    let mut loose: Vec<usize> = (0..loose.len()).filter(|&b| loose[b]).collect();
-    loose.retain(|&body| !holding.is_held(body));
+    let mut loose: Vec<usize> = (0..moves.len()).filter(|&b| moves[b]).collect();
+    loose.retain(|&body| !holding[body].is_held());
     if loose.is_empty() {
         return Ok(());
     }
@@ -75,9 +75,9 @@ pub(super) fn check<const D: usize, I: Index>(
                          a body",
             });
         }
-        holding.hold(body(dof), &forces);
+        holding[body(dof)].hold(&forces);
     }
-    loose.retain(|&body| !holding.is_held(body));
+    loose.retain(|&body| !holding[body].is_held());
     if loose.is_empty() {
         return Ok(());
     }
@@ -86,10 +86,11 @@ pub(super) fn check<const D: usize, I: Index>(
             reason: "contact alone holds too many bodies",
         });
     }
-    let mut joined = holding.join(&loose);
+    let of_loose = loose.iter().map(|&body| holding[body].clone());
+    let mut joined = Holding::join(of_loose.collect());
     let number = |dof: usize| loose.binary_search(&body(dof)).ok();
     hold_by_contacts(&mut joined, contact, m, of, number);
-    if joined.is_held(0) {
+    if joined.is_held() {
         Ok(())
     } else {
         Err(Error::NotIterative {
@@ -99,15 +100,22 @@ pub(super) fn check<const D: usize, I: Index>(
 }
 
 /// A body of one node cannot turn; nothing holds the others yet.
-fn hold_single_nodes<const D: usize>(bodies: &[u32], m: usize) -> Holding {
+fn hold_single_nodes<const D: usize>(bodies: &[u32], m: usize) -> Vec<Holding> {
     let count = bodies.iter().max().map_or(0, |&last| last as usize + 1);
-    let mut holding = Holding::new(count, m);
+    let mut holding = vec![Holding::new(m); count];
     let mut nodes_of = vec![0; count];
     for &body in bodies {
         nodes_of[body as usize] += 1;
     }
-    for body in (0..count).filter(|&body| nodes_of[body] == 1) {
-        holding.hold_rotations(body, D);
+    for (holding, _) in holding
+        .iter_mut()
+        .zip(nodes_of)
+        .filter(|(_, nodes)| *nodes == 1)
+    {
+        for rotation in D..m {
+            let row: Vec<f64> = (0..m).map(|k| f64::from(u8::from(k == rotation))).collect();
+            holding.hold(&row);
+        }
     }
     holding
 }
@@ -130,6 +138,6 @@ fn hold_by_contacts<'a>(
                 }
             }
         }
-        joined.hold(0, &moved);
+        joined.hold(&moved);
     }
 }

@@ -1,13 +1,13 @@
 //! What can move: directions, rigid motions, connected bodies, and what holds them.
 
-use numpy::ndarray::Array3;
-use numpy::{PyArray1, PyArray2, PyArray3, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::bodies::basis::{RigidMotion, list_motions};
 use crate::bodies::directions::{DofDirection, find_directions};
 use crate::bodies::holding::Holding;
+use crate::bodies::rank::ACCURACY;
 use crate::bodies::resistance::measure_resistance;
 use crate::bodies::tuning::SPRING;
 use crate::error::Error;
@@ -121,102 +121,23 @@ pub(super) fn resisting_rows<'py>(
     Ok((arrays::from_indices(py, numbers)?, forces, weak))
 }
 
-/// What holds some bodies with `m` motions each, as rows in the amounts of the motions.
-#[pyclass(frozen, name = "Holding", module = "bipot_rs._core")]
-pub(super) struct PyHolding(std::sync::Mutex<Holding>);
-
-impl PyHolding {
-    fn with<T>(&self, work: impl FnOnce(&mut Holding) -> T) -> T {
-        let mut holding = self
-            .0
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        work(&mut holding)
+/// The amounts of the motions that none of the `rows (k, m)` tells, orthonormal rows. A row is
+/// what the motions move at a support, a spring or a contact, to an `accuracy`.
+#[pyfunction]
+#[pyo3(signature = (rows, accuracy=ACCURACY))]
+pub(super) fn free_motions<'py>(
+    py: Python<'py>,
+    rows: Matrix<'py>,
+    accuracy: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let motions = rows.as_array().ncols();
+    let mut holding = Holding::new(motions);
+    for row in rows.as_slice()?.chunks_exact(motions.max(1)) {
+        holding.hold(row);
     }
-}
-
-#[pymethods]
-impl PyHolding {
-    /// Bodies that nothing holds.
-    #[new]
-    fn new(bodies: usize, motions: usize) -> Self {
-        Self(std::sync::Mutex::new(Holding::new(bodies, motions)))
-    }
-
-    /// Add rows `(k, m)`, each with its body.
-    fn hold(&self, body: Indices<'_>, rows: Matrix<'_>) -> PyResult<()> {
-        let bodies = arrays::indices(&body, "bodies")?;
-        let (values, m) = (rows.as_slice()?, rows.as_array().ncols());
-        arrays::length("bodies", bodies.len(), rows.as_array().nrows())?;
-        self.with(|holding| {
-            arrays::length("rows of motions", m, holding.motions())?;
-            for (&body, row) in bodies.iter().zip(values.chunks_exact(m.max(1))) {
-                check_index(body, holding.bodies())?;
-                holding.hold(body, row);
-            }
-            Ok(())
-        })
-    }
-
-    /// Bodies of one node, which has no rotations: motions after the translations move nothing.
-    fn hold_rotations(&self, bodies: Indices<'_>, translations: usize) -> PyResult<()> {
-        let bodies = arrays::indices(&bodies, "bodies")?;
-        self.with(|holding| {
-            for body in bodies {
-                check_index(body, holding.bodies())?;
-                holding.hold_rotations(body, translations);
-            }
-            Ok(())
-        })
-    }
-
-    /// Rows with the same meaning as those of each body, `(bodies, m, m)`.
-    #[getter]
-    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let (shape, values) = self.with(|holding| {
-            let (bodies, m) = (holding.bodies(), holding.motions());
-            let values = (0..bodies).flat_map(|body| holding.triangle(body).to_vec());
-            ((bodies, m, m), values.collect::<Vec<f64>>())
-        });
-        let array = Array3::from_shape_vec(shape, values);
-        let array = array.map_err(|e| PyValueError::new_err(e.to_string()))?;
-        Ok(PyArray3::from_owned_array(py, array))
-    }
-
-    /// Whether no motion of each body is free.
-    #[getter]
-    fn held<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        let held = self.with(|holding| (0..holding.bodies()).map(|b| holding.is_held(b)).collect());
-        PyArray1::from_vec(py, held)
-    }
-
-    /// Some bodies as one, with the motions of each after those of the one before.
-    fn join(&self, bodies: Indices<'_>) -> PyResult<Self> {
-        let bodies = arrays::indices(&bodies, "bodies")?;
-        self.with(|holding| {
-            for &body in &bodies {
-                check_index(body, holding.bodies())?;
-            }
-            Ok(Self(std::sync::Mutex::new(holding.join(&bodies))))
-        })
-    }
-
-    /// Amounts of the free motions of a body, orthonormal rows `(k, m)`; `accuracy` is that of
-    /// the rows that hold it.
-    fn free_motions<'py>(
-        &self,
-        py: Python<'py>,
-        body: usize,
-        accuracy: f64,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (m, free) = self.with(|holding| {
-            check_index(body, holding.bodies())?;
-            let free = holding.find_free_motions(body, accuracy);
-            Ok::<_, PyErr>((holding.motions(), free))
-        })?;
-        let count = free.len();
-        arrays::square(py, free.concat(), count, m)
-    }
+    let free = holding.find_free_motions(accuracy);
+    let count = free.len();
+    arrays::square(py, free.concat(), count, motions)
 }
 
 fn check_index(index: usize, limit: usize) -> Result<(), Error> {

@@ -39,7 +39,7 @@ mod _core {
     #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
-    use super::bodies::{PyHolding, connected, dof_directions, resisting_rows, rigid_motions};
+    use super::bodies::{connected, dof_directions, free_motions, resisting_rows, rigid_motions};
     #[pymodule_export]
     use super::bound::PyBound;
     #[pymodule_export]

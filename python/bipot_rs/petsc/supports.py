@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import block_diag
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats, Ints
@@ -72,12 +73,13 @@ def check(
     """
     m = bodies.motions.shape[1]
     body = np.repeat(bodies.of_node, d)
-    holding = _core.Holding(bodies.count, m)
+    holding = np.zeros((bodies.count, m, m))
     nodes = _sum_up(comm, np.bincount(bodies.of_node, minlength=bodies.count))
-    holding.hold_rotations(np.flatnonzero(nodes == 1), d)
+    # A body of one node cannot turn.
+    holding[nodes == 1] = np.diag(np.arange(m) >= d)
     _hold(comm, holding, prescribed)
     moving = np.bincount(body[~bodies.fixed], minlength=bodies.count)
-    loose = (_sum_up(comm, moving) > 0) & ~holding.held
+    loose = (_sum_up(comm, moving) > 0) & ~_find_held(holding)
     if loose.any():
         everywhere = np.column_stack([bring(column) for column in bodies.motions.T])
         wanted = np.flatnonzero(loose[body] & ~bodies.fixed)
@@ -89,7 +91,7 @@ def check(
                 "a body"
             )
         _hold(comm, holding, (body[number], forces))
-        loose &= ~holding.held
+        loose &= ~_find_held(holding)
     members = np.flatnonzero(loose)
     if not len(members):
         return False
@@ -99,9 +101,8 @@ def check(
     size = np.sqrt(np.asarray(B.multiply(B).sum(axis=1)).ravel())
     parts = [B @ np.where((body_of_place == b)[:, None], motions, 0.0) for b in members]
     rows_of_contacts = np.hstack(parts)[size > 0] / size[size > 0, None]
-    joined = holding.join(members)
-    joined.hold(np.zeros(len(rows_of_contacts), np.int64), rows_of_contacts)
-    if not joined.held[0]:
+    by_others = block_diag(holding[members]).toarray()
+    if len(_core.free_motions(np.concatenate([by_others, rows_of_contacts]))):
         raise NotIterativeError("supports and contacts may leave a body free to move")
     return True
 
@@ -112,15 +113,29 @@ def _sum_up(comm: Any, counts: Ints) -> Ints:
     return whole
 
 
-def _hold(comm: Any, holding: _core.Holding, found: HoldingRows) -> None:
-    """Add rows of all ranks, each with its body."""
+def _hold(comm: Any, holding: Floats, found: HoldingRows) -> None:
+    """Add rows of all ranks, each with its body, to triangles ``(bodies, m, m)``.
+
+    The triangle of a QR factorisation tells what the rows tell.
+    """
     body, values = found
-    count, m, _ = holding.triangles.shape
-    ours = _core.Holding(count, m)
-    ours.hold(body, np.ascontiguousarray(values))
-    used = np.unique(body)
-    for members, triangles in comm.allgather((used, ours.triangles[used])):
-        holding.hold(np.repeat(members, m), triangles.reshape(-1, m))
+    order = np.argsort(body, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(body[order])) + 1)
+    ours = {int(body[part[0]]): _reduce(values[part]) for part in parts if len(part)}
+    for triangles in comm.allgather(ours):
+        for b, triangle in triangles.items():
+            holding[b] = _reduce(np.concatenate([holding[b], triangle]))
+
+
+def _reduce(rows: Floats) -> Floats:
+    m = rows.shape[1]
+    whole = np.concatenate([rows, np.zeros((m, m))])
+    return np.asarray(np.linalg.qr(whole, mode="r"), np.float64)
+
+
+def _find_held(holding: Floats) -> Bools:
+    """Whether no motion of each body is free."""
+    return np.array([not len(_core.free_motions(rows)) for rows in holding], bool)
 
 
 def hold_by_prescribed(

@@ -46,12 +46,10 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
     for joined in _group_bodies(model):
         members = [b for b in joined if b < count]
         columns = np.flatnonzero(np.isin(owner, joined))
-        holding = _core.Holding(1, len(columns))
-        # The triangle of QR holds what the many rows hold; there may be none.
+        # The triangle of QR tells what the many rows tell; there may be none.
         felt_here = [constraints[:, columns], np.zeros((1, len(columns)))]
         triangle = np.asarray(np.linalg.qr(np.concatenate(felt_here), "r"), np.float64)
-        holding.hold(np.zeros(len(triangle), np.int64), triangle)
-        free = holding.free_motions(0, _FREE).T
+        free = _core.free_motions(triangle, _FREE).T
         if joined != members:
             of_bodies = owner[columns] < count
             for k in _list_free_points(free, of_bodies):
