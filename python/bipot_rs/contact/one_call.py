@@ -116,7 +116,6 @@ def solve(
     2 N, which friction holds, then by 5 N, of which friction takes 0.3 · 10 N:
 
     >>> import numpy as np
-    from bipot_rs._lib.types import MatrixLike
     >>> import bipot_rs as bp
     >>> K, B = 1000.0 * np.eye(2), np.eye(2)
     >>> result = bp.solve(K, B, [[-10.0, 2.0], [-10.0, 5.0]], gap=[0.0], mu=0.3)
