@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs.theory.inelastic import TrussSolution, HardeningBars, Truss
+from bipot_rs.theory.inelastic import HardeningBars, Truss, TrussSolution
 
 Array = NDArray[np.float64]
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 1.0], [1.1, 1.0]])
