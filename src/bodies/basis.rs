@@ -35,7 +35,6 @@ impl RigidMotion {
     pub fn at(self, direction: DofDirection, arm: [f64; 3], reach: f64) -> f64 {
         match (self, direction) {
             (Self::Translation(axis), DofDirection::Along(k)) => f64::from(u8::from(axis == k)),
-            (Self::Translation(_), DofDirection::About(_)) => 0.0,
             (Self::Rotation(axis), DofDirection::Along(k)) => {
                 // e_axis × x has −x_b along a and x_a along b, (axis, a, b) in cyclic order.
                 let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -48,7 +47,7 @@ impl RigidMotion {
                 }
             }
             (Self::Rotation(axis), DofDirection::About(k)) if k == axis => reach.recip(),
-            (Self::Rotation(_), DofDirection::About(_)) => 0.0,
+            (_, DofDirection::About(_)) => 0.0,
         }
     }
 }

@@ -234,7 +234,7 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Bound of the error of this `W`, in ε: stiffness times compliance, as
-    /// [`ContactStiffness::amplification`](crate::condensation::contact_stiffness::ContactStiffness) of S.
+    /// that of S in [`ContactStiffness`](crate::condensation::contact_stiffness::ContactStiffness).
     fn amplification(&self, surface: &Surface<D>, compliance: &Compliance<'_, D>) -> f64 {
         let ones = vec![[1.0; D]; compliance.contacts()];
         let mut sums = vec![[0.0; D]; compliance.contacts()];

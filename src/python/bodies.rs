@@ -84,6 +84,9 @@ pub(super) fn connected<'py>(
     arrays::from_indices(py, sets.numbers())
 }
 
+/// Numbers of rows, their forces, and whether some are weak.
+type ResistingRows<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, bool);
+
 /// The rows of `K` among those `wanted` that resist rigid motions: their numbers, the forces
 /// relative to the terms of each row, `(rows, m)`, and whether some of them are neither rounding
 /// nor those of a spring. `motions (n, m)` are those at all columns of these rows.
@@ -93,7 +96,7 @@ pub(super) fn resisting_rows<'py>(
     rows: Csr<'py>,
     motions: Matrix<'py>,
     wanted: Indices<'py>,
-) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, bool)> {
+) -> PyResult<ResistingRows<'py>> {
     let pointer = arrays::indices(&rows.0, "row pointers")?;
     let columns = arrays::indices(&rows.1, "columns")?;
     let values = rows.2.as_slice()?;
