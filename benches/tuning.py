@@ -185,7 +185,8 @@ def measure(package: Path, kind: str, seeds: int, change: str = "") -> dict[str,
     run = subprocess.run(
         command, env=environment, check=True, capture_output=True, text=True
     )
-    return json.loads(run.stdout)
+    counts: dict[str, float] = json.loads(run.stdout)
+    return counts
 
 
 def count(kind: str, seeds: int) -> None:

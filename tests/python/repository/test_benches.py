@@ -17,6 +17,7 @@ import pytest
 import scaling
 import speed_against_error
 import tables
+import tuning
 import whole_job
 from peers import commands
 from scipy import sparse
@@ -48,6 +49,16 @@ def test_a_table_replaces_only_what_is_between_its_markers(tmp_path: Path) -> No
 def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="1 cells below a head of 2"):
         tables.table(("a", "b"), [("1",)])
+
+
+def test_fitted_constants_are_found_and_changed() -> None:
+    constants = {constant.name: constant for constant in tuning.rust_constants()}
+    assert len(constants) > 60
+    assert constants["bipot_rs::solver::tuning::gain"].scaled(0.5) == "0.15"
+    assert constants["bipot_rs::path::tuning::all_candidates_above"].scaled(2.0) == "6"
+    for constant in constants.values():
+        assert float(constant.scaled(0.5)) < float(constant.scaled(2.0))
+        assert constant.set in tuning.RUNS
 
 
 @pytest.mark.parametrize("page", ["README.md", "benches/README.md"])
