@@ -115,7 +115,7 @@ impl<const D: usize> WorkingSetPath<D> {
                 view.problem = view.problem.with_gap(gap);
                 view
             }
-            None => self.begin(problem, candidates, stop)?,
+            None => self.make_first_view(problem, candidates, stop)?,
         };
         let began = Instant::now();
         let mut spent = Solution::<D>::default();
@@ -127,7 +127,8 @@ impl<const D: usize> WorkingSetPath<D> {
             };
             let (step, reaction) =
                 self.step_on_view(problem, &view, loads, &left, &mut spent, stop)?;
-            let (asked, total) = outside(problem, candidates, &view.members, &step, loads)?;
+            let (asked, total) =
+                find_penetrating(problem, candidates, &view.members, &step, loads)?;
             spent.seconds = began.elapsed().as_secs_f64();
             let in_time =
                 spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
@@ -199,14 +200,14 @@ impl<const D: usize> WorkingSetPath<D> {
     }
 
     /// The initial view, with a given set or a new one.
-    fn begin(
+    fn make_first_view(
         &mut self,
         problem: &Problem<D>,
         candidates: &Candidates<D>,
         stop: &AtomicBool,
     ) -> Result<View<D>, Error> {
         let known = self.first.take().unwrap_or_else(|| Set {
-            members: self.seeded(candidates),
+            members: self.seed_members(candidates),
             ..Set::default()
         });
         let view = if known.members.len() == problem.contacts() {
@@ -228,7 +229,7 @@ impl<const D: usize> WorkingSetPath<D> {
     }
 
     /// A new set: the seeds, and the contacts closed in the state before.
-    fn seeded(&self, candidates: &Candidates<D>) -> Vec<usize> {
+    fn seed_members(&self, candidates: &Candidates<D>) -> Vec<usize> {
         let mut members = candidates.seeds().to_vec();
         if let Some(state) = &self.state {
             let closed = |&i: &usize| state.status[i] != Status::Open;
@@ -385,7 +386,7 @@ fn differs<const D: usize>(
 
 /// Contacts to add after a step of the members, the worst first, and the total relative
 /// displacement of all contacts.
-fn outside<const D: usize>(
+fn find_penetrating<const D: usize>(
     problem: &Problem<D>,
     candidates: &Candidates<D>,
     members: &[usize],

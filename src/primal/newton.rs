@@ -158,11 +158,11 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                 Linearisation::new(&reduced, &point.r, &point.v)
             };
             let now: Vec<Status> = law.at.iter().map(|at| at.status).collect();
-            let changed = changes(statuses.as_deref(), &now);
-            let mut judged = self.judged(&reduced, &point, begin.force, false)?;
+            let changed = count_changes(statuses.as_deref(), &now);
+            let mut judged = self.judge_point(&reduced, &point, begin.force, false)?;
             let eta = judged.residual();
             if !first && (changed == 0 || judged.converged(tol)) {
-                judged = self.judged(&reduced, &point, begin.force, true)?;
+                judged = self.judge_point(&reduced, &point, begin.force, true)?;
             }
             if !fresh && judged.converged(tol) {
                 point = self.point(point.y, &prescribed, begin.force, begin.offset)?;
@@ -204,7 +204,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
             if unsettled > tuning::unsettled_points() {
                 break;
             }
-            if let Some(ended) = self.ended(best.as_ref().map_or(0, |best| best.1))? {
+            if let Some(ended) = self.find_end(best.as_ref().map_or(0, |best| best.1))? {
                 outcome = ended;
                 break;
             }
@@ -213,9 +213,9 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
                 break;
             };
             let recent_merits = (!first && changed > 0).then_some(&recent[..]);
-            let taken = self.taken(&tangent, &reduced, &point, &correction, recent_merits);
+            let taken = self.choose_step(&tangent, &reduced, &point, &correction, recent_merits);
             prescribed = taken.prescribed;
-            point = self.moved(point, &correction, taken.share, &prescribed, begin.offset)?;
+            point = self.move_point(point, &correction, taken.share, &prescribed, begin.offset)?;
             fresh = false;
             self.steps += 1;
             recent.push(merit(&reduced, &point.r, &point.v));
@@ -235,7 +235,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 
     /// The certificate of a point, with its rounding if that is wanted.
-    fn judged(
+    fn judge_point(
         &mut self,
         reduced: &Reduced<D>,
         point: &Point<E::Vector, D>,
@@ -271,7 +271,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 
     /// Whether a limit, or the lack of a better point since the step `best`, ends the steps.
-    fn ended(&mut self, best: usize) -> Result<Option<Outcome>, E::Error> {
+    fn find_end(&mut self, best: usize) -> Result<Option<Outcome>, E::Error> {
         let limit = self.settings.max_seconds;
         Ok(
             if self.steps >= tuning::newton_steps() || self.steps - best > tuning::patience() {
@@ -309,7 +309,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 
     /// How much of a correction is taken: all of it without `recent` merits.
-    fn taken(
+    fn choose_step(
         &self,
         tangent: &Tangent<D>,
         reduced: &Reduced<D>,
@@ -342,7 +342,7 @@ impl<'p, const D: usize, E: Engine<D>> Newton<'p, E, D> {
     }
 
     /// The point after a share of a correction.
-    fn moved(
+    fn move_point(
         &mut self,
         point: Point<E::Vector, D>,
         correction: &Change<E::Vector, D>,
@@ -504,7 +504,7 @@ fn slowness(products: usize, tol: f64) -> f64 {
 }
 
 /// Number of contacts whose status changed; of all of them without statuses before.
-fn changes(before: Option<&[Status]>, now: &[Status]) -> usize {
+fn count_changes(before: Option<&[Status]>, now: &[Status]) -> usize {
     before.map_or(now.len(), |before| {
         before.iter().zip(now).filter(|(a, b)| a != b).count()
     })

@@ -18,7 +18,7 @@ use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
-use crate::solver::{self, Settings, Start, certified, enumerate};
+use crate::solver::{self, Settings, Start, certify, enumerate};
 
 /// Contacts of an island, the values of its `W`, and for a sparse one the first block of each
 /// row and the column of each block.
@@ -236,7 +236,7 @@ impl ReducedArrays<2> {
             let all = enumerate::answers(problem, stop)?;
             let solutions = all.answers.iter();
             let solutions = solutions
-                .map(|(r, a)| certified(problem, &Settings::default(), r, a, stop))
+                .map(|(r, a)| certify(problem, &Settings::default(), r, a, stop))
                 .collect::<Result<Vec<_>, _>>()?;
             Ok((solutions, all.complete))
         })?;

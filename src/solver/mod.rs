@@ -21,4 +21,4 @@ mod tuning;
 pub use crate::solver::outcome::Outcome;
 pub use crate::solver::settings::{Method, Settings, Start};
 pub use crate::solver::solution::Solution;
-pub use crate::solver::solve::{certified, solve, solve_watched};
+pub use crate::solver::solve::{certify, solve, solve_watched};

@@ -165,7 +165,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.furthest_rigid.extend_from_slice(a);
         }
         let eta = residual::residual(self.problem, r, v, a);
-        if let Some(nothing) = self.vanished(r, a) {
+        if let Some(nothing) = self.check_zero(r, a) {
             self.log.history.push((self.log.work, nothing.residual));
             self.log.best_reaction.fill([0.0; D]);
             self.log.best_rigid.copy_from_slice(a);
@@ -222,7 +222,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
     /// If `r = 0` is a solution, iterations shrink the reactions until the end of the range of
     /// doubles, and η, which is relative to them, stays large. Far below the other
     /// displacements, the point `r = 0` is checked instead.
-    fn vanished(&mut self, r: &[[f64; D]], a: &[f64]) -> Option<Certificate<D>> {
+    fn check_zero(&mut self, r: &[[f64; D]], a: &[f64]) -> Option<Certificate<D>> {
         /// In scaled variables, where displacements of contacts are of order one.
         const NONE: f64 = 1e-100;
         let size = self.problem.scaling.reaction_norm(r);

@@ -177,7 +177,7 @@ fn bilateral_start<const D: usize>(
 ///
 /// # Errors
 /// [`Error::Interrupted`].
-pub fn certified<const D: usize>(
+pub fn certify<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     r: &[[f64; D]],

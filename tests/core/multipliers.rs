@@ -14,7 +14,7 @@ use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::newton::newton::{Near, run_near};
 use bipot_rs::solver::paper::multipliers::{LAGRANGIAN, RETURN, regularise};
-use bipot_rs::solver::{Method, Outcome, Settings, Start, certified, solve};
+use bipot_rs::solver::{Method, Outcome, Settings, Start, certify, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const BOTH: [Method; 2] = [Method::ReturnMapping, Method::PerturbedLagrangian];
@@ -190,7 +190,7 @@ fn a_penalty_alone_is_never_called_converged() {
             let r = penalised(&case, method, 1e4, &[[0.0; 3]; 6]);
             let r = case.compliance.gather(&r);
             let problem = case.problem();
-            let found = certified(&problem, &settings(1e-8), &r, &[], &GO).unwrap();
+            let found = certify(&problem, &settings(1e-8), &r, &[], &GO).unwrap();
             assert_eq!(found.outcome, Outcome::Stalled);
             // 1/ε, times the share of reactions in the size of η.
             assert!((1e-6..1e-3).contains(&found.residual), "{}", found.residual);

@@ -2,7 +2,7 @@
 
 use crate::linalg::amg::aggregates::by_group;
 use crate::linalg::amg::block_matrix::{BlockMatrix, PADDING, ROWS, cut};
-use crate::linalg::amg::prolongation::{Prolongation, chosen};
+use crate::linalg::amg::prolongation::{Prolongation, choose_tasks};
 use crate::linalg::amg::slots::Slots;
 use crate::linalg::amg::wide::{WideWork, widest};
 use crate::linalg::pages::zeros;
@@ -94,7 +94,7 @@ fn times_prolongation(
     let (nodes, size) = (matrix.nodes(), p.b * p.m);
     let mut start = vec![0; nodes + 1];
     tasks::for_each_with(
-        chosen(start[1..].chunks_mut(ROWS), ROWS, needed),
+        choose_tasks(start[1..].chunks_mut(ROWS), ROWS, needed),
         || Slots::new(p.coarse_nodes()),
         |slots, _, (task, counts)| {
             for (k, count) in counts.iter_mut().enumerate() {
@@ -120,7 +120,7 @@ fn times_prolongation(
     let columns = cut(&mut column, nodes, |i| start[i] as usize);
     let parts = cut(&mut values, nodes, |i| start[i] as usize * size);
     tasks::for_each_with(
-        chosen(columns.into_iter().zip(parts), ROWS, needed),
+        choose_tasks(columns.into_iter().zip(parts), ROWS, needed),
         || Slots::new(p.coarse_nodes()),
         |slots, _, (task, (columns, values))| {
             let rows = ProductRows {
@@ -226,7 +226,7 @@ const COARSE_ROWS: usize = 16;
 fn upper_triangle(p: &Prolongation, product: &Product, changed: Option<&[bool]>) -> Upper {
     let nodes = p.coarse_nodes();
     let tasks = (0..nodes).step_by(COARSE_ROWS);
-    let mut parts: Vec<(usize, Upper)> = chosen(tasks, COARSE_ROWS, changed)
+    let mut parts: Vec<(usize, Upper)> = choose_tasks(tasks, COARSE_ROWS, changed)
         .into_iter()
         .map(|(_, first)| (first, Upper::default()))
         .collect();

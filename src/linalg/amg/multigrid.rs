@@ -5,12 +5,12 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
-use crate::linalg::amg::cycle::{CycleMemory, Shared, visit};
+use crate::linalg::amg::cycle::{CycleMemory, visit};
 use crate::linalg::amg::hierarchy::{DENSE, Levels, level};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
-use crate::linalg::amg::settings::{Cycle, CycleSettings};
+use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::spectrum::bound;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
@@ -99,11 +99,10 @@ impl Multigrid {
 
     /// Takes other levels.
     pub(super) fn replace(&mut self, levels: Vec<Level>, coarsest: Coarsest, entries: usize) {
-        let inner = self.settings.cycle == Cycle::K;
         self.work = (1..=levels.len())
             .map(|k| match levels.get(k) {
-                Some(level) => CycleMemory::new(level.x.len(), inner),
-                None => CycleMemory::new(coarsest.unknowns(), false),
+                Some(level) => CycleMemory::new(level.x.len()),
+                None => CycleMemory::new(coarsest.unknowns()),
             })
             .collect();
         self.levels = levels;
@@ -131,11 +130,7 @@ impl Multigrid {
         let shift = exponent(size);
         let [first, second] = factors(-shift);
         map2(&mut self.b, b, |_, b| f32::rounded(b * first * second));
-        let shared = Shared {
-            coarsest: &self.coarsest,
-            degree: self.settings.degree,
-            cycle: self.settings.cycle,
-        };
+        let shared = (&self.coarsest, self.settings.degree);
         visit(
             &mut self.levels,
             &mut self.work,

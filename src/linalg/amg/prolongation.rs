@@ -82,7 +82,7 @@ impl Prolongation {
         let columns = cut(&mut self.column, nodes, |i| start[i] as usize);
         let parts = cut(&mut self.values, nodes, |i| start[i] as usize * b * m);
         tasks::for_each_with(
-            chosen(columns.into_iter().zip(parts), ROWS, needed),
+            choose_tasks(columns.into_iter().zip(parts), ROWS, needed),
             || Slots::new(of.aggregates.count()),
             |slots, _, (task, (columns, values))| {
                 let rows = ProlongationRows {
@@ -108,7 +108,7 @@ impl Prolongation {
 
 /// The tasks of `rows` rows each that have a `needed` one, with their numbers; without a choice
 /// all.
-pub(super) fn chosen<T: Send>(
+pub(super) fn choose_tasks<T: Send>(
     tasks: impl Iterator<Item = T>,
     rows: usize,
     needed: Option<&[bool]>,

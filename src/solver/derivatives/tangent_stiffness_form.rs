@@ -62,7 +62,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         let unknown = |position: usize| {
             let (by_r, by_v) = by[position];
             let of = move |component: usize| {
-                (!known(&by_r, &by_v, component)).then_some(Unknown {
+                (!says_component(&by_r, &by_v, component)).then_some(Unknown {
                     position,
                     component,
                 })
@@ -97,7 +97,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         // What rows without A_r say of y.
         let mut y = vec![[0.0; D]; right.len()];
         for (i, (by_r, by_v)) in self.by.iter().enumerate() {
-            for k in (0..D).filter(|&k| known(by_r, by_v, k)) {
+            for k in (0..D).filter(|&k| says_component(by_r, by_v, k)) {
                 y[i][k] = right[i][k] / by_v[(k, k)];
             }
         }
@@ -112,7 +112,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         for (u, value) in self.unknowns.iter().zip(solved) {
             y[u.position][u.component] = value;
         }
-        self.closed(&self.inverse(&y))
+        self.keep_closed(&self.inverse(&y))
     }
 
     /// `w` of a right side, without refinement.
@@ -129,7 +129,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
         let pulled = self.inverse(&self.times(&w, |(by_r, _)| by_r.transpose()));
         let own = self.times(&w, |(_, by_v)| by_v.transpose());
         for (i, (by_r, by_v)) in self.by.iter().enumerate() {
-            for k in (0..D).filter(|&k| known(by_r, by_v, k)) {
+            for k in (0..D).filter(|&k| says_component(by_r, by_v, k)) {
                 w[i][k] = (g[i][k] - pulled[i][k] - own[i][k]) / by_v[(k, k)];
             }
         }
@@ -155,7 +155,7 @@ impl<const D: usize> TangentStiffnessForm<D> {
     }
 
     /// The reactions of closed contacts; those of open ones are rounding.
-    fn closed(&self, r: &[[f64; D]]) -> Vec<[f64; D]> {
+    fn keep_closed(&self, r: &[[f64; D]]) -> Vec<[f64; D]> {
         let mut found = vec![[0.0; D]; r.len()];
         for law in &self.laws {
             found[law.position] = r[law.position];
@@ -226,7 +226,7 @@ impl<const D: usize> FactoredTangent for TangentStiffnessForm<D> {
 }
 
 /// Whether a row says what a component of `y` is.
-fn known<const D: usize>(by_r: &Block<D>, by_v: &Block<D>, k: usize) -> bool {
+fn says_component<const D: usize>(by_r: &Block<D>, by_v: &Block<D>, k: usize) -> bool {
     let alone = (0..D).all(|l| (l == k) == (by_v[(k, l)] != 0.0));
     alone && by_r.row(k).amax() == 0.0
 }

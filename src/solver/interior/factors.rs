@@ -100,7 +100,7 @@ impl<'p, const D: usize> System<'p, D> {
         };
         if modes > 0 {
             factors.border = (0..modes)
-                .map(|c| factors.contacts(&self.mode(c)))
+                .map(|c| factors.solve_contacts(&self.mode(c)))
                 .collect();
             let rows = (0..modes).map(|c| self.mode(c));
             let matrix = rows.flat_map(|mode| {
@@ -167,7 +167,7 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     /// `(A + N P²)⁻¹ b`.
-    fn contacts(&self, b: &[Vector<D>]) -> Vec<Vector<D>> {
+    fn solve_contacts(&self, b: &[Vector<D>]) -> Vec<Vector<D>> {
         let scaled = b.iter().zip(&self.scale);
         let mut x: Vec<f64> = scaled
             .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
@@ -183,8 +183,8 @@ impl<const D: usize> Factors<'_, '_, D> {
             .collect()
     }
 
-    fn bordered(&self, b: &[Vector<D>], balance: &[f64]) -> (Vec<Vector<D>>, Vec<f64>) {
-        let mut x = self.contacts(b);
+    fn solve_bordered(&self, b: &[Vector<D>], balance: &[f64]) -> (Vec<Vector<D>>, Vec<f64>) {
+        let mut x = self.solve_contacts(b);
         let mut a = Vec::new();
         if let Some(lu) = &self.balance {
             let modes = 0..self.border.len();
@@ -202,7 +202,7 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     /// `b − (A + N P²) x − B a` and `balance − Bᵀ x`.
-    fn left(
+    fn find_remainder(
         &self,
         (b, balance): (&[Vector<D>], &[f64]),
         (x, a): (&[Vector<D>], &[f64]),
@@ -236,10 +236,10 @@ impl<const D: usize> Factors<'_, '_, D> {
             .map(|i| self.slopes[i] * known[i] + right.contacts[i])
             .collect();
         let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
-        let (mut z, mut a) = self.bordered(&b, &balance);
+        let (mut z, mut a) = self.solve_bordered(&b, &balance);
         // Rows are exchanged within fronts only: one refinement corrects the error.
-        let (left, unbalanced) = self.left((&b, &balance), (&z, &a));
-        let (dz, da) = self.bordered(&left, &unbalanced);
+        let (left, unbalanced) = self.find_remainder((&b, &balance), (&z, &a));
+        let (dz, da) = self.solve_bordered(&left, &unbalanced);
         for (z, dz) in z.iter_mut().zip(&dz) {
             *z += dz;
         }

@@ -175,7 +175,7 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
             return Ok(None);
         };
         let missed = Missed {
-            contacts: system.missed(&at.s, v),
+            contacts: system.evaluate_missed(&at.s, v),
             imbalance: scaled_imbalance(system.problem, r),
         };
         let start = self
@@ -256,7 +256,7 @@ impl<'s, 'p, const D: usize> InteriorPath<'s, 'p, D> {
         };
         let next = self
             .at
-            .moved(&way, change, (tuning::path_rim() * rim).min(most));
+            .step_by(&way, change, (tuning::path_rim() * rim).min(most));
         self.before = Some(std::mem::replace(&mut self.at, next));
     }
 
@@ -277,7 +277,7 @@ struct InteriorPoint<const D: usize> {
 }
 
 impl<const D: usize> InteriorPoint<D> {
-    fn moved(&self, way: &InteriorStep<D>, change: f64, share: f64) -> Self {
+    fn step_by(&self, way: &InteriorStep<D>, change: f64, share: f64) -> Self {
         let there = |x: &[Vector<D>], dx: &[Vector<D>]| {
             let pairs = x.iter().zip(dx);
             pairs.map(|(x, dx)| x + dx * share).collect()

@@ -93,7 +93,7 @@ impl<'p, const D: usize> System<'p, D> {
         (self.smoothing * s[0] * s[0] + (1.0 - self.smoothing) * t * t).sqrt()
     }
 
-    pub(super) fn missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
+    pub(super) fn evaluate_missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
         let mut missed = self.displacement(v);
         for ((value, s), &mu) in missed.iter_mut().zip(s).zip(&self.problem.mu) {
             *value = s - *value;
