@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Communicator, Floats, Ints
 from bipot_rs.petsc.own_rows import OwnRows
 
 # Rows of K that are looked at together: copies of more entries would take as much memory as K.
@@ -16,7 +15,7 @@ _ROWS = 1 << 13
 
 
 def find_bodies(
-    comm: Any,
+    comm: Communicator,
     rows: OwnRows,
     local: Ints,
     free: Bools,

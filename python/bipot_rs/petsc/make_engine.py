@@ -12,7 +12,7 @@ from bipot_rs._lib.memory import available
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, PetscMat
 from bipot_rs.contact.path.choice import forecast_bytes
 from bipot_rs.contact.path.contacts import Contacts
-from bipot_rs.petsc import components, own_rows, supports
+from bipot_rs.petsc import components, own_rows, supports, tuning
 from bipot_rs.petsc.agreement import do_together
 from bipot_rs.petsc.engine import PetscEngine
 from bipot_rs.petsc.interface import Interface
@@ -25,7 +25,6 @@ from bipot_rs.petsc.linear.solver import LinearSolver
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart, make_transformation
 from bipot_rs.petsc.motions import orthonormal, rigid_motions
 from bipot_rs.petsc.operator import Operator
-from bipot_rs.petsc.tuning import LOOSE_BODY_SHIFT
 
 # Bytes of a factor in the plane for each unknown. It grows as n log n: this is more than enough.
 _PLANE_FACTOR = 2000.0
@@ -196,7 +195,9 @@ def _make_solver(
     A.setOption(PETSc.Mat.Option.SPD, True)
     A.setNearNullSpace(_make_near_null_space(operator, motions))
     contact = (d * variables.nodes[:, None] + np.arange(d)).ravel()
-    part = SymmetricPart(A, operator, contact, LOOSE_BODY_SHIFT if loose else 0.0)
+    part = SymmetricPart(
+        A, operator, contact, tuning.LOOSE_BODY_SHIFT if loose else 0.0
+    )
     chosen = options.is_of_the_user(PETSc, "pc_type")
     options.set_defaults(PETSc)
     preconditioner: Preconditioner

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Communicator, Floats
 
 
 def rigid_motions(
-    comm: Any, MPI: Any, coordinates: Floats | None, rows: int, d: int
+    comm: Communicator, MPI: ModuleType, coordinates: Floats | None, rows: int, d: int
 ) -> Floats:
     """Translations, then rotations, ``(rows, m)``; translations alone without coordinates.
 
@@ -35,13 +35,13 @@ def rigid_motions(
     return _core.rigid_motions(direction, arm, d, reach)
 
 
-def _reduce(comm: Any, values: Floats, operation: Any) -> Floats:
+def _reduce(comm: Communicator, values: Floats, operation: object) -> Floats:
     whole = np.empty_like(values)
     comm.Allreduce(values, whole, op=operation)
     return whole
 
 
-def orthonormal(comm: Any, vectors: Floats) -> Floats:
+def orthonormal(comm: Communicator, vectors: Floats) -> Floats:
     """Orthonormal vectors with the same span, dependent ones left out.
 
     Parameters

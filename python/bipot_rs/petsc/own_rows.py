@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Communicator, Floats, Integers, Ints, PetscMat
 
 # As `_core`: pairs of K that differ by less are equal up to rounding.
 ASYMMETRY = 1e-10
@@ -21,12 +22,12 @@ class OwnRows:
     """
 
     first: int
-    pointer: Ints
-    column: Ints
+    pointer: Integers
+    column: Integers
     values: Floats
 
     @classmethod
-    def of(cls, K: Any) -> OwnRows:
+    def of(cls, K: PetscMat) -> OwnRows:
         """Copy the rows of this rank out of a matrix of PETSc."""
         first, _ = K.getOwnershipRange()
         return cls(first, *K.getValuesCSR())
@@ -61,7 +62,9 @@ class OwnRows:
         return found
 
 
-def scatter(K: Any, outside: Ints, PETSc: Any) -> Any:
+def scatter(
+    K: PetscMat, outside: Ints, PETSc: ModuleType
+) -> Callable[[Floats], Floats]:
     """Function that brings values of all rows to this rank: own ones, then those `outside`.
 
     Every rank must call it.
@@ -81,7 +84,7 @@ def scatter(K: Any, outside: Ints, PETSc: Any) -> Any:
     return bring
 
 
-def check_symmetry(K: Any, comm: Any) -> None:
+def check_symmetry(K: PetscMat, comm: Communicator) -> None:
     """Raise ``ValueError`` on all ranks if K is not symmetric.
 
     ``K x - Kᵀ x`` with numbers x from 1 to 2 in units of ``1/sqrt(K_ii)``, so that neither
@@ -109,7 +112,7 @@ def check_symmetry(K: Any, comm: Any) -> None:
         )
 
 
-def negative_diagonal(K: Any) -> Bools:
+def negative_diagonal(K: PetscMat) -> Bools:
     """Own rows whose diagonal is negative."""
     found: Bools = K.getDiagonal().array_r < 0
     return found

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import block_diag
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Communicator, CsrMatrix, Floats, Ints
 from bipot_rs.contact.errors import NotIterativeError
 from bipot_rs.petsc.own_rows import OwnRows
 
@@ -44,20 +43,20 @@ class Bodies:
 HoldingRows = tuple[Ints, Floats]
 
 
-def find_supported(comm: Any, count: int, prescribed: HoldingRows) -> Bools:
+def find_supported(comm: Communicator, count: int, prescribed: HoldingRows) -> Bools:
     """Whether a prescribed degree of freedom is coupled with each of ``count`` bodies."""
     return _sum_up(comm, np.bincount(prescribed[0], minlength=count)) > 0
 
 
 def check(
-    comm: Any,
+    comm: Communicator,
     rows: OwnRows,
     local: Ints,
     bodies: Bodies,
     bring: Callable[[Floats], Floats],
     d: int,
     prescribed: HoldingRows,
-    contact: tuple[Any, Floats, Ints],
+    contact: tuple[CsrMatrix, Floats, Ints],
 ) -> bool:
     """Raise `NotIterativeError` on all ranks if something can move freely.
 
@@ -107,13 +106,13 @@ def check(
     return True
 
 
-def _sum_up(comm: Any, counts: Ints) -> Ints:
+def _sum_up(comm: Communicator, counts: Ints) -> Ints:
     whole = np.empty_like(counts)
     comm.Allreduce(counts, whole)
     return whole
 
 
-def _hold(comm: Any, holding: Floats, found: HoldingRows) -> None:
+def _hold(comm: Communicator, holding: Floats, found: HoldingRows) -> None:
     """Add rows of all ranks, each with its body, to triangles ``(bodies, m, m)``.
 
     The triangle of a QR factorisation tells what the rows tell.

@@ -9,7 +9,6 @@ import pytest
 import bipot_rs as bp
 from support import mpi, two_blocks
 from support.body_models import floating, on_springs
-from support.models_and_arrays import arguments
 from support.pressed_in_space import arrays, pressed
 
 # Linear systems are solved to 1e-11, which the condition of the contacts multiplies.
@@ -76,7 +75,7 @@ def compare(found: dict[str, Any], result: bp.Result, given: dict[str, Any]) -> 
 
 
 def both(folder: Path, ranks: int, known: dict[str, Any], **path: Any) -> None:
-    result = bp.ContactProblem(**known, engine="direct").solve(**path, tol=1e-12)
+    result = mpi.solve_directly(known, **path)
     given = directions(known, result, seed=ranks)
     found = mpi.run(
         folder,
@@ -90,30 +89,24 @@ def both(folder: Path, ranks: int, known: dict[str, Any], **path: Any) -> None:
     compare(found, result, given)
 
 
-def of(model: bp.Model) -> tuple[dict[str, Any], dict[str, Any]]:
-    case = model.assemble()
-    loads = {"load": case.load, "prescribed": case.prescribed}
-    return arguments(case.model), loads
-
-
 def test_a_path_in_space_with_slip(tmp_path: Path) -> None:
     known, prescribed = arrays(5)
     both(tmp_path, 2, known, prescribed=prescribed)
 
 
 def test_a_plane_body_on_three_ranks(tmp_path: Path) -> None:
-    known, path = of(pressed(8, dim=2))
+    known, path = mpi.of_model(pressed(8, dim=2))
     both(tmp_path, 3, known, **path)
 
 
 def test_two_friction_coefficients(tmp_path: Path) -> None:
-    known, path = of(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
+    known, path = mpi.of_model(pressed(4, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
     both(tmp_path, 2, known, **path)
 
 
 @pytest.mark.parametrize("model", [floating, on_springs])
 def test_bodies_that_contact_or_springs_hold(model: Any, tmp_path: Path) -> None:
-    known, path = of(model())
+    known, path = mpi.of_model(model())
     both(tmp_path, 2, known, **path)
 
 

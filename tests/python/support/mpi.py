@@ -1,6 +1,7 @@
 """Run `petsc_program.py` under mpirun, in a Python that has petsc4py."""
 
 import functools
+import json
 import os
 import shutil
 import subprocess
@@ -13,7 +14,12 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
+from support.models_and_arrays import arguments
 
+# η is 1e-12; the errors of the reactions are larger by the condition of the contacts.
+TOL, CLOSE = 1e-12, 1e-10
+# Between numbers of ranks only the order of sums and the aggregates differ.
+SAME = 1e-11
 PROGRAM = Path(__file__).with_name("petsc_program.py")
 # Open MPI wants these to be root in a container, and for more ranks than cores.
 OPEN_MPI = {
@@ -127,3 +133,27 @@ def run(
 def changed(found: Any, expected: Any) -> float:
     """Largest difference, relative to the largest expected value."""
     return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def read_stats(found: dict[str, Any]) -> dict[str, Any]:
+    """`ContactProblem.stats` of an answer."""
+    return dict(json.loads(str(found["stats"])))
+
+
+def of_model(model: bp.Model) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arguments of the problem, and of its load path."""
+    case = model.assemble()
+    return arguments(case.model), {"load": case.load, "prescribed": case.prescribed}
+
+
+def solve_directly(known: dict[str, Any], **path: Any) -> bp.Result:
+    """The answer of the direct engine."""
+    return bp.ContactProblem(**known, engine="direct").solve(**path, tol=TOL)
+
+
+def compare(found: dict[str, Any], expected: bp.Result) -> None:
+    """The answer of several ranks is that of the direct engine."""
+    assert changed(found["reaction"], expected.reaction) <= CLOSE
+    assert np.array_equal(found["status"], expected.status)
+    assert changed(found["displacement"], expected.displacement) <= CLOSE
+    assert (found["residual"] <= 10 * TOL).all()

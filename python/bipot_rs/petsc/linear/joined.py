@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, Floats, Ints, PetscVec
 from bipot_rs.contact.law.status import Status
+from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.preconditioner import Hierarchy
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Operator, Springs
-from bipot_rs.petsc.tuning import LOOSE_SHARE, SLOW_ITERATIONS
 
 
 class JoinedBodies:
@@ -48,7 +48,7 @@ class JoinedBodies:
 
     def learn(self, iterations: int) -> None:
         """Let the hierarchy follow the statuses if a solution with glued bodies was slow."""
-        if self._follows is False and iterations > SLOW_ITERATIONS:
+        if self._follows is False and iterations > tuning.SLOW_ITERATIONS:
             self._slow = True
 
     def prepare(
@@ -67,7 +67,7 @@ class JoinedBodies:
         if new:
             self._filter.factor(held, springs)
         loose = np.count_nonzero(statuses != Status.STICK) / max(len(statuses), 1)
-        follow = self._slow or bool(loose > LOOSE_SHARE)
+        follow = self._slow or bool(loose > tuning.LOOSE_SHARE)
         if follow and (new or not self._follows):
             self._part.set_values(held, springs)
             self._hierarchy.update()

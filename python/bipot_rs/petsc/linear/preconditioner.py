@@ -10,14 +10,10 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import PetscMat, PetscVec
+from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Springs
-from bipot_rs.petsc.tuning import (
-    EIGENVALUE_ITERATIONS,
-    SMOOTHED_FROM,
-    SMOOTHED_TO,
-)
 
 
 class Preconditioner(Protocol):
@@ -78,7 +74,7 @@ class Hierarchy:
         if not np.isfinite(largest) or largest <= 0.0:
             return
         # The spectrum changes little with the statuses: one estimate serves all of them.
-        interval = f"{SMOOTHED_FROM * largest},{SMOOTHED_TO * largest}"
+        interval = f"{tuning.SMOOTHED_FROM * largest},{tuning.SMOOTHED_TO * largest}"
         chosen = {"pc_type": "pbjacobi", "ksp_chebyshev_eigenvalues": interval}
         database = self._PETSc.Options(self._prefix)
         names = {f"mg_levels_{level}_{name}": value for name, value in chosen.items()}
@@ -105,7 +101,7 @@ class Hierarchy:
         solver.setType("cg")
         solver.getPC().setType("pbjacobi")
         solver.setComputeEigenvalues(True)
-        solver.setTolerances(rtol=1e-12, atol=0.0, max_it=EIGENVALUE_ITERATIONS)
+        solver.setTolerances(rtol=1e-12, atol=0.0, max_it=tuning.EIGENVALUE_ITERATIONS)
         solver.setUp()
         solver.solve(b, x)
         return float(np.max(np.real(solver.computeEigenvalues()), initial=0.0))

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import PetscVec
+from bipot_rs.petsc import tuning
 from bipot_rs.petsc.linear import options
 from bipot_rs.petsc.linear.one_rank import NotFactoredError
 from bipot_rs.petsc.linear.preconditioner import ChosenPreconditioner, Preconditioner
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Operator
-from bipot_rs.petsc.tuning import MOST_ITERATIONS
 
 
 class LinearSolver:
@@ -119,7 +119,7 @@ class LinearSolver:
         x = self._operator.make_zeros()
         if b.norm() == 0.0:
             return x, 0, True
-        self._ksp.setTolerances(rtol=tol, atol=0.0, max_it=MOST_ITERATIONS)
+        self._ksp.setTolerances(rtol=tol, atol=0.0, max_it=tuning.MOST_ITERATIONS)
         try:
             self._ksp.solve(b, x)
         except self._operator.PETSc.Error:

@@ -23,13 +23,13 @@ from bipot_rs.contact.results.solution import Computed
 from bipot_rs.contact.results.solution import Step as WholeStep
 from bipot_rs.contact.results.state import Start
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
+from bipot_rs.petsc import tuning
 from bipot_rs.petsc.engine import NO_FRAMES
 from bipot_rs.petsc.library import load
 from bipot_rs.petsc.problem import ContactProblem
 from bipot_rs.petsc.result import Result, Step
 from bipot_rs.petsc.run.numbering import assemble_stiffness, share_nodes
 from bipot_rs.petsc.run.ranks import World
-from bipot_rs.petsc.tuning import GATHERED_UNKNOWNS
 from bipot_rs.scene.case import Case
 
 
@@ -65,7 +65,7 @@ class DistributedProblem:
                 area=model.area,
                 points=model.points,
                 frame=model.frame,
-                gather=GATHERED_UNKNOWNS,
+                gather=tuning.GATHERED_UNKNOWNS,
             )
         except (FloatingBodyError, NotIterativeError) as error:
             # Meshes and supports are the same on all ranks, and so is what they say.

@@ -11,10 +11,10 @@ from scipy import sparse
 from bipot_rs._lib.types import CsrMatrix, Ints, PetscMat
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.node_graph import find_neighbours
+from bipot_rs.petsc import tuning
 from bipot_rs.petsc.library import Library
 from bipot_rs.petsc.run.partition import divide_by_coordinates, divide_graph
 from bipot_rs.petsc.run.ranks import World
-from bipot_rs.petsc.tuning import UNEQUAL_PARTS
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def share_nodes(library: Library, ranks: World, model: Assembly) -> Numbering:
 
 def _is_unequal(owner: Ints, count: int) -> bool:
     sizes = np.bincount(owner, minlength=count)
-    return bool(np.ptp(sizes) > UNEQUAL_PARTS * sizes.mean() or not sizes.all())
+    return bool(np.ptp(sizes) > tuning.UNEQUAL_PARTS * sizes.mean() or not sizes.all())
 
 
 def assemble_stiffness(
