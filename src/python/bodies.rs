@@ -22,6 +22,7 @@ pub(super) fn dof_directions<'py>(
     places: Matrix<'py>,
     d: usize,
 ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    check_dimension(d)?;
     let directions = find_directions(arrays::rows::<3>(&places)?, d);
     let number = |direction: Option<DofDirection>| {
         direction.map_or(Ok(-1), |direction| match direction {
@@ -47,6 +48,7 @@ pub(super) fn rigid_motions<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (directions, arms) = (direction.as_slice()?, arrays::rows::<3>(&arm)?);
     arrays::length("directions", directions.len(), arms.len())?;
+    check_dimension(d)?;
     let motions = list_motions(d);
     let mut values = vec![0.0; directions.len() * motions.len()];
     let rows = values.chunks_exact_mut(motions.len());
@@ -100,18 +102,20 @@ pub(super) fn resisting_rows<'py>(
     let pointer = arrays::indices(&rows.0, "row pointers")?;
     let columns = arrays::indices(&rows.1, "columns")?;
     let values = rows.2.as_slice()?;
-    let (at, m) = (motions.as_slice()?, motions.as_array().ncols());
+    let at = motions.as_slice()?;
+    let (columns_known, m) = motions.as_array().dim();
     let (mut numbers, mut forces, mut weak) = (Vec::new(), Vec::new(), false);
     for row in arrays::indices(&wanted, "rows")? {
         check_index(row + 1, pointer.len())?;
         let entries = pointer[row]..pointer[row + 1];
+        check_index(entries.start, entries.end + 1)?;
         check_index(entries.end, values.len().min(columns.len()) + 1)?;
         let entries = columns[entries.clone()]
             .iter()
             .copied()
             .zip(values[entries].iter().copied());
         for (column, _) in entries.clone() {
-            check_index(column * m, at.len().max(1))?;
+            check_index(column, columns_known)?;
         }
         if let Some(row_forces) = measure_resistance(entries, m, |j, k| at[j * m + k]) {
             weak |= row_forces.iter().all(|force| force.abs() < SPRING);
@@ -141,6 +145,13 @@ pub(super) fn free_motions<'py>(
     let free = holding.find_free_motions(accuracy);
     let count = free.len();
     arrays::square(py, free.concat(), count, motions)
+}
+
+fn check_dimension(d: usize) -> PyResult<()> {
+    if d == 2 || d == 3 {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3")))
 }
 
 fn check_index(index: usize, limit: usize) -> Result<(), Error> {

@@ -47,6 +47,9 @@ pub(super) struct Arguments<'a> {
     pub(super) notice: Option<Notice>,
 }
 
+/// What the calling thread does about every tenth of a second.
+type Tell<'a> = dyn Fn(Python<'_>) -> PyResult<()> + Sync + 'a;
+
 impl Arguments<'_> {
     /// Condenses in a thread, while this one calls `tell`.
     pub(super) fn condense<const D: usize>(
@@ -54,7 +57,7 @@ impl Arguments<'_> {
         py: Python<'_>,
         gap: &Matrix<'_>,
         before: Option<&Problem<D>>,
-        (num_threads, tell): (Option<usize>, &(dyn Fn(Python<'_>) -> PyResult<()> + Sync)),
+        (num_threads, tell): (Option<usize>, &Tell<'_>),
     ) -> PyResult<CondensedArrays<D>> {
         let gap = arrays::rows::<D>(gap)?;
         let elliptic = self.elliptic.clone();

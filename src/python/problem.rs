@@ -123,6 +123,10 @@ impl PyCondensed {
         &self,
         py: Python<'py>,
     ) -> PyResult<Option<(Vec<usize>, Vec<usize>, Bound<'py, PyArray1<f64>>)>> {
+        #[expect(
+            clippy::redundant_closure_for_method_calls,
+            reason = "the method is for one lifetime"
+        )]
         let blocks = for_either!(&self.kind, problem => {
             problem.compliance(py, |compliance| compliance.rows_of_blocks())?
         });

@@ -31,33 +31,35 @@ pub(super) struct PyTangentView {
 /// Relative displacements without gaps, and the work on rigid motions.
 pub(super) type Free<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
+/// The view of a problem with `W` of `contacts`.
+fn close<const D: usize>(
+    py: Python<'_>,
+    problem: &CondensedArrays<D>,
+    contacts: Vec<usize>,
+) -> PyResult<View<D>> {
+    let count = problem.contacts();
+    if let Some(&contact) = contacts.iter().find(|&&contact| contact >= count) {
+        let error = Error::Shape {
+            what: "contacts",
+            expected: count,
+            found: contact,
+        };
+        return Err(error.into());
+    }
+    let mut view = problem.run(py, |stop| {
+        working_set::with(&problem.problem, contacts.into_iter(), stop)
+    })?;
+    // Derivatives have no gaps.
+    view.problem = view.problem.with_gap(vec![[0.0; D]; view.members.len()]);
+    Ok(view)
+}
+
 #[pymethods]
 impl PyTangentView {
     /// `contacts` are those that `W` is needed of.
     #[new]
     fn new(py: Python<'_>, problem: &PyCondensed, contacts: Indices<'_>) -> PyResult<Self> {
         let contacts = arrays::indices(&contacts, "contacts")?;
-        fn close<const D: usize>(
-            py: Python<'_>,
-            problem: &CondensedArrays<D>,
-            contacts: Vec<usize>,
-        ) -> PyResult<View<D>> {
-            let count = problem.contacts();
-            if let Some(&contact) = contacts.iter().find(|&&contact| contact >= count) {
-                let error = Error::Shape {
-                    what: "contacts",
-                    expected: count,
-                    found: contact,
-                };
-                return Err(error.into());
-            }
-            let mut view = problem.run(py, |stop| {
-                working_set::with(&problem.problem, contacts.into_iter(), stop)
-            })?;
-            // Derivatives have no gaps.
-            view.problem = view.problem.with_gap(vec![[0.0; D]; view.members.len()]);
-            Ok(view)
-        }
         let (elliptic, num_threads) = for_either!(&problem.kind, problem => {
             (problem.elliptic.as_ref(), problem.num_threads)
         });

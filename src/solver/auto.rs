@@ -5,7 +5,7 @@
 //! |---|---|---|---|
 //! | sweeps | all | after 5, 20, 40, … 1280 sweeps, or the cost of two Newton steps | the point |
 //! | Newton | all | 40 steps, or no decrease in a step | the point, if better |
-//! | start from zero | –, 2, 2 | | the point zero, once |
+//! | start from zero | –, 2, 2 if floating | | the point zero, once |
 //! | all statuses | 3, 3, – | more than 6 contacts, or not plane | the answer, or the proof that there is none |
 //! | proximal points | from 2, from 3, from 1 | 60 outer steps | the point, if much better |
 //! | interior point | from 5, from 6, from 1 | 260 steps a path, each path once | the point, without sweeps |
@@ -171,8 +171,9 @@ impl<'p, const D: usize> Chain<'p, D> {
                 Ok(())
             }
             Stage::FromZero => {
-                // The bilateral start may be near a minimum of the merit that is no solution.
-                if self.start.closed.is_empty() {
+                // The bilateral start of floating bodies may be near a minimum of the merit that
+                // is no solution.
+                if !self.problem.rigid.modes.is_empty() && self.start.closed.is_empty() {
                     self.point = self.sweeper.start(&Start::default(), monitor);
                 }
                 Ok(())
