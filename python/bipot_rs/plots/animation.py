@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,7 @@ def animate(
     frames_per_second: float = 4.0,
     dpi: float = 100.0,
     model: object = None,
-    **options: Any,
+    **options: object,
 ) -> Path:
     """Write a GIF that shows a picture of each load step.
 
@@ -112,11 +112,11 @@ def _common(
     result: Result,
     model: object,
     numbers: list[int],
-    options: dict[str, Any],
-) -> dict[str, Any]:
+    options: dict[str, object],
+) -> dict[str, object]:
     """The options that give all frames the same scales."""
     of_body = found.draw is deformed
-    common: dict[str, Any] = {}
+    common: dict[str, object] = {}
     if of_body:
         largest = max(
             float(np.linalg.norm(result[k].reaction, axis=1).max(initial=0.0))
@@ -166,7 +166,7 @@ def _write(
     result: Result,
     model: object,
     numbers: list[int],
-    options: dict[str, Any],
+    options: dict[str, object],
     rate: float,
     dpi: float,
 ) -> None:

@@ -17,6 +17,8 @@ from bipot_rs.plots.data import drawn_model, number_of, one_step, said_of, units
 from bipot_rs.plots.geometry.boundary_facets import corners_of, deformed_nodes, skin
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from matplotlib.axes import Axes
     from matplotlib.collections import PolyCollection
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
@@ -168,7 +170,7 @@ def deformed(
     return ax
 
 
-def usual_scale(model: object, steps: Sequence[Any]) -> float:
+def usual_scale(model: object, steps: Sequence[Step]) -> float:
     """The default factor of the displacements for the largest one of several steps."""
     model, _ = drawn_model(model)
     size, d = model.nodes.size, model.dim
@@ -231,7 +233,7 @@ def cells_in_plane(
     places: Floats,
     values: Floats,
     ax: Axes,
-    **colours: Any,
+    **colours: Unpack[style.Colours],
 ) -> PolyCollection:
     """Draw cells in 2D with equal scales, each in the colour of its value."""
     from matplotlib.collections import PolyCollection
@@ -258,22 +260,29 @@ def _plane(model: Assembly, places: Floats, stress: Floats, ax: Axes) -> PolyCol
     return image
 
 
-def _space(model: Assembly, places: Floats, stress: Floats, ax: Axes3D) -> Any:
+def _space(
+    model: Assembly, places: Floats, stress: Floats, ax: Axes3D
+) -> PolyCollection:
     parts = skin(model.cells)
     polygons = [polygon for facets, _ in parts for polygon in places[facets]]
     return facets_in_space(polygons, np.concatenate([stress[c] for _, c in parts]), ax)
 
 
 def facets_in_space(
-    polygons: list[Floats], values: Floats, ax: Axes3D, **colours: Any
-) -> Any:
+    polygons: list[Floats],
+    values: Floats,
+    ax: Axes3D,
+    **colours: Unpack[style.FacetStyle],
+) -> PolyCollection:
     """Draw polygons in 3D, each in the colour of its value."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Poly3DCollection,
     )
 
-    edges: dict[str, Any] = {"lw": 0.2, "edgecolor": (0, 0, 0, 0.35)}
-    image = Poly3DCollection(polygons, **({"cmap": "viridis"} | edges | colours))
+    edges: style.FacetStyle = {"lw": 0.2, "edgecolor": (0, 0, 0, 0.35)}
+    image: PolyCollection = Poly3DCollection(
+        polygons, **({"cmap": "viridis"} | edges | colours)
+    )
     image.set_array(values)
     image.set_rasterized(True)
     ax.add_collection3d(image)

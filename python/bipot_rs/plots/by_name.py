@@ -54,7 +54,7 @@ class Picture:
         """Whether the function has an argument of that name."""
         return name in signature(self.draw).parameters
 
-    def __call__(self, result: object, model: object = None, **options: Any) -> Axes:
+    def __call__(self, result: object, model: object = None, **options: object) -> Axes:
         """Draw the result, on its model if that is known."""
         given = [model, result] if self.bodies and model is not None else [result]
         if self.quantity is not None:
@@ -86,7 +86,7 @@ KINDS: Mapping[str, Picture] = (
 
 
 def plot(
-    result: object, kind: str | None = None, *, model: object = None, **options: Any
+    result: object, kind: str | None = None, *, model: object = None, **options: object
 ) -> Axes:
     """Draw a picture by its name.
 
@@ -116,7 +116,7 @@ def plot(
 
 
 def chosen(
-    result: object, kind: str | None, model: object, options: Mapping[str, Any]
+    result: object, kind: str | None, model: object, options: Mapping[str, object]
 ) -> tuple[Picture, object]:
     """The picture of a name, and the model of the result; errors name what is wrong."""
     name = _usual(result, options) if kind is None else kind

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import meant, mistyped
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results.result import Result
@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     from bipot_rs.scene.case import Case
 
 # The argument ``contacts``: a mapping with points and frames, or the model.
-ContactsArgument = Mapping[str, Any] | object
+ContactsArgument = Mapping[str, object] | object
+# Arrays ``x``, ``frame``, ``area``, ``mu``, ``facets``, ``surface``, and the names of
+# surfaces, which a user may give: they are checked where they are read.
+ContactData: TypeAlias = Mapping[str, Any]
 # What chooses contacts: all, or numbers.
 Chosen = slice | NDArray[np.intp]
 
@@ -62,12 +65,12 @@ class DrawnContacts:
     area: Floats | None
     mu: Floats | None
     reaction: Floats
-    status: NDArray[np.integer[Any]]
+    status: Integers
     gap: Floats
     slip: Floats
     units: Mapping[str, str]
     wear: Floats | None = None
-    surface: NDArray[np.integer[Any]] | None = None
+    surface: Integers | None = None
     names: Sequence[str] = ()
     said: str = ""
     facets: Ints | None = None
@@ -118,7 +121,7 @@ class DrawnContacts:
         return np.asarray(found, np.float64)
 
 
-def contacts_of(found: object, given: ContactsArgument | None) -> Mapping[str, Any]:
+def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
     """Data of the contacts: those of ``contacts=``, else those of the result."""
     if given is None:
         return found.contacts if isinstance(found, Result) else {}
@@ -268,7 +271,7 @@ def look(
     return seen if where is None else seen.part(selection(where, n, known))
 
 
-def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
+def surface_of(known: ContactData, contacts: int) -> Ints | None:
     """Number of the surface of each contact, ``(n_c,)``; None if unknown."""
     given = known.get("surface")
     if given is None:
@@ -282,7 +285,7 @@ def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
     return found.astype(np.int64)
 
 
-def facets_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
+def facets_of(known: ContactData, contacts: int) -> Ints | None:
     """Facets of the contacts, ``(m, k)``; None if unknown."""
     given = known.get("facets")
     return None if given is None else triangles.check_facets(given, contacts)
@@ -294,7 +297,7 @@ def numbers(chosen: Chosen, contacts: int) -> NDArray[np.intp]:
     return found
 
 
-def names_of(known: Mapping[str, Any]) -> list[str]:
+def names_of(known: ContactData) -> list[str]:
     """Names of the surfaces by number; [] if surfaces are unknown."""
     surface = known.get("surface")
     if surface is None or not np.size(surface):
@@ -308,7 +311,7 @@ def names_of(known: Mapping[str, Any]) -> list[str]:
 def selection(
     where: ArrayLike | str | None,
     contacts: int,
-    known: Mapping[str, Any] = MappingProxyType({}),
+    known: ContactData = MappingProxyType({}),
 ) -> Chosen:
     """Contacts chosen by a mask, by numbers or by the name of a surface; default all."""
     if where is None:
@@ -331,7 +334,7 @@ def selection(
     return chosen
 
 
-def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
+def _of_surface(name: str, known: ContactData) -> NDArray[np.intp]:
     """Numbers of the contacts on a surface, or on ``name 0``, ``name 1``, …."""
     names = names_of(known)
     if not names:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,11 @@ from bipot_rs.plots.body import cells_in_plane, facets_in_space
 from bipot_rs.plots.geometry.boundary_facets import skin
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure, SubFigure
+
+    from bipot_rs.plots.style import Colours
 
 # Range of the colours, relative to the mean element. A mesh is best for its size when all
 # elements have about the same error.
@@ -72,7 +76,7 @@ def draw(
     if not mean > 0:
         raise ValueError("energies are all zero: there is no error to draw")
     share = np.clip(energies / mean, _LOW, _HIGH)
-    colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
+    colours: Colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
     label = "error energy of the element / of the mean element"
     if nodes.shape[1] == 2:
         panels = _plane(figure, nodes, cells, share, contacts, colours, unit)
@@ -87,9 +91,9 @@ def _plane(
     cells: Sequence[tuple[str, Ints]],
     share: Floats,
     contacts: Floats | None,
-    colours: dict[str, Any],
+    colours: Colours,
     unit: str,
-) -> list[tuple[Any, Any]]:
+) -> list[tuple[Axes, PolyCollection]]:
     views = [(nodes.min(axis=0), nodes.max(axis=0))]
     if contacts is not None and len(contacts):
         low, high = contacts.min(axis=0), contacts.max(axis=0)
@@ -117,8 +121,8 @@ def _space(
     nodes: Floats,
     cells: Sequence[tuple[str, Ints]],
     share: Floats,
-    colours: dict[str, Any],
-) -> list[tuple[Any, Any]]:
+    colours: Colours,
+) -> list[tuple[Axes, PolyCollection]]:
     """Draw the boundary from above and from below, each facet in the colour of its cell."""
     parts = skin(cells)
     outside = [polygon for facets, _ in parts for polygon in nodes[facets]]
@@ -127,8 +131,9 @@ def _space(
     panels = []
     for k, height in enumerate((25, -25)):
         axes = figure.add_subplot(1, 2, k + 1, projection="3d")
-        thin = {"lw": 0.1, "edgecolor": "grey"}
-        image = facets_in_space(outside, share[of_cell], axes, **thin, **colours)
+        image = facets_in_space(
+            outside, share[of_cell], axes, lw=0.1, edgecolor="grey", **colours
+        )
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(high - low)
         axes.view_init(height, -55)

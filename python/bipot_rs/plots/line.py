@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Integers
 from bipot_rs.contact.law.elliptic_friction import dissipation
 from bipot_rs.contact.law.status import Status
 from bipot_rs.plots import style
@@ -17,7 +17,9 @@ from bipot_rs.plots.data import ContactsArgument, DrawnContacts, look
 from bipot_rs.plots.geometry.arc_length import Places, common
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 # With more contacts, markers would overlap.
 _MARKERS = 60
@@ -97,7 +99,7 @@ def draw_tractions(
             limit = _limit(seen, one) * p
             band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
-            dashed: dict[str, Any] = {"ls": ":", "color": band, "lw": 1.2}
+            dashed: style.LineStyle = {"ls": ":", "color": band, "lw": 1.2}
             (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
             ax.plot(one.s, -limit, **dashed)
         ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
@@ -133,7 +135,7 @@ def lines_of(
     return list(zip(names, found, strict=True)), name
 
 
-def mark_of(one: Places) -> dict[str, Any]:
+def mark_of(one: Places) -> style.LineStyle:
     """Style of the markers of a line: none if they would overlap."""
     if not one.once:
         # A line through them would go back and forth.
@@ -166,7 +168,7 @@ def _limit(seen: DrawnContacts, one: Places) -> Floats:
     return dissipation(mu, np.einsum("mkd,md->mk", tangents, one.towards))
 
 
-def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
+def _styles(what: tuple[str, str], limited: bool) -> list[Line2D]:
     """Legend entries for line styles, if colours distinguish surfaces."""
     from matplotlib.lines import Line2D
 
@@ -175,7 +177,10 @@ def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
 
 
 def _legend(
-    ax: Axes, lines: list[tuple[str, Places]], kinds: list[Any], seen: DrawnContacts
+    ax: Axes,
+    lines: list[tuple[str, Places]],
+    kinds: Sequence[Artist],
+    seen: DrawnContacts,
 ) -> None:
     """Legend of lines and statuses above the axes, filled column by column."""
     zones = style.status_handles(seen.status)
@@ -190,11 +195,11 @@ def _legend(
     style.legend_above(ax, handles=columns, title=seen.said)
 
 
-def _pad(handles: list[Any], rows: int = 3) -> list[Any]:
+def _pad(handles: Sequence[Artist], rows: int = 3) -> list[Artist]:
     from matplotlib.lines import Line2D
 
     nothing = [Line2D([], [], ls="none", label=" ") for _ in range(rows - len(handles))]
-    return handles + nothing
+    return [*handles, *nothing]
 
 
 def draw_slip(
@@ -238,7 +243,7 @@ def closed_slip(seen: DrawnContacts) -> Floats:
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
-def draw_zones(seen: DrawnContacts, status: NDArray[np.integer[Any]], ax: Axes) -> Axes:
+def draw_zones(seen: DrawnContacts, status: Integers, ax: Axes) -> Axes:
     """Draw the status along a line, one row for each load step, the first at the bottom.
 
     Several surfaces are drawn above each other.
@@ -290,9 +295,7 @@ def _edges(s: Floats) -> Floats:
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
 
 
-def strips(
-    ax: Axes, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
-) -> None:
+def strips(ax: Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
     """Draw strips of statuses at the bottom of the axes, one for each surface."""
     lines = [(name, one) for name, one in lines if one.once]
     if not lines:
@@ -317,9 +320,7 @@ def strips(
         ax.set_xlim(first, last)
 
 
-def _strip(
-    ax: Axes, s: Floats, status: NDArray[np.integer[Any]], rows: tuple[float, float]
-) -> None:
+def _strip(ax: Axes, s: Floats, status: Integers, rows: tuple[float, float]) -> None:
     from matplotlib.collections import PolyCollection
 
     low, high = rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,8 @@ from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.result import Result
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
+    Chosen,
+    ContactData,
     ContactsArgument,
     contacts_of,
     names_of,
@@ -27,9 +29,10 @@ from bipot_rs.plots.data import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-_STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
+_STYLE: canvas.LineStyle = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is rounding: the normals cancel.
 _AROUND = 1e-6
 # A friction limit above this multiple of the force is not drawn.
@@ -156,13 +159,13 @@ def _name_surfaces(names: Sequence[str], ax: Axes, curved: bool, limited: bool) 
     looks = (("-", "normal"), ("--", "tangential"))
     if curved:
         looks = (("-", "Σ normal"), ("--", "tangential, curved: Σ of sizes"))
-    kinds: list[Any] = [
+    kinds: list[Artist] = [
         Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
     ]
     if limited:
-        band: dict[str, Any] = {"facecolor": canvas.QUIET, "alpha": 0.3}
-        kinds.append(Patch(label="within Σ μ × normal", **band))
-    canvas.legend_above(ax, handles=whose + kinds)
+        label = "within Σ μ × normal"
+        kinds.append(Patch(label=label, facecolor=canvas.QUIET, alpha=0.3))
+    canvas.legend_above(ax, handles=[*whose, *kinds])
 
 
 def status_shares(
@@ -258,7 +261,7 @@ def force_displacement(
     ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
     ax.axhline(0, color="black", lw=0.6)
     if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drag).max():
-        dashed: dict[str, Any] = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
+        dashed: canvas.LineStyle = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
         ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
         ax.plot(delta, -limit, **dashed)
         canvas.legend_above(ax)
@@ -302,13 +305,13 @@ def dissipation(
     return _finish(ax)
 
 
-def _style(steps: int) -> dict[str, Any]:
+def _style(steps: int) -> canvas.LineStyle:
     return _STYLE if steps <= _MARKERS else _STYLE | {"marker": ""}
 
 
 def _choose(
-    path: Result, where: ArrayLike | str | None, known: Mapping[str, Any]
-) -> tuple[Any, Floats | None, Floats | None]:
+    path: Result, where: ArrayLike | str | None, known: ContactData
+) -> tuple[Chosen, Floats | None, Floats | None]:
     """Contacts to draw, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
     chosen = selection(where, n, known)

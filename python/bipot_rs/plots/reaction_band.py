@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,7 +89,7 @@ def _draw(ax: Axes, s: Floats, least: Floats, found: Floats, largest: Floats) ->
     low = np.where(np.isfinite(least), least, values.min() - beyond)
     high = np.where(np.isfinite(largest), largest, values.max() + beyond)
     ax.fill_between(s, low, high, color=style.LIMIT, alpha=0.25, lw=0)
-    line: dict[str, Any] = {"marker": "o", "ms": 3}
+    line: style.LineStyle = {"marker": "o", "ms": 3}
     ax.plot(s, high, color=style.LIMIT, lw=1, label="largest", **line)
     ax.plot(s, found, color=style.PRESSURE, lw=1.6, label="found", **line)
     ax.plot(s, low, color=style.LIMIT, lw=1, ls="--", label="least", **line)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -61,9 +61,11 @@ def write_figure(
     heights = [5.2] if flat else [4.1] * len(_rows(seen))
     heights += [2.6] if several else []
     figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
-    parts: Any = figure.subfigures(
-        len(heights), 1, height_ratios=heights, squeeze=False
-    ).ravel()
+    parts: list[SubFigure] = (
+        figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
+        .ravel()
+        .tolist()
+    )
     if flat:
         draw_tractions(seen, None, parts[0].add_subplot())
     else:
@@ -89,7 +91,7 @@ def _rows(seen: DrawnContacts) -> list[tuple[str, DrawnContacts]]:
     return each
 
 
-def _in_space(figures: Sequence[Any], seen: DrawnContacts) -> None:
+def _in_space(figures: Sequence[SubFigure], seen: DrawnContacts) -> None:
     for figure, (name, one) in zip(figures, _rows(seen), strict=False):
         (_maps if is_plane(one) else _facets)(figure, one)
         if name:

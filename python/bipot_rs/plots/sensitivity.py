@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,8 @@ from bipot_rs.plots.surface_plane import is_line, plane_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
 
 QUANTITIES = ("mu", "gap")
 _SYMBOLS = {"mu": "μ", "gap": "gap"}
@@ -137,17 +139,17 @@ def _draw_line(
         colour = "black" if len(lines) == 1 else style.cycle(k)
         ax.plot(one.s, y, color=colour, lw=1.2, label=whose, **mark_of(one))
         if one.once:
-            fill: dict[str, Any] = {"alpha": 0.35, "lw": 0, "interpolate": True}
-            ax.fill_between(one.s, y, where=y >= 0, color=_RISES, **fill)
-            ax.fill_between(one.s, y, where=y <= 0, color=_FALLS, **fill)
+            for part, fill in ((y >= 0, _RISES), (y <= 0, _FALLS)):
+                ax.fill_between(
+                    one.s, y, where=part, color=fill, alpha=0.35, lw=0, interpolate=True
+                )
         _rings(ax, one.s, y, marked[one.order])
     ax.axhline(0, color="black", lw=0.6)
     strips(ax, lines, seen.status)
     style.bare(ax)
-    zones = style.status_handles(seen.status)
-    if len(lines) > 1:
-        zones = style.surface_handles(name for name, _ in lines) + zones
-    style.legend_above(ax, handles=zones + _legend(marked), title=seen.said)
+    named = style.surface_handles(name for name, _ in lines) if len(lines) > 1 else []
+    handles = [*named, *style.status_handles(seen.status), *_legend(marked)]
+    style.legend_above(ax, handles=handles, title=seen.said)
     style.name_axis(ax.xaxis, name, seen.units.get("length"))
     style.name_axis(ax.yaxis, *label)
 
@@ -164,8 +166,7 @@ def _draw_map(
     if is_line(uv):
         raise ValueError('the contacts lie on a line: pass along="arc" or a direction')
     _, largest, _ = span(np.abs(values), "", seen.area)
-    range_: dict[str, Any] = {"vmin": -largest, "vmax": largest}
-    image = paint(seen, uv, values, ax, cmap=_COLOURS, **range_)
+    image = paint(seen, uv, values, ax, cmap=_COLOURS, vmin=-largest, vmax=largest)
     _contours(image, largest, ax)
     _rings(ax, uv[:, 0], uv[:, 1], marked)
     if not values.any():
@@ -178,30 +179,42 @@ def _draw_map(
         style.note(ax, seen.said)
 
 
-def _contours(image: Any, largest: float, ax: Axes) -> None:
+def _contours(image: AxesImage, largest: float, ax: Axes) -> None:
     """Draw lines at thirds of the range, dashed if negative: in grey both signs are dark."""
-    values = np.ma.masked_invalid(image.get_array())
+    values = np.ma.masked_invalid(np.asanyarray(image.get_array()))
     levels = largest * np.array([-2.0, -1.0, 1.0, 2.0]) / 3
     levels = levels[(levels > values.min()) & (levels < values.max())]
     if levels.size:
-        look: dict[str, Any] = {"colors": "black", "linewidths": 0.6}
         ax.contour(
-            values, levels, extent=image.get_extent(), negative_linestyles="--", **look
+            values,
+            levels,
+            extent=image.get_extent(),
+            negative_linestyles="--",
+            colors="black",
+            linewidths=0.6,
         )
 
 
 def _rings(ax: Axes, x: Floats, y: Floats, marked: Bools) -> None:
     """Mark the contacts whose derivative is one-sided."""
     if marked.any():
-        look: dict[str, Any] = {"facecolors": "none", "edgecolors": "black", "s": 30}
-        ax.scatter(x[marked], y[marked], lw=1.0, zorder=3, label="one-sided", **look)
+        ax.scatter(
+            x[marked],
+            y[marked],
+            s=30,
+            facecolors="none",
+            edgecolors="black",
+            lw=1.0,
+            zorder=3,
+            label="one-sided",
+        )
 
 
-def _legend(marked: Bools) -> list[Any]:
+def _legend(marked: Bools) -> list[Line2D]:
     """Entry of the rings, if there are any."""
     from matplotlib.lines import Line2D
 
     if not marked.any():
         return []
-    look: dict[str, Any] = {"ls": "none", "marker": "o", "mfc": "none", "mec": "black"}
-    return [Line2D([], [], label=f"one-sided ({int(marked.sum())})", **look)]
+    label = f"one-sided ({int(marked.sum())})"
+    return [Line2D([], [], ls="none", marker="o", mfc="none", mec="black", label=label)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -30,6 +30,27 @@ if TYPE_CHECKING:
     from bipot_rs.fem.assembly.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
+
+
+class _Camera(Protocol):
+    """What this module uses of the camera of PyVista."""
+
+    azimuth: float
+    elevation: float
+
+    def zoom(self, factor: float) -> None: ...
+
+
+class _Plotter(Protocol):
+    """What this module uses of a ``Plotter`` of PyVista."""
+
+    camera: _Camera
+    camera_position: str
+
+    def add_mesh(self, mesh: object, **options: object) -> object: ...
+    def add_legend(self, labels: object, **options: object) -> object: ...
+    def add_arrows(self, x: Floats, v: Floats, **options: object) -> object: ...
+    def show_axes(self) -> None: ...
 
 
 def surface3d(
@@ -136,7 +157,8 @@ def draw_space(
     model: Assembly | None = None,
     arrows: bool = False,
     limits: tuple[float, float] | None = None,
-    **bar: Any,
+    *,
+    below: bool = False,
 ) -> Axes3D:
     """Draw `surface3d` by matplotlib into existing axes.
 
@@ -144,15 +166,15 @@ def draw_space(
     ----------
     model
         The `fem.Assembly` whose outline is drawn; None for none.
-    bar
-        Where the colour bar is, as in `style.colour_bar`.
+    below
+        Whether the colour bar is below the axes.
     """
     from matplotlib.colors import Normalize
 
     values, name, unit, (low, high, extend) = _values(seen, quantity, limits)
     parts = _polygons(seen)
     nothing = not values.any()
-    colours: dict[str, Any] = {"norm": Normalize(low, high), "cmap": "viridis"}
+    colours: style.Colours = {"norm": Normalize(low, high), "cmap": "viridis"}
     if quantity == "status":
         of_facet = _zones(values, parts)
         colours["cmap"] = style.status_colours()["cmap"]
@@ -184,7 +206,7 @@ def draw_space(
         style.legend_above(ax, handles=zones, title=seen.said)
     else:
         if limits is not None or not nothing:
-            style.colour_bar(image, ax, name, unit, extend=extend, **bar)
+            style.colour_bar(image, ax, name, unit, extend=extend, below=below)
         if nothing:
             style.say(ax, NOTHING[quantity])
         style.note(ax, seen.said)
@@ -255,10 +277,12 @@ def _pyvista(
     model: Assembly | None,
     arrows: bool,
     limits: tuple[float, float] | None,
-    ax: Any,
-) -> Any:
+    ax: _Plotter | None,
+) -> _Plotter:
     pv = load_library("pyvista", extra="viz", need="pictures that turn")
-    plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
+    plotter: _Plotter = (
+        pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
+    )
     values, name, unit, (low, high, _) = _values(seen, quantity, limits)
     name = style.label(name, unit)
     parts = _polygons(seen)
@@ -283,7 +307,7 @@ def _pyvista(
     else:
         surface.point_data[name] = values
         # On the right of the bodies.
-        bar: dict[str, Any] = {
+        bar: dict[str, object] = {
             "vertical": True,
             "position_x": 0.86,
             "position_y": 0.15,

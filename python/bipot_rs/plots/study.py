@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from bipot_rs.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from matplotlib.typing import ColorType
 
 # With more series than this, a colour bar shows their numbers. The cycle of colours has
 # as many.
@@ -75,7 +77,7 @@ def study(
     for k, (one, colour) in enumerate(zip(series, colours, strict=True)):
         solved = ~one.partial
         order = np.flatnonzero(solved)[np.argsort(one.x[solved], kind="stable")]
-        look: dict[str, Any] = {"color": colour, "lw": 1.4, "ms": 4}
+        look: style.LineStyle = {"color": colour, "lw": 1.4, "ms": 4}
         # Marks distinguish the few series that a legend names without colours.
         look["marker"] = _MARKS[k] if len(series) <= _NAMED else "o"
         if not lines:
@@ -97,7 +99,7 @@ def study(
     return ax
 
 
-def _colours(series: Sequence[StudySeries]) -> list[Any]:
+def _colours(series: Sequence[StudySeries]) -> list[ColorType]:
     if len(series) <= _NAMED:
         return [style.cycle(k) for k in range(len(series))]
     places = np.linspace(0, 1, len(series))
@@ -116,7 +118,7 @@ def _legend(ax: Axes, series: Sequence[StudySeries], parameter: str) -> None:
     from matplotlib.lines import Line2D
 
     numbers = _numbers(series)
-    handles: list[Any] = []
+    handles: list[Line2D] = []
     if len(series) > _NAMED and numbers is not None:
         scale = style.scale_of(style.shades(), numbers.min(), numbers.max())
         style.colour_bar(scale, ax, parameter, None)
@@ -129,9 +131,11 @@ def _legend(ax: Axes, series: Sequence[StudySeries], parameter: str) -> None:
     elif len(series) > _MOST:
         parameter = f"{len(series)} combinations of {parameter}"
     if any(one.partial.any() for one in series):
-        cross: dict[str, Any] = {"ls": "none", "marker": "x", "mew": 1.6}
         label = "not solved to the end: last solved load step"
-        handles.append(Line2D([], [], color=style.QUIET, label=label, **cross))
+        cross = Line2D(
+            [], [], color=style.QUIET, label=label, ls="none", marker="x", mew=1.6
+        )
+        handles.append(cross)
     if handles or len(series) > _MOST:
         title = parameter if len(series) > 1 else ""
         # The entry of the crosses is as wide as three others.

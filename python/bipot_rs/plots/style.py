@@ -7,12 +7,12 @@ the process. Colours can be distinguished without red and green, and in grey by 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.optional import load_library
+from bipot_rs._lib.types import Integers
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.files import fields
@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.colors import Colormap, ListedColormap, Normalize
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.typing import ColorType
     from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 # Colours of the statuses open, slip, stick.
@@ -33,14 +38,59 @@ PRESSURE, SHEAR, LIMIT, QUIET = "#1f4e79", "#c0392b", "#f28e2b", "#7f8c8d"
 _CYCLE = ("#1f4e79", "#d55e00", "#56b4e9", "#009e73", "#cc79a7", "#7f7f7f")
 # Inches: scaled to a column of 85 mm, letters of 10 points become 7 points.
 SIZE = (4.8, 3.6)
+
+
+class LineStyle(TypedDict, total=False):
+    """Arguments of matplotlib for lines and their markers."""
+
+    color: ColorType
+    ls: str
+    lw: float
+    marker: str
+    ms: float
+    mew: float
+    clip_on: bool
+
+
+class Colours(TypedDict, total=False):
+    """Arguments of matplotlib that map values to colours."""
+
+    cmap: str | Colormap
+    norm: Normalize
+    vmin: float
+    vmax: float
+
+
+class FacetStyle(Colours, total=False):
+    """Colours of polygons, and their edges."""
+
+    lw: float
+    edgecolor: ColorType
+
+
+class RimStyle(TypedDict):
+    """Arguments of matplotlib for the rims of arrows."""
+
+    edgecolor: ColorType
+    linewidth: float
+
+
+class ArrowStyle(RimStyle, total=False):
+    """Arguments of matplotlib for the colours of arrows."""
+
+    color: ColorType
+    cmap: str
+    clim: tuple[float, float]
+
+
 # Arrows with a dark rim can be seen on light and on dark colours, and in grey.
-RIM: Mapping[str, Any] = {"edgecolor": "black", "linewidth": 0.4}
+RIM: RimStyle = {"edgecolor": "black", "linewidth": 0.4}
 Units = Mapping[str, str]
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def axes_of(
-    ax: Axes | None, *, size: tuple[float, float] = SIZE, space: bool = False
+    ax: object, *, size: tuple[float, float] = SIZE, space: bool = False
 ) -> Axes:
     """``ax``, or the axes of a new figure; ``space`` asks for axes in 3D.
 
@@ -114,18 +164,19 @@ def name_axes(ax: Axes, dim: int, unit: str | None) -> None:
 
 
 def colour_bar(
-    image: Any,
+    image: ScalarMappable,
     ax: Axes,
     name: str,
     unit: str | None,
     *,
     extend: str = "neither",
     below: bool = False,
-) -> Any:
+) -> Colorbar:
     """Add a colour bar with a name on the right of the axes, or below axes in 3D."""
     if below:
-        place: Any = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
-        bar = ax.figure.colorbar(image, ax=ax, extend=extend, **place)
+        bar = ax.figure.colorbar(
+            image, ax=ax, extend=extend, location="bottom", shrink=0.7, pad=0.02
+        )
         name_axis(bar.ax.xaxis, name, unit)
         return bar
     if ax.name == "3d":
@@ -141,7 +192,7 @@ def colour_bar(
     return bar
 
 
-def scale_of(colours: Any, low: float, high: float) -> ScalarMappable:
+def scale_of(colours: str | Colormap, low: float, high: float) -> ScalarMappable:
     """Colours of a bar without a picture in these colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -172,7 +223,7 @@ def cycle(k: int) -> str:
     return _CYCLE[k % len(_CYCLE)]
 
 
-def surface_handles(names: Iterable[str]) -> list[Any]:
+def surface_handles(names: Iterable[str]) -> list[Line2D]:
     """Lines for a legend, in the colour of each surface."""
     from matplotlib.lines import Line2D
 
@@ -200,7 +251,7 @@ def note(ax: Axes, text: str) -> None:
 
 def say(ax: Axes3D, text: str) -> None:
     """Write a sentence into the middle of axes, in 2D or 3D, that show no values."""
-    place: dict[str, Any] = {"ha": "center", "va": "center"}
+    place = {"ha": "center", "va": "center"}
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     if ax.name == "3d":
         ax.text2D(0.5, 0.97, text, transform=ax.transAxes, **place)
@@ -215,7 +266,7 @@ def blank() -> ListedColormap:
     return ListedColormap([COLOURS[0]])
 
 
-def legend_above(ax: Axes, *, title: str = "", **more: Any) -> Any:
+def legend_above(ax: Axes, *, title: str = "", **more: object) -> Legend:
     """Add a legend above the axes, where it hides nothing, with a title."""
     if title:
         more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
@@ -224,7 +275,7 @@ def legend_above(ax: Axes, *, title: str = "", **more: Any) -> Any:
     return ax.legend(**{**place, **look, **more})
 
 
-def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
+def status_handles(status: Integers) -> list[Patch]:
     """Patches for a legend, stick first, with the number of contacts of each status."""
     from matplotlib.patches import Patch
 
@@ -235,7 +286,7 @@ def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
     ]
 
 
-def status_colours() -> dict[str, Any]:
+def status_colours() -> Colours:
     """Keyword arguments of matplotlib that map statuses to colours."""
     from matplotlib.colors import ListedColormap
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,12 @@ from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
 from bipot_rs.plots.surface_plane import is_line, plane_of, tangents
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.image import AxesImage
+    from matplotlib.quiver import Quiver
 
 # Quantities of `surface_map`: label and kind of unit.
 QUANTITIES = {
@@ -139,8 +144,12 @@ def draw_map(
 
 
 def paint(
-    seen: DrawnContacts, uv: Floats, values: Floats, ax: Axes, **colours: Any
-) -> Any:
+    seen: DrawnContacts,
+    uv: Floats,
+    values: Floats,
+    ax: Axes,
+    **colours: Unpack[style.Colours],
+) -> AxesImage:
     """Draw values at the contacts ``(n_c,)``, interpolated on the surface.
 
     Contacts on no facet are dots.
@@ -153,7 +162,11 @@ def paint(
 
 
 def _dots(
-    seen: DrawnContacts, uv: Floats, values: Floats, ax: Axes, **colours: Any
+    seen: DrawnContacts,
+    uv: Floats,
+    values: Floats,
+    ax: Axes,
+    **colours: Unpack[style.Colours],
 ) -> None:
     if seen.facets is not None:
         own = alone(seen.facets, len(uv))
@@ -321,10 +334,11 @@ def slip(
     closed = seen.status != Status.OPEN
     u, v = uv.T
     ax.scatter(u[closed], v[closed], s=4, color="#c9ced3", lw=0)
-    rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
-    ax.scatter(u[~closed], v[~closed], s=9, **rings)
+    ax.scatter(
+        u[~closed], v[~closed], s=9, facecolors="none", edgecolors="#c9ced3", lw=0.6
+    )
     most = float(size.max(initial=0.0)) if limits is None else limits[1]
-    arrows = _arrows(
+    arrows: ScalarMappable | None = _arrows(
         seen, uv, moved, ax, cmap="viridis", values=size, most=most, **style.RIM
     )
     finish(seen, uv, names, ax, margin=0.13)
@@ -363,8 +377,8 @@ def _arrows(
     *,
     values: Floats | None = None,
     most: float = 1.0,
-    **look: Any,
-) -> Any:
+    **look: Unpack[style.ArrowStyle],
+) -> Quiver | None:
     """Draw tangential vectors at some contacts; one of size ``most`` fills its square."""
     axes, _ = tangents(seen)
     size = np.linalg.norm(vector, axis=1)

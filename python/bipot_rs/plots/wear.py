@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,7 +67,7 @@ def wear(
         lines = common(seen.x, parts, along)
         for name, one in zip(names, lines, strict=True):
             said = f"cycle {path[k].cycle}" + (f", {name}" if len(names) > 1 else "")
-            joined: dict[str, Any] = {"lw": 1.6}
+            joined: style.LineStyle = {"lw": 1.6}
             if not one.once or len(one.s) == 1:
                 joined = {"ls": "none", "marker": "o", "ms": 2}
             colour = _colour(number, len(chosen))
@@ -137,7 +137,7 @@ def _choose(path: Result, cycles: ArrayLike | None) -> list[int]:
     return [known.index(cycle) for cycle in wanted.tolist()]
 
 
-def _colour(number: int, count: int) -> Any:
+def _colour(number: int, count: int) -> tuple[float, float, float, float]:
     """Colours from light to dark, for the order of cycles."""
     from matplotlib import colormaps
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -237,7 +236,9 @@ def _greedy(x: Floats, links: Sequence[Sequence[int]]) -> Ints:
     return np.array(order)
 
 
-def common(x: Floats, parts: Sequence[Ints], along: Any) -> list[Places]:
+def common(
+    x: Floats, parts: Sequence[Ints], along: ArrayLike | str | None
+) -> list[Places]:
     """Positions on several lines of contacts, along the same direction.
 
     If the lines differ in direction, the arc length of each.

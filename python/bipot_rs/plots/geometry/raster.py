@@ -7,7 +7,7 @@ colour bar.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 from bipot_rs._lib.types import Floats, Ints
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+    from bipot_rs.plots.style import Colours
 
 # Pixels along the longer side.
 _PIXELS = 600
@@ -91,7 +96,7 @@ class Raster:
         image[row, column] = np.clip(found, low[which], high[which])
         return image
 
-    def _spans(self, at: Floats) -> tuple[Any, Any, Any, Any]:
+    def _spans(self, at: Floats) -> tuple[Ints, Ints, Ints, Ints]:
         """Triangle, row, first and last column of each row of pixels in each triangle."""
         v = at[..., 1]
         bottom = np.maximum(np.ceil(v.min(axis=1) - _EDGE), 0).astype(np.int64)
@@ -120,7 +125,7 @@ class Raster:
         final = np.minimum(final, self.count[0] - 1)
         return which, row, first.astype(np.int64), final.astype(np.int64)
 
-    def show(self, image: Floats, ax: Axes, **colours: Any) -> Any:
+    def show(self, image: Floats, ax: Axes, **colours: Unpack[Colours]) -> AxesImage:
         """Draw an image ``(rows, columns)`` into axes; NaN is left blank."""
         (left, low), (right, high) = self.low, self.low + self.count * self.width
         return ax.imshow(
