@@ -15,7 +15,6 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -502,7 +501,7 @@ class _Lift:
     reasons: tuple[str, ...]
 
 
-def _quadratic(clearance: Any) -> bool:
+def _quadratic(clearance: object) -> bool:
     """Whether a clearance is quadratic on an edge: a number, or a table of a scene."""
     if not callable(clearance):
         return True

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from bipot_rs._lib.types import Ints
+from bipot_rs._lib.types import AnyArray, Ints
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.files.result_mesh import Cells, ResultMesh
 
@@ -20,7 +18,7 @@ def surface_names(model: Assembly) -> list[str]:
     ]
 
 
-def surface_labels(model: Assembly) -> dict[str, Any]:
+def surface_labels(model: Assembly) -> dict[str, AnyArray]:
     """The surface of each contact, in the form that a result stores.
 
     Returns

@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import AnyArray, Floats, Ints
 from bipot_rs.contact.results.contact_fields import list_instants
 from bipot_rs.contact.results.contact_fields import (
     make_contact_fields as fields_of_contacts,
@@ -22,7 +20,6 @@ from bipot_rs.fem.bodies.stress_recovery import COLUMNS, ROWS, MeanStress, von_m
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.files.series import Series, check_index, write_series
 
-Fields = dict[str, NDArray[Any]]
 Instants = Sequence[Mapping[str, float]]
 
 
@@ -61,7 +58,7 @@ def write_bodies(
     path: str | os.PathLike[str],
     model: Assembly,
     steps: Sequence[Step],
-    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+    of_cells: Iterable[Mapping[str, AnyArray]] | None = None,
     at_rest: Callable[[int], Floats | None] = lambda _: None,
     *,
     instants: Instants | None = None,
@@ -121,8 +118,8 @@ class BodySeries:
     ) -> None:
         self._model = model
         # Nodes and cells to write; all without a part.
-        self._nodes: Any = slice(None)
-        self._cells: Any = slice(None)
+        self._nodes: slice | Ints = slice(None)
+        self._cells: slice | Ints = slice(None)
         if part is None:
             self._means = [MeanStress(body) for body in model.bodies]
             self._series = Series(path, model.nodes, model.cells, units=units)
@@ -155,7 +152,7 @@ class BodySeries:
         self,
         step: Step,
         at_rest: Floats | None = None,
-        more: Mapping[str, NDArray[Any]] | None = None,
+        more: Mapping[str, AnyArray] | None = None,
         instant: Mapping[str, float] | None = None,
     ) -> None:
         """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
@@ -164,8 +161,9 @@ class BodySeries:
             step.displacement, step.reaction, step.status
         )
         rest = None if at_rest is None else at_rest[own]
-        in_cells = cell_fields(model, step.displacement, rest, self._means)
-        in_cells |= {name: field[own] for name, field in (more or {}).items()}
+        in_cells = cell_fields(model, step.displacement, rest, self._means) | {
+            name: field[own] for name, field in (more or {}).items()
+        }
         chosen = {name: field[self._nodes] for name, field in fields.items()}
         self._series.add(chosen | dict(instant or {}), in_cells)
 
@@ -199,7 +197,7 @@ def cell_fields(
     displacement: Floats,
     at_rest: Floats | None = None,
     means: Sequence[MeanStress] | None = None,
-) -> Fields:
+) -> dict[str, Floats]:
     """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].
 
     Mean values of the cells of all bodies, in their order. ``at_rest (cells, 3, 3)`` is
@@ -220,7 +218,7 @@ def cell_fields(
     return {"stress": tensors[:, ROWS, COLUMNS], "von_mises": von_mises(tensors)}
 
 
-def contact_fields(model: Assembly, step: Step) -> Fields:
+def contact_fields(model: Assembly, step: Step) -> dict[str, AnyArray]:
     """Fields at the contacts, acting on ``Contact.body``.
 
     Returns

@@ -172,9 +172,9 @@ class BoxMesh:
         return replace(self, boundaries={**self.boundaries, **named})
 
     @cached_property
-    def whole(self) -> Any:
+    def whole(self) -> ElementMesh:
         """The same mesh of scikit-fem."""
-        made: Any = self.kind.mesh(self.p, self.t, dict(self.boundaries))
+        made = self.kind.mesh(self.p, self.t, dict(self.boundaries))
         # The topology takes longer than assembling K.
         vars(made).update(_facets=self.facets, _t2f=self.t2f, _f2t=self.f2t)
         return made
@@ -242,8 +242,7 @@ def box(axes: Sequence[ArrayLike], cell: str) -> ElementMesh:
         Mesh with boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
         and in 3D ``front``/``back`` (y).
     """
-    made: ElementMesh = box_mesh(axes, cell).whole
-    return made
+    return box_mesh(axes, cell).whole
 
 
 def box_mesh(axes: Sequence[ArrayLike], cell: str) -> BoxMesh:

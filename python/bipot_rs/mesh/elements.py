@@ -7,8 +7,6 @@ element, and the mapping is isoparametric.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from bipot_rs._lib.messages import place
@@ -17,7 +15,7 @@ from bipot_rs.mesh.boxes import BoxMesh
 from bipot_rs.mesh.kinds import OF_VTK, ElementMesh, Kind, by_class, find
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> dict[type, Kind]:
     """``KINDS``: the kinds by the mesh class of scikit-fem, which it imports."""
     if name == "KINDS":
         return by_class()
@@ -53,7 +51,7 @@ def facet_nodes(mesh: ElementMesh, facets: Ints) -> Ints:
     at = kind.nodes
     # Position of each node of the facet on the reference cell, whose facets are straight.
     own = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
-    linear: Any = kind.facet.linear()
+    linear = kind.facet.linear()
     phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
     phi = np.broadcast_to(phi, (corners.shape[1], len(own)))
     which = find(np.einsum("fcd,cn->fnd", at[local], phi), at)
@@ -91,7 +89,7 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]
     if kind.degree == 1:
         return kind.mesh(x, t), vertices
     # The corners determine the topology, and so the numbers of all nodes.
-    bare: Any = kind.mesh(x, t)
+    bare = kind.mesh(x, t)
     own = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
     number[own] = nodes
@@ -103,12 +101,12 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]
             f"{place(points[nodes[cell, k]])}, and another cell with the same corners "
             "has a different node there: merge double nodes, or mesh so that cells conform"
         )
-    mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
+    mesh = kind.mesh(np.ascontiguousarray(points[number].T), t)
     keep_topology(mesh, bare)
     return mesh, number
 
 
-def keep_topology(mesh: ElementMesh, known: Any) -> None:
+def keep_topology(mesh: ElementMesh, known: ElementMesh) -> None:
     """Give a mesh the topology of another: it does not depend on positions and names."""
     vars(mesh).update({k: v for k, v in vars(known).items() if k not in vars(mesh)})
 
@@ -122,9 +120,9 @@ def second_order(mesh: ElementMesh, *, serendipity: bool = False) -> ElementMesh
     kind = _of_order(mesh, 1, "first")
     wanted = [k for k in OF_VTK.values() if k.shape == kind.shape and k.degree == 2]
     target = wanted[-1] if serendipity else wanted[0]
-    bare: Any = target.mesh(mesh.p, mesh.t)
+    bare = target.mesh(mesh.p, mesh.t)
     at = target.nodes.T
-    linear: Any = kind.scalar()
+    linear = kind.scalar()
     phi = np.stack(
         [
             np.broadcast_to(linear.lbasis(at, i)[0], at.shape[1:])
@@ -134,7 +132,7 @@ def second_order(mesh: ElementMesh, *, serendipity: bool = False) -> ElementMesh
     p = np.empty((mesh.p.shape[0], int(bare.dofs.N)))
     p[:, cell_nodes(bare).T] = np.einsum("dct,ck->dkt", mesh.p[:, mesh.t], phi)
     p[:, : mesh.p.shape[1]] = mesh.p
-    made: ElementMesh = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
+    made = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
     keep_topology(made, bare)
     return made
 
@@ -155,8 +153,7 @@ def first_order(mesh: ElementMesh) -> ElementMesh:
     (target,) = (k for k in OF_VTK.values() if k.shape == kind.shape and k.degree == 1)
     # Corners come first.
     corners = mesh.p[:, : int(mesh.t.max()) + 1]
-    made: ElementMesh = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
-    return made
+    return target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
 
 
 def jacobian(nodes: Floats, slopes: Floats) -> Floats:

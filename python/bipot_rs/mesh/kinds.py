@@ -7,10 +7,11 @@ order starts without it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from types import ModuleType
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -50,6 +51,26 @@ _CENTRES: dict[str, list[tuple[float, ...]]] = {
 }
 
 
+class _Element(Protocol):
+    """What this package uses of an element of scikit-fem."""
+
+    refdom: object
+    # Positions of the nodes on the reference cell, ``(nodes, d)``.
+    doflocs: Floats
+
+    def lbasis(self, points: Floats, i: int) -> tuple[Floats, Floats]: ...
+
+
+ElementClass: TypeAlias = Callable[[], _Element]
+
+
+class NodeNumbers(Protocol):
+    """Numbers of the nodes: those of each cell ``(nodes, cells)``, and how many there are."""
+
+    element_dofs: Integers
+    N: int
+
+
 class ElementMesh(Protocol):
     """What this package uses of a mesh of scikit-fem, or of a `boxes.BoxMesh`."""
 
@@ -86,7 +107,7 @@ class ElementMesh(Protocol):
         """Number of cells."""
 
     @property
-    def dofs(self) -> Any:
+    def dofs(self) -> NodeNumbers:
         """Numbers of the nodes of cells of second order, by scikit-fem."""
 
     def boundary_facets(self) -> Integers:
@@ -99,7 +120,7 @@ class ElementMesh(Protocol):
         """Copy with further named volumes."""
 
 
-def library() -> Any:
+def library() -> ModuleType:
     """scikit-fem.
 
     Raises
@@ -111,7 +132,8 @@ def library() -> Any:
         import skfem
     except ModuleNotFoundError as error:
         raise missing(error, "finite elements", "skfem", "fem") from None
-    return skfem
+    found: ModuleType = skfem
+    return found
 
 
 @dataclass(frozen=True)
@@ -139,14 +161,17 @@ class Facet:
     lumps: bool = True
 
     @property
-    def element(self) -> Any:
+    def element(self) -> ElementClass:
         """Element of one component: a class of scikit-fem."""
-        return getattr(library(), self.of_nodes)
+        made: ElementClass = getattr(library(), self.of_nodes)
+        return made
 
     @property
-    def linear(self) -> Any:
+    def linear(self) -> ElementClass:
         """Element of first order on its corners: a class of scikit-fem."""
-        return getattr(library(), first_order_cells.ELEMENT[self.shape])
+        name = first_order_cells.ELEMENT[self.shape]
+        made: ElementClass = getattr(library(), name)
+        return made
 
     @property
     def corners(self) -> int:
@@ -193,14 +218,16 @@ class Kind:
     facet: Facet
 
     @property
-    def mesh(self) -> Any:
+    def mesh(self) -> Callable[..., ElementMesh]:
         """The mesh class of scikit-fem."""
-        return mesh_class(self.of_mesh)
+        made: Callable[..., ElementMesh] = mesh_class(self.of_mesh)
+        return made
 
     @property
-    def scalar(self) -> Any:
+    def scalar(self) -> ElementClass:
         """Element of one component: a class of scikit-fem."""
-        return getattr(library(), self.of_cell)
+        made: ElementClass = getattr(library(), self.of_cell)
+        return made
 
     @property
     def reference(self) -> Reference:
@@ -284,7 +311,7 @@ def reference(element: type, order: int) -> Reference:
     """
     from skfem.quadrature import get_quadrature
 
-    own: Any = element()
+    own: _Element = element()
     points, weights = get_quadrature(own.refdom, order)
     both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
     # Constant functions come without a column for each point.
@@ -333,4 +360,4 @@ FIRST = {kind.shape: kind for kind in _ALL if kind.degree == 1}
 @cache
 def by_class() -> dict[type, Kind]:
     """Kinds by the mesh class of scikit-fem."""
-    return {kind.mesh: kind for kind in _ALL}
+    return {mesh_class(kind.of_mesh): kind for kind in _ALL}

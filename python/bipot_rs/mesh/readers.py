@@ -22,13 +22,13 @@ from contextlib import redirect_stderr
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import AnyArray, Floats, Ints
+from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
@@ -45,6 +45,23 @@ _IGNORED = ("vertex",)
 # Up to this number of different values, integer cell data count as groups.
 _GROUPS = 64
 _SUFFIXES = (".msh", ".inp", ".vtu")
+
+
+class _Block(Protocol):
+    type: str
+    data: AnyArray
+
+
+class _MeshioMesh(Protocol):
+    """What this module uses of a mesh of meshio."""
+
+    points: Floats
+    cells: Sequence[_Block]
+    # By name: the members of each block, and the values of its cells.
+    cell_sets: Mapping[str, Sequence[AnyArray | None]]
+    cell_data: Mapping[str, Sequence[AnyArray]]
+    point_data: Mapping[str, AnyArray]
+    field_data: Mapping[str, AnyArray]
 
 
 def read_mesh(
@@ -147,11 +164,11 @@ def read_cells(path: str | os.PathLike[str]) -> tuple[Floats, list[tuple[str, In
     return np.asarray(mesh.points, np.float64), _blocks(mesh)
 
 
-def _blocks(mesh: Any) -> list[tuple[str, Ints]]:
+def _blocks(mesh: _MeshioMesh) -> list[tuple[str, Ints]]:
     return [(block.type, np.asarray(block.data, np.int64)) for block in mesh.cells]
 
 
-def _read_any(file: Path, what: str) -> Any:
+def _read_any(file: Path, what: str) -> _MeshioMesh:
     """Read a file by meshio; ``what`` it should be, for errors."""
     meshio = load_meshio("meshes in files")
     if not file.is_file():
@@ -159,7 +176,8 @@ def _read_any(file: Path, what: str) -> Any:
     try:
         # meshio first reads text STL as binary, and its count of triangles overflows.
         with unmarked(file) as source, np.errstate(over="ignore"):
-            return meshio.read(source)
+            mesh: _MeshioMesh = meshio.read(source)
+            return mesh
     # Readers of meshio raise any exception; one of them calls sys.exit.
     except (Exception, SystemExit) as error:  # noqa: BLE001
         said = " ".join(str(error).split()) or type(error).__name__
@@ -203,7 +221,7 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> Content:
     try:
         # meshio prints warnings for valid files, and for files refused below.
         with redirect_stderr(StringIO()):
-            read = reader.read(str(source))
+            read: _MeshioMesh = reader.read(str(source))
     except OSError:
         raise
     # Readers of meshio raise any exception.
@@ -242,11 +260,11 @@ def _hint(why: str) -> str:
     return ""
 
 
-def _numbers(part: Any) -> Ints:
+def _numbers(part: object) -> Ints:
     return np.zeros(0, np.int64) if part is None else np.asarray(part, dtype=np.int64)
 
 
-def _add_groups(path: Path, file: Content, read: Any) -> None:
+def _add_groups(path: Path, file: Content, read: _MeshioMesh) -> None:
     """Add sets from the physical groups of gmsh."""
     named = gmsh_groups.names(path)
     entities = gmsh_groups.of_entities(path)
@@ -273,7 +291,7 @@ def _none(file: Content) -> list[Ints]:
     return [np.zeros(0, np.int64) for _ in file.blocks]
 
 
-def _add_tags(file: Content, read: Any) -> None:
+def _add_tags(file: Content, read: _MeshioMesh) -> None:
     """Add sets from integer cell data, if there is no set of the same name."""
     for key, parts in read.cell_data.items():
         if key.startswith("gmsh:") or not all(
@@ -390,7 +408,7 @@ def _global(file: Content, parts: Sequence[Ints]) -> Ints:
 def _cells(
     path: Path,
     file: Content,
-    chosen: Sequence[np.ndarray[Any, np.dtype[np.bool_]]],
+    chosen: Sequence[Bools],
     volumes: Mapping[str, Sequence[Ints]],
 ) -> tuple[str, Ints, Ints]:
     """Kind and nodes of the chosen cells, and the new index of each cell of all blocks.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import skfem
 
@@ -12,11 +11,11 @@ import skfem
 class MeshQuadS2(skfem.MeshQuad2):  # type: ignore[misc]
     """Quadrilaterals of 8 nodes."""
 
-    elem: type[Any] = skfem.ElementQuadS2
+    elem: type = skfem.ElementQuadS2
 
 
 @dataclass(repr=False)
 class MeshHexS2(skfem.MeshHex2):  # type: ignore[misc]
     """Hexahedra of 20 nodes."""
 
-    elem: type[Any] = skfem.ElementHexS2
+    elem: type = skfem.ElementHexS2

@@ -45,7 +45,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -65,7 +64,7 @@ from bipot_rs.mortar.shape_functions import (
 )
 from bipot_rs.mortar.tuning import FEW_INTERSECTIONS, JOINED, POINTS_AT_ONCE, SWING
 
-Places = Callable[[Floats], Any]
+Places = Callable[[Floats], object]
 
 # An intersection below this fraction of the smaller facet is rounding.
 _SLIVER = 1e-12

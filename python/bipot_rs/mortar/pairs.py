@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -469,7 +469,7 @@ def _columns(
     return ours, _dofs("dofs_master", dofs_master, (others, d), n), n
 
 
-def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
+def _dofs(what: str, value: object, shape: tuple[int, int], n: int) -> Ints:
     found = integers(what, value)
     if found.shape != shape:
         raise ValueError(f"{what} has shape {found.shape}, expected {shape}")

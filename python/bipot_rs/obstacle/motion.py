@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -191,7 +191,7 @@ class Motion:
         arm = (foot - poles).mean(axis=0)
         return np.asarray(whole + turned * self._cross(arm), np.float64)
 
-    def _cross(self, arm: Floats) -> Any:
+    def _cross(self, arm: Floats) -> Floats:
         """``e × arm``."""
         if self.dim == 2:
             return np.column_stack([-arm[:, 1], arm[:, 0]])

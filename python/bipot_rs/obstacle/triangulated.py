@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -454,7 +454,14 @@ def _once(facets: Ints) -> Ints:
     return facets[np.sort(kept)]
 
 
-def _levels(x: Floats) -> list[tuple[Ints, Any, float]]:
+class _Tree(Protocol):
+    """What this module uses of a ``cKDTree`` of SciPy."""
+
+    def query(self, x: Floats) -> tuple[Floats, Ints]: ...
+    def query_ball_point(self, x: Floats, r: float) -> list[list[int]]: ...
+
+
+def _levels(x: Floats) -> list[tuple[Ints, _Tree, float]]:
     """Facets grouped by size in factors of two: members, tree of centres, largest radius.
 
     With a single tree, one large facet would make every small facet a candidate.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from scipy import sparse
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
 from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
-from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
+from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
@@ -46,6 +46,8 @@ from bipot_rs.fem.contact.rigid import follow_obstacle
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.results.derivatives import Gradient
+    from bipot_rs.contact.results.solution import Step
     from bipot_rs.fem.constraints.repetition import Images
     from bipot_rs.fem.gradients.parameter_gradient import ParameterGradient
 
@@ -64,6 +66,14 @@ class Support:
     components: Sequence[int]
     within: Box | None = None
     at: ArrayLike | None = None
+
+
+class _NodalFields(NamedTuple):
+    """Contact fields at the nodes of a model: `Assembly.fields` fills these arrays."""
+
+    pressure: Floats
+    shear: Floats
+    status: NDArray[np.int8]
 
 
 @dataclass(frozen=True)
@@ -201,15 +211,16 @@ class Assembly:
             )
         return system_stiffness(self.bodies, self.springs, self.inclined, nodes)
 
-    def in_step(self, step: Any) -> Assembly:
+    def in_step(self, step: Step) -> Assembly:
         """The same with frames and B of a load step, if these change along the path."""
-        if getattr(step, "frame", None) is None:
+        frame: Floats | None = getattr(step, "frame", None)
+        if frame is None:
             return self
-        turned = in_frames(step.frame, self.frame, self.B)
+        turned = in_frames(frame, self.frame, self.B)
         bare = self._bare
         if bare is not None:
-            bare = in_frames(step.frame, self.frame, bare)
-        return replace(self, frame=step.frame, B=turned, _bare=bare)
+            bare = in_frames(frame, self.frame, bare)
+        return replace(self, frame=frame, B=turned, _bare=bare)
 
     @property
     def cells(self) -> list[tuple[str, Ints]]:
@@ -223,7 +234,7 @@ class Assembly:
 
     def fields(
         self, displacement: Floats, reaction: Floats, status: Integers
-    ) -> dict[str, NDArray[Any]]:
+    ) -> dict[str, AnyArray]:
         """Fields at `nodes`, for plots and ParaView.
 
         Parameters
@@ -246,41 +257,45 @@ class Assembly:
         """
         traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
-        fields: dict[str, NDArray[Any]] = {
-            "displacement": displacement[: self.nodes.size].reshape(-1, self.dim),
-            "contact_pressure": np.zeros(len(self.nodes)),
-            "contact_shear": np.zeros_like(self.nodes),
-            "contact_status": np.full(len(self.nodes), -1, dtype=np.int8),
-        }
+        fields = _NodalFields(
+            np.zeros(len(self.nodes)),
+            np.zeros_like(self.nodes),
+            np.full(len(self.nodes), -1, dtype=np.int8),
+        )
         opposite = np.array([c.pairing == "match" for c in self.contacts], np.bool_)
         for side, sign in ((0, 1.0), (1, -1.0)):
             has = (self.contact_dofs[:, side] >= 0) & opposite[self.group]
             node = self.contact_dofs[has, side] // self.dim
             # Added: a node in a corner has two contacts.
-            np.add.at(fields["contact_pressure"], node, traction[has, 0])
-            np.add.at(fields["contact_shear"], node, sign * shear[has])
-            np.maximum.at(fields["contact_status"], node, status[has])
+            np.add.at(fields.pressure, node, traction[has, 0])
+            np.add.at(fields.shear, node, sign * shear[has])
+            np.maximum.at(fields.status, node, status[has])
         for group, contact in enumerate(self.contacts):
             if contact.pairing != "match":
                 own = np.flatnonzero(self.group == group)
                 self._spread(fields, own, traction[own, 0], shear[own], status[own])
         for pairs in self.images:
             self._repeat(fields, pairs)
-        return fields
+        return {
+            "displacement": displacement[: self.nodes.size].reshape(-1, self.dim),
+            "contact_pressure": fields.pressure,
+            "contact_shear": fields.shear,
+            "contact_status": fields.status,
+        }
 
-    def _repeat(self, fields: dict[str, NDArray[Any]], pairs: Images) -> None:
+    def _repeat(self, fields: _NodalFields, pairs: Images) -> None:
         """Contact fields of the second cut, whose contacts were joined to their images."""
         on, onto = pairs.on // self.dim, pairs.onto // self.dim
-        known = fields["contact_status"]
+        known = fields.status
         bare = (known[onto] < 0) & (known[on] >= 0)
         on, onto = on[bare], onto[bare]
         known[onto] = known[on]
-        fields["contact_pressure"][onto] = fields["contact_pressure"][on]
-        fields["contact_shear"][onto] = fields["contact_shear"][on] @ pairs.turn.T
+        fields.pressure[onto] = fields.pressure[on]
+        fields.shear[onto] = fields.shear[on] @ pairs.turn.T
 
     def _spread(
         self,
-        fields: dict[str, NDArray[Any]],
+        fields: _NodalFields,
         contacts: Ints,
         pressure: Floats,
         shear: Floats,
@@ -307,17 +322,13 @@ class Assembly:
         scaled = diagonal_matrix((~mixed).astype(float)) @ scaled
         scaled = scaled + diagonal_matrix(mixed.astype(float)) @ size
         area = scaled.sum(axis=1)
-        fields["contact_pressure"][node] += (scaled @ pressure) / area
-        fields["contact_shear"][node] += (
-            sign[:, None] * (scaled @ shear) / area[:, None]
-        )
+        fields.pressure[node] += (scaled @ pressure) / area
+        fields.shear[node] += sign[:, None] * (scaled @ shear) / area[:, None]
         rows = np.repeat(np.arange(len(node)), np.diff(size.indptr))
         order = np.lexsort([size.data, rows])
         largest = order[np.cumsum(np.diff(size.indptr)) - 1]
-        known = fields["contact_status"][node]
-        fields["contact_status"][node] = np.maximum(
-            known, status[size.indices[largest]]
-        )
+        known = fields.status[node]
+        fields.status[node] = np.maximum(known, status[size.indices[largest]])
 
     def _weights(self, contacts: Ints) -> CsrMatrix:
         """Scalar weights w of B, ``(nodes, contacts)``; its blocks are w_ij frame_i."""
@@ -377,7 +388,9 @@ class Assembly:
                 return None
         return np.repeat(with_points(self.nodes, self.references), self.dim, axis=0)
 
-    def gradient(self, gradient: Any, loads: Sequence[Load] = ()) -> ParameterGradient:
+    def gradient(
+        self, gradient: Gradient, loads: Sequence[Load] = ()
+    ) -> ParameterGradient:
         """The gradient of a result with respect to materials, shape and obstacles.
 
         Parameters

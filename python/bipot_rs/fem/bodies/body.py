@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.short_repr import short_repr
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Integers, Ints
 from bipot_rs._lib.validation import floats, shown
 from bipot_rs.fem.bodies.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
@@ -197,7 +197,9 @@ class Body:
         """Facets of a named surface; `ValueError` lists the known names."""
         return self._members("surface", surface, self.mesh.boundaries)
 
-    def _members(self, kind: str, name: str, sets: Mapping[str, Any] | None) -> Ints:
+    def _members(
+        self, kind: str, name: str, sets: Mapping[str, Integers] | None
+    ) -> Ints:
         known = sets or {}
         if name not in known:
             raise ValueError(

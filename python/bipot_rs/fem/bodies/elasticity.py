@@ -6,15 +6,12 @@ nodes on edges, faces and inside the cell are treated like nodes at corners.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import place
-from bipot_rs._lib.types import CsrMatrix, Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Field, Quadrature
 from bipot_rs.fem.bodies.materials import Material
@@ -136,7 +133,7 @@ def surface_stiffness(body: Body, surface: str, density: Floats) -> CsrMatrix:
     return _matrix(found, dim * points.nodes)
 
 
-def _matrix(found: tuple[NDArray[Any], NDArray[Any], Floats], n: int) -> CsrMatrix:
+def _matrix(found: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
     start, column, data = found
     made: CsrMatrix = sparse.csr_array((data, column, start), shape=(n, n))
     # Columns ascend by construction: SciPy need not look.

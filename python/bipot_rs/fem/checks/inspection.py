@@ -6,7 +6,6 @@ None of these is an error: each warning is a sentence that a person must judge.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -252,7 +251,7 @@ def _determined(model: Assembly) -> Iterator[str]:
             )
 
 
-def _stiffest(material: Any) -> float | None:
+def _stiffest(material: object) -> float | None:
     """The largest Young's modulus of a material; None for several materials."""
     young = getattr(material, "young", None)
     return None if young is None else float(np.max(young))

@@ -12,10 +12,10 @@ computed when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +43,9 @@ from bipot_rs.fem.gradients.contact_derivative import (
 )
 from bipot_rs.fem.gradients.material_derivative import of_poisson, of_young
 from bipot_rs.fem.gradients.shape_derivative import AreaVectors, stress_of_motion
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.derivatives import Gradient
 
 
 class _Assembled(Protocol):
@@ -219,7 +222,7 @@ class ParameterGradient:
         """By body, of Poisson's ratio of each of ``body.materials``, ``(materials,)``."""
         return self._moduli("poisson", of_poisson)
 
-    def _moduli(self, name: str, law: Any) -> dict[str, Floats]:
+    def _moduli(self, name: str, law: Callable[..., Floats]) -> dict[str, Floats]:
         self._isotropic(name)
         return {
             body.name: -np.array(
@@ -307,14 +310,14 @@ class ParameterGradient:
         return found
 
     @cached_property
-    def springs(self) -> list[dict[str, Any]]:
+    def springs(self) -> list[dict[str, float | Floats]]:
         """Of ``stiffness``, or of ``normal`` and ``tangential``, of each spring.
 
         ``stiffness`` is a number or ``(d,)``, as given.
         """
         return [self._spring(spring) for spring in self._model.springs]
 
-    def _spring(self, spring: Spring) -> dict[str, Any]:
+    def _spring(self, spring: Spring) -> dict[str, float | Floats]:
         b = body_index(self._model.bodies, spring.body)
         body = self._model.bodies[b]
         points = body.surface(spring.surface)
@@ -495,7 +498,7 @@ class ParameterGradient:
 
 
 def of_gradient(
-    model: _Assembled, gradient: Any, loads: Sequence[Load] = ()
+    model: _Assembled, gradient: Gradient, loads: Sequence[Load] = ()
 ) -> ParameterGradient:
     """The gradient of `Result.vjp` with respect to the parameters of a model.
 
