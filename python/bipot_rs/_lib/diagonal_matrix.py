@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from scipy import sparse
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats
 
 
-def diagonal_matrix(values: Floats) -> Any:
+def diagonal_matrix(values: Floats) -> CsrMatrix:
     """CSR array with ``values (n,)`` on its diagonal; SciPy has `diags_array` since 1.11."""
-    return sparse.csr_array(sparse.diags(values))
+    found: CsrMatrix = sparse.csr_array(sparse.diags(values))
+    return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from typing import Any
 
 from bipot_rs._lib.optional import MissingLibraryError, missing
 
@@ -14,7 +13,7 @@ def lazily(
     package: str,
     names: Mapping[str, Sequence[str]],
     modules: Mapping[str, str] | None = None,
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Make ``__getattr__`` and ``__dir__`` of a package.
 
     Parameters
@@ -29,7 +28,7 @@ def lazily(
     places = {name: module for module, own in names.items() for name in own}
     whole = dict(modules or {})
 
-    def getattr_(name: str) -> Any:
+    def getattr_(name: str) -> object:
         module = whole.get(name) or places.get(name)
         if module is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 # Arrays up to this size are shown with their numbers.
 _FEW = 6
@@ -13,7 +16,7 @@ _FEW = 6
 _LINE, _WIDE = 88, 78
 
 
-def short_repr(self: Any) -> str:
+def short_repr(self: DataclassInstance) -> str:
     """``__repr__`` of a dataclass, in lines of at most 88 characters.
 
     >>> import dataclasses

@@ -9,15 +9,15 @@ import numbers
 import operator
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple, SupportsIndex, TypeVar, cast
+from typing import Any, NamedTuple, SupportsIndex, SupportsInt, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib import sparse_structure
 from bipot_rs._lib.messages import counted, meant
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
 
 R = TypeVar("R")
 S = TypeVar("S")
@@ -28,13 +28,13 @@ _REAL = numbers.Real
 
 
 # Row pointers, columns and values of a matrix by rows.
-Parts = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Floats]
+Parts = tuple[Integers, Integers, Floats]
 
 
 class Csr(NamedTuple):
     """A checked sparse matrix, and its arrays in the form that the core takes."""
 
-    matrix: Any
+    matrix: CsrMatrix
     shape: tuple[int, int]
     parts: Parts
 
@@ -91,7 +91,7 @@ def vectors(
     return found
 
 
-def integers(what: str, value: object) -> NDArray[Any]:
+def integers(what: str, value: object) -> Integers:
     """An array of integers."""
     found = np.asarray(value)
     if found.dtype.kind not in "iu":
@@ -99,7 +99,7 @@ def integers(what: str, value: object) -> NDArray[Any]:
     return found
 
 
-def _hides(rows: Sequence[Any]) -> bool:
+def _hides(rows: Sequence[object]) -> bool:
     """Whether a row has masked entries, which `numpy.asarray` would unmask."""
     return any(isinstance(row, np.ma.MaskedArray) and row.mask.any() for row in rows)
 
@@ -320,7 +320,9 @@ def shown(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
-def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Floats) -> int:
+def choice_of_dimension(
+    dim: SupportsInt | None, contacts: int, rows: int, gap: Floats
+) -> int:
     """``d`` from the rows of ``B``, or from ``dim`` if there are no contacts."""
     if dim is not None and (not isinstance(dim, _REAL) or dim not in (2, 3)):
         raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")

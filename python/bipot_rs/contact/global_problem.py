@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, Stats
 from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact import tuning
 from bipot_rs.contact.problem import ContactProblem
@@ -54,7 +54,7 @@ class GlobalProblem:
     """
 
     def __init__(
-        self, M: Any, H: Any, f: ArrayLike, w: ArrayLike, mu: ArrayLike
+        self, M: MatrixLike, H: MatrixLike, f: ArrayLike, w: ArrayLike, mu: ArrayLike
     ) -> None:
         mass, contact = csr("M", M), csr("H", H)
         n = mass.shape[0]
@@ -67,7 +67,9 @@ class GlobalProblem:
                 f"H has shape {contact.shape}, expected {(n, d * contacts)}: as many rows "
                 "as M, and one column for each entry of w"
             )
-        self.M, self.H = M, H
+        # As they were given.
+        self.M: Any = M
+        self.H: Any = H
         self.f = floats("f", f, shape=(n,))
         self.mu = friction(mu, contacts, d, ratio=RATIO)
         self._mass, self._contact = mass.matrix, contact.matrix
@@ -86,14 +88,14 @@ class GlobalProblem:
         # Two roots: the product of two diagonals may overflow.
         root = np.sqrt(np.abs(matrix.diagonal()))
         scale = root[difference.row] * root[difference.col]
-        larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
+        larger: Any = abs(matrix).maximum(abs(matrix.T)).tocsr()
         at = scale == 0
         scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
         known = difference.data > 0
         return float((difference.data[known] / scale[known]).max(initial=0.0))
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Stats:
         """Counts and seconds of the factorisation, and ``asymmetry``.
 
         The first use factors the matrix.
@@ -185,11 +187,18 @@ class GlobalProblem:
         return self._condensed.velocity(r, amounts)
 
 
+class _Factor(Protocol):
+    """A factored matrix of SuperLU."""
+
+    def solve(self, right: Floats, which: str = ..., /) -> Floats:
+        """Solve with the matrix, or with its transpose, ``"T"``."""
+
+
 class _Symmetric:
     """A symmetric matrix, condensed by `ContactProblem`."""
 
     def __init__(
-        self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
+        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, mu: Floats
     ) -> None:
         self._f = f
         try:
@@ -215,7 +224,7 @@ class _Lu:
     """An asymmetric matrix, factored by SuperLU."""
 
     def __init__(
-        self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
+        self, mass: CsrMatrix, contact: CsrMatrix, f: Floats, w: Floats, mu: Floats
     ) -> None:
         from scipy.sparse.linalg import splu
 
@@ -258,7 +267,7 @@ class _Lu:
         return np.asarray(self._factor.solve(right), np.float64)
 
 
-def _condition(matrix: Any, factor: Any) -> float:
+def _condition(matrix: CsrMatrix, factor: _Factor) -> float:
     """Estimate ``‖ |M⁻¹| |M| ‖`` in scaled unknowns, independent of units."""
     from scipy.sparse.linalg import LinearOperator, onenormest
 

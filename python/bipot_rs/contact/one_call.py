@@ -13,6 +13,7 @@ from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.path.prepared import OnForecast
     from bipot_rs.contact.results.solution import Step
     from bipot_rs.contact.results.state import Start
 
@@ -43,7 +44,7 @@ class _Keywords(_OfSolve, total=False):
     memory_limit: int | None
     working_set: bool | None
     gaps: ArrayLike | MovingGaps | None
-    on_forecast: Callable[[Mapping[str, Any]], object] | None
+    on_forecast: OnForecast | None
     bodies: Mapping[str, int] | None
     stiffness_rtol: float | None
     engine: str

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, MatrixLike
+from bipot_rs._lib.types import Floats, MatrixLike, Stats
 from bipot_rs._lib.validation import (
     Csr,
     Settings,
@@ -37,6 +37,8 @@ from bipot_rs.contact.sensitivity.model import PathModel
 from bipot_rs.contact.sensitivity.path import Differentiable
 
 if TYPE_CHECKING:
+    from bipot_rs.contact.path.cases import Case
+    from bipot_rs.contact.path.prepared import OnForecast
     from bipot_rs.contact.proof.existence import Existence
     from bipot_rs.contact.results.state import Start
     from bipot_rs.contact.wear.record import Wear
@@ -193,7 +195,7 @@ class ContactProblem:
         memory_limit: int | None = None,
         working_set: bool | None = None,
         gaps: ArrayLike | MovingGaps | None = None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        on_forecast: OnForecast | None = None,
         bodies: Mapping[str, int] | None = None,
         stiffness_rtol: float | None = None,
         engine: str = "auto",
@@ -269,7 +271,7 @@ class ContactProblem:
         return self.stiffness.core.compliance()
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Stats:
         """Counts and seconds of the condensation.
 
         They include ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,
@@ -590,7 +592,7 @@ class ContactProblem:
 
     def solve_many(
         self,
-        cases: Iterable[Mapping[str, Any]],
+        cases: Iterable[Case],
         *,
         method: str = "auto",
         tol: float = 1e-10,
@@ -635,7 +637,7 @@ class ContactProblem:
         [10. -1.]
         [10. -5.]
         """
-        from bipot_rs.contact.path.cases import Case, solve_cases
+        from bipot_rs.contact.path.cases import solve_cases
 
         checked = settings(method, tol, max_iterations, max_seconds, maxiter)
 

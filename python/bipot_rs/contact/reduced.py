@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, size
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, MatrixLike
 from bipot_rs._lib.validation import (
     RATIO,
     csr,
@@ -92,7 +92,7 @@ class ReducedProblem:
 
     def __init__(
         self,
-        W: Any,
+        W: MatrixLike,
         q: ArrayLike,
         mu: ArrayLike,
         *,
@@ -116,13 +116,14 @@ class ReducedProblem:
                 )
             force = floats("e of rigid", rigid[1], shape=(border.shape[1],))
             modes = np.ascontiguousarray(border.T)
-        self.W = W
+        # As it was given.
+        self.W: Any = W
         self.q = free
         self.mu = friction(mu, contacts, d, ratio=RATIO)
         self.rigid = None if rigid is None else (modes.T, force)
         self._core = _core.Reduced(parts, free, self.mu, modes, force)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         again = partial(ReducedProblem, rigid=self.rigid)
         return again, (self.W, self.q, self.mu)
 
@@ -545,7 +546,7 @@ class _ReducedInquiry:
 _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]
 
 
-def _find_islands(W: Any, contacts: int, d: int) -> list[_Part]:
+def _find_islands(W: MatrixLike, contacts: int, d: int) -> list[_Part]:
     """Contacts, values and, if sparse, the pattern of each independent block of ``W``."""
     size = contacts * d
     if not hasattr(W, "tocsr"):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, place
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Integers, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
 from bipot_rs.obstacle.protocol import Closest, check_points, length
@@ -385,7 +385,7 @@ def _normals(x: Floats) -> Floats:
 
 
 def _sums(
-    to: Ints, values: Floats, outwards: Floats, count: int
+    to: Integers, values: Floats, outwards: Floats, count: int
 ) -> tuple[Floats, Bools]:
     """Sums of vectors by index ``to``, scaled to length 1, and whether they cancel.
 

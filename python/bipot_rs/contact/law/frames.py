@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,7 +82,7 @@ def turn_frames(frame: Floats, normals: Floats) -> Floats:
     return turned
 
 
-def find_step_frames(step: Any, frame: Floats) -> Floats:
+def find_step_frames(step: object, frame: Floats) -> Floats:
     """Frames of the contacts in a step; ``frame`` are those of B."""
     own: Floats | None = getattr(step, "frame", None)
     return frame if own is None else own

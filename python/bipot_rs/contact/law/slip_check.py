@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Integers
 from bipot_rs.contact import tuning
 
 
@@ -35,21 +34,41 @@ def measure_distances(points: Floats) -> Floats:
     return np.where(nearest > 0, nearest, np.inf)
 
 
-def measure_displacement(step: Any, at: Any) -> Floats:
+class MovedStep(Protocol):
+    """What is read of a `Step`."""
+
+    @property
+    def reaction(self) -> Floats:
+        """Reactions, ``(n_c, d)``."""
+
+    @property
+    def relative_displacement(self) -> Floats:
+        """Relative displacements, ``(n_c, d)``."""
+
+    @property
+    def frame(self) -> Floats | None:
+        """Frames of the step, ``(n_c, d, d)``; None for those of B."""
+
+    @property
+    def drag(self) -> Floats | None:
+        """Motion of an obstacle whose geometry moves with it, ``(n_c, d)``."""
+
+
+def measure_displacement(step: MovedStep, at: Integers | np.integer) -> Floats:
     """How far contacts are from where their geometry was taken, ``(m, d - 1)``.
 
     The geometry of a step with frames of its own is that of the moved obstacle: its motion
     does not count.
     """
     moved: Floats = step.relative_displacement[at, 1:]
-    if getattr(step, "frame", None) is None:
+    if step.frame is None or step.drag is None:
         return moved
     carried = np.einsum("...kd,...d->...k", step.frame[at, 1:], step.drag[at])
     return np.asarray(moved + carried, np.float64)
 
 
 def find_farthest(
-    steps: Sequence[Any], apart: Floats, at: NDArray[np.integer[Any]]
+    steps: Iterable[MovedStep], apart: Floats, at: Integers
 ) -> tuple[int, int, float]:
     """Largest `measure_displacement` distance of a closed contact, relative to ``apart (m,)``.
 

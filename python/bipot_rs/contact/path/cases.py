@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import mistyped
@@ -16,6 +16,7 @@ from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.contact.results.result import Result
 
 Case = Mapping[str, Any]
+T = TypeVar("T")
 _KEYS = ("load", "prescribed", "gap", "mu", "start")
 
 
@@ -71,7 +72,7 @@ def solve_cases(
     ]
 
 
-def _for_each(cases: list[Case], make: Callable[[Case], Any]) -> list[Any]:
+def _for_each(cases: list[Case], make: Callable[[Case], T]) -> list[T]:
     """``make`` of each case; an error names the case."""
     made = []
     for k, case in enumerate(cases):

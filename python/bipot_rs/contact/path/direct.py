@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Floats, Ints, Stats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
@@ -39,7 +39,7 @@ class Direct:
     name = "direct"
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Stats:
         """As `_core.CondensationStats`."""
         return self.core.stats.as_dict()
 
@@ -138,7 +138,7 @@ class CondensedStep:
         unknown = max(digits.rtol, restored.off) * factor
         return found[0] + unknown, found[1] + unknown
 
-    def error(self, step: Any, /) -> ErrorBound:
+    def error(self, step: Solution, /) -> ErrorBound:
         """Guaranteed bound of the error."""
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
         bound = self.core.error_bound(

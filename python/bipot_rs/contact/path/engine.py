@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Stats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
@@ -87,7 +86,7 @@ class Engine(Protocol):
         """``"direct"`` or ``"iterative"``."""
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Stats:
         """Counts and seconds."""
 
     def modes(self) -> Floats:

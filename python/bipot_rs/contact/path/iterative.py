@@ -6,14 +6,14 @@ of ``K``, so that bodies of millions of degrees of freedom fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Stats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
@@ -60,7 +60,7 @@ class Iterative:
     name = "iterative"
 
     @property
-    def stats(self) -> Mapping[str, Any]:
+    def stats(self) -> Stats:
         """Counts; nothing is condensed."""
         stiffness, forecast = self.core.bytes
         return {
@@ -241,11 +241,11 @@ class UncondensedStep:
         """Whether the solution is unique."""
         return "unknown"
 
-    def error_estimate(self, _step: Any, /) -> tuple[float, float] | None:
+    def error_estimate(self, _step: Solution, /) -> tuple[float, float] | None:
         """Not known: a step that converged brings its estimate along."""
         return None
 
-    def error(self, step: Any, /) -> ErrorBound:
+    def error(self, step: Solution, /) -> ErrorBound:
         """Guaranteed bound of the error."""
         return make_unavailable("engine", step.bipotential_gap)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class PathSolver:
         problem: PathProblem,
         settings: Settings,
         start: Start | None,
-        derivatives: PathDerivatives | None = None,
+        derivatives: PathDerivatives[Any] | None = None,
     ) -> None:
         self._engine, self._problem = engine, problem
         self._contacts = problem.contacts

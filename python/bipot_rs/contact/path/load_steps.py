@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,7 +82,7 @@ class Loading:
     gaps: Gap | None = None
     gaps_by_component: bool | None = None
     held: Held | None = None
-    read_forces: Callable[[Any], Sequence[Floats]] | None = None
+    read_forces: Callable[[object], Sequence[Floats]] | None = None
 
     @classmethod
     def check(
@@ -172,7 +172,9 @@ class Loading:
             )
         moving.check_shape(*self.contacts.shape)
 
-    def _read_loads(self, load: Any, prescribed: ArrayLike | None) -> list[Loads]:
+    def _read_loads(
+        self, load: ArrayLike | None, prescribed: ArrayLike | None
+    ) -> list[Loads]:
         """Load and prescribed displacements of each step."""
         if self.read_forces is None:
             forces: Sequence[Floats] = list(rows_of_steps("load", load, self.n))
@@ -230,7 +232,7 @@ class Loading:
             "gap", offsets, "the load path", forces, lambda g, loads: (*loads, g)
         )
 
-    def _make_force(self, load: Any, end: float) -> Callable[[float], Floats]:
+    def _make_force(self, load: object, end: float) -> Callable[[float], Floats]:
         """Loads as a function of ``s``."""
         read = self.read_forces
         if read is None or not callable(load):
@@ -369,8 +371,8 @@ def find_difference(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
 
 
 def _scale_or_call(
-    what: str, value: Any, length: int, end: float
-) -> Callable[[float], Any]:
+    what: str, value: object, length: int, end: float
+) -> Callable[[float], Floats]:
     """``value(s)``, or an array scaled by ``s / end``, with its shape checked."""
     if value is None:
         zero = np.zeros(length)
@@ -379,7 +381,7 @@ def _scale_or_call(
         whole = floats(what, value, shape=(length,))
         return lambda s: whole if s == end else whole * (s / end)
 
-    def at(s: float) -> Any:
+    def at(s: float) -> Floats:
         return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,))
 
     return at

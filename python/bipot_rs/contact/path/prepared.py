@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of, place
-from bipot_rs._lib.types import Floats, Ints, MatrixLike
+from bipot_rs._lib.types import Floats, Ints, MatrixLike, Stats
 from bipot_rs._lib.validation import (
     Csr,
     Parts,
@@ -39,11 +39,23 @@ if TYPE_CHECKING:
     from bipot_rs.contact.path.iterative import Iterative
     from bipot_rs.contact.stiffness.digits import Digits
 
+
+class _State(TypedDict):
+    """What a pickle holds of a `PreparedStiffness`."""
+
+    restored: RestoredDigits | None
+    options: StiffnessOptions
+    contacts: Contacts
+    loads: list[Loads] | None
+    choice: tuple[str, str]
+    stiffness: Parts
+
+
 # Called with a forecast of the cost, before the factorisation.
-OnForecast = Callable[[Mapping[str, Any]], object]
+OnForecast = Callable[[Stats], object]
 
 # Entries of `ContactProblem.stats` that only a factor has.
-WITHOUT_FACTOR: dict[str, Any] = dict.fromkeys(
+WITHOUT_FACTOR: dict[str, object] = dict.fromkeys(
     (
         "nnz_factor",
         "flops",
@@ -245,7 +257,7 @@ class PreparedStiffness:
         self._choice = "direct", ""
         self._prepare(stiffness.parts, None, on_forecast)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> _State:
         return {
             "restored": self.restored,
             "options": self.options,
@@ -255,7 +267,7 @@ class PreparedStiffness:
             "stiffness": self.matrix(),
         }
 
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
+    def __setstate__(self, state: _State) -> None:
         self.restored, self.options = state["restored"], state["options"]
         self.seconds = 0.0
         self._contacts, self._loads = state["contacts"], state["loads"]
@@ -323,11 +335,11 @@ class PreparedStiffness:
         return iterative
 
     @property
-    def stats(self) -> dict[str, Any]:
+    def stats(self) -> Stats:
         """As `ContactProblem.stats`."""
         name, why = self._choice
         contacts, d = self._contacts.shape
-        stats: dict[str, Any] = (
+        stats: dict[str, object] = (
             WITHOUT_FACTOR | {"n": self.options.n, "n_contact_dofs": d * contacts}
             if self._condensed is None
             else self._condensed.stats.as_dict()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, SupportsIndex, overload
+from typing import SupportsIndex, overload
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class Answers(Sequence[Solution]):
     def __getitem__(self, k: SupportsIndex) -> Solution: ...
     @overload
     def __getitem__(self, k: slice) -> tuple[Solution, ...]: ...
-    def __getitem__(self, k: Any) -> Any:
+    def __getitem__(self, k: SupportsIndex | slice) -> Solution | tuple[Solution, ...]:
         return self._solutions[k]
 
     def __repr__(self) -> str:

@@ -7,12 +7,12 @@ witnesses; the core decides whether a witness is a proof.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.proof.existence_by_friction import is_held, make_polygon
 
@@ -298,7 +298,7 @@ def _find_balanced(
     return None, columns.T @ amounts + p.e
 
 
-def make_dense(W: Any) -> Floats:
+def make_dense(W: Floats | CsrMatrix) -> Floats:
     """``W`` as a dense array."""
     whole = W.toarray() if hasattr(W, "toarray") else W
     return np.asarray(whole, np.float64)

@@ -11,12 +11,11 @@ programme in the plane and one over circular cones in space.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats
 from bipot_rs.contact.proof.cone_programme import Programme
 from bipot_rs.contact.proof.existence import find_scale, make_dense
 from bipot_rs.contact.results.solution import Solution
@@ -77,7 +76,7 @@ class ReactionRange:
 
 
 def find_ranges(
-    W: Any,
+    W: Floats | CsrMatrix,
     q: Floats,
     mu: Floats,
     rigid: tuple[Floats, Floats] | None,
@@ -117,7 +116,7 @@ class _Answers:
     @classmethod
     def of(
         cls,
-        W: Any,
+        W: Floats | CsrMatrix,
         q: Floats,
         mu: Floats,
         rigid: tuple[Floats, Floats] | None,
@@ -253,7 +252,7 @@ def _find_null_space(
 
 
 def _make_cones(
-    span: Floats, base: Floats, mu: Floats, free: Floats, moved: Any
+    span: Floats, base: Floats, mu: Floats, free: Floats, moved: Bools
 ) -> tuple[Floats, Floats]:
     """Vectors that lie in circular cones; half-lines of one unknown have no other component."""
     contacts, d = len(moved), base.shape[1]

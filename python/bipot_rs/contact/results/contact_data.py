@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeAlias
 
 from numpy.typing import NDArray
 
@@ -10,7 +11,12 @@ from numpy.typing import NDArray
 _ARGUMENTS = {"points": "x"}
 
 
-class ContactData(dict[str, NDArray[Any] | None]):
+# The name decides on the type of the entries.
+ContactArray: TypeAlias = NDArray[Any]
+ContactArrays: TypeAlias = Mapping[str, ContactArray | None]
+
+
+class ContactData(dict[str, ContactArray | None]):
     """Arrays by name, with the names of the arguments that they came from.
 
     ``data["points"]`` is ``data["x"]``. The mapping itself has each array once.
@@ -20,7 +26,7 @@ class ContactData(dict[str, NDArray[Any] | None]):
     (['x', 'mu'], True)
     """
 
-    def __missing__(self, name: str) -> NDArray[Any] | None:
+    def __missing__(self, name: str) -> ContactArray | None:
         if name in _ARGUMENTS and _ARGUMENTS[name] in self:
             return self[_ARGUMENTS[name]]
         known = ", ".join(self)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.types import AnyArray, Floats
 from bipot_rs.contact.law.frames import find_step_frames
@@ -14,7 +13,8 @@ from bipot_rs.contact.results.solution import Step
 from bipot_rs.files.fields import OF_CONTACTS
 from bipot_rs.files.result_mesh import ResultMesh
 
-ContactArrays = Mapping[str, NDArray[Any] | None]
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.contact_data import ContactArrays
 
 
 def make_contact_fields(
@@ -40,7 +40,7 @@ def make_contact_fields(
     frame, area = contacts.get("frame"), contacts.get("area")
     if frame is not None:
         frame = find_step_frames(step, frame)
-    found: dict[str, NDArray[Any] | None] = {
+    found: dict[str, AnyArray | None] = {
         "displacement": displacement,
         "reaction_local": step.reaction,
         "slip_local": step.slip,
@@ -69,7 +69,7 @@ def make_path_fields(
     contacts: ContactArrays,
     instants: Sequence[Mapping[str, float]],
     mesh: ResultMesh | None = None,
-) -> Callable[[int], dict[str, Any]]:
+) -> Callable[[int], dict[str, AnyArray | float]]:
     """Function of the index of a step that returns its `make_contact_fields`.
 
     The names are the same for all steps: a field that is not known in some step is left
@@ -89,10 +89,12 @@ def make_path_fields(
     )
     worn = all(step.wear is not None for step in steps)
 
-    def fields(k: int) -> dict[str, Any]:
+    def fields(k: int) -> dict[str, AnyArray | float]:
         step = steps[k]
         u = None if mesh is None or not moved else mesh.of_contacts(step.displacement)
-        found: dict[str, Any] = dict(make_contact_fields(step, contacts, u))
+        found: dict[str, AnyArray | float] = dict(
+            make_contact_fields(step, contacts, u)
+        )
         if not worn:
             found.pop("wear_depth", None)
         return {**found, **instants[k]}

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
+
+# A result, and a solution, that is differentiated.
+R = TypeVar("R", contravariant=True)
+S = TypeVar("S", contravariant=True)
+# A load of a model, and the derivatives by its parameters.
+L = TypeVar("L", contravariant=True)
+G = TypeVar("G", covariant=True)
 
 
 class Tangent:
@@ -61,6 +68,13 @@ class Adjoint(Protocol):
 
     def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""
+
+
+class _Model(Protocol[L, G]):
+    """A `fem.Assembly`."""
+
+    def gradient(self, gradient: Gradient, loads: Sequence[L], /) -> G:
+        """Derivatives by the parameters of the model."""
 
 
 class Gradient:
@@ -130,7 +144,7 @@ class Gradient:
         """
         return self._adjoint.stiffness(self.load)
 
-    def fem(self, model: Any, loads: Sequence[Any] = ()) -> Any:
+    def fem(self, model: _Model[L, G], loads: Sequence[L] = ()) -> G:
         """Derivatives by the parameters of the model that the problem was made of.
 
         Parameters
@@ -227,22 +241,22 @@ class Cotangents(NamedTuple):
     slip: ArrayLike | None
 
 
-class PathDerivatives(Protocol):
+class PathDerivatives(Protocol[R]):
     """The problem of a load path, for the derivatives of its result."""
 
-    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
+    def jvp(self, result: R, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
 
-    def vjp(self, result: Any, cotangents: Cotangents, /) -> Gradient:
+    def vjp(self, result: R, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
 
 
-class SolutionDerivatives(Protocol):
+class SolutionDerivatives(Protocol[S]):
     """A reduced problem, for the derivatives of its solution."""
 
     def jvp(
         self,
-        solution: Any,
+        solution: S,
         W: MatrixLike | None,
         q: ArrayLike | None,
         mu: ArrayLike | None,
@@ -252,7 +266,7 @@ class SolutionDerivatives(Protocol):
 
     def vjp(
         self,
-        solution: Any,
+        solution: S,
         reaction: ArrayLike | None,
         relative_displacement: ArrayLike | None,
         /,

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from bipot_rs.contact.results.solution import Step
 
 
 def draw_picture(
-    result: Sequence[Step], kind: str | None, options: Mapping[str, Any]
-) -> Any:
+    result: Sequence[Step], kind: str | None, options: Mapping[str, object]
+) -> Axes:
     """Draw a picture by `plots.plot`, and return its axes."""
     from bipot_rs import plots
 

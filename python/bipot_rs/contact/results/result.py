@@ -7,13 +7,13 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Bools, Floats, Integers, Ints, MatrixLike
+from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.results import pictures, summary, tables
@@ -32,6 +32,11 @@ from bipot_rs.contact.results.solution import Step, recover_displacements
 from bipot_rs.contact.results.step_record import make_record
 from bipot_rs.files import export, series
 from bipot_rs.files.result_mesh import ResultMesh
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from bipot_rs.contact.results.contact_data import ContactArrays
 
 # Attributes of a file whose stiffness has a known relative error.
 OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
@@ -81,7 +86,7 @@ class Result(Sequence[Step]):
         self,
         steps: Sequence[Step],
         *,
-        contacts: Mapping[str, NDArray[Any] | None],
+        contacts: ContactArrays,
         shape: tuple[int, int],
         start: Step | None = None,
         seconds: dict[str, float] | None = None,
@@ -94,7 +99,7 @@ class Result(Sequence[Step]):
         first_step: int = 0,
         mesh: ResultMesh | Callable[[], ResultMesh] | None = None,
         path_parameters: Sequence[float] | None = None,
-        derivatives: PathDerivatives | None = None,
+        derivatives: PathDerivatives[Result] | None = None,
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = ContactData(contacts)
@@ -117,7 +122,7 @@ class Result(Sequence[Step]):
         self._path_parameters = path_parameters
         self.derivatives = derivatives
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return self.__dict__ | {"derivatives": None}
 
     @property
@@ -151,7 +156,7 @@ class Result(Sequence[Step]):
     def __getitem__(self, k: SupportsIndex) -> Step: ...
     @overload
     def __getitem__(self, k: slice) -> tuple[Step, ...]: ...
-    def __getitem__(self, k: Any) -> Any:
+    def __getitem__(self, k: SupportsIndex | slice) -> Step | tuple[Step, ...]:
         return self.steps[k]
 
     def __repr__(self) -> str:
@@ -381,7 +386,7 @@ class Result(Sequence[Step]):
         given = Cotangents(reaction, displacement, relative_displacement, slip)
         return self._differentiable().vjp(self, given)
 
-    def _differentiable(self) -> PathDerivatives:
+    def _differentiable(self) -> PathDerivatives[Result]:
         if not self.steps:
             raise ValueError(
                 f"the result has no steps to differentiate: {self.message}"
@@ -476,7 +481,7 @@ class Result(Sequence[Step]):
         parameters = [self.path_parameter(k) for k in range(len(self.steps))]
         return list_instants(self.steps, parameters, self.first_step)
 
-    def _fields(self) -> Callable[[int], dict[str, Any]]:
+    def _fields(self) -> Callable[[int], dict[str, AnyArray | float]]:
         """Fields of the contacts in a file, by the index of a step."""
         return make_path_fields(self.steps, self.contacts, self.instants(), self.mesh)
 
@@ -510,7 +515,7 @@ class Result(Sequence[Step]):
             index, x, None, map(fields, range(len(self.steps))), units=self.units
         )
 
-    def plot(self, kind: str | None = None, **options: Any) -> Any:
+    def plot(self, kind: str | None = None, **options: object) -> Axes:
         """Draw a picture by its name, see `bipot_rs.plots.plot`.
 
         Parameters
@@ -544,7 +549,7 @@ class Result(Sequence[Step]):
         steps: ArrayLike | None = None,
         frames_per_second: float = 4.0,
         dpi: float = 100.0,
-        **options: Any,
+        **options: object,
     ) -> Path:
         """Write a GIF with one frame for each load step, see `bipot_rs.plots.animate`.
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import AnyArray
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.step_record import read_step
 from bipot_rs.files import export
@@ -76,7 +76,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     )
 
 
-def _read_remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+def _read_remarks(attributes: Mapping[str, object]) -> tuple[str, ...]:
     """Remarks in the attributes of a file."""
     try:
         return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
@@ -84,7 +84,7 @@ def _read_remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
         return ()
 
 
-def _read_units(attributes: Mapping[str, Any]) -> dict[str, str]:
+def _read_units(attributes: Mapping[str, object]) -> dict[str, str]:
     """Names of units in the attributes of a file of the command line."""
     try:
         units = json.loads(str(attributes.get("units", "{}")))
@@ -94,7 +94,7 @@ def _read_units(attributes: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _find_shape(
-    contacts: Mapping[str, NDArray[Any]], records: Sequence[Mapping[str, Any]]
+    contacts: Mapping[str, AnyArray], records: Sequence[Mapping[str, Any]]
 ) -> tuple[int, int]:
     """``(n_c, d)``; zero for sizes that the file does not hold."""
     rows = records[0].get("reaction") if records else contacts.get("x")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,19 +39,19 @@ _REASONS = {
 class Inquiry(Protocol):
     """The problem of a solution, for the properties that are computed on first use."""
 
-    def unique(self, solution: Any, /) -> str:
+    def unique(self, solution: Solution, /) -> str:
         """Whether the solution is unique."""
 
-    def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
+    def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
         """Relative forward errors of the solution."""
 
-    def error(self, solution: Any, /) -> ErrorBound:
+    def error(self, solution: Solution, /) -> ErrorBound:
         """Guaranteed bound of the error of the solution."""
 
-    def diagnosis(self, solution: Any, /) -> str:
+    def diagnosis(self, solution: Solution, /) -> str:
         """Why the solve failed, in one sentence."""
 
-    def derivatives(self) -> SolutionDerivatives | None:
+    def derivatives(self) -> SolutionDerivatives[Solution] | None:
         """Derivatives of the solution; None for a step of a load path."""
 
 
@@ -279,7 +279,7 @@ class Solution:
         """
         return self._derivatives().vjp(self, reaction, relative_displacement)
 
-    def _derivatives(self) -> SolutionDerivatives:
+    def _derivatives(self) -> SolutionDerivatives[Solution]:
         if self.inquiry is None:
             raise ValueError(LOST)
         derivatives = self.inquiry.derivatives()
@@ -289,7 +289,7 @@ class Solution:
             )
         return derivatives
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         # Without the problem, which may be gigabytes.
         return self.__dict__ | {"inquiry": None}
 
@@ -496,7 +496,7 @@ class Step(Solution):
         found = [step.displacement for step in steps]
         return np.stack(found) if found else np.empty((0, self.displacement.size))
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"recovery": None}
 
 

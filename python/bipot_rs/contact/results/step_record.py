@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, frames
 from bipot_rs.contact.law.status import Outcome, Status
 from bipot_rs.contact.results.solution import Computed, Step
@@ -39,7 +39,7 @@ _WRITTEN = (
 )
 
 
-def make_record(step: Step, load: float) -> dict[str, Any]:
+def make_record(step: Step, load: float) -> dict[str, object]:
     """What a file keeps of a step; ``load`` is the number that the file gives it."""
     record = {name: getattr(step, name) for name in _WRITTEN}
     record["outcome"] = str(step.outcome)
@@ -53,7 +53,7 @@ def make_record(step: Step, load: float) -> dict[str, Any]:
     return record
 
 
-def _check_working_set(record: Mapping[str, Any], contacts: int) -> None:
+def _check_working_set(record: Mapping[str, object], contacts: int) -> None:
     """Refuse a working set or a motion with wrong entries."""
     found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
     bounded = np.concatenate([[-1], found.ravel(), [contacts]])
@@ -65,7 +65,7 @@ def _check_working_set(record: Mapping[str, Any], contacts: int) -> None:
 
 
 def read_step(
-    record: Mapping[str, Any], area: NDArray[Any] | None, shape: tuple[int, int]
+    record: Mapping[str, Any], area: Floats | None, shape: tuple[int, int]
 ) -> Step:
     """The step of a record.
 

@@ -6,22 +6,86 @@ nothing is solved or factored for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from bipot_rs._lib.messages import counted, size
-from bipot_rs._lib.types import AnyArray, Floats, Integers
+from bipot_rs._lib.types import AnyArray, Floats, Integers, Stats
 from bipot_rs.contact.law.frames import find_step_frames
-from bipot_rs.contact.law.slip_check import find_farthest, measure_distances
+from bipot_rs.contact.law.slip_check import MovedStep, find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.contact_data import ContactArrays
 
 Row = tuple[str, str]
 # A title, and rows of a name and a text.
 Summary = tuple[str, Sequence[Row]]
 
 _SPACE = {2: "in the plane", 3: "in space"}
+
+
+class _Computed(Protocol):
+    """As `Computed`."""
+
+    @property
+    def unique(self) -> str | None: ...
+    @property
+    def error_estimate(self) -> tuple[float, float] | None: ...
+
+
+class _Solved(Protocol):
+    """A `Solution`, which imports this module."""
+
+    @property
+    def reaction(self) -> Floats: ...
+    @property
+    def status(self) -> Integers: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def work(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+    @property
+    def computed(self) -> _Computed: ...
+
+
+class _Step(_Solved, MovedStep, Protocol):
+    """A `Step`."""
+
+    @property
+    def dissipation(self) -> float: ...
+
+
+class _Path(Protocol):
+    """A `Result`."""
+
+    @property
+    def contacts(self) -> ContactArrays: ...
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def remarks(self) -> Sequence[str]: ...
+    @property
+    def seconds(self) -> Mapping[str, float]: ...
+    @property
+    def stiffness_rtol(self) -> float | None: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, k: int, /) -> _Step: ...
+    def __iter__(self) -> Iterator[_Step]: ...
 
 
 def format_text(summary: Summary) -> str:
@@ -140,7 +204,7 @@ def summarise_problem(
     shape: tuple[int, int, int],
     fixed: int,
     arrays: Mapping[str, AnyArray | None],
-    stats: Mapping[str, Any],
+    stats: Stats,
     remarks: Sequence[str] = (),
 ) -> Summary:
     """Summary of a `ContactProblem`."""
@@ -177,7 +241,7 @@ def summarise_problem(
     return f"ContactProblem: {title}", [*rows, *(("remark", said) for said in remarks)]
 
 
-def summarise_solution(solution: Any) -> Summary:
+def summarise_solution(solution: _Solved) -> Summary:
     """Summary of a `Solution` or a `Step`."""
     name, iterations = (
         type(solution).__name__,
@@ -213,7 +277,7 @@ def summarise_solution(solution: Any) -> Summary:
     ]
 
 
-def _describe_sliding(result: Any) -> str:
+def _describe_sliding(result: _Path) -> str:
     """Largest sliding distance, if it exceeds the distance between contacts."""
     x = result.contacts.get("x")
     if x is None or not len(x):
@@ -223,7 +287,7 @@ def _describe_sliding(result: Any) -> str:
     return text if ratio > 1 else ""
 
 
-def summarise_result(result: Any) -> Summary:
+def summarise_result(result: _Path) -> Summary:
     """Summary of a `Result`."""
     title = f"Result: {result.message}"
     times = ", ".join(f"{k} {format_seconds(v)}" for k, v in result.seconds.items())

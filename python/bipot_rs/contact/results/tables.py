@@ -6,7 +6,7 @@ They are the rows of steps.csv and of `Result.table`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from bipot_rs._lib.types import AnyArray, Floats, Ints
 from bipot_rs.contact.law.resultants import list_resultants
 from bipot_rs.contact.law.status import STATUS_NAMES
 from bipot_rs.contact.results.solution import Step
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.contact_data import ContactArrays
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
 # Columns of a cycle of wear.
@@ -23,7 +26,7 @@ FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
 
 
-def make_row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
+def make_row(k: int, parameter: float | None, step: Step) -> dict[str, float | None]:
     """The row of a load step in --json, in the table and in steps.csv."""
     load = {} if parameter is None else {"load": parameter}
     status = {
@@ -39,7 +42,7 @@ def make_row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
     }
 
 
-def measure_wear(step: Step, area: Floats) -> dict[str, Any]:
+def measure_wear(step: Step, area: Floats) -> dict[str, float | None]:
     """`WEAR` of the end of a cycle; empty without wear."""
     if step.wear is None:
         return {}
@@ -70,7 +73,7 @@ def list_surface_forces(
 
 
 def list_columns(
-    rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()
+    rows: Sequence[Mapping[str, object]], more: Sequence[str] = ()
 ) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
     known = rows[0] if rows else ("load",)
@@ -80,8 +83,8 @@ def list_columns(
 
 
 def list_steps(
-    steps: Sequence[Step], loads: Sequence[float], contacts: Mapping[str, Any]
-) -> dict[str, list[Any]]:
+    steps: Sequence[Step], loads: Sequence[float], contacts: ContactArrays
+) -> dict[str, list[float | None]]:
     """Columns of a table with a row for each load step.
 
     Parameters
@@ -127,7 +130,7 @@ def list_contacts(
     n, d = steps[0].reaction.shape
     count = len(steps)
     parts = ("n", "t1", "t2")[:d]
-    every: dict[str, Any] = {
+    every: dict[str, AnyArray] = {
         "step": np.repeat(np.arange(count), n),
         "contact": np.tile(np.arange(n), count),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from bipot_rs.contact.results.derivatives import Cotangents, Gradient
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import check_cotangent, reshape_gap_gradient
 
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.result import Result
+
 
 class Backward:
     """Derivatives of one number by the data of all steps."""
 
     def __init__(
         self,
-        result: Any,
+        result: Result,
         path: LinearPath,
         reaction: Floats | None,
         displacement: Floats | None,
@@ -128,11 +131,12 @@ class Backward:
         return gradient
 
     @cached_property
-    def _stiffness(self) -> Any:
-        return self._path.response.stiffness()
+    def _stiffness(self) -> CsrMatrix:
+        K: CsrMatrix = self._path.response.stiffness()
+        return K
 
 
-def find_gradient(path: LinearPath, result: Any, given: Cotangents) -> Gradient:
+def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradient:
     """`Result.vjp`."""
     steps, (contacts, d) = len(path.steps), path.shape
     stacked = steps, contacts, d

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import LinearisedStep
 from bipot_rs.contact.sensitivity.model import PathModel, spread_friction
 from bipot_rs.contact.sensitivity.response import CondensedResponse, PathResponse
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.contact_data import ContactArrays
 
 
 class LinearPath:
@@ -48,7 +51,7 @@ class LinearPath:
         self,
         model: PathModel,
         steps: Sequence[Step],
-        contacts: Mapping[str, Any],
+        contacts: ContactArrays,
         response: PathResponse | None = None,
         *,
         iterative: bool = True,

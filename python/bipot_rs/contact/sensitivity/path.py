@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from bipot_rs.contact.results.derivatives import (
     Cotangents,
@@ -17,6 +17,7 @@ from bipot_rs.contact.sensitivity.model import PathModel
 # Each load path has a `Differentiable`, but few are differentiated: the methods import the
 # linearisation.
 if TYPE_CHECKING:
+    from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.sensitivity.linear_path import LinearPath
 
 T = TypeVar("T")
@@ -35,7 +36,7 @@ class Differentiable:
     model: PathModel
     linearised: LinearPath | None = None
 
-    def jvp(self, result: Any, change: DataChange, /) -> Tangent:
+    def jvp(self, result: Result, change: DataChange, /) -> Tangent:
         """`Result.jvp`."""
         from bipot_rs.contact.sensitivity import tangent
 
@@ -43,7 +44,7 @@ class Differentiable:
             result, lambda path: tangent.find_tangent(path, result, change)
         )
 
-    def vjp(self, result: Any, cotangents: Cotangents, /) -> Gradient:
+    def vjp(self, result: Result, cotangents: Cotangents, /) -> Gradient:
         """`Result.vjp`."""
         from bipot_rs.contact.sensitivity import gradient
 
@@ -51,7 +52,7 @@ class Differentiable:
             result, lambda path: gradient.find_gradient(path, result, cotangents)
         )
 
-    def _derive(self, result: Any, derive: Callable[[LinearPath], T]) -> T:
+    def _derive(self, result: Result, derive: Callable[[LinearPath], T]) -> T:
         """What ``derive`` makes of the linearised steps, which are kept.
 
         Where the solver of the iterative engine stalls, the direct engine replaces it.
@@ -70,7 +71,7 @@ class Differentiable:
         self.linearised = path if path.kept else None
         return found
 
-    def _linearise_directly(self, result: Any) -> LinearPath:
+    def _linearise_directly(self, result: Result) -> LinearPath:
         from bipot_rs.contact.sensitivity.linear_path import LinearPath
 
         try:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.types import Floats
+import bipot_rs._core as _core
+from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
 from bipot_rs.contact.sensitivity.borders import find_borders
@@ -21,6 +22,9 @@ from bipot_rs.contact.sensitivity.model import (
     spread_friction,
 )
 from bipot_rs.contact.sensitivity.response import ReducedResponse
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,12 @@ class ReducedModel:
         R.
     """
 
-    core: Any
-    W: Any
+    core: _core.Reduced
+    W: Floats | CsrMatrix
     mu: Floats
     modes: Floats
 
-    def linear(self, solution: Any) -> LinearisedStep:
+    def linear(self, solution: Solution) -> LinearisedStep:
         """The problem, linearised at a solution.
 
         Raises
@@ -67,8 +71,8 @@ class ReducedModel:
 
     def jvp(
         self,
-        solution: Any,
-        W: Any,
+        solution: Solution,
+        W: MatrixLike | None,
         q: ArrayLike | None,
         mu: ArrayLike | None,
     ) -> ReducedTangent:
@@ -95,7 +99,7 @@ class ReducedModel:
 
     def vjp(
         self,
-        solution: Any,
+        solution: Solution,
         reaction: ArrayLike | None,
         relative_displacement: ArrayLike | None,
     ) -> ReducedGradient:

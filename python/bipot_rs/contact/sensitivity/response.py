@@ -224,7 +224,7 @@ class ReducedResponse:
     def __init__(
         self,
         core: _core.Reduced,
-        W: Any,
+        W: Floats | CsrMatrix,
         shape: tuple[int, int],
         modes: Floats,
     ) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from bipot_rs.contact.sensitivity.directional import differentiate_step
 from bipot_rs.contact.sensitivity.linear import StepChange
 from bipot_rs.contact.sensitivity.linear_path import LinearPath
 from bipot_rs.contact.sensitivity.model import PathChange, check_changes
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.results.result import Result
 
 
 class Forward:
@@ -91,7 +94,7 @@ class Forward:
         return np.concatenate(blocks)
 
 
-def find_tangent(path: LinearPath, result: Any, change: DataChange) -> Tangent:
+def find_tangent(path: LinearPath, result: Result, change: DataChange) -> Tangent:
     """`Result.jvp`."""
     shape = path.shape[0], path.shape[1]
     given = check_changes(path.model, len(path.steps), path.mu, shape, change)

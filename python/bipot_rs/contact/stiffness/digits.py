@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -32,7 +31,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.rigid_motions import rigid_motions
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
 
 COORDINATES = ". Give `coordinates`: with them, rigid motions are known exactly"
@@ -150,7 +149,7 @@ class Digits:
         return max(1.0, changed / energy)
 
     def _sum_deviations(
-        self, K: Any, direction: Ints, u: Floats, first: int, last: int
+        self, K: CsrMatrix, direction: Ints, u: Floats, first: int, last: int
     ) -> float:
         """``Σ |e_i| |k_ij| |e_j|`` over some rows."""
         d = self.d
@@ -177,7 +176,7 @@ class Digits:
         own[row[diagonal]] = e[diagonal]
         return float((own[row] * weight * e).sum())
 
-    def _make_symmetric(self, given: Any) -> Any:
+    def _make_symmetric(self, given: CsrMatrix) -> CsrMatrix | None:
         """K made exactly symmetric; None if its asymmetry is larger than its error."""
         K = sparse.csr_array(given)
         other = sparse.csr_array(K.T)
@@ -195,11 +194,12 @@ class Digits:
         over = sparse.csr_array(apart) - limit
         if over.nnz and float(over.data.max()) > 0:
             return None
-        return sparse.csr_array((K + other) / 2)
+        symmetric: CsrMatrix = sparse.csr_array((K + other) / 2)
+        return symmetric
 
 
 def check_digits(
-    rtol: Any, places: Floats | None, d: int, bodies: Mapping[str, int] | None
+    rtol: object, places: Floats | None, d: int, bodies: Mapping[str, int] | None
 ) -> Digits:
     """Check ``stiffness_rtol`` of `ContactProblem`."""
     value = number("stiffness_rtol", rtol)
@@ -232,7 +232,7 @@ class _Rows:
         Whether a support within K is in each row, ``(n,)``.
     """
 
-    def __init__(self, K: Any, direction: Ints, digits: Digits) -> None:
+    def __init__(self, K: CsrMatrix, direction: Ints, digits: Digits) -> None:
         low = sparse.coo_array(sparse.tril(K))
         self.i, self.j = low.row.astype(np.int64), low.col.astype(np.int64)
         self.values = low.data
@@ -248,7 +248,7 @@ class _Rows:
         self.K = K
         self.held = np.zeros(self.n, bool)
 
-    def _build_operator(self) -> Any:
+    def _build_operator(self) -> CsrMatrix:
         """Build ``A`` for all rows."""
         at, d = self.digits.places, self.digits.d
         apart = np.flatnonzero(self.i != self.j)
@@ -264,7 +264,8 @@ class _Rows:
             value.append(motions[entry, k])
         shape = self.n * self.m, len(self.i)
         entries_ = np.concatenate(row), np.concatenate(column)
-        return sparse.csr_array((np.concatenate(value), entries_), shape=shape)
+        A: CsrMatrix = sparse.csr_array((np.concatenate(value), entries_), shape=shape)
+        return A
 
     def classify(self) -> float:
         """Find the rows with supports, and return the largest error of the other rows.
@@ -296,7 +297,7 @@ class _Rows:
         self.held = held
         return max(used, self._leave_supports_out(held, off, forces))
 
-    def _refuse_misplaced(self, turned: Any, off: Floats) -> ValueError:
+    def _refuse_misplaced(self, turned: Bools, off: Floats) -> ValueError:
         typical = float(np.median(off[turned]))
         remedy = (
             "The coordinates do not belong to the degrees of freedom of K: check the "
@@ -315,7 +316,7 @@ class _Rows:
             f"{typical:.1e} of their terms. {remedy}"
         )
 
-    def _leave_supports_out(self, held: Any, off: Floats, forces: Floats) -> float:
+    def _leave_supports_out(self, held: Bools, off: Floats, forces: Floats) -> float:
         """Remove the rows with supports, except for motions that the supports leave free."""
         at, d, m = self.digits.places, self.digits.d, self.m
         couples = self.values != 0
@@ -504,7 +505,7 @@ def _find_complement(resisted: Floats, moved: Floats) -> Floats:
     return np.asarray(turned[len(resisted) :].T, np.float64)
 
 
-def _find_least_change(G: Any, left: Floats, reduction: float) -> Floats:
+def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:
     """Smallest x with ``G x = left`` up to the factor ``reduction``, by LSQR.
 
     ``G Gᵀ``, which has a unit diagonal, is singular, because ``Zᵀ K Z`` is symmetric for
@@ -520,22 +521,24 @@ def _find_least_change(G: Any, left: Floats, reduction: float) -> Floats:
     return np.asarray(found[0], np.float64)
 
 
-def _make_whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
+def _make_whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> CsrMatrix:
     """Symmetric matrix with this lower triangle, by rows."""
     apart = i != j
     row = np.concatenate([i, j[apart]])
     column = np.concatenate([j, i[apart]])
     data = np.concatenate([values, values[apart]])
-    return sparse.csr_array((data, (row, column)), shape=shape)
+    whole: CsrMatrix = sparse.csr_array((data, (row, column)), shape=shape)
+    return whole
 
 
-def _mirror_triangle(parts: Parts) -> Any:
+def _mirror_triangle(parts: Parts) -> CsrMatrix:
     """Symmetric matrix from the lower triangle of a matrix by rows."""
     pointers, columns, values = parts
     n = len(pointers) - 1
     low = sparse.tril(sparse.csr_array((values, columns, pointers), shape=(n, n)))
     low = sparse.csr_array(low)
-    return sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))
+    whole: CsrMatrix = sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))
+    return whole
 
 
 def describe_indefinite(
@@ -590,7 +593,7 @@ def _offer(negative: float, digits: Digits | None) -> str:
     )
 
 
-def _find_least_eigenvalue(K: Any) -> float | None:
+def _find_least_eigenvalue(K: CsrMatrix) -> float | None:
     """Smallest eigenvalue over the largest; None if it is small and too expensive."""
     n = K.shape[0]
     if not K.count_nonzero():

@@ -15,12 +15,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import Any
 
 import numpy as np
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Parts
 
 # The two orders and their descriptions.
@@ -336,14 +335,17 @@ def _sampled(n: int) -> list[tuple[int, int]]:
     return [(first, first + _SAMPLE) for first in starts]
 
 
-def magnitude(K: Any) -> Any:
+def magnitude(K: CsrMatrix) -> CsrMatrix:
     """``|K|`` with the index arrays of K, which `abs` would copy."""
     from scipy.sparse import csr_array
 
-    return csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+    found: CsrMatrix = csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+    return found
 
 
-def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Any, slice]:
+def _slice(
+    parts: Parts, pointers: Ints, first: int, last: int
+) -> tuple[CsrMatrix, slice]:
     """Some rows of K, in the range of columns that they have."""
     from scipy.sparse import csr_array
 

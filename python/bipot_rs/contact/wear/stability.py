@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse import linalg
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts
 from bipot_rs.contact import tuning
 
@@ -97,7 +97,7 @@ class Stability:
         return float(f"{found * (1 + tuning.BOUND_RTOL):.3g}")
 
 
-def _factor_meeting(meeting: Any) -> Any:
+def _factor_meeting(meeting: CsrMatrix) -> Any:
     """Function that solves with ``B_n D⁻¹ B_nᵀ``; None if it is singular."""
     if meeting.nnz == meeting.shape[0]:
         # Each degree of freedom meets one contact.
