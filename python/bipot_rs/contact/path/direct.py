@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +122,7 @@ class CondensedStep:
         """Whether the solution is unique."""
         return self.core.assess(*self._loads, step.reaction)
 
-    def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
+    def error_estimate(self, step: Step, /) -> tuple[float, float] | None:
         """Relative forward errors, by one more Newton correction."""
         core = self.core
         if not core.stats.factor_kept:
@@ -148,7 +148,7 @@ class CondensedStep:
             return make_unavailable("working set", step.bipotential_gap)
         return read_error_bound(bound, self.data.contacts.area)
 
-    def diagnosis(self, step: Any, /) -> str:
+    def diagnosis(self, step: Step, /) -> str:
         """Why the solve failed."""
         from bipot_rs.contact.messages.diagnosis import diagnose
 

@@ -110,5 +110,5 @@ class Engine(Protocol):
     def recovery(self, seconds: dict[str, float], contacts: Contacts, /) -> Recovery:
         """What computes the displacements of steps, and adds the time to ``seconds``."""
 
-    def inquiry(self, data: StepData, /) -> Inquiry:
+    def inquiry(self, data: StepData, /) -> Inquiry[Step]:
         """What answers questions about the solution of a step."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -249,7 +248,7 @@ class UncondensedStep:
         """Guaranteed bound of the error."""
         return make_unavailable("engine", step.bipotential_gap)
 
-    def diagnosis(self, step: Any, /) -> str:
+    def diagnosis(self, step: Step, /) -> str:
         """Why the solve failed."""
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         d = v.shape[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,8 @@ from bipot_rs.contact.results.error_bound import ErrorBound
 if TYPE_CHECKING:
     from bipot_rs.contact.results.minimising_sequence import MinimisingSequence
 
+# A solution, or a step, that is asked about.
+S = TypeVar("S", contravariant=True)
 
 # For solutions without their problem, which cannot be diagnosed.
 _REASONS = {
@@ -36,19 +38,19 @@ _REASONS = {
 }
 
 
-class Inquiry(Protocol):
+class Inquiry(Protocol[S]):
     """The problem of a solution, for the properties that are computed on first use."""
 
-    def unique(self, solution: Solution, /) -> str:
+    def unique(self, solution: S, /) -> str:
         """Whether the solution is unique."""
 
-    def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
+    def error_estimate(self, solution: S, /) -> tuple[float, float] | None:
         """Relative forward errors of the solution."""
 
-    def error(self, solution: Solution, /) -> ErrorBound:
+    def error(self, solution: S, /) -> ErrorBound:
         """Guaranteed bound of the error of the solution."""
 
-    def diagnosis(self, solution: Solution, /) -> str:
+    def diagnosis(self, solution: S, /) -> str:
         """Why the solve failed, in one sentence."""
 
     def derivatives(self) -> SolutionDerivatives[Solution] | None:
@@ -146,7 +148,7 @@ class Solution:
     seconds: float = 0.0
     stats: Mapping[str, int] = field(default_factory=dict)
     computed: Computed = field(default_factory=Computed)
-    inquiry: Inquiry | None = None
+    inquiry: Inquiry[Any] | None = None
     free_motion_text: str = ""
     statuses_tried: int = 0
 

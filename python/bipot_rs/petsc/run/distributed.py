@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,32 @@ from bipot_rs.petsc.result import Result, Step
 from bipot_rs.petsc.run.numbering import assemble_stiffness, share_nodes
 from bipot_rs.petsc.run.ranks import World
 from bipot_rs.scene.case import Case
+
+
+class _Settings(TypedDict, total=False):
+    """Settings of the solver."""
+
+    tol: float
+    max_iterations: int | None
+    max_seconds: float | None
+    maxiter: int | None
+
+
+class _OfSolve(_Settings, total=False):
+    """Those, and the other keywords of `ContactProblem.solve`."""
+
+    gap: ArrayLike | MovingGaps | None
+
+
+class _OfFollow(_Settings, total=False):
+    """Those, and the other keywords of `ContactProblem.follow`."""
+
+    stops: ArrayLike
+    first: float | None
+    largest: float | None
+    smallest: float | None
+    slip: float | None
+    gap: Callable[[float], ArrayLike] | None
 
 
 class DistributedProblem:
@@ -91,7 +117,7 @@ class DistributedProblem:
         method: str = "auto",
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        **settings: Any,
+        **settings: Unpack[_OfSolve],
     ) -> Result:
         """`ContactProblem.solve` with loads in the numbering of the model.
 
@@ -117,7 +143,7 @@ class DistributedProblem:
         method: str = "auto",
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        **settings: Any,
+        **settings: Unpack[_OfFollow],
     ) -> Result:
         """`ContactProblem.follow` with loads in the numbering of the model, as `solve`."""
         check_method(method, "petsc")
