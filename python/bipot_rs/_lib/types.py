@@ -25,6 +25,8 @@ Integers: TypeAlias = NDArray[np.integer]
 Stats: TypeAlias = Mapping[str, Any]
 # Numbers or text of any type: a field of a file, say.
 AnyArray: TypeAlias = NDArray[np.generic]
+# A row of a table, figures, attributes of a file: the type of an entry depends on its name.
+Record: TypeAlias = Mapping[str, Any]
 
 
 class SparseMatrix(Protocol):

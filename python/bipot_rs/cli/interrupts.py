@@ -8,7 +8,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+    from types import FrameType
+
+    # What `signal.signal` takes and returns.
+    _Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None
+
 
 # Some launchers forward a Ctrl-C that the terminal has already sent to the process: a
 # second signal within this time [s] is ignored.
@@ -48,8 +56,8 @@ class Interrupts:
         self._owed = False  # a signal waits, or its exception was lost
         self._at = 0.0
         self._leaving = False
-        self._before: dict[int, Any] = {}
-        self._hook: Any = None
+        self._before: dict[int, _Handler] = {}
+        self._hook: Callable[[UnraisableHookArgs], object] = sys.unraisablehook
 
     @property
     def status(self) -> int:
@@ -134,7 +142,7 @@ class Interrupts:
             self._leaving = True
             raise KeyboardInterrupt
 
-    def _unraisable(self, lost: Any) -> None:
+    def _unraisable(self, lost: UnraisableHookArgs) -> None:
         # Python prints an exception in a finaliser or in a callback of C code, and drops
         # it. The next `check` raises it again.
         if self.came is not None and issubclass(lost.exc_type, KeyboardInterrupt):

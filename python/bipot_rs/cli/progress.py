@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
 from time import monotonic
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from bipot_rs._lib.messages import duration
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
 
 
 def drop_rounding(load: float, largest: float) -> float:
@@ -175,7 +177,7 @@ class Progress:
         if self.bar is not None:
             self.bar.advance(1, steps)
 
-    def step(self, row: Mapping[str, Any]) -> None:
+    def step(self, row: Record) -> None:
         """Report a solved load step."""
         status = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
         of = "" if self.steps is None else f" of {self.steps}"

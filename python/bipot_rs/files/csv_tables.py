@@ -9,7 +9,6 @@ import csv
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -215,7 +214,7 @@ def _lines(path: Path) -> Iterator[str]:
         raise ValueError(f"{path} is not text: {error.reason}") from None
 
 
-def write(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
+def write(path: Path, header: Sequence[str], rows: Iterator[Sequence[object]]) -> None:
     """Write a table with all digits of floats; an earlier file is replaced at the end."""
     from bipot_rs.files.drafts import aside
 

@@ -13,16 +13,19 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.optional import load_library
+from bipot_rs._lib.types import AnyArray, Record
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import CONTACTS, FIELDS, STEPS, Quantity, labels
 from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.files.result_mesh import ResultMesh
+
+if TYPE_CHECKING:
+    from h5py import Dataset, File, Group
 
 FORMAT = "bipot-result"
 VERSION = 1
@@ -47,12 +50,12 @@ def require() -> None:
 
 def write_result(
     path: str | os.PathLike[str],
-    contacts: Mapping[str, NDArray[Any] | None],
-    steps: Sequence[Mapping[str, Any]],
+    contacts: Mapping[str, AnyArray | None],
+    steps: Sequence[Record],
     *,
     complete: bool,
-    attributes: Mapping[str, Any] | None = None,
-    fields: Callable[[int], Mapping[str, Any]] | None = None,
+    attributes: Mapping[str, object] | None = None,
+    fields: Callable[[int], Mapping[str, object]] | None = None,
     mesh: ResultMesh | None = None,
     units: Mapping[str, str] | None = None,
 ) -> None:
@@ -95,10 +98,10 @@ def write_result(
     named = units or {}
     first = {} if fields is None or not steps else fields(0)
 
-    def store(group: Any, name: str, value: object, about: Mapping[str, str]) -> None:
+    def store(group: Group, name: str, value: object, about: Mapping[str, str]) -> None:
         _store(h5py, group, name, value, about)
 
-    def fill(file: Any) -> None:
+    def fill(file: File) -> None:
         ours = {"format": FORMAT, "version": VERSION, "complete": bool(complete)}
         for name, value in {**(attributes or {}), **ours, "sealed": True}.items():
             _label(h5py, file, name, value)
@@ -165,15 +168,15 @@ class Saved(NamedTuple):
     in a file without a mesh.
     """
 
-    contacts: dict[str, NDArray[Any]]
-    steps: list[dict[str, Any]]
-    attributes: dict[str, Any]
+    contacts: Record
+    steps: list[Record]
+    attributes: Record
     mesh: ResultMesh | None
 
 
 def read_result(
     path: str | os.PathLike[str],
-) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]], dict[str, Any]]:
+) -> tuple[Record, list[Record], Record]:
     """Read contacts and steps of a file written by `write_result`.
 
     Returns
@@ -205,7 +208,7 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
         return _read_steps(file, attributes, _TIGHTEST * place(path).stat().st_size)
 
 
-def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_attributes(path: str | os.PathLike[str]) -> Record:
     """The attributes of such a file, as `read_result` returns them; its arrays are not read.
 
     Raises
@@ -218,7 +221,7 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 @contextmanager
-def _open(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
+def _open(path: str | os.PathLike[str]) -> Iterator[tuple[File, Record]]:
     """The open file and its attributes; errors of the block name the file."""
     h5py = load_library("h5py")
 
@@ -237,7 +240,7 @@ def _open(path: str | os.PathLike[str]) -> Iterator[tuple[Any, dict[str, Any]]]:
         ) from None
 
 
-def _attributes(file: Any, sealed: bool) -> dict[str, Any]:
+def _attributes(file: File, sealed: bool) -> Record:
     """Attributes of an open file, if it is a complete result of this version."""
     attributes = {name: _plain(value) for name, value in file.attrs.items()}
     if attributes.pop("format", None) != FORMAT:
@@ -252,10 +255,10 @@ def _attributes(file: Any, sealed: bool) -> dict[str, Any]:
     return attributes
 
 
-def _read_steps(file: Any, attributes: dict[str, Any], limit: int) -> Saved:
+def _read_steps(file: File, attributes: Record, limit: int) -> Saved:
     """Contents of an open file whose datasets have at most ``limit`` bytes."""
     contacts = _arrays(file["contacts"], limit)
-    steps = []
+    steps: list[Record] = []
     # By number: as text, step 10000 would come before step 9999.
     for name in sorted(file["steps"], key=int):
         group = file["steps"][name]
@@ -276,7 +279,7 @@ def _about(
 
 
 def _store(
-    h5py: ModuleType, group: Any, name: str, value: object, about: Mapping[str, str]
+    h5py: ModuleType, group: Group, name: str, value: object, about: Mapping[str, str]
 ) -> None:
     """Make a dataset; numbers by the low-level interface, which is faster."""
     array = np.asarray(value, order="C")
@@ -294,7 +297,7 @@ def _store(
         _label(h5py, h5py.Dataset(made), label, text)
 
 
-def _label(h5py: ModuleType, holder: Any, name: str, value: object) -> None:
+def _label(h5py: ModuleType, holder: Group | Dataset, name: str, value: object) -> None:
     """Make an attribute by the low-level interface; strings of the type that h5py uses."""
     text = isinstance(value, str)
     kind = h5py.string_dtype() if text else None
@@ -305,7 +308,7 @@ def _label(h5py: ModuleType, holder: Any, name: str, value: object) -> None:
     h5py.h5a.create(holder.id, name.encode(), *_form(h5py, array)).write(array)
 
 
-def _form(h5py: ModuleType, array: NDArray[Any]) -> tuple[Any, Any]:
+def _form(h5py: ModuleType, array: AnyArray) -> tuple[object, object]:
     """Type and dataspace of an array of numbers."""
     h5s = h5py.h5s
     space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
@@ -341,7 +344,7 @@ def _has_seal(path: Path) -> bool:
     return True
 
 
-def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
+def _arrays(group: Group, limit: int) -> dict[str, AnyArray]:
     """Datasets of a group, none larger than ``limit`` bytes."""
     found = {}
     for name, data in group.items():
@@ -364,7 +367,7 @@ def _sentence(error: Exception) -> str:
     return " ".join(str(message).split()) or type(error).__name__
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     """Convert bytes and NumPy numbers to those of Python; leave arrays unchanged."""
     if isinstance(value, bytes):
         return value.decode()

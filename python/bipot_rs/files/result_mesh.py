@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.types import AnyArray, Floats, Ints, Record
 from bipot_rs.files.fields import MESH, labels
+
+if TYPE_CHECKING:
+
+    class _Group(Protocol):
+        """A group of h5py."""
+
+        attrs: Mapping[str, object]
+
+        def create_group(self, name: str) -> _Group: ...
+        def __contains__(self, name: str) -> bool: ...
+        def __getitem__(self, name: str) -> _Group: ...
+
 
 _CELLS, _FACETS = "cells", "contact_facets"
 
@@ -112,8 +123,8 @@ class ResultMesh:
 
     def save(
         self,
-        group: Any,
-        store: Callable[[Any, str, Any, Mapping[str, str]], None],
+        group: _Group,
+        store: Callable[[_Group, str, AnyArray, Mapping[str, str]], None],
         units: Mapping[str, str],
     ) -> None:
         """Write to a group; ``store(group, name, array, attributes)`` makes a dataset."""
@@ -130,9 +141,7 @@ class ResultMesh:
                 store(inner, str(k), one.corners, {"kind": one.kind, **body})
 
     @classmethod
-    def load(
-        cls, group: Any, arrays: Callable[[Any], Mapping[str, NDArray[Any]]]
-    ) -> ResultMesh:
+    def load(cls, group: _Group, arrays: Callable[[_Group], Record]) -> ResultMesh:
         """Read from a group; ``arrays(group)`` are its datasets.
 
         Raises
@@ -170,7 +179,7 @@ def _pick(displacement: Floats, dofs: Ints) -> Floats:
     return found
 
 
-def _check(name: str, index: NDArray[Any], low: int, high: int | None) -> None:
+def _check(name: str, index: AnyArray, low: int, high: int | None) -> None:
     """Refuse what is not an array of whole numbers from ``low`` and below ``high``."""
     array = np.asarray(index)
     if array.dtype.kind != "i":

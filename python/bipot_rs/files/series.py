@@ -6,22 +6,25 @@ import os
 from collections.abc import Iterable, Mapping
 from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs._lib.types import AnyArray, Record
 from bipot_rs.files.drafts import aside, place
 from bipot_rs.files.fields import OF_STEPS, increasing, named_units
 from bipot_rs.files.vtu import Cells, write_collection, write_grid, write_pieces
+
+_Number = TypeVar("_Number", bound=np.generic)
 
 
 def write_series(
     path: str | os.PathLike[str],
     points: ArrayLike,
     cells: Cells | None,
-    steps: Iterable[Mapping[str, Any]],
-    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+    steps: Iterable[Record],
+    of_cells: Iterable[Mapping[str, AnyArray]] | None = None,
     *,
     units: Mapping[str, str] | None = None,
 ) -> None:
@@ -91,8 +94,8 @@ class Series:
 
     def add(
         self,
-        step: Mapping[str, Any],
-        of_cells: Mapping[str, NDArray[Any]] | None = None,
+        step: Record,
+        of_cells: Mapping[str, AnyArray] | None = None,
     ) -> None:
         """Write the next step; ``step`` and ``of_cells`` as in `write_series`."""
         fields = {
@@ -169,7 +172,7 @@ def check_index(path: str | os.PathLike[str]) -> Path:
     return index
 
 
-def _three(array: NDArray[Any]) -> NDArray[Any]:
+def _three(array: NDArray[_Number]) -> NDArray[_Number]:
     """Extend vectors of two components by a zero: VTK needs three."""
     if array.ndim == 2 and array.shape[1] == 2:
         return np.column_stack([array, np.zeros(len(array), array.dtype)])

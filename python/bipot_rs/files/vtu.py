@@ -10,17 +10,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import AnyArray, Floats, Integers
 from bipot_rs.files.meshio_library import load_meshio
 
-Cells = Sequence[tuple[str, NDArray[np.integer[Any]]]]
-Fields = Mapping[str, NDArray[Any]]
+Cells = Sequence[tuple[str, Integers]]
+Fields = Mapping[str, AnyArray]
 # What follows the head of a file of meshio.
 _GRID = b"<UnstructuredGrid>\n"
 
@@ -74,7 +72,7 @@ def write_grid(
     path.write_bytes(content.replace(_GRID, _GRID + _field_data(numbers, units), 1))
 
 
-def _as_stored(field: NDArray[Any]) -> NDArray[Any]:
+def _as_stored(field: AnyArray) -> AnyArray:
     """A field in a type that VTK has."""
     if field.dtype.kind == "b":
         return field.astype(np.uint8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -35,6 +35,14 @@ from bipot_rs.scene.schema.table import Varying
 
 if TYPE_CHECKING:
     from bipot_rs.fem.constraints.repetition import Repetition
+
+    class _Parts(TypedDict):
+        contacts: list[Contact]
+        supports: list[Support]
+        symmetries: list[Symmetry]
+        springs: list[Spring]
+        remotes: list[Remote]
+        repetitions: list[Repetition]
 
 
 def bodies(scene: Scene) -> list[Body]:
@@ -146,7 +154,7 @@ def _make_obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
         raise SceneError(scene.title, [mistake]) from error
 
 
-def make_parts(scene: Scene, motions: Mapping[str, Motion | None]) -> dict[str, Any]:
+def make_parts(scene: Scene, motions: Mapping[str, Motion | None]) -> _Parts:
     """Arguments of `fem.assemble` besides the bodies; ``motions`` of each obstacle."""
     return {
         "contacts": make_contacts(scene, motions),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.short_repr import short_repr
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import iteration_limit
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import FloatingBodyError, with_message
@@ -34,6 +34,11 @@ from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
     from bipot_rs.contact.wear.record import Wear
+
+    class _Settings(TypedDict):
+        method: str
+        tol: float
+        max_iterations: int | None
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Case:
         self,
         *,
         num_threads: int | None = None,
-        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        on_forecast: Callable[[Record], object] | None = None,
         engine: str | None = None,
     ) -> ContactProblem:
         """Make the `ContactProblem` of these arrays.
@@ -180,13 +185,18 @@ class Case:
             )
         limit = iteration_limit(max_iterations, maxiter)
         chosen = self._settings(method, tol, limit)
-        chosen |= {"start": start, "on_step": on_step}
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
         if plan is None:
             self._check_start(start, first)
             rest = slice(first, None)
-            return asked.solve(*self._part(rest), gap=self._gaps_of(rest), **chosen)
+            return asked.solve(
+                *self._part(rest),
+                gap=self._gaps_of(rest),
+                start=start,
+                on_step=on_step,
+                **chosen,
+            )
         steps = self.scene.path.count()
         known: dict[float, Totals] = {}
 
@@ -210,6 +220,8 @@ class Case:
             smallest=plan.smallest,
             slip=plan.slip,
             gap=None if self.gaps is None else gap,
+            start=start,
+            on_step=on_step,
             **chosen,
         )
 
@@ -265,7 +277,7 @@ class Case:
 
     def _settings(
         self, method: str | None, tol: float | None, max_iterations: int | None
-    ) -> dict[str, Any]:
+    ) -> _Settings:
         """Settings of the solver: those given, else those of the scene."""
         if self.scene is None:
             raise ValueError("this case was made without a scene")

@@ -41,7 +41,7 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     return check(name, table, mistakes, folder_of(name))
 
 
-def parse(name: str, source: str) -> dict[str, Any]:
+def parse(name: str, source: str) -> dict[str, object]:
     """Tables of a TOML text; `SceneError` if it is not TOML."""
     source = source.removeprefix("\ufeff")
     try:
@@ -56,7 +56,7 @@ def parse(name: str, source: str) -> dict[str, Any]:
 
 def check(
     name: str,
-    table: dict[str, Any],
+    table: dict[str, object],
     mistakes: Sequence[Mistake] = (),
     folder: Path = Path(),
 ) -> Scene:
@@ -81,7 +81,7 @@ def check(
     return scene.beside(folder)
 
 
-def _check_settings(table: dict[str, Any]) -> Iterator[Mistake]:
+def _check_settings(table: dict[str, object]) -> Iterator[Mistake]:
     """Solver settings that the solver would refuse."""
     if "solver" not in table:
         return
@@ -99,7 +99,7 @@ def _check_settings(table: dict[str, Any]) -> Iterator[Mistake]:
             yield Mistake("solver", str(error), MistakeKind.RANGE)
 
 
-def _override(table: dict[str, Any], setting: str) -> Mistake | None:
+def _override(table: dict[str, object], setting: str) -> Mistake | None:
     """Set ``key=value`` in the table; a mistake if that is impossible."""
     key, equals, value = setting.partition("=")
     key = key.strip()
@@ -126,7 +126,7 @@ def entry(part: str) -> int | None:
     return int(part) if re.fullmatch("[0-9]{1,18}", part) else None
 
 
-def put(table: dict[str, Any], key: str, value: Any) -> str | None:
+def put(table: dict[str, object], key: str, value: object) -> str | None:
     """Set ``"key.0.key"`` of a table; a message if there is no such place."""
     parts = key.split(".")
     at: Any = table

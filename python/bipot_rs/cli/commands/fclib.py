@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted, printable
 from bipot_rs.cli import arguments as shared
@@ -17,6 +17,9 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line, tell
 from bipot_rs.cli.run.runner import Runner
 from bipot_rs.cli.text_table import format_table
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
 
 SUMMARY = "Solve files of the FCLIB collection. Prints one line per file and a summary."
 DETAILS = "The line also shows the asymmetry of the matrix if it is above 1e-11."
@@ -75,7 +78,7 @@ class SolveFiles(Runner):
     ) -> None:
         super().__init__(as_json=as_json, interrupts=interrupts)
         self.request = request
-        self.rows: list[dict[str, Any]] = []
+        self.rows: list[Record] = []
 
     def work(self) -> tuple[int, str]:
         """Solve the files; each is reported as it ends."""
@@ -123,7 +126,7 @@ def _check(request: FilesOptions) -> None:
     )
 
 
-def _solve(name: str, request: FilesOptions) -> dict[str, Any]:
+def _solve(name: str, request: FilesOptions) -> Record:
     """The row of a file."""
     from bipot_rs import fclib
     from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
@@ -173,18 +176,18 @@ def _finite(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _sentence(row: dict[str, Any]) -> str:
+def _sentence(row: Record) -> str:
     """The message of a file on a line of its own, with its name."""
     name, message = row["file"], row["message"]
     return printable(message if name in message else f"{name}: {message}")
 
 
-def _line(row: dict[str, Any], width: int, tol: float) -> str:
+def _line(row: Record, width: int, tol: float) -> str:
     """The row of a file as text; unknown numbers are left blank."""
     from bipot_rs.contact.global_problem import SYMMETRIC
 
     size = "" if row["contacts"] is None else f"{row['contacts']} × {row['dim']}D"
-    known: dict[str, tuple[Callable[[Any], str], int]] = {
+    known: dict[str, tuple[Callable[..., str], int]] = {
         "residual": ("{:.1e}".format, 8),
         "iterations": (lambda n: counted(n, "iteration"), 18),
         "work": ("work {:.0f}".format, 12),
@@ -203,11 +206,11 @@ def _line(row: dict[str, Any], width: int, tol: float) -> str:
     return line
 
 
-def _summary(rows: list[dict[str, Any]]) -> str:
+def _summary(rows: list[Record]) -> str:
     """Counts by outcome, worst residual, median work and seconds."""
     from statistics import median
 
-    def cells(name: str, some: list[dict[str, Any]]) -> list[str]:
+    def cells(name: str, some: list[Record]) -> list[str]:
         residuals = [row["residual"] for row in some if row["residual"] is not None]
         work = [row["work"] for row in some if row["work"] is not None]
         return [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import SOLVED
@@ -32,7 +31,7 @@ def run(found: argparse.Namespace, _: Interrupts) -> int:
     return SOLVED
 
 
-def summarise(name: str) -> dict[str, Any]:
+def summarise(name: str) -> dict[str, object]:
     """Summarise a result, a file for ParaView, a scene or a mesh.
 
     Parameters

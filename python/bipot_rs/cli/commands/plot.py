@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli import arguments as shared
@@ -16,6 +16,10 @@ from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import tell
 from bipot_rs.cli.run.output_folder import RESULT
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
+    from bipot_rs.scene.case import Case
 
 SUMMARY = "Draw a picture of a result or of a sweep. Does not solve again."
 DETAILS = "For the folder of a sweep see bipot plot --x COLUMN --help."
@@ -229,10 +233,10 @@ def _check_format(target: Path) -> None:
 
 def _case(
     path: Path,
-    attributes: Mapping[str, Any],
+    attributes: Record,
     scene: str | None,
     settings: Sequence[str],
-) -> Any:
+) -> Case:
     """Mesh the bodies of a result again; an error if the scene is not the one solved."""
     from bipot_rs.cli.run.resume import stamps
     from bipot_rs.scene.build import bodies as made

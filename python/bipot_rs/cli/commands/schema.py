@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from json import dumps
-from typing import Any
 
 from bipot_rs.cli.arguments import Parser
 from bipot_rs.cli.exit_codes import SOLVED
@@ -16,7 +15,7 @@ SUMMARY = "Print the JSON schema of scene files, with which an editor can check 
 DETAILS = ""
 
 # Plain values that a scene accepts in place of a table with one key.
-_SHORT: dict[str, dict[str, Any]] = {
+_SHORT: dict[str, dict[str, object]] = {
     "Varying": {"type": "number"},
     "Clearance": {"type": "number"},
     "MeshFile": {"type": "string"},
@@ -36,7 +35,7 @@ def run(_: argparse.Namespace, __: Interrupts) -> int:
     return SOLVED
 
 
-def schema() -> dict[str, Any]:
+def schema() -> dict[str, object]:
     """JSON Schema, draft 2020-12, of the tables of a scene."""
     from bipot_rs.scene.schema.root import Scene
 
@@ -59,7 +58,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-def _shorten(node: dict[str, Any] | list[Any]) -> None:
+def _shorten(node: dict[str, object] | list[object]) -> None:
     """Accept the plain values of `_SHORT`; changes ``node`` in place."""
     inner = list(node.values() if isinstance(node, dict) else node)
     for one in inner:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.info import mesh
@@ -16,10 +15,13 @@ from bipot_rs.files.fields import FIELDS
 from bipot_rs.files.vtu import has_no_points, read_collection, read_pieces
 from bipot_rs.mesh.readers import Grid, read_grid
 
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import AnyArray, Record
+
 SUFFIXES = (".pvd", ".pvtu", ".vtu")
 
 
-def summarise(path: Path) -> dict[str, Any]:
+def summarise(path: Path) -> dict[str, object]:
     """Summarise a series of steps, or the file of one step.
 
     A VTU file without a load step is a mesh: its summary lists the fields as well.
@@ -47,10 +49,10 @@ def summarise(path: Path) -> dict[str, Any]:
     return _step(path)
 
 
-def _series(path: Path) -> dict[str, Any]:
+def _series(path: Path) -> dict[str, object]:
     steps = read_collection(path)
     times = [time for time, _ in steps]
-    found: dict[str, Any] = {
+    found: dict[str, object] = {
         "kind": "series",
         "file": str(path),
         "steps": len(steps),
@@ -110,7 +112,7 @@ def _is_empty(file: Path) -> bool:
         return False
 
 
-def _mesh(path: Path, grid: Grid) -> dict[str, Any]:
+def _mesh(path: Path, grid: Grid) -> dict[str, object]:
     """Summarise a mesh and its fields; cells that are no body may have fields."""
     own = _contents([grid])
     try:
@@ -139,7 +141,7 @@ def _contents(grids: list[Grid]) -> dict[str, Any]:
         if first.of_file.get(name, np.zeros(0)).size
     }
     units = _units(first.of_file)
-    named: dict[str, Any] = {}
+    named: dict[str, dict[str, object]] = {}
     for of in ("points", "cells"):
         # A part without cells may lack the fields of cells.
         parts = [getattr(grid, f"of_{of}") for grid in grids]
@@ -156,7 +158,7 @@ def _contents(grids: list[Grid]) -> dict[str, Any]:
     }
 
 
-def _units(of_file: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+def _units(of_file: Mapping[str, AnyArray]) -> dict[str, str]:
     """Units by field; {} if the file does not name them."""
     try:
         text = np.asarray(of_file["units"], np.uint8).tobytes().decode()
@@ -165,7 +167,7 @@ def _units(of_file: Mapping[str, NDArray[Any]]) -> dict[str, str]:
         return {}
 
 
-def _range(parts: list[NDArray[Any]]) -> dict[str, Any]:
+def _range(parts: list[AnyArray]) -> dict[str, object]:
     """Components and range of a field: of the lengths of vectors, else of all numbers."""
     width = int(parts[0].shape[1]) if parts[0].ndim == 2 else 1
     values = np.concatenate([part.reshape(-1, width) for part in parts])
@@ -179,7 +181,7 @@ def _range(parts: list[NDArray[Any]]) -> dict[str, Any]:
     }
 
 
-def _lines(grids: list[Grid], found: Mapping[str, Any]) -> list[str]:
+def _lines(grids: list[Grid], found: Record) -> list[str]:
     cells = ", ".join(f"{count} {kind}" for kind, count in found["cells"].items())
     points = np.concatenate([grid.points for grid in grids])
     where = f", {mesh.box(points)}" if len(points) else ""
@@ -192,7 +194,7 @@ def _lines(grids: list[Grid], found: Mapping[str, Any]) -> list[str]:
     return lines + _field_lines(found["fields"])
 
 
-def _field_lines(named: Mapping[str, Any]) -> list[str]:
+def _field_lines(named: Mapping[str, Record]) -> list[str]:
     lines = []
     wide = max(map(len, named), default=0)
     for of in ("points", "cells"):

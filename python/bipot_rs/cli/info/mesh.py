@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.messages import counted, printable
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import AnyArray
+    from bipot_rs.mesh.kinds import ElementMesh
 
 # Files of bodies, and of surfaces of rigid obstacles.
 _BODIES, _SURFACES = (".msh", ".inp", ".vtu"), (".stl",)
@@ -35,13 +37,13 @@ def summarise(path: Path) -> dict[str, Any]:
     return _surface(path) if path.suffix.lower() in _SURFACES else _bodies(path)
 
 
-def box(x: NDArray[Any]) -> str:
+def box(x: AnyArray) -> str:
     """The range of points ``(m, d)`` along each axis."""
     low, high = x.min(axis=0), x.max(axis=0)
     return " × ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
 
 
-def _bodies(path: Path) -> dict[str, Any]:
+def _bodies(path: Path) -> dict[str, object]:
     import numpy as np
 
     from bipot_rs.mesh.elements import kind_of
@@ -82,7 +84,7 @@ def _bodies(path: Path) -> dict[str, Any]:
             "" if mistake else "its volumes are not connected: read each with group="
         )
     points = np.concatenate([one.p.T for one in parts])
-    found: dict[str, Any] = {
+    found: dict[str, object] = {
         "kind": "mesh",
         "file": str(path),
         "dim": dim,
@@ -112,7 +114,7 @@ def _bodies(path: Path) -> dict[str, Any]:
     return found | {"lines": lines}
 
 
-def _wrong(mesh: Any, what: str) -> str:
+def _wrong(mesh: ElementMesh, what: str) -> str:
     """The mistake of a mesh, or an empty text."""
     from bipot_rs.mesh.quality import check_mesh
 
@@ -126,7 +128,7 @@ def _wrong(mesh: Any, what: str) -> str:
 _NO_SURFACE = "none named: define them by position, [body.NAME.surface.OTHER]"
 
 
-def _surface(path: Path) -> dict[str, Any]:
+def _surface(path: Path) -> dict[str, object]:
     from bipot_rs.mesh.readers import read_cells
 
     points, blocks = read_cells(path)

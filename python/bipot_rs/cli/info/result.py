@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +15,7 @@ from bipot_rs.contact.law.status import STATUS_NAMES
 _STEPS = 3
 
 
-def summarise(path: Path) -> dict[str, Any]:
+def summarise(path: Path) -> dict[str, object]:
     """Summarise a result file.
 
     Returns
@@ -42,7 +41,8 @@ def summarise(path: Path) -> dict[str, Any]:
     # A problem given as arrays may have no points.
     contacts_n, d = result.shape if count else (0 if x is None else len(x), 0)
     dim = (d or None) if x is None else x.shape[1]
-    found: dict[str, Any] = {
+    ranks = int(attributes["ranks"]) if "ranks" in attributes else None
+    found: dict[str, object] = {
         "kind": "result",
         "file": str(path),
         "scene": attributes.get("scene"),
@@ -52,7 +52,7 @@ def summarise(path: Path) -> dict[str, Any]:
         "method": attributes.get("method"),
         "tol": attributes.get("tol"),
         "engine": attributes.get("engine"),
-        "ranks": int(attributes["ranks"]) if "ranks" in attributes else None,
+        "ranks": ranks,
         "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
@@ -69,8 +69,8 @@ def summarise(path: Path) -> dict[str, Any]:
         lines.append(f"  by        bipot_rs {found['package']}, {by}")
     if found["engine"]:
         parts = [found["engine"], attributes.get("preconditioner")]
-        if found["ranks"]:
-            parts.append(counted(found["ranks"], "rank"))
+        if ranks:
+            parts.append(counted(ranks, "rank"))
         lines.append(f"  engine    {', '.join(str(part) for part in parts if part)}")
     if dim is not None:
         where = f", {box(x)}" if x is not None and len(x) else ""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from bipot_rs._lib.messages import counted
 
 
-def summarise(name: str) -> dict[str, Any]:
+def summarise(name: str) -> dict[str, object]:
     """Summarise a scene: a file, or a shipped one.
 
     Returns
@@ -28,7 +26,7 @@ def summarise(name: str) -> dict[str, Any]:
         for body, block in scene.body.items()
     }
     steps = scene.path.count()
-    found: dict[str, Any] = {
+    found: dict[str, object] = {
         "kind": "scene",
         "scene": name,
         "title": scene.title,

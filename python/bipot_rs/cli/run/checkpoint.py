@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 from bipot_rs.cli.run.output_files import Output
 from bipot_rs.cli.run.output_folder import RESULT
@@ -32,7 +31,9 @@ class Checkpoint:
         Attributes of the file.
     """
 
-    def __init__(self, draft: Path, path: Path, attributes: Mapping[str, Any]) -> None:
+    def __init__(
+        self, draft: Path, path: Path, attributes: Mapping[str, object]
+    ) -> None:
         self.draft, self.path = draft, path
         self._attributes = attributes
         self._began = perf_counter()

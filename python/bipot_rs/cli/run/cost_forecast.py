@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from math import prod
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from bipot_rs.fem.bodies.node_graph import find_neighbours
 from bipot_rs.scene.schema.root import Scene
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
     from bipot_rs.scene.case import Case
 
 # Nodes of a cell of first and of second order, and number of cells that a cell of the
@@ -55,7 +56,7 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     found: dict[str, Any] = {}
     floating = list(describe_free_bodies(case.model, rough=True))
 
-    def stop(counts: Mapping[str, Any]) -> None:
+    def stop(counts: Record) -> None:
         found.update(counts)
         raise _Counted
 
@@ -69,7 +70,7 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     return found, floating
 
 
-def work(counts: Mapping[str, Any]) -> float:
+def work(counts: Record) -> float:
     """Operations [flop]: the factor of K and the inverse of S, or all iterative steps."""
     if counts.get("engine") == "iterative":
         return float(counts["flops"])
@@ -78,7 +79,7 @@ def work(counts: Mapping[str, Any]) -> float:
     return float(counts["flops"]) + inverse
 
 
-def seconds(counts: Mapping[str, Any], cores: int) -> float:
+def seconds(counts: Record, cores: int) -> float:
     """Rough time of the condensation, or of the iterative steps [s]."""
     return work(counts) / (RATE * max(cores, 1))
 
@@ -115,7 +116,7 @@ def sizes(model: Assembly, steps: int) -> list[str]:
     ]
 
 
-def cost(counts: Mapping[str, Any]) -> list[str]:
+def cost(counts: Record) -> list[str]:
     """Lines with memory and time of the condensation, from the counts of the analysis."""
     free = available()
     of = "" if free is None else f", {size(free)} are free"

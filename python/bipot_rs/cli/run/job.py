@@ -149,7 +149,7 @@ class Job(SharedRunner):
 
     def _prepare(
         self, scene: Scene, method: str, tol: float | str
-    ) -> Mapping[str, Any]:
+    ) -> Mapping[str, object]:
         """Check what the run needs; returns what identifies it."""
         from bipot_rs.cli.run import cost_forecast
         from bipot_rs.cli.run.resume import stamps
@@ -205,7 +205,7 @@ class Job(SharedRunner):
                 "have: use another engine"
             )
 
-    def _earlier(self, stamp: Mapping[str, Any]) -> str:
+    def _earlier(self, stamp: Mapping[str, object]) -> str:
         """Find load steps of an earlier run; a message if that one is complete."""
         from bipot_rs.cli.run.resume import earlier, left_off
 
@@ -227,7 +227,7 @@ class Job(SharedRunner):
         unfinished = self.request.folder / UNFINISHED
         return unfinished if unfinished.exists() else self.request.folder / RESULT
 
-    def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, Any]) -> None:
+    def _begin_checkpoint(self, draft: Path, stamp: Mapping[str, object]) -> None:
         """Let rank 0 of several keep each load step."""
         from bipot_rs.cli.run.checkpoint import Checkpoint
         from bipot_rs.cli.run.resume import left_off
@@ -259,7 +259,7 @@ class Job(SharedRunner):
             complain(message)
         return message
 
-    def last_line(self, code: int, message: str) -> dict[str, Any]:
+    def last_line(self, code: int, message: str) -> dict[str, object]:
         """Keys of the last line of --json."""
         self.seconds["total"] = perf_counter() - self.started
         model = self.case.model if self.case else None
@@ -374,7 +374,7 @@ class Job(SharedRunner):
         remarks = cost_forecast.list_remarks(case.remarks())
         self.progress.block("\n".join([*title, *known, *engine, *remarks]))
 
-    def _forecast(self, counts: Mapping[str, Any]) -> None:
+    def _forecast(self, counts: Mapping[str, object]) -> None:
         """Print the sizes and the expected memory and time, before condensing."""
         from bipot_rs.cli.run import cost_forecast
 
@@ -388,13 +388,15 @@ class Job(SharedRunner):
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
         self.progress.forecast(seconds)
 
-    def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
+    def _row(self, k: int, case: Case, step: Step) -> dict[str, object]:
         """The row of a load step, with its discretisation error if that is asked for."""
         from bipot_rs.contact.results.tables import make_row as of_step
         from bipot_rs.contact.results.tables import measure_wear
 
-        row = of_step(k, case.step_parameter(k, step), step)
-        row |= measure_wear(step, case.model.area)
+        row: dict[str, object] = {
+            **of_step(k, case.step_parameter(k, step), step),
+            **measure_wear(step, case.model.area),
+        }
         if self.estimator is None:
             return row
         start = perf_counter()
@@ -415,7 +417,7 @@ class Job(SharedRunner):
             "error_kind": None if found is None else found.kind,
         }
 
-    def step_line(self, row: dict[str, Any], step: Step) -> dict[str, Any]:
+    def step_line(self, row: dict[str, object], step: Step) -> dict[str, object]:
         """As of any command, with the forces of each contact surface."""
         from bipot_rs.cli.run.report import by_surface, forces
 
@@ -431,7 +433,7 @@ class Job(SharedRunner):
         return super().failed(error)
 
     def _keep(
-        self, draft: Path, code: int, message: str, stamp: Mapping[str, Any]
+        self, draft: Path, code: int, message: str, stamp: Mapping[str, object]
     ) -> tuple[int, str]:
         """Write the load steps reached; returns how the run has ended after that."""
         request, folder = self.request, self.request.folder
@@ -505,7 +507,9 @@ class Job(SharedRunner):
         with self._phase("write"):
             series.end()
 
-    def _attributes(self, message: str, stamp: Mapping[str, Any]) -> dict[str, Any]:
+    def _attributes(
+        self, message: str, stamp: Mapping[str, object]
+    ) -> dict[str, object]:
         """Attributes of the result file."""
         name, settings = self.request.scene or "", self.request.settings
         problem = self.distributed or self.problem
@@ -518,7 +522,7 @@ class Job(SharedRunner):
             return WEAR
         return () if self.estimator is None else ("error", "error_kind")
 
-    def _rows(self, case: Case) -> list[dict[str, Any]]:
+    def _rows(self, case: Case) -> list[dict[str, object]]:
         """The rows of the load steps, with the forces of the contact surfaces."""
         from bipot_rs.cli.run.report import forces
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs.cli.run.output_folder import RESULT
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import AnyArray
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.results.result import Result
     from bipot_rs.contact.results.solution import Step
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 Reached = tuple[dict[str, Any], "Step"]
 
 
-def contacts(case: Case) -> dict[str, Any]:
+def contacts(case: Case) -> dict[str, AnyArray]:
     """Arrays of ``/contacts``."""
     model = case.model
     return {
@@ -48,9 +49,9 @@ def origin(
     scene: Scene | None,
     problem: ContactProblem | DistributedProblem | None,
     message: str,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Attributes of a result file: the scene, its settings, the engine, how it ended."""
-    found: dict[str, Any] = {
+    found: dict[str, object] = {
         "scene": name,
         "message": message,
         "settings": json.dumps(settings),
@@ -138,7 +139,9 @@ class Output:
                 units=self._units(),
             )
 
-    def table(self, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    def table(
+        self, columns: Sequence[str], rows: Sequence[Mapping[str, object]]
+    ) -> None:
         """Write steps.csv, one line per load step."""
         from bipot_rs.files import csv_tables
 
@@ -188,7 +191,7 @@ class Output:
         with writing(self.folder / "problem-….hdf5"):
             write_path(self.draft / "problem", problem, result, info=info)
 
-    def result(self, *, complete: bool, attributes: Mapping[str, Any]) -> None:
+    def result(self, *, complete: bool, attributes: Mapping[str, object]) -> None:
         """Write result.h5."""
         from bipot_rs.contact.results.contact_fields import make_path_fields
         from bipot_rs.fem.contact_surface import result_mesh
@@ -215,7 +218,7 @@ class Output:
             )
 
     def _path(
-        self, case: Case, contacts: Mapping[str, Any], message: str = ""
+        self, case: Case, contacts: Mapping[str, AnyArray], message: str = ""
     ) -> Result:
         """The load steps as a `Result`."""
         from bipot_rs.contact.results.result import Result
@@ -242,14 +245,14 @@ class Output:
         loads = [row["load"] for row, _ in some]
         return list_instants([step for _, step in some], loads, start)
 
-    def _contacts(self) -> dict[str, Any]:
+    def _contacts(self) -> dict[str, AnyArray]:
         from bipot_rs.fem.contact_surface import surface_labels
 
         if self.case is None:
             return {}
         return contacts(self.case) | surface_labels(self.case.model)
 
-    def _steps(self) -> list[dict[str, Any]]:
+    def _steps(self) -> list[dict[str, object]]:
         """The fields of each step, as `bipot_rs.load` reads them."""
         from bipot_rs.contact.results.step_record import make_record
 
@@ -265,7 +268,7 @@ class Output:
         return self.errors[k] if k < len(self.errors) else None
 
 
-def _of_step(found: DiscretisationError | None) -> dict[str, Any]:
+def _of_step(found: DiscretisationError | None) -> dict[str, object]:
     """The discretisation error of a step, for the result file."""
     if found is None:
         return {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.progress import drop_rounding
@@ -22,6 +22,7 @@ from bipot_rs.contact.results.tables import (
 from bipot_rs.fem.contact_surface import surface_names
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
     from bipot_rs.fem.assembly.assembly import Assembly
 
 _FORMS = {
@@ -65,7 +66,7 @@ def by_surface(
 
 
 def format_steps(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[Record],
     *,
     title: str = "",
     unit: str = "",
@@ -88,7 +89,7 @@ def format_steps(
     names = list_columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
-    shown: list[Mapping[str, Any] | None] = [
+    shown: list[Record | None] = [
         {
             **row,
             "step": row["step"] + 1,
@@ -112,7 +113,7 @@ def format_steps(
 
 
 def _heads(
-    columns: Sequence[str], rows: Sequence[Mapping[str, Any] | None], unit: str
+    columns: Sequence[str], rows: Sequence[Record | None], unit: str
 ) -> list[str]:
     """Heads of the columns, with the names of the surfaces if there are several."""
     surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
@@ -126,9 +127,7 @@ def _heads(
     return found
 
 
-def _cells(
-    columns: Sequence[str], rows: Sequence[Mapping[str, Any] | None]
-) -> list[list[str]]:
+def _cells(columns: Sequence[str], rows: Sequence[Record | None]) -> list[list[str]]:
     """Texts of the cells; a row None stands for rows that are left out."""
     return [
         ["…" if one is None else _cell(one, column) for column in columns]
@@ -153,7 +152,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
     return heads.get(kind, kind)
 
 
-def _cell(one: Mapping[str, Any], column: str) -> str:
+def _cell(one: Record, column: str) -> str:
     value = one.get(column)
     if value is None:
         return "-"
@@ -166,7 +165,7 @@ def _cell(one: Mapping[str, Any], column: str) -> str:
 
 
 def closing(
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[Record],
     tol: float,
     folder: Path | None,
     remarks: Sequence[str] = (),
@@ -205,7 +204,7 @@ def closing(
     return lines
 
 
-def _state(last: Mapping[str, Any], contacts: int) -> str:
+def _state(last: Record, contacts: int) -> str:
     verbs = {"stick": "stick", "slip": "slip", "open": "are open"}
     first, *others = [(last[name], verb) for name, verb in verbs.items() if last[name]]
     if not others:

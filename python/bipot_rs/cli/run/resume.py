@@ -9,10 +9,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
@@ -20,6 +19,9 @@ from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.saved_result import load_result
 from bipot_rs.files import export
 from bipot_rs.scene.schema.root import Scene
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import AnyArray
 
 # Attributes of the file, and the message if one differs.
 _STAMPS = {
@@ -30,7 +32,7 @@ _STAMPS = {
 }
 
 
-def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
+def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, object]:
     """Attributes of a result file that identify its run."""
     # After defaults and --set, so that two spellings of one scene are the same.
     # The engine does not change the problem.
@@ -48,7 +50,7 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
     }
 
 
-def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Result:
+def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Result:
     """The result in ``path``, if it belongs to the run with the attributes ``expected``.
 
     Parameters
@@ -85,7 +87,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
     return found
 
 
-def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
+def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> str:
     """A remark if ``path`` holds an unfinished result of this run; else an empty text."""
     try:
         if not path.exists() or export.read_attributes(path).get("complete"):
@@ -102,7 +104,7 @@ def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
 
 
 def same_contacts(
-    path: Path, found: Result, contacts: Mapping[str, NDArray[Any] | None]
+    path: Path, found: Result, contacts: Mapping[str, AnyArray | None]
 ) -> None:
     """Refuse a file whose contacts are not bitwise equal to those of this run.
 

@@ -6,7 +6,7 @@ import errno
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, Ended
 from bipot_rs.cli.interrupts import Interrupts
@@ -105,11 +105,11 @@ class Runner(ABC):
     def show(self, code: int) -> None:
         """Print the results for a person, before the message of an error."""
 
-    def last_line(self, code: int, message: str) -> dict[str, Any]:
+    def last_line(self, code: int, message: str) -> dict[str, object]:
         """Keys of the last line of --json."""
         return {"success": code == SOLVED, "message": message}
 
-    def step_line(self, row: dict[str, Any], step: Step) -> dict[str, Any]:  # noqa: ARG002
+    def step_line(self, row: dict[str, object], step: Step) -> dict[str, object]:  # noqa: ARG002
         """Keys of the line of a load step of --json."""
         return row
 
@@ -167,7 +167,7 @@ class Runner(ABC):
         """Exit status and message of a load path that ended in an error."""
         return outcome(error)
 
-    def reach(self, row: dict[str, Any], step: Step) -> None:
+    def reach(self, row: dict[str, object], step: Step) -> None:
         """Keep and report a solved load step; a signal that was lost raises here."""
         self.reached.append((row, step))
         if self.as_json:

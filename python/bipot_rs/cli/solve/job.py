@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -111,7 +111,7 @@ class SolveMatrix(Runner):
             forces = list_surface_forces(
                 step, given.frame, given.mu, group, ["contacts"]
             )
-            self.reach(make_row(k, None, step) | forces, step)
+            self.reach({**make_row(k, None, step), **forces}, step)
 
         self.result = problem.solve(
             given.load,
@@ -212,10 +212,10 @@ class SolveMatrix(Runner):
         lines.append(f"{folder}: {', '.join(sorted(self.written))}")
         tell("\n".join(lines), sys.stdout)
 
-    def last_line(self, code: int, message: str) -> dict[str, Any]:
+    def last_line(self, code: int, message: str) -> dict[str, object]:
         """Keys of the last line of --json."""
         given, result = self.given, self.result
-        last = {
+        last: dict[str, object] = {
             "stiffness": str(self.request.stiffness),
             "dofs": None if given is None else given.K.shape[0],
             "contacts": None if given is None else len(given.gap),
@@ -259,7 +259,7 @@ def _header(given: MatrixProblem) -> list[str]:
     ]
 
 
-def _reactions(given: MatrixProblem, result: Result) -> Iterator[list[Any]]:
+def _reactions(given: MatrixProblem, result: Result) -> Iterator[list[object]]:
     """The rows of reactions.csv: forces in the frame of the contact and in global axes."""
     for k, step in enumerate(result):
         force = (step.reaction[:, :, None] * given.frame).sum(axis=1)

@@ -30,7 +30,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -45,6 +45,18 @@ from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
 from bipot_rs.files.result_mesh import ResultMesh
+
+if TYPE_CHECKING:
+
+    class _Contacts(TypedDict):
+        B: SparseMatrix
+        gap: Floats
+        mu: Floats
+        area: Floats | None
+        frame: Floats
+        points: Floats | None
+        nodes: Ints | None
+
 
 Name = str | os.PathLike[str]
 
@@ -264,7 +276,7 @@ class _Dofs:
 
 def _stiffness(
     path: Path, dim: int, listed: _Nodes | None, order: str | None
-) -> tuple[Any, _Dofs]:
+) -> tuple[SparseMatrix, _Dofs]:
     with path.open("rb") as file:
         start = without(file.read(1024))
     if b"\0" in start:
@@ -396,7 +408,7 @@ def _market(path: Path) -> SparseMatrix:
         ) from None
 
 
-def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
+def _of_nodes(path: Path) -> tuple[SparseMatrix, _Dofs]:
     """Read lines ``node, component, node, component, value``."""
     from scipy.sparse import coo_array, diags
 
@@ -458,9 +470,7 @@ def _once(
         )
 
 
-def _contacts(
-    table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None
-) -> dict[str, Any]:
+def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Contacts:
     axes = _AXES[:dim]
     own = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
     others = ["other"] if own == ["node"] else [f"other_{a}" for a in axes]

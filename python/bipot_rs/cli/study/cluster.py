@@ -15,10 +15,23 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from bipot_rs._lib.messages import size
 from bipot_rs._lib.optional import load_library
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import T
+
+    class _Future(Protocol):
+        """A row that dask solves."""
+
+        status: str
+
+        def done(self) -> bool: ...
+        def exception(self) -> BaseException: ...
+        def result(self, timeout: float) -> object: ...
+
 
 # Time to connect [s]: a name server or a firewall may take seconds, and a person waits.
 _CONNECT = 10.0
@@ -59,8 +72,8 @@ def _place(address: str) -> str:
 class _Work:
     """A function, its arguments for each row, and the bytes that each row needs."""
 
-    function: Callable[..., Any]
-    arguments: Sequence[tuple[Any, ...]]
+    function: Callable[..., object]
+    arguments: Sequence[tuple[object, ...]]
     needs: Sequence[float] | None
     # dask keeps results by key: another map must not find those of this one.
     name: str = field(default_factory=lambda: f"bipot-{uuid.uuid4().hex}")
@@ -97,7 +110,7 @@ class Cluster:
                 f"--scheduler {address}: no dask scheduler answers within {_CONNECT:g} s "
                 f"({why})"
             ) from None
-        self._running: dict[Any, int] = {}
+        self._running: dict[_Future, int] = {}
         # Threads and declared bytes of each worker.
         self._workers: dict[str, tuple[int, float | None]] = {}
         self._seen = -_LOOK
@@ -119,10 +132,10 @@ class Cluster:
 
     def map(
         self,
-        function: Callable[..., Any],
-        arguments: Sequence[tuple[Any, ...]],
+        function: Callable[..., T],
+        arguments: Sequence[tuple[object, ...]],
         needs: Sequence[float] | None = None,
-    ) -> Iterator[tuple[int, Any]]:
+    ) -> Iterator[tuple[int, T | str]]:
         """Yield the index and the answer of each argument, in the order of the answers.
 
         A text as answer is an error message.
@@ -260,7 +273,7 @@ class Cluster:
             f"{size(largest)}"
         )
 
-    def _finished(self) -> list[Any]:
+    def _finished(self) -> list[_Future]:
         """Rows that have ended, after at most the time between two looks."""
         try:
             self._dask.wait(
@@ -272,7 +285,7 @@ class Cluster:
             self._check()
         return [future for future in self._running if future.done()]
 
-    def _answer(self, future: Any) -> Any:
+    def _answer(self, future: _Future) -> object:
         """The result of a row that has ended, or its exception.
 
         None: its worker died before it sent the result, and dask solves the row again.

@@ -8,11 +8,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, make
 from bipot_rs.cli.study.part import StudyPart, part
 from bipot_rs.cli.study.plan import Study
+
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
 
 # What the table is a study of.
 RECORD = "sweep.json"
@@ -126,7 +129,7 @@ def row_folder(folder: Path, row: int) -> Path:
     return folder / ROWS / f"{row:04d}"
 
 
-def set_aside(folder: Path, kept: Mapping[int, Mapping[str, Any]]) -> list[Path]:
+def set_aside(folder: Path, kept: Mapping[int, Record]) -> list[Path]:
     """Make room for a study: move files of earlier rows that are not ``kept`` away.
 
     ``kept`` are rows of `table.earlier`: their results move to their new numbers. Returns

@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.progress import complain
@@ -53,7 +52,7 @@ class JoinedStudy:
 
     record: StudyRecord
     keys: list[str]
-    rows: dict[int, dict[str, Any]]
+    rows: dict[int, dict[str, str]]
     folders: dict[int, Path]
     absent: list[str]
     home: Path | None
@@ -122,7 +121,7 @@ def join(given: Sequence[Path]) -> JoinedStudy:
             )
         by_number[own] = folder
     asked = axes.rows(record.settings, record.ranges)
-    rows: dict[int, dict[str, Any]] = {}
+    rows: dict[int, dict[str, str]] = {}
     folders: dict[int, Path] = {}
     for folder, other in parts.items():
         for number, row in _rows_of(folder, other, asked).items():
@@ -195,7 +194,7 @@ def _same_study(
 
 def _rows_of(
     folder: Path, record: StudyRecord, asked: Sequence[dict[str, str]]
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, dict[str, str]]:
     """The finished rows of a part; an error if one is not of this part."""
     path = folder / SWEEP
     if not path.exists():
@@ -203,7 +202,7 @@ def _rows_of(
     keys, rows = read(path)
     if keys != list(asked[0]):
         raise ValueError(f"{path} is not the table of this part: it varies {keys}")
-    found: dict[int, dict[str, Any]] = {}
+    found: dict[int, dict[str, str]] = {}
     for row in rows:
         text = row.pop("row")
         # The file counts from 0, messages from 1.

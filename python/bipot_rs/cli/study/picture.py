@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from bipot_rs.cli.run.output_folder import SWEEP
 from bipot_rs.cli.study.folder import RECORD, read_record
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES
+
+if TYPE_CHECKING:
+    from bipot_rs.plots.study import StudySeries
 
 # Columns that are no numbers.
 _TEXTS = ("outcome", "message", "digest")
@@ -127,7 +130,7 @@ def _series(
     x: str,
     y: str,
     varied: Sequence[str],
-) -> list[Any]:
+) -> list[StudySeries]:
     """The rows, one series for each combination of the other varied keys."""
     from bipot_rs.plots.study import StudySeries
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.study import axes
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bipot_rs.scene.schema.root import Scene
 
 # Parts of a scene that change no size of its problem: numbers, names, loads.
-_NO_SIZES: Any = {
+_NO_SIZES: Mapping[str, bool | set[str] | dict[str, set[str]]] = {
     "title": True,
     "units": True,
     "material": True,

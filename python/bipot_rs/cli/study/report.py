@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.exit_codes import SOLVED, worst
@@ -17,9 +17,14 @@ from bipot_rs.cli.study.table import OUTCOME_OF, OUTCOMES
 from bipot_rs.cli.text_table import format_table
 from bipot_rs.contact.law.status import STATUS_NAMES
 
+if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
+
 
 def summarise_rows(
-    done: Mapping[int, Mapping[str, Any]], folder: Path, part: StudyPart | None = None
+    done: Mapping[int, Record],
+    folder: Path,
+    part: StudyPart | None = None,
 ) -> str:
     """How many rows are solved, and where the table and the results are."""
     solved = [k for k in done if done[k]["outcome"] == OUTCOME_OF[SOLVED]]
@@ -34,7 +39,7 @@ def summarise_rows(
 def print_study(
     scene: str,
     keys: Sequence[str],
-    done: Mapping[int, Mapping[str, Any]],
+    done: Mapping[int, Record],
     message: str,
     *,
     as_json: bool,
@@ -50,9 +55,7 @@ def print_study(
     return worst([SOLVED, *(OUTCOMES[outcome] for outcome in outcomes)])
 
 
-def _print(
-    keys: Sequence[str], done: Mapping[int, Mapping[str, Any]], message: str
-) -> None:
+def _print(keys: Sequence[str], done: Mapping[int, Record], message: str) -> None:
     names = [name for row in done.values() for name in row if "friction_used" in name]
     forces = list(dict.fromkeys(names))
     # For a curved surface the ratio is one of sums of sizes, see `report.forces`.

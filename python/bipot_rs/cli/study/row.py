@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Row:
     keep: bool = False
 
 
-def solve(row: Row) -> dict[str, Any]:
+def solve(row: Row) -> dict[str, object]:
     """Solve a row; returns its entries in the table.
 
     A row that fails has the figures of its last solved load step.
@@ -71,7 +71,7 @@ def solve(row: Row) -> dict[str, Any]:
     return _Attempt(row).run()
 
 
-def solve_as(row: Row, digest: str) -> dict[str, Any] | str:
+def solve_as(row: Row, digest: str) -> dict[str, object] | str:
     """`solve` on another machine; a message if its scene differs from ``digest``.
 
     A row without a digest has mistakes, which `solve` reports.
@@ -114,7 +114,7 @@ class _Attempt:
         self.problem: ContactProblem | None = None
         self.reached: list[Reached] = []
 
-    def run(self) -> dict[str, Any]:
+    def run(self) -> dict[str, object]:
         from bipot_rs.contact.errors import BipotError
 
         started = perf_counter()
@@ -155,7 +155,7 @@ class _Attempt:
 
         case.solve(self.problem, method=row.method, tol=tolerance, on_step=on_step)
 
-    def _figures(self) -> dict[str, Any]:
+    def _figures(self) -> dict[str, object]:
         """Figures of the last load step that is solved, and of all steps."""
         if self.case is None:
             return {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.exit_codes import SOLVED
@@ -31,10 +31,11 @@ from bipot_rs.cli.study.worker_pool import Workers
 from bipot_rs.scene.library import shipped
 
 if TYPE_CHECKING:
+    from bipot_rs._lib.types import Record
     from bipot_rs.cli.study.cluster import Cluster
 
 # The number of a row, and its entries or why it was lost.
-Answers = Iterator[tuple[int, dict[str, Any] | str]]
+Answers = Iterator[tuple[int, dict[str, object] | str]]
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def _finished(
     folder: Path,
     mine: Sequence[int],
     say: Callable[[str], object],
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, Record]:
     """Rows of an earlier sweep that need not be solved again."""
     if not request.resume:
         return {}

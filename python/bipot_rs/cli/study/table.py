@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -74,7 +73,7 @@ def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
 
 def earlier(
     path: Path, asked: Sequence[Mapping[str, str]], digests: Sequence[str]
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, dict[str, str]]:
     """Rows that an earlier sweep has finished, by their number in this sweep.
 
     The entry ``row`` of each is its number in the earlier sweep.
@@ -102,7 +101,7 @@ def earlier(
 
 
 def write(
-    path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, Any]]
+    path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, object]]
 ) -> None:
     """Write the table of the finished rows; it replaces an earlier one."""
     found = {name for row in done.values() for name in row if " of " in name}

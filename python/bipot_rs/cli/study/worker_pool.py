@@ -13,7 +13,10 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
 
 # Number of threads of every library that has its own.
 _THREADS = (
@@ -24,7 +27,7 @@ _THREADS = (
 )
 
 
-def _serve(connection: Connection, work: Callable[..., Any]) -> None:
+def _serve(connection: Connection, work: Callable[..., object]) -> None:
     """Answer arguments until None arrives."""
     # A Ctrl-C reaches all processes of a terminal; the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -50,11 +53,11 @@ class Workers:
         Number of processes.
     """
 
-    def __init__(self, work: Callable[..., Any], count: int) -> None:
+    def __init__(self, work: Callable[..., object], count: int) -> None:
         self.work, self.count = work, max(count, 1)
         # A fork would copy locks of threads that do not exist in the child.
         self.context = multiprocessing.get_context("spawn")
-        self.processes: dict[Any, Any] = {}
+        self.processes: dict[Connection, BaseProcess] = {}
 
     def __enter__(self) -> Workers:
         return self
@@ -67,10 +70,10 @@ class Workers:
             process.join()
         self.processes.clear()
 
-    def map(self, arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+    def map(self, arguments: Sequence[tuple[object, ...]]) -> Iterator[tuple[int, Any]]:
         """Yield the index and the answer of each argument, in the order of the answers."""
         left = list(range(len(arguments)))[::-1]
-        busy: dict[Any, int] = {}
+        busy: dict[Connection, int] = {}
         while left or busy:
             while left and len(busy) < self.count:
                 connection = self._idle(busy)
@@ -88,7 +91,7 @@ class Workers:
                     ready.close()
                     yield number, _death(process.exitcode)
 
-    def _idle(self, busy: dict[Any, int]) -> Any:
+    def _idle(self, busy: dict[Connection, int]) -> Connection:
         for connection in self.processes:
             if connection not in busy:
                 return connection

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bipot_rs._lib.memory import installed
 from bipot_rs._lib.messages import counted, instead
@@ -563,7 +562,7 @@ def out_of_range(scene: Scene) -> Iterator[Mistake]:
 
 
 def _numbers(
-    value: Any, place: tuple[str | int, ...] = ()
+    value: object, place: tuple[str | int, ...] = ()
 ) -> Iterator[tuple[tuple[str | int, ...], float]]:
     if isinstance(value, dict | list):
         inside = value.items() if isinstance(value, dict) else enumerate(value)

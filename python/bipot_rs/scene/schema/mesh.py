@@ -5,7 +5,7 @@ A number of cells or a length may depend on ``mesh.n`` of the scene: ``"n"``, ``
 """
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
@@ -29,7 +29,7 @@ _OF_N = re.compile(
 )
 
 
-def _expression(value: Any) -> Any:
+def _expression(value: object) -> str:
     """Return a number, or an expression in n, as text."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return str(value)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING
 
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Record
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.suggestions import suggestion
 from bipot_rs.scene.schema.table import KIND
 
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
 # The context of an error of pydantic.
-_Context = Mapping[str, Any]
+_Context = Record
 
 
 def _length(sign: str, limit: str) -> Callable[[_Context], str]:
@@ -63,7 +67,7 @@ MESSAGES: Mapping[str, tuple[MistakeKind, str | Callable[[_Context], str]]] = {
 
 
 def describe_error(
-    error: Mapping[str, Any], known: Mapping[str, Sequence[str]], table: Any
+    error: ErrorDetails, known: Mapping[str, Sequence[str]], table: object
 ) -> Mistake:
     """The mistake of one entry of ``ValidationError.errors()``.
 
@@ -94,7 +98,7 @@ def describe_error(
     return Mistake(key, message, kind)
 
 
-def _key_path(loc: Sequence[str | int], table: Any) -> list[str]:
+def _key_path(loc: Sequence[str | int], table: object) -> list[str]:
     """Key path of an error of pydantic, as written in ``table``.
 
     `wrap` puts some plain values into a table with one key; that key is left out.

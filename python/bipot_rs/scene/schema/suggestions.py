@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, get_args, get_origin
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeGuard, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -36,7 +36,7 @@ def suggestion(
     return f", expected one of {', '.join(known)}" if known else ""
 
 
-def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
+def standing(root: type[BaseModel], table: object) -> dict[str, list[str]]:
     """Key paths of a scene by their last key, for all keys that are known."""
     found: dict[str, list[str]] = {}
     for key, path in _paths([root], table):
@@ -46,21 +46,21 @@ def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
 
 def keys(root: type[BaseModel], place: Sequence[str]) -> list[str]:
     """Keys of the table at a key path; [] if there is no table."""
-    found: list[Any] = [root]
+    found: list[object] = [root]
     for part in place:
         found = [inner for kind in found for inner in _step(kind, part)]
     return list(dict.fromkeys(name for kind in found for name in _keys(kind)))
 
 
-def _is_table(annotation: Any) -> bool:
+def _is_table(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def _fields(table: type[BaseModel]) -> dict[str, Any]:
+def _fields(table: type[BaseModel]) -> dict[str, object]:
     return {f.alias or name: f.annotation for name, f in table.model_fields.items()}
 
 
-def _step(annotation: Any, part: str) -> Iterator[Any]:
+def _step(annotation: object, part: str) -> Iterator[object]:
     """Possible annotations of the entry ``part`` of a table, list, mapping or union."""
     inner = get_args(annotation)
     if _is_table(annotation):
@@ -77,7 +77,7 @@ def _step(annotation: Any, part: str) -> Iterator[Any]:
             yield from _step(one, part)
 
 
-def _keys(annotation: Any) -> Iterator[str]:
+def _keys(annotation: object) -> Iterator[str]:
     if _is_table(annotation):
         yield from _fields(annotation)
     elif get_origin(annotation) not in (list, dict):
@@ -86,13 +86,13 @@ def _keys(annotation: Any) -> Iterator[str]:
 
 
 def _paths(
-    kinds: Sequence[Any], table: Any, path: str = "", depth: int = _DEEPEST
+    kinds: Sequence[object], table: object, path: str = "", depth: int = _DEEPEST
 ) -> Iterator[tuple[str, str]]:
     """Known keys of ``table``, which has one of ``kinds``, with their key paths."""
     if not depth or not kinds:
         return
     if isinstance(table, dict):
-        entries: Any = table.items()
+        entries: Iterable[tuple[object, object]] = table.items()
         known = {name for kind in kinds for name in _keys(kind)}
     elif isinstance(table, list):
         entries, known = enumerate(table), set()

@@ -1,6 +1,6 @@
 """Base class and types of all tables of a scene."""
 
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
@@ -68,11 +68,11 @@ class Components(Table):
         return {k: v for k, v in enumerate(given) if v is not None}
 
 
-def no_entries() -> list[Any]:
+def no_entries() -> list[One]:
     """The default of a list. Pydantic reads this signature ten times faster than `list`'s."""
     return []
 
 
-def no_tables() -> dict[str, Any]:
+def no_tables() -> dict[str, One]:
     """The default of tables by name; see `no_entries`."""
     return {}
