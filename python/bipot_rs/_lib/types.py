@@ -21,11 +21,10 @@ Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
 # Integers of any size: what SciPy and PETSc use as indices, and statuses.
 Integers: TypeAlias = NDArray[np.integer]
-# Counts, seconds and names of an engine, by name: numbers, text and None.
-Stats: TypeAlias = Mapping[str, Any]
 # Numbers or text of any type: a field of a file, say.
 AnyArray: TypeAlias = NDArray[np.generic]
-# A row of a table, figures, attributes of a file: the type of an entry depends on its name.
+# A row of a table, figures, attributes of a file, counts of an engine: the type of an entry
+# depends on its name.
 Record: TypeAlias = Mapping[str, Any]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, Stats
+from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, Record
 from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact import tuning
 from bipot_rs.contact.problem import ContactProblem
@@ -95,7 +95,7 @@ class GlobalProblem:
         return float((difference.data[known] / scale[known]).max(initial=0.0))
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """Counts and seconds of the factorisation, and ``asymmetry``.
 
         The first use factors the matrix.

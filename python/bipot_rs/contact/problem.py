@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, MatrixLike, Stats
+from bipot_rs._lib.types import Floats, MatrixLike, Record
 from bipot_rs._lib.validation import (
     Csr,
     Settings,
@@ -271,7 +271,7 @@ class ContactProblem:
         return self.stiffness.core.compliance()
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """Counts and seconds of the condensation.
 
         They include ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,

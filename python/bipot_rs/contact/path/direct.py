@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints, Stats
+from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
 from bipot_rs.contact.path.contacts import Contacts
@@ -39,7 +39,7 @@ class Direct:
     name = "direct"
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """As `_core.CondensationStats`."""
         return self.core.stats.as_dict()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from bipot_rs._lib.types import Floats, Stats
+from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
@@ -86,7 +86,7 @@ class Engine(Protocol):
         """``"direct"`` or ``"iterative"``."""
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """Counts and seconds."""
 
     def modes(self) -> Floats:

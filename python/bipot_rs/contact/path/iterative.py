@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Floats, Stats
+from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
@@ -59,7 +59,7 @@ class Iterative:
     name = "iterative"
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """Counts; nothing is condensed."""
         stiffness, forecast = self.core.bytes
         return {

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import bipot_rs._core as _core
 from bipot_rs._lib.memory import available
 from bipot_rs._lib.messages import body_of, place
-from bipot_rs._lib.types import Floats, Ints, MatrixLike, Stats
+from bipot_rs._lib.types import Floats, Ints, MatrixLike, Record
 from bipot_rs._lib.validation import (
     Csr,
     Parts,
@@ -52,7 +52,7 @@ class _State(TypedDict):
 
 
 # Called with a forecast of the cost, before the factorisation.
-OnForecast = Callable[[Stats], object]
+OnForecast = Callable[[Record], object]
 
 # Entries of `ContactProblem.stats` that only a factor has.
 WITHOUT_FACTOR: dict[str, object] = dict.fromkeys(
@@ -335,7 +335,7 @@ class PreparedStiffness:
         return iterative
 
     @property
-    def stats(self) -> Stats:
+    def stats(self) -> Record:
         """As `ContactProblem.stats`."""
         name, why = self._choice
         contacts, d = self._contacts.shape

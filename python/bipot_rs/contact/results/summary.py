@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from bipot_rs._lib.messages import counted, size
-from bipot_rs._lib.types import AnyArray, Floats, Integers, Stats
+from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import MovedStep, find_farthest, measure_distances
 from bipot_rs.contact.law.status import STATUS_NAMES
@@ -204,7 +204,7 @@ def summarise_problem(
     shape: tuple[int, int, int],
     fixed: int,
     arrays: Mapping[str, AnyArray | None],
-    stats: Stats,
+    stats: Record,
     remarks: Sequence[str] = (),
 ) -> Summary:
     """Summary of a `ContactProblem`."""
