@@ -41,6 +41,8 @@ def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True)
         displacement=np.asarray(moved).ravel(),
         reaction=reaction,
         relative_displacement=np.zeros(shape) if v is None else v,
+        frame=None,
+        drag=None,
     )
 
 
