@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from support.anisotropic_slip import ANISOTROPIC_SLIP
 from support.conditions import violation
 from support.oracle import OPEN, SLIP, STICK, Problem, answers
 from support.places import REFERENCE
@@ -59,21 +60,7 @@ def test_enumeration_finds_every_listed_branch() -> None:
             assert got == pytest.approx(want, rel=1e-11, abs=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("W", "r", "v"),
-    [
-        (
-            [[1.0, 0, 0], [0, 2, 0], [0, 0, 5]],
-            [1, -0.38002548, -0.12482241],
-            [0, 0.83994904, 0.27588797],
-        ),
-        (
-            [[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]],
-            [1.07652377, -0.42297689, -0.08071613],
-            [0, 0.92899290, 0.17727851],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("W", "r", "v"), ANISOTROPIC_SLIP)
 def test_slip_of_an_anisotropic_contact(
     W: list[list[float]], r: list[float], v: list[float]
 ) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import analytic
+from support.anisotropic_slip import ANISOTROPIC_SLIP
 from support.bars import BAR, bar_problem, lost, pulled
 from support.bodies import block, uniform_shear
 from support.conditions import violation
@@ -264,21 +265,7 @@ def test_h22_rotating_load_step_by_step(engine: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("W", "r", "v"),
-    [
-        (
-            [[1.0, 0, 0], [0, 2, 0], [0, 0, 5]],
-            [1, -0.38002548, -0.12482241],
-            [0, 0.83994904, 0.27588797],
-        ),
-        (
-            [[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]],
-            [1.07652377, -0.42297689, -0.08071613],
-            [0, 0.92899290, 0.17727851],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("W", "r", "v"), ANISOTROPIC_SLIP)
 def test_a14_anisotropic_slip(
     W: list[list[float]], r: list[float], v: list[float], method: str
 ) -> None:
