@@ -3,8 +3,8 @@
 //! The set of all of them: stiffnesses of meshes of first and second order (triangles to
 //! hexahedra, cells from 1:1 to 1:1000, rotated by random angles and not), steel strips of
 //! 1000 mm from 0.5 to 2 mm thick with one end clamped, chains of bars, trusses and mechanisms
-//! (`tests/core/condensation.rs`, `tests/python/contact/`). What half and twice each value would
-//! do is told from these measurements; no bench has changed the values.
+//! (`tests/core/condensation.rs`, `tests/python/contact/`). The comments on half and
+//! twice each value follow from these measurements; no bench has changed the values.
 
 /// The rounding of `|K x|` of a motion, in ε of the terms of its row, if K alone is known.
 /// Rigid motions of assembled stiffnesses give 1.2, and the rounding of the motion itself as
