@@ -5,9 +5,10 @@
 
 The checkout is copied to ``out/mutations`` and every fault is compiled into that copy at
 once, behind a switch that the environment variable ``BIPOT_FAULT`` sets: one compilation
-serves all. The tests then run until the first failure: for a fault of the core, those of
-the core first; for one of the package, those of its folder first. The rows of these
-faults in ``results.csv`` are written anew.
+serves all. The test of ``results.csv`` that found a fault runs first; where it passes or
+is gone, all tests run until the first failure: for a fault of the core, those of the core
+first; for one of the package, those of its folder first. The rows of these faults in
+``results.csv`` are written anew.
 Exit status 1: a fault was not found.
 """
 
@@ -155,13 +156,30 @@ def found_in_python(number: int, where: str = "", marked: str = "not slow") -> s
     return first(r"^(?:FAILED|ERROR) (\S+)", *tests)
 
 
-def found_by(number: int, file: str) -> str:
-    """The first test that fails with this fault: where the fault is, elsewhere, then slow ones."""
+def found_again(number: int, test: str) -> str:
+    """``test``, which found the fault before, if it fails again; nothing if not."""
+    name = test.removeprefix("cargo test: ")
+    if name != test:
+        exact = ["cargo", "test", "--locked", "--test", "core", name, "--", "--exact"]
+        return test if "FAILED" in run(exact, number)[1] else ""
+    # Without its parameters: their names may have changed.
+    function = test.partition("[")[0]
+    if "::" not in function or not (COPY / function.partition("::")[0]).exists():
+        return ""
+    pytest = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    _, output = run([*pytest, function], number)
+    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
+    return failed[0] if failed and "::" in failed[0] else ""
+
+
+def found_by(number: int, file: str, test: str) -> str:
+    """The first test that fails: ``test``, those of its room, elsewhere, then slow ones."""
     looks = [lambda: found_in_rust(number), lambda: found_in_python(number)]
     if not file.endswith(".rs"):
         looks.reverse()
         # Tests mirror the package.
         looks.insert(0, lambda: found_in_python(number, Path(file).parts[2]))
+    looks.insert(0, lambda: found_again(number, test))
     looks.append(lambda: found_in_python(number, marked="slow"))
     return next(filter(None, (look() for look in looks)), "")
 
@@ -181,7 +199,8 @@ def main() -> int:
     for number in asked:
         start = perf_counter()
         fault = every[number - 1]
-        test = found_by(number, fault["file"])
+        before = rows[fault["what"]][2] if fault["what"] in rows else ""
+        test = found_by(number, fault["file"], before)
         seconds = round(perf_counter() - start)
         lost |= not test
         rows[fault["what"]] = [fault["file"], fault["what"], test]
