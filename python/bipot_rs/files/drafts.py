@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import re
+import sys
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,3 +45,22 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
             draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def remove_abandoned(folder: Path, names: Container[str]) -> None:
+    """Remove the drafts of files with these names whose process is gone.
+
+    On Windows they stay: nothing there asks whether a process lives without harm to it.
+    """
+    if sys.platform == "win32":
+        return
+    for path in folder.glob(".*"):
+        draft = re.fullmatch(r"\.(.+)\.(\d{1,9})(\.\w+)", path.name)
+        if not draft or draft[1] + draft[3] not in names:
+            continue
+        try:
+            os.kill(int(draft[2]), 0)
+        except ProcessLookupError:
+            path.unlink(missing_ok=True)
+        except OSError:
+            pass

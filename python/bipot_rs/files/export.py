@@ -37,8 +37,6 @@ _SEAL_BYTES = len(_SEAL) + 2 * 16 + 1
 # Results up to this many bytes are built in memory and written at once: HDF5 writes even
 # a small file in hundreds of parts, and calls Python for each.
 _IN_MEMORY = 2**25
-# Deflate compresses at most 1032 to 1: an array that claims more is damaged.
-_TIGHTEST = 1100
 
 
 def require() -> None:
@@ -205,7 +203,7 @@ def read_saved(path: str | os.PathLike[str]) -> Saved:
         The file is not a result, damaged, or of a later version of the format.
     """
     with _open(path) as (file, attributes):
-        return _read_steps(file, attributes, _TIGHTEST * place(path).stat().st_size)
+        return _read_steps(file, attributes, _Reader(place(path).stat().st_size))
 
 
 def read_attributes(path: str | os.PathLike[str]) -> Record:
@@ -255,19 +253,19 @@ def _attributes(file: File, sealed: bool) -> Record:
     return attributes
 
 
-def _read_steps(file: File, attributes: Record, limit: int) -> Saved:
-    """Contents of an open file whose datasets have at most ``limit`` bytes."""
-    contacts = _arrays(file["contacts"], limit)
+def _read_steps(file: File, attributes: Record, reader: _Reader) -> Saved:
+    """Contents of an open file."""
+    contacts = reader.read_arrays(file["contacts"])
     steps: list[Record] = []
     # By number: as text, step 10000 would come before step 9999.
     for name in sorted(file["steps"], key=int):
         group = file["steps"][name]
-        step = {k: _plain(data) for k, data in _arrays(group, limit).items()}
+        step = {k: _plain(data) for k, data in reader.read_arrays(group).items()}
         step.update({key: _plain(value) for key, value in group.attrs.items()})
         steps.append(step)
     mesh = None
     if "mesh" in file:
-        mesh = ResultMesh.load(file["mesh"], lambda group: _arrays(group, limit))
+        mesh = ResultMesh.load(file["mesh"], reader.read_arrays)
     return Saved(contacts, steps, attributes, mesh)
 
 
@@ -344,21 +342,34 @@ def _has_seal(path: Path) -> bool:
     return True
 
 
-def _arrays(group: Group, limit: int) -> dict[str, AnyArray]:
-    """Datasets of a group, none larger than ``limit`` bytes."""
-    found = {}
-    for name, data in group.items():
-        if not hasattr(data, "nbytes"):
-            continue  # a group within the group
-        if data.nbytes > limit:
-            raise ValueError(
-                f"{data.name} claims {data.nbytes} bytes, more than a file of "
-                f"{limit // _TIGHTEST} bytes can hold"
-            )
-        array = data[()]
-        text = isinstance(array, np.ndarray) and array.dtype.kind == "S"
-        found[name] = np.char.decode(array, "utf-8") if text else array
-    return found
+class _Reader:
+    """Reads datasets of at most ``size`` bytes in total.
+
+    `write_result` does not compress, so that all datasets of a file are smaller than the
+    file. Compressed datasets, and many names of one dataset, can claim any size.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size, self.left = size, size
+
+    def read_arrays(self, group: Group) -> dict[str, AnyArray]:
+        """The datasets of a group."""
+        arrays = {}
+        for name, data in group.items():
+            if not hasattr(data, "nbytes"):
+                continue  # a group within the group
+            if data.dtype.kind == "O":
+                raise ValueError(f"{data.name} has entries without a fixed size")
+            self.left -= data.nbytes
+            if self.left < 0:
+                raise ValueError(
+                    f"the datasets up to {data.name} claim {self.size - self.left} "
+                    f"bytes, more than the file has: {self.size}"
+                )
+            array = data[()]
+            text = isinstance(array, np.ndarray) and array.dtype.kind == "S"
+            arrays[name] = np.char.decode(array, "utf-8") if text else array
+        return arrays
 
 
 def _sentence(error: Exception) -> str:

@@ -7,6 +7,8 @@ import re
 import resource
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -150,15 +152,27 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
         run = (*RUN, "--out", out)
         bipot_with(kill, "bipot_rs.cli.run.job:replace", *run, cwd=tmp_path)
         assert len(strays(tmp_path / out)) == 1
-    alive = tmp_path / "out" / "c"
+    alive, stranger = tmp_path / "out" / "c", tmp_path / "out" / "notes"
     alive.mkdir()
+    # A folder of someone else, in which a run was killed too.
+    shutil.copytree(tmp_path / "out" / "a", stranger)
+    (stranger / "notes.txt").touch()
+    (tmp_path / "out" / "b" / "result.h5").touch()
+    # Folders with such a name that no run made, here and there.
+    for folder in ("out/b", "out/d", "out/notes", "out/other"):
+        backup = tmp_path / folder / ".bipot-backup"
+        backup.mkdir(parents=True)
+        (backup / "thesis.txt").touch()
+    before = strays(stranger)
     with output_folder.draft_in(alive) as draft:
-        (tmp_path / "out" / "b" / ".bipot-mine").write_text("a file is none of ours")
         assert bipot_here(*RUN, "--out", "out/d") == 0
         assert draft.is_dir()
         assert strays(alive) == [draft.name]
-    assert [strays(tmp_path / "out" / name) for name in "acd"] == [[], [], []]
-    assert strays(tmp_path / "out" / "b") == [".bipot-mine"]
+    assert [strays(tmp_path / "out" / name) for name in "ac"] == [[], []]
+    for name in ("b", "d", "other"):
+        assert strays(tmp_path / "out" / name) == [".bipot-backup"]
+    assert strays(stranger) == before
+    assert len(list(tmp_path.glob("out/*/.bipot-backup/thesis.txt"))) == 4
 
 
 @pytest.mark.parametrize("command", ["solve", "sweep"])
@@ -166,7 +180,17 @@ def test_drafts_of_killed_runs_are_removed_by_the_next_run(
 def test_other_commands_remove_drafts_too(
     command: str, tmp_path: Path, bipot_here: Callable[..., int]
 ) -> None:
-    (tmp_path / "here" / ".bipot-dead").mkdir(parents=True)
+    dead = tmp_path / "here" / ".bipot-dead"
+    dead.mkdir(parents=True)
+    (dead / ".bipot-draft").touch()
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    row = tmp_path / "here" / "rows" / "0001"
+    row.mkdir(parents=True)
+    (tmp_path / "here" / f".sweep.{gone.pid}.csv").touch()
+    (row / f".result.{gone.pid}.h5").touch()
+    (tmp_path / "here" / f".notes.{gone.pid}.csv").touch()
+    (tmp_path / "here" / f".sweep.{os.getpid()}.json").touch()
     if command == "solve":
         mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"))
         (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
@@ -174,7 +198,9 @@ def test_other_commands_remove_drafts_too(
     else:
         arguments = ("sweep", "pressed_block", "--set", "mesh.n=2", "--jobs", "1")
     assert bipot_here(*arguments, "--out", "here") == 0
-    assert strays(tmp_path / "here") == []
+    assert not list(tmp_path.rglob("*/.result.*"))
+    mine = {f".notes.{gone.pid}.csv", f".sweep.{os.getpid()}.json"}
+    assert set(strays(tmp_path / "here")) == mine
 
 
 def test_a_draft_that_another_run_removed_is_made_again(

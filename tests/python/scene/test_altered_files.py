@@ -325,8 +325,6 @@ def alien(path: Path, kind: str) -> None:
     with h5py.File(path, "w") as file:
         if kind == "empty":
             return
-        if kind == "claims":
-            file["huge"] = 1.0
         file.attrs.update(format="bipot-result", version=1, complete=True)
         contacts = file.create_group("contacts")
         steps = file.create_group("steps")
@@ -338,6 +336,14 @@ def alien(path: Path, kind: str) -> None:
             steps.create_group("0000")
         elif kind == "huge":
             contacts.create_dataset("gap", shape=(10**12,), dtype="f8", chunks=(10**6,))
+        elif kind == "zeros":
+            contacts.create_dataset("x", data=np.zeros((1000, 3)), compression="gzip")
+        elif kind == "names of one array":
+            contacts["x0"] = np.zeros((100, 3))
+            for k in range(1, 100):
+                contacts[f"x{k}"] = contacts["x0"]
+        elif kind == "strings":
+            contacts["names"] = np.array(["a" * 10**6] * 2, dtype=h5py.string_dtype())
         elif kind == "no steps":
             del file["steps"]
 
@@ -349,7 +355,13 @@ def alien(path: Path, kind: str) -> None:
         ("names", "invalid literal"),
         ("file in place of a group", "has no attribute"),
         ("nothing in a step", "step 0: .* missing"),
-        ("huge", "claims 8000000000000 bytes"),
+        ("huge", r"contacts/gap claim 8000000000000 bytes, more than the file has"),
+        ("zeros", r"contacts/x claim 24000 bytes, more than the file has"),
+        (
+            "names of one array",
+            r"contacts/x\d+ claim \d+ bytes, more than the file has",
+        ),
+        ("strings", "contacts/names has entries without a fixed size"),
         ("no steps", "steps"),
     ],
 )

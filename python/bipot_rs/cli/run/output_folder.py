@@ -12,15 +12,21 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
+from bipot_rs.files.drafts import remove_abandoned
+
 if sys.platform != "win32":
     import fcntl
 
 RESULT = "result.h5"
 # Load steps of a run on several ranks, while result.h5 holds another run.
 UNFINISHED = "unfinished.h5"
-# The table of a sweep.
-SWEEP = "sweep.csv"
+# The table of a sweep, and what it is a study of.
+SWEEP, SWEEP_RECORD = "sweep.csv", "sweep.json"
+# Results of the rows of a sweep, in folders with the number of the row.
+ROWS = "rows"
 _DRAFT = ".bipot-"
+# A file in each draft folder. A folder without it was made by someone else.
+_MARKER = ".bipot-draft"
 # At most this many neighbouring folders are searched for drafts of killed runs.
 _MOST_NEIGHBOURS = 1000
 # One file for each load step, and for each rank.
@@ -40,9 +46,9 @@ _NAMES = (
 
 def make(folder: Path) -> None:
     """Make the folder if it does not exist, and remove the drafts of killed runs."""
-    for one in (folder, *folder.parents):
-        if one.exists() and not one.is_dir():
-            raise NotADirectoryError(f"{one} is a file, expected a folder")
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise NotADirectoryError(f"{place} is a file, expected a folder")
     folder.mkdir(parents=True, exist_ok=True)
     _clear(folder)
 
@@ -81,15 +87,16 @@ def _make_draft(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitSta
         draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
         with suppress(FileNotFoundError), ExitStack() as stack:
             stack.enter_context(_lock(Path(draft.name)))
-            if Path(draft.name).is_dir():
-                return draft, stack.pop_all()
+            # Without the marker, the draft of a run that is killed before this line stays.
+            (Path(draft.name) / _MARKER).touch()
+            return draft, stack.pop_all()
         with suppress(FileNotFoundError):
             draft.cleanup()
 
 
 def replace(draft: Path, folder: Path) -> None:
     """Move the files of the draft into the folder, and remove those of an earlier run."""
-    new = {path.name for path in draft.iterdir()}
+    new = {path.name for path in draft.iterdir()} - {_MARKER}
     for name in sorted(new):
         (draft / name).replace(folder / name)
     for old in ours(folder):
@@ -137,18 +144,39 @@ def _lock(draft: Path) -> Iterator[bool]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove the drafts of killed runs, in the folder and in its neighbours."""
-    neighbours: list[Path] = []
-    with suppress(OSError), os.scandir(folder.absolute().parent) as entries:
+    """Remove the drafts of killed runs, in the folder and in output folders beside it."""
+    folder = folder.absolute()
+    beside: list[Path] = []
+    with suppress(OSError), os.scandir(folder.parent) as entries:
         # To look into each of many folders takes time, and they are hardly runs.
         first = list(islice(entries, _MOST_NEIGHBOURS + 1))
         if len(first) <= _MOST_NEIGHBOURS:
-            neighbours = [
-                Path(e.path) for e in first if e.is_dir(follow_symlinks=False)
-            ]
-    for place in dict.fromkeys([folder.absolute(), *neighbours]):
+            folders = [Path(e.path) for e in first if e.is_dir(follow_symlinks=False)]
+            beside = [place for place in folders if place != folder]
+    for place in [folder, *beside]:
         with suppress(OSError):
-            for draft in place.glob(f"{_DRAFT}*"):
-                with suppress(OSError), _lock(draft) as abandoned:
-                    if abandoned:
-                        shutil.rmtree(draft)
+            if place == folder or _is_output(place):
+                _remove_drafts(place)
+    for place in [folder, *(folder / ROWS).glob("*")]:
+        with suppress(OSError):
+            remove_abandoned(place, (*_NAMES, SWEEP, SWEEP_RECORD))
+
+
+def _drafts(folder: Path) -> list[Path]:
+    """The draft folders that this program made."""
+    drafts = folder.glob(f"{_DRAFT}*")
+    return [path for path in drafts if (path / _MARKER).is_file()]
+
+
+def _is_output(folder: Path) -> bool:
+    """Whether a run writes into the folder: it has files of one, or only drafts."""
+    if ours(folder) or (folder / SWEEP).exists():
+        return True
+    return len(_drafts(folder)) == sum(1 for _ in folder.iterdir())
+
+
+def _remove_drafts(folder: Path) -> None:
+    for draft in _drafts(folder):
+        with suppress(OSError), _lock(draft) as abandoned:
+            if abandoned:
+                shutil.rmtree(draft)

@@ -10,17 +10,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bipot_rs.cli.run.output_folder import RESULT, SWEEP, make
+from bipot_rs.cli.run.output_folder import RESULT, ROWS, SWEEP, SWEEP_RECORD, make
 from bipot_rs.cli.study.part import StudyPart, part
 from bipot_rs.cli.study.plan import Study
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import Record
 
-# What the table is a study of.
-RECORD = "sweep.json"
-# Results of rows, in folders with the number of the row.
-ROWS = "rows"
 _FORMAT, _VERSION = "bipot-sweep", 1
 
 
@@ -81,7 +77,7 @@ def write_record(folder: Path, record: StudyRecord) -> None:
     known = {"format": _FORMAT, "version": _VERSION, **asdict(record)}
     if record.part is None:
         del known["part"], known["rows"]
-    with aside(folder / RECORD) as draft:
+    with aside(folder / SWEEP_RECORD) as draft:
         draft.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
 
 
@@ -93,9 +89,11 @@ def read_record(folder: Path) -> StudyRecord:
     ValueError
         There is none, or it is damaged.
     """
-    path = folder / RECORD
+    path = folder / SWEEP_RECORD
     if not path.is_file():
-        raise ValueError(f"{folder} is not the folder of a sweep: it has no {RECORD}")
+        raise ValueError(
+            f"{folder} is not the folder of a sweep: it has no {SWEEP_RECORD}"
+        )
     try:
         known = json.loads(path.read_text(encoding="utf-8-sig"))
         if known.pop("format") != _FORMAT or known.pop("version") != _VERSION:

@@ -10,10 +10,9 @@ from pathlib import Path
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.progress import complain
-from bipot_rs.cli.run.output_folder import RESULT, SWEEP
+from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study import axes
 from bipot_rs.cli.study.folder import (
-    RECORD,
     StudyRecord,
     make_folder,
     read_record,
@@ -153,7 +152,9 @@ def _parts(given: Sequence[Path]) -> dict[Path, StudyRecord]:
     """The record of each folder of a part."""
     found: dict[Path, StudyRecord] = {}
     for folder in given:
-        inside = sorted(one for one in folder.glob(FOLDERS) if (one / RECORD).exists())
+        inside = sorted(
+            one for one in folder.glob(FOLDERS) if (one / SWEEP_RECORD).exists()
+        )
         for one in inside or [folder]:
             if not one.is_dir():
                 raise OSError(f"there is no folder {one}")

@@ -13,8 +13,8 @@ import numpy as np
 from bipot_rs._lib.messages import counted, meant
 from bipot_rs._lib.strict_numbers import real
 from bipot_rs.cli.exit_codes import SOLVED
-from bipot_rs.cli.run.output_folder import SWEEP
-from bipot_rs.cli.study.folder import RECORD, read_record
+from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
+from bipot_rs.cli.study.folder import read_record
 from bipot_rs.cli.study.table import OUTCOME_OF, PRESSURE, read
 from bipot_rs.contact.results.tables import COMPONENTS, FORCES
 
@@ -68,7 +68,7 @@ def draw(
         varied.remove(max(varied, key=lambda key: len({row[key] for row in drawn})))
     title, units = "", {}
     # Tables of earlier versions have no record.
-    if (folder / RECORD).exists():
+    if (folder / SWEEP_RECORD).exists():
         record = read_record(folder)
         title, units = record.title, record.units
     ax = study(
