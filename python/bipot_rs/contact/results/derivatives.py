@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -56,6 +57,12 @@ class Tangent:
         """
         return self._recover()
 
+    def __getstate__(self) -> dict[str, object]:
+        # The problem stays behind: what it computes on first use is computed before.
+        with suppress(ValueError):
+            _ = self.displacement
+        return self.__dict__ | {"_recover": _Unavailable().load}
+
 
 class Adjoint(Protocol):
     """What the parts of a `Gradient` are computed from on first use."""
@@ -68,6 +75,22 @@ class Adjoint(Protocol):
 
     def stiffness(self, load: Floats) -> CsrMatrix:
         """Derivatives by the entries of K, from the adjoint displacements."""
+
+
+class _Unavailable:
+    """The adjoint of a gradient, and the displacements of a tangent, that came without them."""
+
+    def load(self) -> Floats:
+        raise ValueError(
+            "these derivatives came from another process, and the problem was made with "
+            "loads= and has no factor of K"
+        )
+
+    def prescribed(self, _load: Floats) -> Floats:
+        return self.load()
+
+    def stiffness(self, _load: Floats) -> CsrMatrix:
+        raise NotImplementedError("`load` is asked for first")
 
 
 class _Model(Protocol[L, G]):
@@ -143,6 +166,12 @@ class Gradient:
         freedom, on which nothing depends, are not stored.
         """
         return self._adjoint.stiffness(self.load)
+
+    def __getstate__(self) -> dict[str, object]:
+        # The problem stays behind: what it computes on first use is computed before.
+        with suppress(ValueError):
+            _ = self.prescribed, self.K
+        return self.__dict__ | {"_adjoint": _Unavailable()}
 
     def fem(self, model: _Model[L, G], loads: Sequence[L] = ()) -> G:
         """Derivatives by the parameters of the model that the problem was made of.

@@ -7,11 +7,12 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
@@ -124,6 +125,12 @@ class Result(Sequence[Step]):
 
     def __getstate__(self) -> dict[str, object]:
         return self.__dict__ | {"derivatives": None}
+
+    def __copy__(self) -> Self:
+        return copy_sharing(self)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return deepcopy_sharing(self, memo, ("derivatives", "_comm"))
 
     @property
     def mesh(self) -> ResultMesh | None:

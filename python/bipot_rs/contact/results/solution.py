@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
+from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints, MatrixLike
 from bipot_rs.contact import tuning
@@ -294,6 +295,12 @@ class Solution:
     def __getstate__(self) -> dict[str, object]:
         # Without the problem, which may be gigabytes.
         return self.__dict__ | {"inquiry": None}
+
+    def __copy__(self) -> Self:
+        return copy_sharing(self)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return deepcopy_sharing(self, memo, ("inquiry", "recovery"))
 
     @property
     def converged(self) -> bool:

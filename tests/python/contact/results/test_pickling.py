@@ -130,6 +130,58 @@ def test_copies(copied: Any) -> None:
     assert bits(asked(problem, load, prescribed)) == before
 
 
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy])
+@pytest.mark.quick_variants("two_tangents")
+def test_copies_of_results_have_derivatives(copied: Any, case: Any) -> None:
+    problem, load, prescribed = case()
+    result = problem.solve(load, prescribed)
+    again = copied(result)
+    direction = np.sin(np.arange(result.reaction[-1].size))
+    gap = direction.reshape(result.reaction[-1].shape)
+    change = result.jvp(gap=gap)
+    told = [change.reaction, change.displacement, change.slip, result.displacement]
+    change = again.jvp(gap=gap)
+    assert bits([change.reaction, change.displacement, change.slip]) == bits(told[:3])
+    assert bits([again.displacement, again[0].error_estimate]) == bits(
+        [told[3], result[0].error_estimate]
+    )
+    again[0].reaction[:] = 0.0
+    assert result[0].reaction.any() == (copied is copy.deepcopy)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.quick_variants("two_tangents")
+def test_derivatives_in_another_process(case: Any) -> None:
+    """What is computed on first use is computed before they are sent."""
+    problem, load, prescribed = case()
+    result = problem.solve(load, prescribed)
+    tangent = result.jvp(mu=0.1)
+    gradient = result.vjp(reaction=np.cos(result.reaction / result.reaction.max()))
+    copies = pickle.loads(pickle.dumps((tangent, gradient)))
+    for original, other in zip((tangent, gradient), copies, strict=True):
+        for name in original.__dict__.keys() - {"result", "_recover", "_adjoint", "K"}:
+            np.testing.assert_array_equal(
+                getattr(other, name), getattr(original, name), err_msg=name
+            )
+    assert copies[0].displacement.any()
+    assert (copies[1].K != gradient.K).nnz == 0
+    assert copies[1].load.any()
+
+
+def test_derivatives_without_a_factor_are_pickled_without_displacements() -> None:
+    problem, _, _ = known_loads()
+    result = problem.solve()
+    tangent, gradient = pickle.loads(
+        pickle.dumps((result.jvp(mu=0.1), result.vjp(reaction=result.reaction)))
+    )
+    assert tangent.reaction.any()
+    assert gradient.mu.any()
+    for asked_for in ("displacement", "load", "prescribed", "K"):
+        with pytest.raises(ValueError, match="came from another process"):
+            getattr(tangent if asked_for == "displacement" else gradient, asked_for)
+
+
 def test_known_loads() -> None:
     problem, _, _ = known_loads()
     again = pickle.loads(pickle.dumps(problem))
