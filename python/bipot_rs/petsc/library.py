@@ -53,7 +53,7 @@ def load() -> Library:
         ) from None
     except (ImportError, OSError, AttributeError) as error:
         raise ImportError(
-            f"petsc4py or mpi4py cannot be imported: {error}{find_remedy(error)}"
+            f"petsc4py or mpi4py cannot be imported: {error}. {list_causes()}"
         ) from error
     if PETSc.ScalarType().dtype.kind == "c":
         raise ImportError(
@@ -98,20 +98,15 @@ def list_folders() -> list[str]:
     return sorted(usable, key=lambda folder: "complex" in folder)
 
 
-def find_remedy(error: BaseException) -> str:
-    """End of the message of a failed import: what to change."""
-    text = str(error).lower()
-    if "numpy" in text or "multiarray" in text or "_array_api" in text:
-        return (
-            "; it was compiled for another version of NumPy: in this environment run "
-            "pip install 'numpy<2' for a petsc4py that was compiled with NumPy 1, as "
-            "Debian's before 13"
-        )
-    if "petsc" in text:
-        folder = os.environ.get("PETSC_DIR")
-        was = "is not set" if folder is None else f"is {folder}"
-        return f"; PETSC_DIR {was}{_name_first(list_folders())}"
-    return ""
+def list_causes() -> str:
+    """The two usual causes of a failed import, each with what to change."""
+    folder = os.environ.get("PETSC_DIR")
+    was = "is not set" if folder is None else f"is {folder}"
+    return (
+        "Either it was compiled for another version of NumPy: run pip install 'numpy<2' for a "
+        "petsc4py that was compiled with NumPy 1, as Debian's before 13. Or it does not find "
+        f"PETSc: PETSC_DIR {was}{_name_first(list_folders())}"
+    )
 
 
 def _name_first(folders: Sequence[str]) -> str:

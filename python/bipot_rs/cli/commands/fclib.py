@@ -134,7 +134,7 @@ def _solve(name: str, request: FilesOptions) -> Record:
     row = {"file": name} | dict.fromkeys(
         ("contacts", "dim", "outcome", "residual", "iterations", "work")
     )
-    form = tolerance = asymmetry = None
+    form = tolerance = asymmetry = problem = None
     began = perf_counter()
     try:
         problem = fclib.read(name)
@@ -156,10 +156,11 @@ def _solve(name: str, request: FilesOptions) -> Record:
         tolerance = _finite(answer.tolerance)
         message = answer.message
     except (NoEquilibriumError, FloatingBodyError) as error:
-        row["outcome"], message = "no_equilibrium", f"{name}: {error}"
+        row["outcome"], message = "no_equilibrium", str(error)
     except (OSError, ValueError, MemoryError) as error:
         message = str(error) or type(error).__name__
-        if name not in message:
+        # `fclib.read` names the file in its own errors.
+        if problem is not None or isinstance(error, MemoryError):
             message = f"{name}: {message}"
         row["outcome"] = UNREADABLE
     row["seconds"] = round(perf_counter() - began, 6)
@@ -179,7 +180,8 @@ def _finite(number: float) -> float | None:
 def _sentence(row: Record) -> str:
     """The message of a file on a line of its own, with its name."""
     name, message = row["file"], row["message"]
-    return printable(message if name in message else f"{name}: {message}")
+    named = row["outcome"] == UNREADABLE
+    return printable(message if named else f"{name}: {message}")
 
 
 def _line(row: Record, width: int, tol: float) -> str:
