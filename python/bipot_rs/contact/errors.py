@@ -103,9 +103,29 @@ class NotIterativeError(ValueError):
     ----------
     reason
         Why, as part of a sentence.
+    contact
+        The contact that a support holds along a direction that is neither its normal nor a
+        tangent; ``None`` for another reason.
     """
 
-    reason = ""
+    reason: str = ""
+    contact: int | None = None
+
+
+def describe_oblique(support: str, contact: int, where: str) -> str:
+    """Reason of a `NotIterativeError`; ``where`` is ``" at (0, 0, 5)"``, or empty."""
+    return (
+        f"{support} holds contact {contact}{where} along a direction that is neither its "
+        "normal nor a tangent"
+    )
+
+
+def with_reason(error: NotIterativeError, reason: str) -> NotIterativeError:
+    """A copy of an error, with its fields and another reason."""
+    text = f"engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'"
+    made = with_message(error, text)
+    made.reason = reason
+    return made
 
 
 def with_message(error: E, message: str) -> E:

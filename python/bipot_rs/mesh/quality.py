@@ -7,14 +7,14 @@ from itertools import combinations
 import numpy as np
 
 from bipot_rs._lib.messages import counted, place
-from bipot_rs._lib.types import Ints
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh.elements import (
     cell_nodes,
     inverse,
     jacobian,
     kind_of,
 )
-from bipot_rs.mesh.kinds import ElementMesh
+from bipot_rs.mesh.kinds import ElementMesh, Kind
 
 # Volume over the cube of the longest side, below which the sign is rounding.
 _FLAT = 1e-12
@@ -59,6 +59,21 @@ def check_mesh(mesh: ElementMesh, what: str = "mesh") -> None:
     _neighbours(mesh, what)
     _pieces(mesh, what)
     _close(mesh, what)
+
+
+def find_most_slender(x: Floats, kind: Kind) -> tuple[int, float]:
+    """The most slender of cells ``x (cells, nodes, d)``, and its length over its thickness.
+
+    These are the largest and the smallest stretch of the reference cell, at the points of
+    integration.
+    """
+    _, slopes, _ = kind.reference
+    stretches = np.linalg.svd(
+        jacobian(x, slopes).transpose(0, 3, 1, 2), compute_uv=False
+    )
+    ratios = (stretches[..., 0] / stretches[..., -1]).max(axis=0)
+    cell = int(np.argmax(ratios))
+    return cell, float(ratios[cell])
 
 
 def _cells(mesh: ElementMesh, nodes: Ints, what: str) -> None:

@@ -86,11 +86,15 @@ class Iterative:
     def with_rotation(self, rotation: Floats) -> Engine:
         """The same problem in other frames, Q by rows.
 
-        It is the direct engine if supports at a contact are oblique to the new frames.
+        It is the direct engine if, in the new frames, a support holds a contact along a
+        direction that is neither its normal nor a tangent.
         """
         core = self.core.rotated(rotation)
         if core is None:
-            self.record.replaced = "a support is oblique to the frame of a contact"
+            self.record.replaced = (
+                "in the frames of a step, a support holds a contact along a direction that is "
+                "neither its normal nor a tangent"
+            )
             return self.replacement().with_rotation(rotation)
         return replace(self, core=core, rotation=rotation)
 

@@ -27,7 +27,13 @@ from bipot_rs._lib.validation import (
     threads,
 )
 from bipot_rs.contact import tuning
-from bipot_rs.contact.errors import FloatingBodyError, NotIterativeError, with_message
+from bipot_rs.contact.errors import (
+    FloatingBodyError,
+    NotIterativeError,
+    describe_oblique,
+    with_message,
+    with_reason,
+)
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.contacts import Contacts
@@ -454,9 +460,31 @@ class PreparedStiffness:
         dof = getattr(error, "dof", None)
         if dof is None:
             return error
+        if getattr(error, "kind", "") == "few_digits":
+            return with_message(error, self._describe_undecided(dof))
         text = str(error) + self._explain_digits(error, parts, dof)
         where = self._describe_place(dof)
         return with_message(error, f"{where}: {text}" if where else text)
+
+    def _describe_undecided(self, dof: int) -> str:
+        """The message of a motion that K has too few digits to call free or held."""
+        from bipot_rs.contact.stiffness.digits import (
+            COORDINATES,
+            OFFER,
+            describe_undecided,
+        )
+
+        options, motion = self.options, f"motion at degree of freedom {dof}"
+        if options.coordinates is not None:
+            direction = _core.dof_directions(options.coordinates, self._contacts.d)
+            kind, axis = divmod(int(direction[dof]), 3)
+            words = {0: "motion along", 1: "rotation about"}.get(kind)
+            if words is not None and options.places is not None:
+                motion = f"{words} {'xyz'[axis]} at {place(options.places[dof])}"
+        offer = "" if options.digits is not None else OFFER
+        if options.coordinates is None:
+            offer = COORDINATES + offer
+        return describe_undecided(body_of(dof, options.bodies), motion) + offer
 
     def _describe_place(self, dof: int) -> str:
         """The name of the body of a degree of freedom, and its place, if they are known."""
@@ -469,18 +497,20 @@ class PreparedStiffness:
 
     def _explain_digits(self, error: Exception, parts: Parts, dof: int) -> str:
         """Text to add to an error of the core if few digits of K may be its cause."""
-        from bipot_rs.contact.stiffness.digits import (
-            COORDINATES,
-            OFFER,
-            describe_indefinite,
-        )
+        from bipot_rs.contact.stiffness.digits import describe_indefinite
 
-        digits, kind = self.options.digits, getattr(error, "kind", "")
-        if kind == "indefinite":
-            return describe_indefinite(parts, self.options.fixed, dof, digits)
-        if kind != "few_digits" or digits is not None:
+        if getattr(error, "kind", "") != "indefinite":
             return ""
-        return OFFER if self.options.coordinates is not None else COORDINATES + OFFER
+        options = self.options
+        return describe_indefinite(parts, options.fixed, dof, options.digits)
+
+    def _describe_refusal(self, error: NotIterativeError) -> str:
+        """Why the iterative engine cannot solve, with the place of the contact if it is known."""
+        if error.contact is None:
+            return error.reason
+        x = self._contacts.x
+        where = "" if x is None else f" at {place(x[error.contact])}"
+        return describe_oblique("a support", error.contact, where)
 
     def _make_iterative(self, parts: Parts) -> Iterative | None:
         """The iterative engine, if it is wanted and can solve the problem."""
@@ -497,9 +527,10 @@ class PreparedStiffness:
         try:
             core = _core.Primal(loose.add_springs(parts), *self._arguments())
         except NotIterativeError as error:
+            reason = self._describe_refusal(error)
             if options.engine == "iterative":
-                raise
-            self._choice = "direct", str(error.reason)
+                raise with_reason(error, reason) from None
+            self._choice = "direct", reason
             return None
         except ValueError as error:
             cause = one_triangle(parts) or enforced(parts)

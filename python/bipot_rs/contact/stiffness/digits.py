@@ -34,11 +34,11 @@ from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Csr, Parts, csr, number
 
-COORDINATES = ". Give `coordinates`: with them, rigid motions are known exactly"
 OFFER = (
     ". If K was written with few digits, give stiffness_rtol and coordinates, which restore "
     "its rigid motions"
 )
+COORDINATES = ". Give `coordinates`: with them, rigid motions are known exactly"
 EPS = float(np.finfo(np.float64).eps)
 # Directions of degrees of freedom from here on are rotations; below 0 they are unknown.
 ABOUT = 3
@@ -76,6 +76,18 @@ BLOCK = 200_000
 MOST_STEPS = 5000
 # Largest reduction of one LSQR run in double precision.
 LEAST_REDUCTION = 1e-11
+
+
+def describe_undecided(whose: str, motion: str, cells: str = "") -> str:
+    """Message of a motion that K has too few digits to call free or held.
+
+    ``motion`` is ``"motion along x at (0, 0, 5)"``; ``cells`` describes the most slender ones.
+    """
+    return (
+        f"{whose}: it cannot be decided whether its {motion} is free. K has too few digits: "
+        "the energy of this motion is smaller than the rounding of the entries. Add a support "
+        f"that holds it, or use less slender cells{cells}"
+    )
 
 
 @dataclass(frozen=True)

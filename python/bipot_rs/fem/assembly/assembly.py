@@ -358,28 +358,35 @@ class Assembly:
 
         ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
         """
-        return ContactProblem(
-            self.K,
-            self.B,
-            gap=self.gap,
-            mu=self.mu,
-            fixed=self.fixed,
-            area=self.area,
-            dim=self.dim,
-            points=self.points,
-            frame=self.frame,
-            coordinates=self._coordinates(),
-            num_threads=num_threads,
-            gaps=self.moving,
-            on_forecast=on_forecast,
-            engine=engine,
-            _held=self.inclined if self.ties is None else self.ties,
-            _steps=steps,
-            bodies=dict(
-                zip((body.name for body in self.bodies), self.offset, strict=True)
-            )
-            | {f"{one.kind} {one.name}": one.first for one in self.references},
+        first_dofs = dict(
+            zip((body.name for body in self.bodies), self.offset, strict=True)
         )
+        for point in self.references:
+            first_dofs[f"{point.kind} {point.name}"] = point.first
+        try:
+            return ContactProblem(
+                self.K,
+                self.B,
+                gap=self.gap,
+                mu=self.mu,
+                fixed=self.fixed,
+                area=self.area,
+                dim=self.dim,
+                points=self.points,
+                frame=self.frame,
+                coordinates=self._coordinates(),
+                num_threads=num_threads,
+                gaps=self.moving,
+                on_forecast=on_forecast,
+                engine=engine,
+                _held=self.inclined if self.ties is None else self.ties,
+                _steps=steps,
+                bodies=first_dofs,
+            )
+        except ValueError as error:
+            from bipot_rs.fem.checks.causes import name_cause
+
+            raise name_cause(self, error) from None
 
     def _coordinates(self) -> Floats | None:
         """Position of each degree of freedom; None if one is an unknown rotation."""
