@@ -75,18 +75,18 @@ def compared(cells, python, args):
             "PETSc": [*ranks, str(PEERS / "with_petsc.py"), slabs],
         }
         for round_, mode in product(range(args.rounds), TOL):
-            found = {}
+            answers_of = {}
             for program in list(runs)[:: -1 if round_ % 2 else 1]:
                 asked = [mode, "--save", answer, "--tol", TOL[mode]]
                 threads = args.ranks if program == "bipot_rs" else 1
                 _, lines = lines_of([*runs[program], *asked], threads, args.limit)
                 with np.load(answer) as data:
-                    found[program] = lines[-1], data["answer"]
-            own, other = (found[program][1] for program in runs)
-            own = own[dofs] if mode == "linear" else own
-            gap = float(np.abs(other - own).max() / np.abs(own).max())
+                    answers_of[program] = lines[-1], data["answer"]
+            other_answer, other = (answers_of[program][1] for program in runs)
+            other_answer = other_answer[dofs] if mode == "linear" else other_answer
+            gap = float(np.abs(other - other_answer).max() / np.abs(other_answer).max())
             for program in runs:
-                line = found[program][0]
+                line = answers_of[program][0]
                 row = {"cells": "×".join(map(str, cells))} | size
                 row |= {"problem": mode, "program": program, "round": round_}
                 row |= {key: round(s, 4) for key, s in line.pop("seconds").items()}
@@ -105,13 +105,14 @@ def written(rows, failed=()):
         for row in group:
             by.setdefault(row["program"], []).append(row)
         seconds = {
-            program: [float(row["total"]) for row in own] for program, own in by.items()
+            program: [float(row["total"]) for row in rows_of_program]
+            for program, rows_of_program in by.items()
         }
         pairs = zip(seconds["PETSc"], seconds["bipot_rs"], strict=True)
         ratio = median(theirs / ours for theirs, ours in pairs)
-        for program, own in by.items():
+        for program, rows_of_program in by.items():
             best, first = (
-                min(own, key=lambda row: float(row["total"])),
+                min(rows_of_program, key=lambda row: float(row["total"])),
                 program == "PETSc",
             )
             lines.append(
@@ -124,11 +125,13 @@ def written(rows, failed=()):
                     tables.figures(min(seconds[program])),
                     tables.figures(median(seconds[program])),
                     tables.figures(float(best["set-up"])),
-                    tables.figures(max(float(row["peak_mb"]) for row in own) / 1e3),
+                    tables.figures(
+                        max(float(row["peak_mb"]) for row in rows_of_program) / 1e3
+                    ),
                     str(best["newton"]),
                     str(best["krylov"]),
-                    f"{max(float(row['residual']) for row in own):.0e}",
-                    f"{max(float(row['difference']) for row in own):.0e}"
+                    f"{max(float(row['residual']) for row in rows_of_program):.0e}",
+                    f"{max(float(row['difference']) for row in rows_of_program):.0e}"
                     if first
                     else "",
                     f"{ratio:.2f}" if first else "",
@@ -139,7 +142,7 @@ def written(rows, failed=()):
     text += (
         f"bipot_rs on {rows[0]['ranks']} threads, PETSc on {rows[0]['ranks']} ranks."
     )
-    return text + "".join(f" {one} failed." for one in failed)
+    return text + "".join(f" {failed_program} failed." for failed_program in failed)
 
 
 def main():

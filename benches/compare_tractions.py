@@ -15,11 +15,11 @@ def stored(scene, n):
     if not path.exists():
         return None
     with np.load(path) as file:
-        found = {key: file[key] for key in ("x", "area", "mu", "R", "u", "gap0")}
-    v = found.pop("u").copy()
+        arrays = {key: file[key] for key in ("x", "area", "mu", "R", "u", "gap0")}
+    v = arrays.pop("u").copy()
     v[1:, :, 1:] = np.diff(v, axis=0)[..., 1:]
-    v[..., 0] += found.pop("gap0")
-    return found | {"v": v}
+    v[..., 0] += arrays.pop("gap0")
+    return arrays | {"v": v}
 
 
 def statuses(R, v, mu):
@@ -62,5 +62,5 @@ def compare(run, reference):
     square = (weight * (R - reference["R"]) ** 2).sum(axis=(1, 2))
     error = np.sqrt(square / (weight * reference["R"] ** 2).sum(axis=(1, 2))).max()
     expected, clear = statuses(reference["R"], reference["v"], mu)
-    found, _ = statuses(R, v, mu)
-    return float(error), int(((found != expected) & clear).sum())
+    computed_statuses, _ = statuses(R, v, mu)
+    return float(error), int(((computed_statuses != expected) & clear).sum())

@@ -93,31 +93,32 @@ def case(name, shape, commands, args):
         path = Path(folder) / "matrix"
         n, m = matrix_file.write(path, *shape)
         repeat = "3" if n < 100_000 else "2"
-        found = {(p, t): [] for p in commands for t in (1, 2)}
+        lines_of_run = {(p, t): [] for p in commands for t in (1, 2)}
         gap = {}
         for turn in range(args.rounds):
             for threads in (1, 2):
                 for program in turned(list(commands), turn):
                     command = commands[program]
                     _, (line,) = lines_of([*command, str(path), repeat], threads, None)
-                    found[program, threads].append(line)
+                    lines_of_run[program, threads].append(line)
                     if program == "bipot_rs":
                         W = np.fromfile(f"{path}.s").reshape(m, m)
                     elif turn == 0 and threads == 1:
                         gap[program] = difference(path, m, W)
     for program in commands:
-        one, two = (
-            [line["numeric"] for line in found[program, threads]] for threads in (1, 2)
+        first_run, two = (
+            [line["numeric"] for line in lines_of_run[program, threads]]
+            for threads in (1, 2)
         )
-        line = found[program, 1][0]
-        rate = max(line["rate"] for line in found["bipot_rs", 1])
-        own = [
-            [line["numeric"] for line in found["bipot_rs", threads]]
+        line = lines_of_run[program, 1][0]
+        rate = max(line["rate"] for line in lines_of_run["bipot_rs", 1])
+        times_of_slopes = [
+            [line["numeric"] for line in lines_of_run["bipot_rs", threads]]
             for threads in (1, 2)
         ]
         ratios = [
             f"{median(a / b for a, b in zip(a_times, b_times, strict=True)):.2f}"
-            for a_times, b_times in zip(own, (one, two), strict=True)
+            for a_times, b_times in zip(times_of_slopes, (first_run, two), strict=True)
         ]
         first = program == "bipot_rs"
         # PARDISO does not count the operations of its two-level form.
@@ -127,11 +128,11 @@ def case(name, shape, commands, args):
             f"{n:,}" if first else "",
             f"{m:,}" if first else "",
             program,
-            tables.figures(min(one)),
+            tables.figures(min(first_run)),
             tables.figures(line["flops"] / 1e9) if counted else "",
-            f"{100 * line['flops'] / min(one) / rate:.0f} %" if counted else "",
+            f"{100 * line['flops'] / min(first_run) / rate:.0f} %" if counted else "",
             tables.figures(min(two)),
-            f"{min(one) / min(two):.2f}",
+            f"{min(first_run) / min(two):.2f}",
             "" if first else ratios[0],
             "" if first else ratios[1],
             "" if first else f"{gap[program]:.0e}",
@@ -181,12 +182,12 @@ def written(rows, absent):
 def conclusion(rows):
     """Smallest and largest ratio to each peer, and the speed-up of two threads."""
     words, body = [], ""
-    found = {}
+    rows_of_program = {}
     for row in rows:
         body = row[0] or body
         if row[9]:
-            found.setdefault(row[3], []).append((float(row[9]), body))
-    for peer, ratios in found.items():
+            rows_of_program.setdefault(row[3], []).append((float(row[9]), body))
+    for peer, ratios in rows_of_program.items():
         low, high = min(ratios), max(ratios)
         words.append(
             f"bipot_rs takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "

@@ -153,10 +153,10 @@ def siconos_answer(problem, solver, target, siconos):
 
 def run_siconos(problem, solver, target, siconos):
     """Solve with Siconos, which does not count products; result as of `run_bipot`."""
-    found = siconos_answer(problem, solver, target, siconos)
-    if found is None:
+    answer = siconos_answer(problem, solver, target, siconos)
+    if answer is None:
         return False, np.inf, np.nan, 0, np.inf
-    seconds, _, eta = found
+    seconds, _, eta = answer
     return True, seconds, np.nan, 0, eta
 
 
@@ -171,18 +171,18 @@ def families(folder):
 def measure(path, family, methods, siconos, limit):
     """Row of each program and target."""
     problem = ScaledProblem(path)
-    known = (path.name, family, problem.form, problem.contacts, problem.d)
+    row_head = (path.name, family, problem.form, problem.contacts, problem.d)
     programs = [(name, run_bipot, limit) for name in methods]
     if siconos and problem.rigid is None and problem.contacts <= LARGEST_DENSE:
         programs += [(name, run_siconos, siconos) for name in SICONOS]
     for name, run, extra in programs:
         solved = True
         for target in TARGETS:
-            found = (False, np.inf, np.nan, 0, np.inf)
+            outcome = (False, np.inf, np.nan, 0, np.inf)
             if solved:
-                found = run(problem, name, target, extra)
-            solved = found[0]
-            yield dict(zip(COLUMNS, (*known, name, target, *found), strict=True))
+                outcome = run(problem, name, target, extra)
+            solved = outcome[0]
+            yield dict(zip(COLUMNS, (*row_head, name, target, *outcome), strict=True))
 
 
 def report(lines, *, write):

@@ -53,19 +53,19 @@ def profile(seconds):
     """Steps of each curve, ``{program: (factors, shares)}``."""
     best = np.min(list(seconds.values()), axis=0)
     curves = {}
-    for program, own in seconds.items():
-        solved = np.isfinite(own)
-        ratios = np.sort(own[solved] / best[solved])
-        curves[program] = ratios, np.arange(1, len(ratios) + 1) / len(own)
+    for program, program_times in seconds.items():
+        solved = np.isfinite(program_times)
+        ratios = np.sort(program_times[solved] / best[solved])
+        curves[program] = ratios, np.arange(1, len(ratios) + 1) / len(program_times)
     return curves
 
 
 def draw(source, target):
     """Draw the figure of a CSV file."""
     plt = pyplot()
-    found = read(source)
-    panels = [(f"all, η ≤ {t:.0e}", groups["all"]) for t, groups in found.items()]
-    main = found.get(MAIN, next(iter(found.values())))
+    table = read(source)
+    panels = [(f"all, η ≤ {t:.0e}", groups["all"]) for t, groups in table.items()]
+    main = table.get(MAIN, next(iter(table.values())))
     panels += [
         (f"{name}, η ≤ {MAIN:.0e}", x) for name, x in main.items() if name != "all"
     ]

@@ -135,10 +135,10 @@ def _settled(radius: Array, width: float, d: int, rng: np.random.Generator) -> A
         return work / 2 + weight @ x[:, -1], slope.ravel()
 
     options = {"maxiter": 600, "maxcor": 20, "ftol": 1e-14, "gtol": 1e-7}
-    found = optimize.minimize(
+    equilibrium = optimize.minimize(
         energy, start.ravel(), jac=True, method="L-BFGS-B", options=options
     )
-    return found.x.reshape(count, d)
+    return equilibrium.x.reshape(count, d)
 
 
 def _contacts(

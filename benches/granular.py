@@ -71,16 +71,16 @@ def table(lines):
     head = ("set", *(f"{target:.0e}" for target in TARGETS), "solved")
     rows = []
     for name in dict.fromkeys(line["set"] for line in lines):
-        own = [line for line in lines if line["set"] == name]
+        lines_of_set = [line for line in lines if line["set"] == name]
         cells = []
         for target in TARGETS:
-            seconds = [float(line[f"{target:.0e}"]) for line in own]
+            seconds = [float(line[f"{target:.0e}"]) for line in lines_of_set]
             pair = np.quantile(seconds, [0.5, 0.9], method="higher")
             cells.append(
                 " / ".join(f"{x:.2g}" if np.isfinite(x) else "∞" for x in pair)
             )
-        solved = sum(float(line["residual"]) <= TARGETS[-1] for line in own)
-        rows.append((name, *cells, f"{solved} of {len(own)}"))
+        solved = sum(float(line["residual"]) <= TARGETS[-1] for line in lines_of_set)
+        rows.append((name, *cells, f"{solved} of {len(lines_of_set)}"))
     return tables.table(head, rows)
 
 
@@ -92,8 +92,10 @@ def draw(lines, target):
         1, len(names), figsize=(4.2 * len(names), 3.2), sharey=True, squeeze=False
     )
     for panel, name in zip(axes[0], names, strict=True):
-        own = [line for line in lines if line["set"] == name]
-        seconds = np.array([[float(x[f"{t:.0e}"]) for t in TARGETS] for x in own])
+        lines_of_set = [line for line in lines if line["set"] == name]
+        seconds = np.array(
+            [[float(x[f"{t:.0e}"]) for t in TARGETS] for x in lines_of_set]
+        )
         for curve in seconds:
             panel.plot(TARGETS, curve, color="0.75", lw=0.7)
         middle = np.quantile(seconds, 0.5, axis=0, method="higher")

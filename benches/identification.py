@@ -113,7 +113,7 @@ class Rig:
         directions = [{"mu": hat} for hat in self.shape]
         directions += [{"load": -self.press * YOUNG / young**2}, {"gap": self.recess}]
         self.columns += len(directions)
-        columns = [self.seen(result.jvp(**one)) for one in directions]
+        columns = [self.seen(result.jvp(**direction)) for direction in directions]
         return np.vstack([np.column_stack(columns) * self.guess / NOISE, self.prior])
 
     def ways(self, most):
@@ -144,12 +144,12 @@ def rows_of(cells, knots, most):
     for name, find in rig.ways(most).items():
         rig.paths = rig.columns = 0
         began, used = time.perf_counter(), time.process_time()
-        found = find(np.ones(len(rig.guess)))
+        fitted = find(np.ones(len(rig.guess)))
         seconds, used = time.perf_counter() - began, time.process_time() - used
         if best is None:
-            best = found.x
+            best = fitted.x
             # The residuals are in standard deviations of the noise.
-            deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+            deviation = np.sqrt(np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))
             inside = abs(best - rig.true / rig.guess) < 2 * deviation
         row = {
             "unknowns": rig.model.n,
@@ -163,9 +163,9 @@ def rows_of(cells, knots, most):
             "seconds": round(seconds, 3),
             "processor_s": round(used, 3),
             "model_s": round(made, 3),
-            "inside": int(inside.sum()) if found.x is best else "",
-            "off": (abs(found.x - best) / deviation).max(),
-            "finished": bool(found.success),
+            "inside": int(inside.sum()) if fitted.x is best else "",
+            "off": (abs(fitted.x - best) / deviation).max(),
+            "finished": bool(fitted.success),
             "machine": tables.processor(),
             "load": f"{os.getloadavg()[0]:.1f}",
         }

@@ -187,16 +187,16 @@ def written(rows):
     """The table, with the numbers as they are read."""
     lines = [
         tuple(
-            f"{float(one[name]):.1e}"
+            f"{float(row_of_method[name]):.1e}"
             if name == "residual"
-            else f"{int(one[name]):,}"
+            else f"{int(row_of_method[name]):,}"
             if name in ("unknowns", "contacts")
-            else f"{float(one[name]):.3g}"
+            else f"{float(row_of_method[name]):.3g}"
             if name == "s"
-            else str(one[name])
+            else str(row_of_method[name])
             for name in HEAD
         )
-        for one in rows
+        for row_of_method in rows
     ]
     return tables.table(HEAD, lines) + f"\n\n{rows[0]['machine']}, all threads."
 

@@ -51,16 +51,22 @@ def write_slabs(path, case, load, ranks):
     dofs = (3 * nodes[:, None] + order).ravel()
     rows = model.K[dofs]
     K, coupling = rows[:, dofs].sorted_indices(), rows[:, model.fixed]
-    forces = np.array([-(coupling @ one) for one in case.prescribed])
+    forces = np.array([-(coupling @ step_values) for step_values in case.prescribed])
     contacts = np.searchsorted(nodes, firsts // 3)
     arrays = {"n": len(dofs)}
     ends = len(nodes) * np.arange(ranks + 1) // ranks
     for rank, (a, b) in enumerate(pairwise(ends)):
         mine = (a <= contacts) & (contacts < b)
-        own, slab = slice(3 * a, 3 * b), K[3 * a : 3 * b]
+        dofs_of_slab, slab = slice(3 * a, 3 * b), K[3 * a : 3 * b]
         part = {"data": slab.data, "indices": slab.indices, "indptr": slab.indptr}
-        part |= {"nodes": model.nodes[nodes[a:b]][:, order], "load": load[dofs][own]}
-        part |= {"forces": forces[:, own], "contacts": 3 * (contacts[mine] - a)}
+        part |= {
+            "nodes": model.nodes[nodes[a:b]][:, order],
+            "load": load[dofs][dofs_of_slab],
+        }
+        part |= {
+            "forces": forces[:, dofs_of_slab],
+            "contacts": 3 * (contacts[mine] - a),
+        }
         part |= {"gap": model.gap[mine], "mu": model.mu[mine]}
         arrays |= {f"{name}.{rank}": values for name, values in part.items()}
     np.savez(path, **arrays)
@@ -94,8 +100,8 @@ def main():
     parser.add_argument("--tol", type=float, required=True)
     args = parser.parse_args()
     with np.load(args.file) as file:
-        given = dict(file)
-    K, B = matrix(given, "K"), matrix(given, "B")
+        arrays = dict(file)
+    K, B = matrix(arrays, "K"), matrix(arrays, "B")
     linear = args.mode == "linear"
     # Imports that come with the first problem are not timed, as they are not for PETSc.
     bp.ContactProblem(np.eye(3), np.eye(3), gap=[0.0], mu=0.3).solve([-1.0, 0.0, 0.0])
@@ -104,22 +110,22 @@ def main():
         K,
         B,
         # Out of reach: the displacements of the load are some 1e-5.
-        gap=given["gap"] + 1.0 if linear else given["gap"],
-        mu=given["mu"],
-        fixed=given["fixed"],
-        coordinates=np.repeat(given["nodes"], 3, axis=0),
+        gap=arrays["gap"] + 1.0 if linear else arrays["gap"],
+        mu=arrays["mu"],
+        fixed=arrays["fixed"],
+        coordinates=np.repeat(arrays["nodes"], 3, axis=0),
         engine="iterative",
     )
     made = time.perf_counter()
-    loads = {"load": given["load"]} if linear else {"prescribed": given["prescribed"]}
+    loads = {"load": arrays["load"]} if linear else {"prescribed": arrays["prescribed"]}
     result = problem.solve(**loads, tol=args.tol)
     end = time.perf_counter()
     if problem.stats["engine_reason"] != "it was asked for":
         raise SystemExit(problem.stats["engine_reason"])
     answer, residual = result.reaction, max(step.residual for step in result)
     if linear:
-        answer, load = result.displacement[0], given["load"]
-        left = np.delete(K @ answer - load, given["fixed"])
+        answer, load = result.displacement[0], arrays["load"]
+        left = np.delete(K @ answer - load, arrays["fixed"])
         residual = np.linalg.norm(left) / np.linalg.norm(load)
     np.savez(args.save, answer=answer)
     seconds = {"set-up": made - start, "solve": end - made, "total": end - start}

@@ -72,15 +72,15 @@ class File:
         u = deformed + reduced.q
         if reduced.rigid is not None:
             u = u + (reduced.rigid[0] @ amounts).reshape(u.shape)
-        found = []
-        for known in self.answers:
-            sizes = [np.abs(x).max() for x in (known.u, reduced.q, deformed)]
-            far = np.abs(u - known.u).max() / (max(sizes) or 1.0)
+        errors = []
+        for answer in self.answers:
+            sizes = [np.abs(x).max() for x in (answer.u, reduced.q, deformed)]
+            far = np.abs(u - answer.u).max() / (max(sizes) or 1.0)
             if self.row.determined == "r and u":
-                size = np.abs(known.r).max() or 1.0
-                far = max(far, np.abs(reaction - known.r).max() / size)
-            found.append(far)
-        return min(found)
+                size = np.abs(answer.r).max() or 1.0
+                far = max(far, np.abs(reaction - answer.r).max() / size)
+            errors.append(far)
+        return min(errors)
 
 
 def run_bipot(file, method, target, limit):
@@ -102,10 +102,10 @@ def run_bipot(file, method, target, limit):
 
 def run_siconos(file, solver, target, siconos):
     """As `run_bipot`."""
-    found = siconos_answer(file.problem, solver, target, siconos)
-    if found is None:
+    answer = siconos_answer(file.problem, solver, target, siconos)
+    if answer is None:
         return UNSOLVED
-    seconds, reaction, eta = found
+    seconds, reaction, eta = answer
     work = siconos.iterations if solver == "NSGS" else np.nan
     return True, seconds, work, eta, file.error(reaction)
 
@@ -118,13 +118,13 @@ def measure(path, row, methods, siconos, limit):
     if siconos:
         able = held and bool(file.answers) and row.contacts <= LARGEST_DENSE
         programs += [(name, run_siconos, siconos, able) for name in SICONOS]
-    known = (row.file, row.path, row.family, row.contacts, row.dim)
+    line_head = (row.file, row.path, row.family, row.contacts, row.dim)
     for name, run, extra, accepted in programs:
         solved = accepted
         for target in TARGETS:
-            found = run(file, name, target, extra) if solved else UNSOLVED
-            solved = found[0]
-            line = (*known, name, accepted, target, *found)
+            outcome = run(file, name, target, extra) if solved else UNSOLVED
+            solved = outcome[0]
+            line = (*line_head, name, accepted, target, *outcome)
             yield dict(zip(COLUMNS, line, strict=True))
 
 
@@ -140,14 +140,22 @@ def refused(lines, program=None):
 def costs(lines, target, cost):
     """Cost of each path, ``{program: (paths,)}``, of the programs that count it."""
     paths = list(dict.fromkeys(line["path"] for line in lines))
-    found = {}
+    costs_of_programs = {}
     for line in lines:
         if float(line["target"]) == target:
-            own = found.setdefault(line["program"], np.zeros(len(paths)))
+            costs_of_paths = costs_of_programs.setdefault(
+                line["program"], np.zeros(len(paths))
+            )
             solved = str(line["solved"]) == "True"
-            own[paths.index(line["path"])] += float(line[cost]) if solved else np.inf
+            costs_of_paths[paths.index(line["path"])] += (
+                float(line[cost]) if solved else np.inf
+            )
     # Not-a-number plus infinity is not-a-number.
-    return {name: own for name, own in found.items() if not np.isnan(own).any()}
+    return {
+        name: costs_of_paths
+        for name, costs_of_paths in costs_of_programs.items()
+        if not np.isnan(costs_of_paths).any()
+    }
 
 
 def table(lines):
@@ -157,18 +165,20 @@ def table(lines):
     programs = dict.fromkeys(line["program"] for line in lines)
     rows, middle = [], TARGETS[1]
     for program in programs:
-        own = [costs(lines, target, "seconds")[program] for target in TARGETS]
-        cells = [f"{len(own[0]) - len(refused(lines, program))} of {len(own[0])}"]
-        cells += [f"{np.isfinite(seconds).sum()}" for seconds in own]
+        times = [costs(lines, target, "seconds")[program] for target in TARGETS]
+        cells = [f"{len(times[0]) - len(refused(lines, program))} of {len(times[0])}"]
+        cells += [f"{np.isfinite(seconds).sum()}" for seconds in times]
         for cost in COSTS:
-            known = costs(lines, middle, cost)
-            if program not in known or "auto" not in known:
+            costs_of_programs = costs(lines, middle, cost)
+            if program not in costs_of_programs or "auto" not in costs_of_programs:
                 cells.append("–")
                 continue
-            both = np.isfinite(known[program]) & np.isfinite(known["auto"])
+            both = np.isfinite(costs_of_programs[program]) & np.isfinite(
+                costs_of_programs["auto"]
+            )
             # Paths that r = 0 solves cost nothing.
-            both &= known["auto"] > 0
-            ratios = known[program][both] / known["auto"][both]
+            both &= costs_of_programs["auto"] > 0
+            ratios = costs_of_programs[program][both] / costs_of_programs["auto"][both]
             cells.append(f"{np.median(ratios):.2g}" if both.any() else "–")
         rows.append((program, *cells))
     return tables.table(head, rows)
@@ -183,10 +193,12 @@ def draw(lines, target):
         chosen = [x for x in lines if not (common and x["path"] in left)]
         count = len({line["path"] for line in chosen})
         for panel, eta in zip(row, TARGETS, strict=True):
-            known = costs(chosen, eta, cost)
+            costs_of_programs = costs(chosen, eta, cost)
             # A factor needs a cost; a path that r = 0 solves costs one product.
             floor = 1.0 if cost == "work" else 0.0
-            curves = profile({p: np.maximum(x, floor) for p, x in known.items()})
+            curves = profile(
+                {p: np.maximum(x, floor) for p, x in costs_of_programs.items()}
+            )
             ends = [x[-1] for x, _ in curves.values() if len(x)]
             edge = 1.3 * max([10.0, *ends])
             # `auto` last, so that it lies on top.
@@ -224,11 +236,11 @@ def report(lines, *, write):
     for program, target in itertools.product(
         dict.fromkeys(line["program"] for line in lines), TARGETS
     ):
-        own = (program, target)
+        chosen_run = (program, target)
         errors = [
             float(x["error"])
             for x in solved
-            if (x["program"], float(x["target"])) == own
+            if (x["program"], float(x["target"])) == chosen_run
         ]
         if errors:
             print(f"- {program}, {target:.0e}: largest error {max(errors):.0e}")
@@ -274,8 +286,10 @@ def collect(args):
     with tempfile.TemporaryDirectory() as folder:
         siconos = find(args.siconos, folder, args.max_seconds)
         for row in rows:
-            found = measure(data / row.file, row, methods, siconos, args.max_seconds)
-            lines += found
+            path_lines = measure(
+                data / row.file, row, methods, siconos, args.max_seconds
+            )
+            lines += path_lines
         if siconos:
             siconos.close()
     return lines

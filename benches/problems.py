@@ -309,8 +309,8 @@ def rigid(seed: int) -> Problem:
         t1 = np.cross(n, [0, 1.0, 0])
         t1 /= np.linalg.norm(t1)
         for k, axis in enumerate((n, t1, np.cross(n, t1))):
-            row, own, below = H[i * 3 + k], 6 * b, 6 * (b - 1)
-            row[own : own + 6] = *axis, *np.cross(x, axis)
+            row, first_column, below = H[i * 3 + k], 6 * b, 6 * (b - 1)
+            row[first_column : first_column + 6] = *axis, *np.cross(x, axis)
             if b > 0 and i >= bodies and rng.random() < 0.5:
                 row[below : below + 3] -= axis
                 row[below + 3 : below + 6] -= np.cross(x + np.r_[0, 0, 1.0], axis)

@@ -53,12 +53,12 @@ def whole_jobs():
         for row in tables.read_rows(tables.RESULTS / whole_job.SHEET)
         if row["job_min"] != "" and whole_job.trusted(row)
     ]
-    own = {whole_job.place(row): row for row in rows if row["program"] == "bipot_rs"}
+    ours = {whole_job.place(row): row for row in rows if row["program"] == "bipot_rs"}
     others = {name: [r for r in rows if r["program"] == name] for name in PEERS}
 
     def compared(key, name):
         return [
-            float(row[key]) / float(own[whole_job.place(row)][key])
+            float(row[key]) / float(ours[whole_job.place(row)][key])
             for row in others[name]
         ]
 
@@ -123,8 +123,8 @@ def petsc():
 
 def table():
     """Markdown table of all ratios; without the programs that were not run."""
-    found = (*whole_jobs(), *files_of_fclib(), *petsc())
-    return tables.table(HEAD, [line(*one) for one in found if one[-1]])
+    ratios = (*whole_jobs(), *files_of_fclib(), *petsc())
+    return tables.table(HEAD, [line(*ratio) for ratio in ratios if ratio[-1]])
 
 
 if __name__ == "__main__":

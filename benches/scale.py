@@ -87,8 +87,8 @@ def job(cells, engine, threads, environment):
         )
         wall = time.perf_counter() - started
         last = json.loads(ran.stdout.splitlines()[-1])
-        found = bp.load(Path(folder) / "out" / "result.h5")
-    stats = [step.stats for step in found]
+        result = bp.load(Path(folder) / "out" / "result.h5")
+    stats = [step.stats for step in result]
     return {
         "cells": "×".join(map(str, cells)),
         "unknowns": last["dofs"],
@@ -97,9 +97,9 @@ def job(cells, engine, threads, environment):
         "used": "iterative" if "krylov" in stats[-1] else "direct",
         "seconds": round(wall, 3),
         "peak_mb": last["peak_mb"],
-        "newton": sum(one.get("newton", 0) for one in stats),
-        "krylov": sum(one.get("krylov", 0) for one in stats),
-        "residual": max(step.residual for step in found),
+        "newton": sum(step_stats.get("newton", 0) for step_stats in stats),
+        "krylov": sum(step_stats.get("krylov", 0) for step_stats in stats),
+        "residual": max(step.residual for step in result),
         "threads": threads,
         "machine": tables.processor(),
     }
@@ -129,43 +129,43 @@ def written(rows):
     """The table and the sentence about slopes."""
     lines, sizes, least, memory = [], [], [], []
     for cells in dict.fromkeys(row["cells"] for row in rows):
-        own = [row for row in rows if row["cells"] == cells]
+        rows_of_size = [row for row in rows if row["cells"] == cells]
         by = {
-            engine: [row for row in own if row["engine"] == engine]
+            engine: [row for row in rows_of_size if row["engine"] == engine]
             for engine in ("iterative", "direct", "auto")
         }
         seconds = {
-            engine: [float(row["seconds"]) for row in found]
-            for engine, found in by.items()
+            engine: [float(row["seconds"]) for row in rows_of_engine]
+            for engine, rows_of_engine in by.items()
         }
         ratio = ""
         if seconds["direct"]:
             pairs = zip(seconds["direct"], seconds["iterative"], strict=True)
             ratio = f"{np.median([a / b for a, b in pairs]):.2f}"
         for engine in ("iterative", "direct"):
-            found = by[engine]
-            if not found:
+            rows_of_engine = by[engine]
+            if not rows_of_engine:
                 continue
-            one = found[0]
-            peak = max(float(row["peak_mb"]) for row in found) / 1e3
+            first_row = rows_of_engine[0]
+            peak = max(float(row["peak_mb"]) for row in rows_of_engine) / 1e3
             lines.append(
                 (
                     cells,
-                    f"{int(one['unknowns']):,}",
-                    f"{int(one['contacts']):,}",
+                    f"{int(first_row['unknowns']):,}",
+                    f"{int(first_row['contacts']):,}",
                     engine,
                     f"{min(seconds[engine]):.3g}",
                     f"{np.median(seconds[engine]):.3g}",
                     f"{peak:.3g}",
-                    str(one["newton"]) if engine == "iterative" else "",
-                    str(one["krylov"]) if engine == "iterative" else "",
-                    f"{float(one['residual']):.1e}",
+                    str(first_row["newton"]) if engine == "iterative" else "",
+                    str(first_row["krylov"]) if engine == "iterative" else "",
+                    f"{float(first_row['residual']):.1e}",
                     ratio if engine == "iterative" else "",
                     by["auto"][0]["used"] if by["auto"] and engine == "direct" else "",
                 )
             )
-            if engine == "iterative" and int(one["unknowns"]) >= 40_000:
-                sizes.append(float(one["unknowns"]))
+            if engine == "iterative" and int(first_row["unknowns"]) >= 40_000:
+                sizes.append(float(first_row["unknowns"]))
                 least.append(min(seconds[engine]))
                 memory.append(peak)
     text = tables.table(HEAD, lines)

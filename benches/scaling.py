@@ -90,10 +90,10 @@ def written(rows):
     """Text between the markers: table and conclusion."""
     lines, words = [], []
     for dim in (2, 3):
-        own = [row for row in rows if int(row["dim"]) == dim]
-        sizes = [int(row["n"]) for row in own]
+        rows_of_dim = [row for row in rows if int(row["dim"]) == dim]
+        sizes = [int(row["n"]) for row in rows_of_dim]
         total, far = np.zeros(len(FAR)), {}
-        for key, values, slope, theory, predicted in predictions(own):
+        for key, values, slope, theory, predicted in predictions(rows_of_dim):
             first = f"{dim}D, {sizes[0]:,} to {sizes[-1]:,}" if key == "order" else ""
             lines.append(
                 (
@@ -123,8 +123,8 @@ def conclusion(rows, words):
     """Predictions, and the largest size that fits the memory of this machine."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     space = [row for row in rows if int(row["dim"]) == 3]
-    found = {key: rest for key, *rest in predictions(space)}
-    values, slope, *_ = found["bytes_peak"]
+    predicted = {key: rest for key, *rest in predictions(space)}
+    values, slope, *_ = predicted["bytes_peak"]
     largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
     return (
         f"Expected: {', '.join(words)}. In 3D memory limits a direct method before time "

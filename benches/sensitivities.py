@@ -44,21 +44,21 @@ def measured(name, n):
 
     def gradient():
         result._linearised = None
-        found = result.vjp(reaction=2 * result.reaction)
-        return found, found.load
+        full_gradient = result.vjp(reaction=2 * result.reaction)
+        return full_gradient, full_gradient.load
 
     def change():
         result._linearised = None
         return result.jvp(mu=mu)
 
-    vjp, (found, _) = fastest(3, gradient)
+    vjp, (full_gradient, _) = fastest(3, gradient)
     jvp, tangent = fastest(3, change)
     forward = float((2 * result.reaction * tangent.reaction).sum())
-    backward = float(found.mu @ mu)
+    backward = float(full_gradient.mu @ mu)
     size = float(np.abs(2 * result.reaction * tangent.reaction).sum())
     path = {"load": case.load, "prescribed": case.prescribed}
     both = [path | {"mu": (1 + sign * STEP) * mu} for sign in (1, -1)]
-    ends = [one.reaction for one in problem.solve_many(both, tol=TOL)]
+    ends = [end_of_case.reaction for end_of_case in problem.solve_many(both, tol=TOL)]
     central = (ends[0] - ends[1]) / (2 * STEP)
     off = np.abs(central - tangent.reaction).max() / np.abs(tangent.reaction).max()
     return {
@@ -73,7 +73,7 @@ def measured(name, n):
         "jvp": round(jvp, 4),
         "apart": abs(forward - backward) / size,
         "differences": float(off),
-        "one_sided": int(found.one_sided.sum()),
+        "one_sided": int(full_gradient.one_sided.sum()),
         "machine": tables.processor(),
     }
 

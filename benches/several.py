@@ -73,17 +73,17 @@ def petsc(wanted):
 
 def environment(**more):
     """Variables of a run."""
-    own = {"PYTHONPATH": str(HERE.parent / "python"), "OMP_NUM_THREADS": "1"}
-    return os.environ | MPI | own | {"BIPOT_NUM_THREADS": "1"} | more
+    paths = {"PYTHONPATH": str(HERE.parent / "python"), "OMP_NUM_THREADS": "1"}
+    return os.environ | MPI | paths | {"BIPOT_NUM_THREADS": "1"} | more
 
 
 def counted(log):
     """Messages, bytes and reductions of a log of PETSc; 0 if the log lacks them."""
-    found = {}
+    counts = {}
     for name, line in _COUNTED.items():
         match = line.search(log) or _EARLIER.get(name, line).search(log)
-        found[name] = float(match[1]) if match else 0.0
-    return found
+        counts[name] = float(match[1]) if match else 0.0
+    return counts
 
 
 def job(cells, ranks, python):
@@ -118,8 +118,8 @@ def job(cells, ranks, python):
         "seconds": round(wall, 3),
         **{f"{phase}_s": round(last["seconds"][phase], 3) for phase in PHASES},
         "peak_mb": last["peak_mb"],
-        "newton": sum(one.get("newton", 0) for one in stats),
-        "krylov": sum(one.get("krylov", 0) for one in stats),
+        "newton": sum(step_stats.get("newton", 0) for step_stats in stats),
+        "krylov": sum(step_stats.get("krylov", 0) for step_stats in stats),
         **{name: int(value) for name, value in counts.items()},
         "residual": max(step.residual for step in result),
         "machine": tables.processor(),
@@ -130,14 +130,14 @@ def written(rows):
     """The table."""
     lines = []
     for cells in dict.fromkeys(row["cells"] for row in rows):
-        own = [row for row in rows if row["cells"] == cells]
-        fewest = min(own, key=lambda row: int(row["ranks"]))
-        for ranks in dict.fromkeys(row["ranks"] for row in own):
-            same = [row for row in own if row["ranks"] == ranks]
+        rows_of_size = [row for row in rows if row["cells"] == cells]
+        fewest = min(rows_of_size, key=lambda row: int(row["ranks"]))
+        for ranks in dict.fromkeys(row["ranks"] for row in rows_of_size):
+            same = [row for row in rows_of_size if row["ranks"] == ranks]
             best = min(same, key=lambda row: float(row["seconds"]))
             ratio = ""
             if int(ranks) > int(fewest["ranks"]):
-                few = [row for row in own if row["ranks"] == fewest["ranks"]]
+                few = [row for row in rows_of_size if row["ranks"] == fewest["ranks"]]
                 least = min(float(row["seconds"]) for row in few)
                 ratio = f"{least / float(best['seconds']):.2f}"
             lines.append(

@@ -55,15 +55,15 @@ MEASURES = ("eta", "error")
 
 def available(methods):
     """Methods of the list that the package has."""
-    problem, found = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.3), []
+    problem, able_methods = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.3), []
     for method in methods:
         try:
             problem.solve(method)
         except ValueError as error:
             print(f"{method}: left out, {error}", file=sys.stderr)
         else:
-            found.append(method)
-    return found
+            able_methods.append(method)
+    return able_methods
 
 
 def timed(reduced, **settings):
@@ -135,8 +135,8 @@ def collect(sets, methods, seeds, first, limit, jobs):
     for name in sets:
         for method in methods:
             count = SEEDS.get(method, FEWER) if seeds is None else seeds
-            own = problems.seeds(name, count, first)
-            wanted += [(name, method, seed) for seed in own]
+            seeds_of_set = problems.seeds(name, count, first)
+            wanted += [(name, method, seed) for seed in seeds_of_set]
     missing = [key for key in wanted if key not in done]
     # Not forked: the threads of the package do not survive a fork.
     fresh = get_context("spawn")
@@ -189,11 +189,13 @@ def rows(results):
 def table(lines, unit, form):
     """Markdown table of the cost of each true error, median / 90 % quantile."""
     head = ("set", "method", *(f"{target:.0e}" for target in SHOWN), "solved")
-    found = []
-    own = [line for line in lines if line["measure"] == "error"]
-    for name, method in dict.fromkeys((x["set"], x["method"]) for x in own):
+    table_rows = []
+    error_lines = [line for line in lines if line["measure"] == "error"]
+    for name, method in dict.fromkeys((x["set"], x["method"]) for x in error_lines):
         by_target = {
-            x["target"]: x for x in own if (x["set"], x["method"]) == (name, method)
+            x["target"]: x
+            for x in error_lines
+            if (x["set"], x["method"]) == (name, method)
         }
         cells = []
         for target in SHOWN:
@@ -203,8 +205,8 @@ def table(lines, unit, form):
         # At three errors, since a method may find a solution and not refine it.
         depths = [by_target[t]["solved"] for t in (1e-4, 1e-8, 1e-12)]
         solved = ", ".join(map(str, depths))
-        found.append((name, method, *cells, f"{solved} of {line['problems']}"))
-    return tables.table(head, found)
+        table_rows.append((name, method, *cells, f"{solved} of {line['problems']}"))
+    return tables.table(head, table_rows)
 
 
 def main():

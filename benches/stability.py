@@ -90,8 +90,8 @@ def share(row: Row) -> float:
         (row.error_v, row.bound_v),
         (row.error_u, row.bound_u),
     )
-    found = [e / (CONSTANT * b) for e, b in pairs if e == e and b == b and b + e > 0]
-    return max(found, default=float("nan"))
+    shares = [e / (CONSTANT * b) for e, b in pairs if e == e and b == b and b + e > 0]
+    return max(shares, default=float("nan"))
 
 
 def read(name: str) -> dict[str, list[Row]]:

@@ -104,8 +104,8 @@ def machine() -> str:
 
 def machines(rows: Iterable[Mapping[str, str]]) -> str:
     """Machines that measured the rows of a CSV file."""
-    known = (row.get("machine") or "machine not recorded" for row in rows)
-    return "; ".join(dict.fromkeys(known))
+    names = (row.get("machine") or "machine not recorded" for row in rows)
+    return "; ".join(dict.fromkeys(names))
 
 
 def parser(doc: str) -> argparse.ArgumentParser:
@@ -133,10 +133,10 @@ def folder(quick: bool) -> Path:
         return HERE
     copy = HERE.parent / "out" / "bench"
     (copy / "results").mkdir(parents=True, exist_ok=True)
-    page, own = HERE / "README.md", copy / "README.md"
+    page, own_page = HERE / "README.md", copy / "README.md"
     # Copied again if the page has changed, because its markers may have changed.
-    if not own.exists() or own.stat().st_mtime < page.stat().st_mtime:
-        shutil.copy(page, own)
+    if not own_page.exists() or own_page.stat().st_mtime < page.stat().st_mtime:
+        shutil.copy(page, own_page)
     return copy
 
 

@@ -48,8 +48,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small mesh, one run")
     args = parser.parse_args()
-    found = list(rows(9, 1, LADDER[::3]) if args.quick else rows(15, 2, LADDER))
-    tables.write_rows(tables.folder(args.quick) / "results" / SHEET, found)
+    measured = list(rows(9, 1, LADDER[::3]) if args.quick else rows(15, 2, LADDER))
+    tables.write_rows(tables.folder(args.quick) / "results" / SHEET, measured)
 
 
 if __name__ == "__main__":

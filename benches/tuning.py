@@ -77,7 +77,7 @@ class Constant:
 
 def rust_constants() -> list[Constant]:
     """The constants of all ``tuning.rs``."""
-    found = []
+    constants = []
     for path in sorted((ROOT / "src").rglob("tuning.rs")):
         layer = path.parent.relative_to(ROOT / "src").as_posix()
         section = ""
@@ -87,13 +87,13 @@ def rust_constants() -> list[Constant]:
             if entry := re.fullmatch(r"    (\w+): (?:f64|usize) = (.*);", line):
                 name = f"bipot_rs::{layer.replace('/', '::')}::tuning::{entry[1]}"
                 kind = SETS.get(f"{layer}/{section}", SETS.get(layer, "reduced"))
-                found.append(Constant(name, entry[2], kind))
-    return found
+                constants.append(Constant(name, entry[2], kind))
+    return constants
 
 
 def python_constants() -> list[Constant]:
     """The numbers in capitals of all ``tuning.py`` of the package."""
-    found = []
+    constants = []
     for path in sorted((ROOT / "python" / "bipot_rs").rglob("tuning.py")):
         module = ".".join(path.relative_to(ROOT / "python").with_suffix("").parts)
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
@@ -101,8 +101,10 @@ def python_constants() -> list[Constant]:
                 case ast.Assign(
                     targets=[ast.Name(id=name)], value=ast.Constant(value=value)
                 ):
-                    found.append(Constant(f"{module}.{name}", repr(value), "iterative"))
-    return found
+                    constants.append(
+                        Constant(f"{module}.{name}", repr(value), "iterative")
+                    )
+    return constants
 
 
 def compile_core() -> Path:

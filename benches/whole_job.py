@@ -120,12 +120,14 @@ class Comparison:
     def add(self, program):
         """Run a program once with each number of threads not yet excluded."""
         limit = None if program is self.bipot else 3 * self.args.budget
-        found = {}
+        runs_of_threads = {}
         for threads in self.threads[program]:
-            found[threads] = program.run(self.scene, self.n, threads, limit=limit)
-        best = min(found, key=lambda threads: found[threads].job)
+            runs_of_threads[threads] = program.run(
+                self.scene, self.n, threads, limit=limit
+            )
+        best = min(runs_of_threads, key=lambda threads: runs_of_threads[threads].job)
         self.threads[program] = (best,)
-        self.runs[program].append(found[best])
+        self.runs[program].append(runs_of_threads[best])
 
     def run(self):
         """Run all rounds of all programs; return the rows."""
@@ -153,11 +155,11 @@ class Comparison:
     def rows(self):
         """One dictionary for each program."""
         reference, against = compare_tractions.stored(self.scene, self.n), "reference"
-        own = self.runs[self.bipot]
+        own_runs = self.runs[self.bipot]
         for program, runs in self.runs.items():
             row = dict.fromkeys(COLUMNS, "")
             row |= {"scene": self.scene, "n": self.n, "dofs": self.dofs}
-            row |= {"contacts": len(own[0].x), "steps": len(own[0].R)}
+            row |= {"contacts": len(own_runs[0].x), "steps": len(own_runs[0].R)}
             row |= {"program": program.name, "note": self.notes.get(program, "")}
             if not runs:
                 yield row
@@ -186,7 +188,7 @@ class Comparison:
             if answer.later is not None:
                 row["later_step"] = min(run.later for run in runs)
             if program is not self.bipot:
-                pairs = list(zip(runs, own, strict=False))
+                pairs = list(zip(runs, own_runs, strict=False))
                 row["ratio"] = median(run.job / mine.job for run, mine in pairs)
                 if answer.later is not None:
                     row["later_ratio"] = median(
@@ -203,16 +205,23 @@ class Comparison:
 
     def other(self, program):
         """Result to compare with if no reference is stored, and its program."""
-        own = self.runs[self.bipot][0]
-        as_reference = {"x": own.x, "area": own.area, "mu": own.mu}
+        run_of_ours = self.runs[self.bipot][0]
+        as_reference = {
+            "x": run_of_ours.x,
+            "area": run_of_ours.area,
+            "mu": run_of_ours.mu,
+        }
         if program is not self.bipot:
-            return as_reference | {"R": own.R, "v": own.v}, self.bipot.name
+            return as_reference | {
+                "R": run_of_ours.R,
+                "v": run_of_ours.v,
+            }, self.bipot.name
         for peer, runs in self.runs.items():
             if peer is not self.bipot and runs:
                 run = runs[0]
-                order = compare_tractions.nearest(run.x, own.x)
-                found = {"R": run.R[:, order], "v": run.v[:, order]}
-                return as_reference | found, peer.name
+                order = compare_tractions.nearest(run.x, run_of_ours.x)
+                arrays = {"R": run.R[:, order], "v": run.v[:, order]}
+                return as_reference | arrays, peer.name
         return None, ""
 
 
@@ -327,9 +336,11 @@ def short(rows):
     )
     lines = []
     for scene, n in SHOWN:
-        own = [row for row in rows if place(row) == (scene, n) and row["job_min"]]
-        bipot = next(row for row in own if row["program"] == "bipot_rs")
-        peers = (row for row in own if row is not bipot)
+        rows_of_scene = [
+            row for row in rows if place(row) == (scene, n) and row["job_min"]
+        ]
+        bipot = next(row for row in rows_of_scene if row["program"] == "bipot_rs")
+        peers = (row for row in rows_of_scene if row is not bipot)
         best = min(peers, key=lambda row: float(row["job_min"]))
         lines.append(
             (
@@ -350,7 +361,7 @@ def chosen(argument, sizes):
     """Scenes and sizes that the command line asks for."""
     if not argument:
         return sizes
-    pairs = (one.partition("=") for one in argument)
+    pairs = (pair_text.partition("=") for pair_text in argument)
     return {
         name: tuple(map(int, some.split(","))) if some else SIZES[name]
         for name, _, some in pairs
@@ -368,13 +379,13 @@ def measure(args):
     for scene, sizes in chosen(args.scenes, QUICK if args.quick else SIZES).items():
         histories = {peer: [] for peer in peers}
         for n in sizes:
-            found = Comparison(scene, n, bipot, peers, args, histories).run()
-            for row in found:
+            measured = Comparison(scene, n, bipot, peers, args, histories).run()
+            for row in measured:
                 row["version"] = versions[row["program"]]
                 row["machine"] = tables.processor()
                 row["load"] = f"{os.getloadavg()[0]:.1f}"
                 print("| " + " | ".join(cells(row)) + " |", flush=True)
-            yield found
+            yield measured
 
 
 def place(row):
@@ -421,8 +432,8 @@ def main():
     stored = folder / "results" / SHEET
     kept = (args.scenes or args.again) and stored.exists()
     rows = tables.read_rows(stored) if kept else []
-    for found in () if args.again else measure(args):
-        rows = merged(rows, found)
+    for new_rows in () if args.again else measure(args):
+        rows = merged(rows, new_rows)
         if not args.print:
             store(rows, folder, first=not args.quick)
     if args.again:

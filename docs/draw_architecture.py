@@ -39,15 +39,15 @@ def imports(text: str) -> Iterator[tuple[str, list[str]]]:
 
 def arrows(layers: list[str]) -> Counter[tuple[str, str]]:
     """Number of imports that each layer makes from each other one."""
-    found: Counter[tuple[str, str]] = Counter()
+    arrows_of_layers: Counter[tuple[str, str]] = Counter()
     for file in PACKAGE.rglob("*.py"):
         user = file.relative_to(PACKAGE).with_suffix("").parts[0]
         for module, names in imports(file.read_text(encoding="utf-8")):
             package, *path = module.split(".")
             used = (path[:1] or names) if package == "bipot_rs" else []
             both = [(user, name) for name in used if name != user]
-            found.update(pair for pair in both if set(pair) <= set(layers))
-    return found
+            arrows_of_layers.update(pair for pair in both if set(pair) <= set(layers))
+    return arrows_of_layers
 
 
 def sentence(name: str) -> str:
@@ -63,7 +63,7 @@ def picture() -> str:
     """SVG text: a box for each layer, an arc from a layer to each that it uses."""
     names = layers()
     top = {name: LEFT + ROW * row for row, name in enumerate(names)}
-    found = sorted(arrows(names).items())
+    counts = sorted(arrows(names).items())
     # The longest arc spans all rows; it is the widest.
     size = (LEFT + WIDE + 30 + 12 * len(names) + 20, 2 * LEFT + ROW * len(names) - 12)
     box = f'viewBox="0 0 {size[0]} {size[1]}" width="{size[0]}" height="{size[1]}"'
@@ -71,7 +71,7 @@ def picture() -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" {box} font-family="sans-serif">',
         '<rect width="100%" height="100%" fill="white"/>',
     ]
-    for (user, used), count in found:
+    for (user, used), count in counts:
         start, end = top[user] + BOX / 2 + 5, top[used] + BOX / 2 - 5
         out = LEFT + WIDE + 16 + 16 * abs(end - start) / ROW
         width = 0.6 + 0.35 * min(count, 12) ** 0.5
@@ -81,7 +81,7 @@ def picture() -> str:
             f'stroke-width="{width:.2f}"><title>{user} uses {used}: {count} imports'
             "</title></path>"
         )
-    for used in sorted({used for (_, used), _ in found}):
+    for used in sorted({used for (_, used), _ in counts}):
         y = top[used] + BOX / 2 - 5
         lines.append(f'<path d="M{LEFT + WIDE},{y:g} l8,-3 v6 z" fill="#8a8a8a"/>')
     for name, y in top.items():

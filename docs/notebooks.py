@@ -21,8 +21,8 @@ LINK = re.compile(r"(\]\()([\w-]+)\.md([#)])")
 
 def pages() -> list[Path]:
     """The tutorials that have code, without the list of them."""
-    found = sorted(TUTORIALS.glob("*.md"))
-    return [page for page in found if BLOCK.search(page.read_text("utf-8"))]
+    sources = sorted(TUTORIALS.glob("*.md"))
+    return [page for page in sources if BLOCK.search(page.read_text("utf-8"))]
 
 
 def cells(text: str) -> Iterator[tuple[str, str]]:

@@ -28,20 +28,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="check the files of DIR")
     parser.add_argument("--only", metavar="NAME,...", help="write these paths alone")
     parser.add_argument("--list", action="store_true", help="print all paths, and stop")
-    given = parser.parse_args(arguments)
-    if given.list:
+    options = parser.parse_args(arguments)
+    if options.list:
         _print("\n".join(f"{name:24} {entry.about}" for name, entry in PATHS.items()))
         return 0
-    if given.folder is None:
+    if options.folder is None:
         parser.error("DIR is missing")
-    if given.check and given.only:
+    if options.check and options.only:
         parser.error("--only selects paths to write: leave it out with --check")
     try:
-        if given.check:
-            found = check(given.folder, on_file=_tell)
-            _print(summary(found))
-            return int(any(one.faults for one in found))
-        generate(given.folder, given.only and given.only.split(","), on_file=_progress)
+        if options.check:
+            checked_files = check(options.folder, on_file=_tell)
+            _print(summary(checked_files))
+            return int(any(file.faults for file in checked_files))
+        generate(
+            options.folder, options.only and options.only.split(","), on_file=_progress
+        )
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

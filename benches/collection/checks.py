@@ -77,16 +77,16 @@ def check(
         There is no manifest, or it cannot be read. A file that cannot be read is a fault
         in the list instead.
     """
-    target, found = place(folder), []
+    target, checked_files = place(folder), []
     for row in manifest.read(target):
         try:
-            one = _checked(target / row.file, row)
+            checked_file = _checked(target / row.file, row)
         except (OSError, ValueError) as error:
-            one = Checked(row.file, np.inf, [str(error)])
-        found.append(one)
+            checked_file = Checked(row.file, np.inf, [str(error)])
+        checked_files.append(checked_file)
         if on_file is not None:
-            on_file(one)
-    return found
+            on_file(checked_file)
+    return checked_files
 
 
 def _checked(path: Path, row: Row) -> Checked:
@@ -105,11 +105,14 @@ def _checked(path: Path, row: Row) -> Checked:
         faults.append(f"{len(answers)} answers, expected {row.answers}")
     unique = row.determined == "r and u"
     for number, answer in enumerate(answers):
-        own, error = _faults_of_answer(p, answer, unique=unique)
+        faults_of_answer, error = _faults_of_answer(p, answer, unique=unique)
         errors.append(error)
-        faults += [f"answer {number}: {fault}" for fault in own]
-    for one, other in itertools.combinations(answers, 2):
-        if np.abs(one.u - other.u).max() <= _DIFFERENT * np.abs(one.u).max():
+        faults += [f"answer {number}: {fault}" for fault in faults_of_answer]
+    for answer_of_pair, other in itertools.combinations(answers, 2):
+        if (
+            np.abs(answer_of_pair.u - other.u).max()
+            <= _DIFFERENT * np.abs(answer_of_pair.u).max()
+        ):
             faults.append("two answers are the same")
     return Checked(row.file, max(errors), faults)
 
@@ -200,8 +203,8 @@ def _forward_error(
     law, by_r, by_v = _law(r[at], v.reshape(r.shape)[at], slips[at], p.mu[at])
     left = sparse.block_diag([*by_v, np.zeros((0, 0))], format="csr")
     E = p.E[rows]
-    own = sparse.block_diag([*by_r, np.zeros((0, 0))], format="csr")
-    J = sparse.bmat([[own + left @ p.W[rows][:, rows], left @ E], [E.T, -p.M]])
+    by_reaction = sparse.block_diag([*by_r, np.zeros((0, 0))], format="csr")
+    J = sparse.bmat([[by_reaction + left @ p.W[rows][:, rows], left @ E], [E.T, -p.M]])
     step = -_solve(sparse.csr_array(J), np.append(law.ravel(), force), unique=unique)
     moved = np.zeros(r.size)
     moved[rows] = step[: len(rows)]
@@ -248,12 +251,12 @@ def _solve(J: Any, right: Long, *, unique: bool) -> Floats:
         # A zero pivot, which leaves no number that could be judged.
         warnings.simplefilter("error", linalg.LinAlgWarning)
         if not unique:
-            found = linalg.lstsq(J.toarray(), scaled, cond=_RANK)[0]
+            solution = linalg.lstsq(J.toarray(), scaled, cond=_RANK)[0]
         elif J.nnz > _DENSE * J.shape[0] ** 2:
-            found = linalg.lu_solve(linalg.lu_factor(J.toarray()), scaled)
+            solution = linalg.lu_solve(linalg.lu_factor(J.toarray()), scaled)
         else:
-            found = splu(J).solve(scaled)
-    return np.asarray(columns * found, np.float64)
+            solution = splu(J).solve(scaled)
+    return np.asarray(columns * solution, np.float64)
 
 
 def _faults_of_proof(p: System, proof: Vectors) -> list[str]:
@@ -288,7 +291,7 @@ def _faults_of_proof(p: System, proof: Vectors) -> list[str]:
 
 def summary(found: Sequence[Checked]) -> str:
     """One sentence about all files."""
-    wrong = sum(bool(one.faults) for one in found)
-    error = max((one.error for one in found), default=0.0)
+    wrong = sum(bool(file.faults) for file in found)
+    error = max((file.error for file in found), default=0.0)
     right = f"{len(found) - wrong} of {len(found)} files are right"
     return f"{right}; the largest estimated error is {error:.1e}"

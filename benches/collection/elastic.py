@@ -99,7 +99,7 @@ def arrays(
     # A node whose tangential displacement is prescribed has no friction.
     coefficients = np.where(model.mu == 0, 0.0, coefficients)
     gaps = model.gaps(len(load))
-    known: Mapping[str, Any] = {"gaps": gaps, "frame": model.frame} | more
+    path_arrays: Mapping[str, Any] = {"gaps": gaps, "frame": model.frame} | more
     return LoadPath(
         model.K,
         model.B,
@@ -108,7 +108,7 @@ def arrays(
         load,
         displacement[:, model.fixed],
         model.fixed,
-        **known,
+        **path_arrays,
     )
 
 

@@ -148,17 +148,17 @@ def _law(p: System, r: Pair, u: Pair, status: Statuses, closed: Any) -> Pair:
         square = add(times(r_t[0], r_t[0]), times(r_t[1], r_t[1]))
         slip = [along, add(square, minus(times(limit, limit)))]
     free, sticks = mu[0] == 0, status[closed] == Status.STICK
-    found = [u_n]
+    branches = [u_n]
     for of_slip, of_stick, force in zip(slip, u_t, r_t, strict=True):
         parts = zip(of_slip, of_stick, force, strict=True)
         high, low = (
             np.where(sticks, stick, np.where(free, push, slide))
             for slide, stick, push in parts
         )
-        found.append((high, low))
+        branches.append((high, low))
     return (
-        np.stack([high for high, _ in found], axis=1).ravel(),
-        np.stack([low for _, low in found], axis=1).ravel(),
+        np.stack([high for high, _ in branches], axis=1).ravel(),
+        np.stack([low for _, low in branches], axis=1).ravel(),
     )
 
 

@@ -106,11 +106,11 @@ def _several(groups: int) -> LoadPath:
     # A group: a random stiffness in which pressing and shearing are strongly coupled.
     rng = np.random.default_rng(12)
     root = rng.standard_normal((6, 6))
-    own = root @ root.T / 6 + 0.1 * np.eye(6)
+    block = root @ root.T / 6 + 0.1 * np.eye(6)
     load = rng.standard_normal((3, 6))
     load[:, ::2] -= 0.5
     size = 6 * groups
-    K = np.kron(np.eye(groups), own)
+    K = np.kron(np.eye(groups), block)
     if groups > 1:
         coupling = rng.standard_normal((size, size))
         K += 1e-3 * (coupling + coupling.T)

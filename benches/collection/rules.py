@@ -64,8 +64,8 @@ def contents(row: Row) -> str:
     if not row.answers:
         return "No answer exists; the guess is the proof."
     if row.answers > 1:
-        known = "all" if row.complete == "yes" else "known"
-        return f"{row.answers} {known} answers: /solution and /guesses."
+        whole = "all" if row.complete == "yes" else "known"
+        return f"{row.answers} {whole} answers: /solution and /guesses."
     return "/solution is the reference answer."
 
 
@@ -85,16 +85,16 @@ def page(rows: Sequence[Row]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for name in paths:
-        own = [row for row in rows if row.path == name]
-        counts = sorted({row.answers for row in own})
+        rows_of_path = [row for row in rows if row.path == name]
+        counts = sorted({row.answers for row in rows_of_path})
         answers = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-        first = own[0]
+        first = rows_of_path[0]
         cells = (
             name,
             first.family,
             first.dim,
             f"{first.contacts:,}",
-            len(own),
+            len(rows_of_path),
             answers,
             first.form,
             PATHS[name].about,

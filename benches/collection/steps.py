@@ -72,14 +72,14 @@ def steps(path: LoadPath) -> Iterator[Step]:
         if path.proof is not None and k == path.steps - 1:
             yield Step(problem, [], True, proved(path, problem, path.proof))
             return
-        found, complete = _answers(path, problem)
-        yield Step(problem, found, complete, None)
-        w = before + found[0].u
+        answers, complete = _answers(path, problem)
+        yield Step(problem, answers, complete, None)
+        w = before + answers[0].u
         if frame is not None and isinstance(path.gaps, MovingGaps):
             # The normal part is n · w: not an increment, and not the distance.
             now = path.gaps[k]
             lead = np.einsum("ci,ci->c", frame[:, 0], now.drag)
-            w[:, 0] = found[0].u[:, 0] - now.gap - lead
+            w[:, 0] = answers[0].u[:, 0] - now.gap - lead
             w = np.einsum("cij,ci->cj", frame, w)
 
 
@@ -103,10 +103,10 @@ def _local(path: LoadPath) -> Callable[[int, Floats], ReducedProblem]:
 
     def make(step: int, tangential: Floats) -> ReducedProblem:
         gap = path.gap if path.gaps is None else path.gaps[step]
-        known = condensed.reduced(path.load[step], path.prescribed[step], gap=gap)
-        q = known.q.copy()
+        reduced = condensed.reduced(path.load[step], path.prescribed[step], gap=gap)
+        q = reduced.q.copy()
         q[:, 1:] -= tangential
-        return ReducedProblem(known.W, q, path.mu, rigid=known.rigid)
+        return ReducedProblem(reduced.W, q, path.mu, rigid=reduced.rigid)
 
     return make
 
@@ -132,13 +132,15 @@ def _global(path: LoadPath) -> Callable[[int, Floats], GlobalProblem]:
 def _answers(path: LoadPath, problem: Problem) -> tuple[list[Reference], bool]:
     whole, complete = system(problem), False
     if path.several and isinstance(problem, ReducedProblem):
-        found = problem.answers()
-        known, complete = list(found), found.complete
+        exhausted = problem.answers()
+        answers, complete = list(exhausted), exhausted.complete
     else:
-        known = [problem.solve(tol=TOLERANCE, num_threads=1)]
-    if not known or not known[0].converged:
-        raise NotConvergedError(known[0].message if known else "no answer was found")
-    return [_reference(path, problem, whole, one) for one in known], complete
+        answers = [problem.solve(tol=TOLERANCE, num_threads=1)]
+    if not answers or not answers[0].converged:
+        raise NotConvergedError(
+            answers[0].message if answers else "no answer was found"
+        )
+    return [_reference(path, problem, whole, answer) for answer in answers], complete
 
 
 def _reference(

@@ -87,6 +87,6 @@ def system(problem: ReducedProblem | GlobalProblem) -> System:
 
 
 def _rows(matrix: Any) -> Any:
-    found = sparse.csr_array(matrix)
-    found.sum_duplicates()
-    return found
+    matrix_copy = sparse.csr_array(matrix)
+    matrix_copy.sum_duplicates()
+    return matrix_copy

@@ -109,8 +109,8 @@ def _row(name: str, number: int, entry: Entry, path: LoadPath, step: Step) -> Ro
 
 
 def _write(target: Path, row: Row, entry: Entry, step: Step) -> None:
-    known = [_vectors(step, answer) for answer in step.answers]
-    answer, others = (known[0], known[1:]) if known else (None, [])
+    vectors = [_vectors(step, answer) for answer in step.answers]
+    answer, others = (vectors[0], vectors[1:]) if vectors else (None, [])
     guesses = others if step.proof is None else [step.proof]
     info = {
         "title": f"{row.path}, step {row.step + 1}",

@@ -94,8 +94,8 @@ def lines_of(command, threads, limit):
 
 def pythons():
     """Interpreters to try: this one, then those of the path and of the system."""
-    found = (sys.executable, which("python3"), "/usr/bin/python3")
-    return tuple(dict.fromkeys(p for p in found if p and Path(p).exists()))
+    candidates = (sys.executable, which("python3"), "/usr/bin/python3")
+    return tuple(dict.fromkeys(p for p in candidates if p and Path(p).exists()))
 
 
 def python_with(modules):
@@ -200,7 +200,7 @@ class Peer:
                 command += ["--matrices", str(matrices)]
             process, lines = lines_of(command, threads, limit)
             with np.load(answer) as file:
-                found = dict(file)
+                arrays_of_run = dict(file)
         line = lines[-1]
         steps = line["steps"]
         if self.reads_matrices:
@@ -212,11 +212,11 @@ class Peer:
             process=process,
             later=median(steps[1:]) if steps[1:] else None,
             peak_mb=line["peak_mb"],
-            x=found["x"],
-            area=found["area"],
+            x=arrays_of_run["x"],
+            area=arrays_of_run["area"],
             mu=None,
-            R=found["R"],
-            v=found["v"],
+            R=arrays_of_run["R"],
+            v=arrays_of_run["v"],
             settings=line["settings"],
         )
 
@@ -225,10 +225,10 @@ def debian(package):
     """Version of a Debian package with a space before it; empty if not installed."""
     try:
         command = ["dpkg-query", "-W", "-f", "${Version}", package]
-        found = subprocess.run(command, capture_output=True, text=True, check=True)
+        listing = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return " " + found.stdout
+    return " " + listing.stdout
 
 
 def peers():

@@ -24,8 +24,8 @@ ORDERINGS = {2: "METIS", 3: "parallel METIS"}
 
 def library():
     """Load the MKL runtime of the prefix of this Python, or of the system."""
-    own = sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))
-    for path in [*map(str, own), "libmkl_rt.so", "libmkl_rt.so.2"]:
+    libraries = sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))
+    for path in [*map(str, libraries), "libmkl_rt.so", "libmkl_rt.so.2"]:
         try:
             return ctypes.CDLL(path)
         except OSError:
@@ -65,7 +65,7 @@ class Pardiso:
 
     def phase(self, number):
         """Run a phase and return its seconds."""
-        error, one, zero = ctypes.c_int(0), ctypes.c_int(1), ctypes.c_int(0)
+        error, unit, zero = ctypes.c_int(0), ctypes.c_int(1), ctypes.c_int(0)
         # One factor, of number one; kind of the matrix, phase, order.
         integers = (1, 1, POSITIVE_DEFINITE, number, self.n)
         first = [ctypes.byref(ctypes.c_int(x)) for x in integers]
@@ -76,7 +76,7 @@ class Pardiso:
         none = np.zeros(self.n)
         b = none.ctypes.data_as(ctypes.c_void_p)
         by = ctypes.byref
-        rest = [a, ia, ja, perm, by(one), iparm, by(zero), b, schur, by(error)]
+        rest = [a, ia, ja, perm, by(unit), iparm, by(zero), b, schur, by(error)]
         start = perf_counter()
         self.call(pt, *first, *rest)
         seconds = perf_counter() - start

@@ -39,8 +39,10 @@ MOST_STEPS, MOST_KRYLOV, RESTART = 60, 400, 80
 def read(path, rank):
     """The part of a rank, and what all ranks share."""
     with np.load(path) as file:
-        own = {n: file[n] for n in file.files if n.endswith(f".{rank}")}
-        return {n.split(".")[0]: x for n, x in own.items()} | {"n": int(file["n"])}
+        arrays_of_rank = {n: file[n] for n in file.files if n.endswith(f".{rank}")}
+        return {n.split(".")[0]: x for n, x in arrays_of_rank.items()} | {
+            "n": int(file["n"])
+        }
 
 
 def stiffness(own):
@@ -146,15 +148,15 @@ class Body:
 
     def correction(self, e, v, tol):
         """Displacements of a Newton step, from e = K u - f."""
-        known, right, free = np.zeros_like(e), -e, np.ones(e.size, bool)
+        prescribed, right, free = np.zeros_like(e), -e, np.ones(e.size, bool)
         free[self.held] = False
-        known[self.places] = -v
-        known[free] = 0.0
+        prescribed[self.places] = -v
+        prescribed[free] = 0.0
         right[self.slides[:, 1:]] = self.law.wanted
         b, du = self.K.createVecs()
-        b.array[:] = np.where(free, right - self.changed(known), 0.0)
+        b.array[:] = np.where(free, right - self.changed(prescribed), 0.0)
         self.krylov += solve(self.ksp, b, du, tol)
-        return np.where(free, du.array, known)
+        return np.where(free, du.array, prescribed)
 
     def step(self, u, f, before, closed, tol):
         """A load step from u: displacements, reactions, statuses, residual, Newton steps.
@@ -234,9 +236,12 @@ def main():
     parser.add_argument("--tol", type=float, default=1e-10)
     args, _ = parser.parse_known_args()
     comm = MPI.COMM_WORLD
-    own, run = read(args.file, comm.rank), {"newton": newton, "linear": linear}
+    arrays_of_rank, run = (
+        read(args.file, comm.rank),
+        {"newton": newton, "linear": linear},
+    )
     comm.Barrier()
-    answer, (begin, made, end), counts = run[args.mode](own, comm, args.tol)
+    answer, (begin, made, end), counts = run[args.mode](arrays_of_rank, comm, args.tol)
     peaks = comm.gather(report.peak_mb())
     if comm.rank == 0:
         np.savez(args.save, answer=answer)

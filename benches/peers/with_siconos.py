@@ -45,9 +45,11 @@ def reduced(W, q, mu, tol, scale, methods):
     begin = perf_counter()
     best = None
     for method in methods:
-        for own in 10.0 ** -np.arange(2, 16, 2):
+        for inner_tol in 10.0 ** -np.arange(2, 16, 2):
             start = perf_counter()
-            r = solve(inner, load, mu, method, own, ITERATIONS[method], once=True)[0]
+            r = solve(
+                inner, load, mu, method, inner_tol, ITERATIONS[method], once=True
+            )[0]
             spent = perf_counter() - start
             r = largest * weight * r.ravel()
             F = natural_map(r, W @ r + q, mu, scale)

@@ -108,9 +108,11 @@ def column(
     u, below = np.zeros((len(model.nodes), 2)), 0.0
     for k, young in enumerate(youngs):
         first, last = model.offset[k] // 2, (*model.offset, model.n)[k + 1] // 2
-        own = analytic.oedometer(model.nodes[first:last, 1] - k, 1.0, young, nu)
-        u[first:last, 1] = below + own
-        below += float(own.min())
+        displacement_of_block = analytic.oedometer(
+            model.nodes[first:last, 1] - k, 1.0, young, nu
+        )
+        u[first:last, 1] = below + displacement_of_block
+        below += float(displacement_of_block.min())
     r = np.zeros((len(model.area), 2))
     r[:, 0] = model.area
     whole = case(model, load)
@@ -127,7 +129,7 @@ def merged(model: fem.Assembly, whole: Case, answer: Answer) -> tuple[Case, Answ
     ones = (np.ones(len(dofs)), (np.arange(len(dofs)), dofs))
     join = sparse.csr_array(ones, (len(dofs), 2 * len(first)))
     fixed = np.unique(dofs[whole.fixed])
-    one = Case(
+    merged_case = Case(
         sparse.csr_array(join.T @ whole.K @ join),
         sparse.csr_array(whole.B @ join),
         join.T @ whole.load,
@@ -137,7 +139,7 @@ def merged(model: fem.Assembly, whole: Case, answer: Answer) -> tuple[Case, Answ
         np.zeros(len(fixed)),
     )
     kept = (2 * first[:, None] + np.arange(2)).ravel()
-    return one, answer._replace(u=answer.u[kept])
+    return merged_case, answer._replace(u=answer.u[kept])
 
 
 def at_rest(case: Case) -> Array:

@@ -104,12 +104,12 @@ def row(
         problem, step = solved(case)
     except bp.BipotError as error:
         return Row(*sizes, outcome=type(error).__name__)
-    found = Answer(step.reaction, step.relative_displacement, step.displacement)
+    answer_of_row = Answer(step.reaction, step.relative_displacement, step.displacement)
     stats = problem.stats
     at_island = 8 * case.gap.size**2 // max(stats["islands"], 1)
     work = Row(
         *sizes,
-        law=violation(case, found),
+        law=violation(case, answer_of_row),
         iterations=int(step.iterations),
         products=float(step.work),
         residual=float(step.residual),
@@ -118,24 +118,24 @@ def row(
     )
     agree = statuses is None or np.array_equal(step.status, statuses)
     if closed is not None:
-        work = replace(work, **named("error", against(found, closed, case)))
+        work = replace(work, **named("error", against(answer_of_row, closed, case)))
     if not exactly:
         # A wrong status violates the law by more than this.
         return replace(work, statuses_right=bool(agree and work.law <= LAWFUL))
     right = exact.solve(case, step.status, step.slip)
-    own = right.errors(*found)
+    errors_of_row = right.errors(*answer_of_row)
     if closed is None and twin is not None:
         other, unit = twin
         theirs = exact.solve(other, step.status, step.slip)
         work = replace(
-            work, **named("error", against(found, answer(theirs, unit), case))
+            work, **named("error", against(answer_of_row, answer(theirs, unit), case))
         )
     elif closed is None:
-        work = replace(work, **named("error", own))
+        work = replace(work, **named("error", errors_of_row))
     return replace(
         work,
         statuses_right=bool(right.lawful and agree),
-        **named("own", own),
+        **named("own", errors_of_row),
         **named("bound", bounds(right, problem, work.residual, data)),
     )
 

@@ -35,11 +35,11 @@ def rows(
     whole = None
     for count in islands:
         case, twin = blocks.twins(partial(many, count))
-        found = row("plane, blocks of 100", EACH * count, case, twin=twin)
+        first_row = row("plane, blocks of 100", EACH * count, case, twin=twin)
         # The blocks are equal, and so are their bounds relative to their own size.
-        whole = whole or found
+        whole = whole or first_row
         limits = (whole.bound_r, whole.bound_v, whole.bound_u)
-        yield replace(found, **named("bound", limits))
+        yield replace(first_row, **named("bound", limits))
     for side in space:
         grid = np.linspace(0, side - 1, side)
         axes = [grid, grid, np.linspace(0, UP, UP + 1)]
@@ -50,8 +50,8 @@ def rows(
         grid = np.linspace(0, side - 1, side)
         axes = [grid, grid, np.linspace(0, UP, UP + 1)]
         case = blocks.pressed(axes, 0.3, moved=(0.02, 0.01, -0.04))
-        found = row("space, slipping", side**2, case, exactly=False)
-        yield against_reduced(found, case) if side <= COMPARED else found
+        first_row = row("space, slipping", side**2, case, exactly=False)
+        yield against_reduced(first_row, case) if side <= COMPARED else first_row
 
 
 def strip(contacts: int, young: float) -> Case:
@@ -76,17 +76,17 @@ def strip(contacts: int, young: float) -> Case:
 
 def many(count: int, young: float) -> Case:
     """Independent blocks, each with its own prescribed motion."""
-    one = strip(EACH, young)
+    block = strip(EACH, young)
     moved = 1 + np.arange(count) / max(count, 1)
-    n = one.K.shape[0]
+    n = block.K.shape[0]
     return Case(
-        sparse.block_diag([one.K] * count, format="csr"),
-        sparse.block_diag([one.B] * count, format="csr"),
-        np.tile(one.load, count),
-        np.tile(one.gap, (count, 1)),
-        np.tile(one.mu, count),
-        np.concatenate([one.fixed + n * k for k in range(count)]),
-        np.concatenate([one.prescribed * m for m in moved]),
+        sparse.block_diag([block.K] * count, format="csr"),
+        sparse.block_diag([block.B] * count, format="csr"),
+        np.tile(block.load, count),
+        np.tile(block.gap, (count, 1)),
+        np.tile(block.mu, count),
+        np.concatenate([block.fixed + n * k for k in range(count)]),
+        np.concatenate([block.prescribed * m for m in moved]),
     )
 
 
@@ -94,8 +94,8 @@ def against_reduced(found: Row, case: Case) -> Row:
     """Row with errors against the exact solution of ``v = W r + q`` with the computed W."""
     problem, step = solved(case)
     reduced = problem.reduced(case.load, case.prescribed)
-    given = Problem(found.case, reduced.W, reduced.q, case.mu)
-    right = refine(given, step.reaction, None, step.status)
+    reduced_data = Problem(found.case, reduced.W, reduced.q, case.mu)
+    right = refine(reduced_data, step.reaction, None, step.status)
     v = float(np.abs(step.relative_displacement - right.v).max())
     return replace(
         found,

@@ -87,8 +87,10 @@ def path(share: float) -> tuple[Row, Row]:
     right = [exact.solve(pulled(case, p), *front(case, p)) for p in pulls]
 
     last = result[-1]
-    found = Answer(last.reaction, last.relative_displacement, last.displacement)
-    own = right[-1].errors(*found)
+    answer_of_path = Answer(
+        last.reaction, last.relative_displacement, last.displacement
+    )
+    errors_of_path = right[-1].errors(*answer_of_path)
     limits = bounds(right[-1], problem, float(result.residual.max()))
     agree = all(
         np.array_equal(step.status, front(case, p)[0])
@@ -99,10 +101,10 @@ def path(share: float) -> tuple[Row, Row]:
         share,
         len(case.load),
         NODES,
-        **named("error", own),
-        **named("own", own),
+        **named("error", errors_of_path),
+        **named("own", errors_of_path),
         **named("bound", limits),
-        law=violation(right[-1].case, found),
+        law=violation(right[-1].case, answer_of_path),
         statuses_right=agree and all(x.lawful for x in right),
         iterations=int(result.iterations[1:].sum()),
         products=float(result.work[1:].sum()),

@@ -37,9 +37,9 @@ def names() -> list[str]:
 def section(name: str) -> str:
     """Heading, usage, help and options of one command."""
     parser = app.make_parser(name)
-    known = [a for a in parser._actions if "--help" not in a.option_strings]
-    arguments = [a for a in known if not a.option_strings]
-    options = [a for a in known if a.option_strings]
+    actions = [a for a in parser._actions if "--help" not in a.option_strings]
+    arguments = [a for a in actions if not a.option_strings]
+    options = [a for a in actions if a.option_strings]
     usage = " ".join(["bipot", name, *parser.positionals()])
     parts = [
         f"## bipot {name}",

@@ -47,21 +47,25 @@ def curves(panel: str, mu: float) -> list[Point]:
         solutions.append(problem.solve("nesterov", 1e-13, max_iterations=count))
         if solutions[-1].converged:
             break
-    found = [solution.reaction for solution in solutions]
-    bounds = problem.error_bounds(np.array(found))
+    reactions = [solution.reaction for solution in solutions]
+    bounds = problem.error_bounds(np.array(reactions))
     size = norm(problem.W, exact)
-    known = {
-        TRUE: [norm(problem.W, r - exact) / size for r in found],
+    curves_by_name = {
+        TRUE: [norm(problem.W, r - exact) / size for r in reactions],
         BOUND: [bound.energy for bound in bounds],
         BY_GAP: [bound.energy_by_gap for bound in bounds],
         RESIDUAL: [solution.residual for solution in solutions],
     }
     for name in (BOUND, BY_GAP):
-        known[name] = [] if None in known[name] else [x / size for x in known[name]]
+        curves_by_name[name] = (
+            []
+            if None in curves_by_name[name]
+            else [x / size for x in curves_by_name[name]]
+        )
     work = [solution.work for solution in solutions]
     return [
         Point(panel, name, x, y)
-        for name, values in known.items()
+        for name, values in curves_by_name.items()
         for x, y in zip(work, values, strict=bool(values))
     ]
 
@@ -74,12 +78,14 @@ def points() -> list[Point]:
 def main() -> None:
     """Write the numbers and the picture."""
     write(NUMBERS, points())
-    known = read(NUMBERS)
+    stored_points = read(NUMBERS)
     plt.rcParams.update({"svg.hashsalt": "bipot", "svg.fonttype": "none"})
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="tight")
     for ax, (panel, _) in zip(axes, PANELS, strict=True):
         for name, style in STYLES.items():
-            xy = [(p.x, p.y) for p in known if (p.panel, p.curve) == (panel, name)]
+            xy = [
+                (p.x, p.y) for p in stored_points if (p.panel, p.curve) == (panel, name)
+            ]
             if xy:
                 ax.semilogy(*np.transpose(xy), style, label=name)
         ax.set(xlabel="products with W", title=panel)

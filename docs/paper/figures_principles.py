@@ -123,8 +123,8 @@ def existence() -> None:
         # All reactions in balance have r_t = -F; the least is at the edge or at the spring.
         press = max(pull / mu, 1.0)
         least.append(f.bifunctional([0.0, 0.0], [[press, -pull]]))
-        found = problem.existence(load, exhaust=True)
-        solved.append(found.verdict == "guaranteed")
+        existence_verdict = problem.existence(load, exhaust=True)
+        solved.append(existence_verdict.verdict == "guaranteed")
     edge = pulls[np.array(solved)].max()
     right.axvspan(0, edge, color="0.9")
     right.plot(pulls, least, **STYLE)

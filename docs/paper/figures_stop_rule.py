@@ -32,29 +32,37 @@ def curves(name: str, n: int, methods: tuple[str, ...] = METHODS) -> list[Point]
     exact = problem.solve(case.load, case.prescribed, tol=1e-14).displacement
     size = max(float(u @ (K @ u)) for u in exact)
     panel = f"{name}, n = {n}, P1"
-    found = []
+    points_of_panel = []
     for method in methods:
         enough = tolerance(estimator, problem, method=method)
-        found.append(Point(panel, f"{method}, mesh", 0.0, enough.discretisation))
+        points_of_panel.append(
+            Point(panel, f"{method}, mesh", 0.0, enough.discretisation)
+        )
         stopped = f"{method}, stopped"
         for curve, tol in (*((method, t) for t in LADDER), (stopped, enough.tol)):
             result = problem.solve(case.load, case.prescribed, method=method, tol=tol)
             off = result.displacement - exact
             missed = np.sqrt(max(float(u @ (K @ u)) for u in off) / size)
-            found.append(Point(panel, curve, float(result.work.sum()), missed))
-    return found
+            points_of_panel.append(
+                Point(panel, curve, float(result.work.sum()), missed)
+            )
+    return points_of_panel
 
 
 def main() -> None:
     """Write the numbers and the picture."""
     write(NUMBERS, [point for name, n in SCENES for point in curves(name, n)])
-    known = read(NUMBERS)
+    stored_points = read(NUMBERS)
     figure = Figure(figsize=(11.0, 4.0), layout="constrained")
-    panels = list(dict.fromkeys(point.panel for point in known))
+    panels = list(dict.fromkeys(point.panel for point in stored_points))
     for axes, panel in zip(figure.subplots(1, 2), panels, strict=True):
 
         def of(curve: str, panel: str = panel) -> np.ndarray:
-            xy = [(p.x, p.y) for p in known if (p.panel, p.curve) == (panel, curve)]
+            xy = [
+                (p.x, p.y)
+                for p in stored_points
+                if (p.panel, p.curve) == (panel, curve)
+            ]
             return np.transpose(xy)
 
         mesh = 0.0

@@ -33,10 +33,10 @@ def _within_range(function: Callable[P, T]) -> Callable[P, T]:
         try:
             with np.errstate(all="ignore"):
                 answer = function(*args, **kwargs)
-                known = _is_finite(answer)
+                applies = _is_finite(answer)
         except (OverflowError, ZeroDivisionError):
-            known = False
-        if not known:
+            applies = False
+        if not applies:
             raise ValueError(
                 f"the result of {function.__name__} overflows or underflows: choose other "
                 "units"
@@ -60,14 +60,14 @@ def _numbers(**values: float) -> None:
 
 def _positive(**values: float) -> None:
     for name, value in values.items():
-        found = number(name, value)
-        if not (math.isfinite(found) and found > 0):
+        positive_number = number(name, value)
+        if not (math.isfinite(positive_number) and positive_number > 0):
             raise ValueError(f"{name} must be positive and finite, found {value!r}")
 
 
 def _friction(mu: float) -> None:
-    found = number("mu", mu)
-    if not (math.isfinite(found) and found >= 0):
+    coefficient = number("mu", mu)
+    if not (math.isfinite(coefficient) and coefficient >= 0):
         raise ValueError(f"mu must be finite and not negative, found {mu!r}")
 
 
@@ -502,12 +502,12 @@ def one_contact_branches(
         raise ValueError(
             "stiffness must be a symmetric positive definite 2 by 2 matrix"
         )
-    found = []
+    branches = []
     if k_t * f_n - k_c * f_t >= 0:
         u = ((k_t * f_n - k_c * f_t) / det, (k_n * f_t - k_c * f_n) / det)
-        found.append(Branch("open", u, (0.0, 0.0)))
+        branches.append(Branch("open", u, (0.0, 0.0)))
     if f_n <= 0 and abs(f_t) <= -mu * f_n:
-        found.append(Branch("stick", (0.0, 0.0), (-f_n, -f_t)))
+        branches.append(Branch("stick", (0.0, 0.0), (-f_n, -f_t)))
     for s in (1.0, -1.0):
         tangent = k_t + s * mu * k_c
         if tangent == 0:
@@ -516,8 +516,8 @@ def one_contact_branches(
         r_n = k_c * u_t - f_n
         # u_t = 0 is the limit of sticking, which is listed as stick.
         if s * u_t > 0 and r_n >= 0:
-            found.append(Branch("slip", (0.0, u_t), (r_n, -s * mu * r_n)))
-    return found
+            branches.append(Branch("slip", (0.0, u_t), (r_n, -s * mu * r_n)))
+    return branches
 
 
 @_within_range

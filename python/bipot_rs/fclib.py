@@ -137,8 +137,8 @@ def read_info(path: Path_) -> dict[str, str]:
         group = f"/fclib_{file.form()}"
         if "info" not in file.names(group):
             return {}
-        known = file.names(f"{group}/info")
-        return {k: file.text(f"{group}/info/{k}") for k in _INFO if k in known}
+        names = file.names(f"{group}/info")
+        return {k: file.text(f"{group}/info/{k}") for k in _INFO if k in names}
 
 
 def write(
@@ -275,7 +275,7 @@ def write_path(
     if not isinstance(result, Result):
         raise mistyped("result", result, "a Result")
     before = result.start
-    base, given, paths = place(stem, "stem"), dict(info or {}), []
+    base, titles, paths = place(stem, "stem"), dict(info or {}), []
     for k, step in enumerate(result):
         if step.load is None:
             raise ValueError(
@@ -287,8 +287,8 @@ def write_path(
         )
         u = np.column_stack([step.relative_displacement[:, 0], step.slip])
         path = base.with_name(f"{base.name}-{k:04d}.hdf5")
-        title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"
-        words = _describe(base.name, reduced, step) | given | {"title": title}
+        title = f"{titles.get('title', base.name)}, step {k + 1} of {len(result)}"
+        words = _describe(base.name, reduced, step) | titles | {"title": title}
         answer = Vectors(u, step.reaction, None, step.rigid_motion)
         write(path, reduced, answer, info=words)
         paths.append(path)
@@ -311,9 +311,9 @@ class _File:
         here = self.names("/")
         forms = [form for form in ("local", "global") if f"fclib_{form}" in here]
         if len(forms) != 1:
-            found = "both" if forms else "neither"
+            which = "both" if forms else "neither"
             raise _Fault(
-                f"expected one of /fclib_local and /fclib_global, found {found}"
+                f"expected one of /fclib_local and /fclib_global, found {which}"
             )
         self.expect("/", (f"fclib_{forms[0]}",), ("solution", "guesses"))
         return forms[0]
@@ -360,10 +360,10 @@ class _File:
 
     def number(self, name: str) -> int:
         """One integer, a scalar or an array with one entry."""
-        found = self._data(name, "iu", "an integer")
-        if found.size != 1:
-            raise _Fault(f"{name} has {found.size} entries, expected one")
-        return int(found.ravel()[0])
+        entries = self._data(name, "iu", "an integer")
+        if entries.size != 1:
+            raise _Fault(f"{name} has {entries.size} entries, expected one")
+        return int(entries.ravel()[0])
 
     def integers(self, name: str) -> Integers:
         """A vector of integers."""
@@ -372,13 +372,13 @@ class _File:
 
     def floats(self, name: str, length: int | None = None) -> Floats:
         """A vector of finite numbers."""
-        found = self._vector(name, self._data(name, "iuf", "real numbers"))
-        if length is not None and len(found) != length:
+        vector = self._vector(name, self._data(name, "iuf", "real numbers"))
+        if length is not None and len(vector) != length:
             raise _Fault(
-                f"{name} has {counted(len(found), 'entry')}, expected {length}"
+                f"{name} has {counted(len(vector), 'entry')}, expected {length}"
             )
         with np.errstate(over="ignore"):
-            numbers = found.astype(np.float64)
+            numbers = vector.astype(np.float64)
         if not np.isfinite(numbers).all():
             at = int(np.argmin(np.isfinite(numbers)))
             raise _Fault(
@@ -398,10 +398,10 @@ class _File:
 
     def text(self, name: str) -> str:
         """A string of fixed or variable length."""
-        found = self._data(name, "SO", "text").ravel()
-        if found.size != 1 or not isinstance(found[0], (bytes, str)):
-            raise _Fault(f"{name} has {found.size} entries, expected one text")
-        raw = found[0]
+        texts = self._data(name, "SO", "text").ravel()
+        if texts.size != 1 or not isinstance(texts[0], (bytes, str)):
+            raise _Fault(f"{name} has {texts.size} entries, expected one text")
+        raw = texts[0]
         text = raw if isinstance(raw, str) else raw.decode("utf-8", errors="replace")
         return text.rstrip("\0")
 

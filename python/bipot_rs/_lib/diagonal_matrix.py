@@ -9,5 +9,5 @@ from bipot_rs._lib.types import CsrMatrix, Floats
 
 def diagonal_matrix(values: Floats) -> CsrMatrix:
     """CSR array with ``values (n,)`` on its diagonal; SciPy has `diags_array` since 1.11."""
-    found: CsrMatrix = sparse.csr_array(sparse.diags(values))
-    return found
+    diagonal: CsrMatrix = sparse.csr_array(sparse.diags(values))
+    return diagonal

@@ -25,7 +25,7 @@ def lazily(
     modules
         Exported modules: name of the attribute, absolute name of the module.
     """
-    places = {name: module for module, own in names.items() for name in own}
+    places = {name: module for module, exported in names.items() for name in exported}
     whole = dict(modules or {})
 
     def getattr_(name: str) -> object:
@@ -33,13 +33,13 @@ def lazily(
         if module is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         try:
-            found = import_module(module)
+            loaded = import_module(module)
         except MissingLibraryError:
             raise
         except ModuleNotFoundError as error:
             what = f"{package}.{name} and what uses it"
             raise missing(error, what, error.name or "", "cli") from None
-        value = found if name in whole else getattr(found, name)
+        value = loaded if name in whole else getattr(loaded, name)
         # Python does not call this function for an attribute that exists.
         setattr(sys.modules[package], name, value)
         return value

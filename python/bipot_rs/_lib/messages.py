@@ -62,14 +62,14 @@ def nearest(word: str, known: Iterable[str]) -> str:
         return name.lower().replace("-", "_")
 
     names = {plain(name): name for name in known}
-    found = get_close_matches(plain(word), names, n=1, cutoff=0.6)
-    return names[found[0]] if found else ""
+    similar = get_close_matches(plain(word), names, n=1, cutoff=0.6)
+    return names[similar[0]] if similar else ""
 
 
 def meant(word: str, known: Iterable[str]) -> str:
     """``, did you mean 'x'?``, or "" without a similar name."""
-    found = nearest(word, known)
-    return f", did you mean {found!r}?" if found and found != word else ""
+    similar = nearest(word, known)
+    return f", did you mean {similar!r}?" if similar and similar != word else ""
 
 
 def instead(word: str, known: Collection[str], hint: str = "") -> str:

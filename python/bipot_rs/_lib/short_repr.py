@@ -29,7 +29,7 @@ def short_repr(self: DataclassInstance) -> str:
     Found(x=array (40, 3), gap=array([0., 0.]))
     """
     lines = [f"{type(self).__name__}("]
-    shown = [one.name for one in fields(self) if one.repr]
+    shown = [attribute.name for attribute in fields(self) if attribute.repr]
     for k, name in enumerate(shown):
         end = ")" if k == len(shown) - 1 else ", "
         item = f"{name}={_short(getattr(self, name))}{end}"
@@ -45,7 +45,7 @@ def _short(value: object) -> str:
     if hasattr(value, "nnz") and hasattr(value, "shape"):
         return f"sparse {value.shape}, {value.nnz} entries"
     if isinstance(value, tuple | list) and value:
-        inner = ", ".join(_short(one) for one in value)
+        inner = ", ".join(_short(entry) for entry in value)
         text = f"({inner})" if isinstance(value, tuple) else f"[{inner}]"
         kind = type(value[0]).__name__
         return text if _fits(text) else f"{len(value)} × {kind}"

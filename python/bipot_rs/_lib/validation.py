@@ -50,21 +50,23 @@ def floats(
 ) -> Floats:
     """``value`` as a C-ordered array of float64, by default a copy."""
     try:
-        found = np.asarray(value)
+        array_like = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{what} is not an array: {error}") from None
-    if found.dtype.kind not in "iuf":
+    if array_like.dtype.kind not in "iuf":
         raise TypeError(
-            f"{what} has entries of type {found.dtype}, expected real numbers"
+            f"{what} has entries of type {array_like.dtype}, expected real numbers"
         )
     if np.ma.is_masked(value) or (isinstance(value, (list, tuple)) and _hides(value)):
         raise ValueError(f"{what} has masked entries, expected an array without a mask")
     # Numbers too large for float64 become infinite and are refused below.
     with np.errstate(over="ignore"):
         if copy:
-            array = np.array(found, dtype=np.float64, order="C")
+            array = np.array(array_like, dtype=np.float64, order="C")
         else:
-            array = np.require(found, np.float64, ["C", "A"]).reshape(found.shape)
+            array = np.require(array_like, np.float64, ["C", "A"]).reshape(
+                array_like.shape
+            )
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
@@ -83,20 +85,22 @@ def vectors(
     what: str, value: object, *, rows: str = "n_c", copy: bool = True
 ) -> Floats:
     """Vectors of two or three components, one for each row."""
-    found = floats(what, value, ndim=2, copy=copy)
-    if found.shape[1] not in (2, 3):
+    rows_of_vectors = floats(what, value, ndim=2, copy=copy)
+    if rows_of_vectors.shape[1] not in (2, 3):
         raise ValueError(
-            f"{what} has shape {found.shape}, expected ({rows}, 2) or ({rows}, 3)"
+            f"{what} has shape {rows_of_vectors.shape}, expected ({rows}, 2) or ({rows}, 3)"
         )
-    return found
+    return rows_of_vectors
 
 
 def integers(what: str, value: object) -> Integers:
     """An array of integers."""
-    found = np.asarray(value)
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
-    return found
+    whole_numbers = np.asarray(value)
+    if whole_numbers.dtype.kind not in "iu":
+        raise TypeError(
+            f"{what} has entries of type {whole_numbers.dtype}, expected integers"
+        )
+    return whole_numbers
 
 
 def _hides(rows: Sequence[object]) -> bool:
@@ -140,9 +144,9 @@ def csr(what: str, value: Any) -> Csr:
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
         # The same message as that of the core, which checks dense matrices.
-        found = "NaN" if np.isnan(data[at]) else data[at]
+        entry = "NaN" if np.isnan(data[at]) else data[at]
         raise ValueError(
-            f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {found}"
+            f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {entry}"
         )
     # Indices of 32 bits are not copied: a copy would take much memory.
     wide = np.int32 if matrix.indices.dtype == np.int32 else np.int64
@@ -202,34 +206,36 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
 
     The two of one contact are within a factor ``ratio`` of each other, or both zero.
     """
-    found = floats("mu", mu)
-    if found.ndim == 0:
-        found = np.full(contacts, float(found))
+    coefficients = floats("mu", mu)
+    if coefficients.ndim == 0:
+        coefficients = np.full(contacts, float(coefficients))
     shapes = [(contacts,), (contacts, 2)][: d - 1]
-    if found.shape not in shapes:
+    if coefficients.shape not in shapes:
         wished = " or ".join(map(str, shapes))
-        raise ValueError(f"mu has shape {found.shape}, expected a number or {wished}")
-    if (found < 0).any():
-        at = np.argwhere(found < 0)[0]
+        raise ValueError(
+            f"mu has shape {coefficients.shape}, expected a number or {wished}"
+        )
+    if (coefficients < 0).any():
+        at = np.argwhere(coefficients < 0)[0]
         along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
         raise ValueError(
-            f"mu of contact {at[0]}{along} is {found[tuple(at)]}, expected zero or positive"
+            f"mu of contact {at[0]}{along} is {coefficients[tuple(at)]}, expected zero or positive"
         )
-    if found.ndim == 2:
-        _two_coefficients(found, ratio)
-    return found
+    if coefficients.ndim == 2:
+        _two_coefficients(coefficients, ratio)
+    return coefficients
 
 
 def by_contact(what: str, value: ArrayLike, contacts: int) -> Floats:
     """One number for all contacts, or one for each, as ``(n_c,)``."""
-    found = floats(what, value)
-    if found.ndim == 0:
-        found = np.full(contacts, float(found))
-    if found.shape != (contacts,):
+    by_contact_number = floats(what, value)
+    if by_contact_number.ndim == 0:
+        by_contact_number = np.full(contacts, float(by_contact_number))
+    if by_contact_number.shape != (contacts,):
         raise ValueError(
-            f"{what} has shape {found.shape}, expected a number or ({contacts},)"
+            f"{what} has shape {by_contact_number.shape}, expected a number or ({contacts},)"
         )
-    return found
+    return by_contact_number
 
 
 def coulomb(mu: ArrayLike, contacts: int) -> Floats:
@@ -260,30 +266,34 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
 
 def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     """Distinct indices below ``limit``."""
-    found = np.asarray([] if value is None else value)
-    if found.dtype == np.bool_:
+    index_array = np.asarray([] if value is None else value)
+    if index_array.dtype == np.bool_:
         raise TypeError(
             f"{what} is a boolean mask, expected integers: use numpy.flatnonzero(mask)"
         )
-    if found.size == 0:
+    if index_array.size == 0:
         return np.empty(0, np.int64)
-    integers(what, found)
-    if found.ndim != 1:
-        raise ValueError(f"{what} has {counted(found.ndim, 'dimension')}, expected 1")
-    outside = (found < 0) | (found >= limit)
+    integers(what, index_array)
+    if index_array.ndim != 1:
+        raise ValueError(
+            f"{what} has {counted(index_array.ndim, 'dimension')}, expected 1"
+        )
+    outside = (index_array < 0) | (index_array >= limit)
     if outside.any():
         at = int(np.argmax(outside))
         raise ValueError(
-            f"{what} holds {found[at]} at position {at}, expected 0 to {limit - 1}"
+            f"{what} holds {index_array[at]} at position {at}, expected 0 to {limit - 1}"
         )
-    listed, first, counts = np.unique(found, return_index=True, return_counts=True)
+    listed, first, counts = np.unique(
+        index_array, return_index=True, return_counts=True
+    )
     if (counts > 1).any():
         at = int(np.argmax(counts > 1))
         raise ValueError(
             f"{what} holds {listed[at]} repeated, {counts[at]} times, first at position "
             f"{first[at]}: expected each index once"
         )
-    return np.array(found, dtype=np.int64)
+    return np.array(index_array, dtype=np.int64)
 
 
 def positive(what: str, value: object) -> int:
@@ -368,18 +378,18 @@ def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
     """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either handedness."""
     if value is None:
         return None
-    found = floats("frame", value, shape=(contacts, d, d))
+    bases = floats("frame", value, shape=(contacts, d, d))
     # Vectors whose product overflows are refused below as well.
     with np.errstate(over="ignore", invalid="ignore"):
-        lack = np.abs(found @ found.swapaxes(1, 2) - np.eye(d)).max(axis=(1, 2))
+        lack = np.abs(bases @ bases.swapaxes(1, 2) - np.eye(d)).max(axis=(1, 2))
     wrong = ~(lack <= _TILT)
     if wrong.any():
         at = int(np.argmax(wrong))
         raise ValueError(
-            f"frame of contact {at} has the rows {shown(found[at].tolist())}, expected "
+            f"frame of contact {at} has the rows {shown(bases[at].tolist())}, expected "
             f"unit vectors at right angles, to {_TILT:g}"
         )
-    return found
+    return bases
 
 
 def matrices(K: object, B: object) -> tuple[Csr, Csr]:
@@ -404,39 +414,39 @@ def areas(area: ArrayLike | None, contacts: int) -> Floats | None:
     """Tributary areas, ``(n_c,)``, all positive."""
     if area is None:
         return None
-    found = floats("area", area, shape=(contacts,))
-    if not (found > 0).all():
-        at = int(np.argmin(found > 0))
+    checked_areas = floats("area", area, shape=(contacts,))
+    if not (checked_areas > 0).all():
+        at = int(np.argmin(checked_areas > 0))
         raise ValueError(
-            f"area of contact {at} is {found[at]}, expected a positive number"
+            f"area of contact {at} is {checked_areas[at]}, expected a positive number"
         )
-    return found
+    return checked_areas
 
 
 def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
     """Coordinates of degrees of freedom, three for each, as the core takes them."""
     if coordinates is None:
         return None
-    given = floats("coordinates", coordinates, ndim=2)
-    if given.shape[0] != n or given.shape[1] not in (2, 3):
+    as_given = floats("coordinates", coordinates, ndim=2)
+    if as_given.shape[0] != n or as_given.shape[1] not in (2, 3):
         raise ValueError(
-            f"coordinates has shape {given.shape}, expected ({n}, 2) or ({n}, 3)"
+            f"coordinates has shape {as_given.shape}, expected ({n}, 2) or ({n}, 3)"
         )
-    found = np.zeros((n, 3))
-    found[:, : given.shape[1]] = given
-    return found
+    in_space = np.zeros((n, 3))
+    in_space[:, : as_given.shape[1]] = as_given
+    return in_space
 
 
 def rows_of_steps(what: str, value: ArrayLike | None, length: int) -> Floats:
     """Values of each step, ``(steps, length)``; zeros of one step for None."""
     if value is None:
         return np.zeros((1, length))
-    found = floats(what, value)
-    if found.ndim not in (1, 2) or found.shape[-1] != length:
+    totals = floats(what, value)
+    if totals.ndim not in (1, 2) or totals.shape[-1] != length:
         raise ValueError(
-            f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
+            f"{what} has shape {totals.shape}, expected ({length},) or (steps, {length})"
         )
-    return found[None] if found.ndim == 1 else found
+    return totals[None] if totals.ndim == 1 else totals
 
 
 def loads(
@@ -471,25 +481,25 @@ def together(
 
 def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
     """Gaps ``(n_c, d)``, from normal gaps ``(n_c,)`` or all components ``(n_c, d)``."""
-    found = floats(what, value)
-    if found.shape not in ((contacts,), (contacts, d)):
+    gaps_at_start = floats(what, value)
+    if gaps_at_start.shape not in ((contacts,), (contacts, d)):
         raise ValueError(
-            f"{what} has shape {found.shape}, expected ({contacts},) or ({contacts}, {d})"
+            f"{what} has shape {gaps_at_start.shape}, expected ({contacts},) or ({contacts}, {d})"
         )
-    return found if found.ndim == 2 else by_component(found, d)
+    return gaps_at_start if gaps_at_start.ndim == 2 else by_component(gaps_at_start, d)
 
 
 def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
     """Gaps ``(steps, n_c, d)``, from the same, ``(steps, n_c)`` or ``(n_c,)``."""
-    found = floats("gap", value)
-    if found.shape == (contacts,):
-        found = found[None]
-    if found.shape[1:] not in ((contacts,), (contacts, d)):
+    by_step = floats("gap", value)
+    if by_step.shape == (contacts,):
+        by_step = by_step[None]
+    if by_step.shape[1:] not in ((contacts,), (contacts, d)):
         raise ValueError(
-            f"gap has shape {found.shape}, expected ({contacts},), (steps, {contacts}) "
+            f"gap has shape {by_step.shape}, expected ({contacts},), (steps, {contacts}) "
             f"or (steps, {contacts}, {d})"
         )
-    return found if found.ndim == 3 else by_component(found, d)
+    return by_step if by_step.ndim == 3 else by_component(by_step, d)
 
 
 def by_component(normal: Floats, d: int) -> Floats:

@@ -49,27 +49,27 @@ def versions() -> dict[str, str]:
     >>> list(bp.versions())[:3]
     ['bipot-rs', 'core', 'python']
     """
-    known = {
+    facts = {
         "bipot-rs": _version("bipot-rs"),
         "core": f"{_core.version}, {_core.build_profile} build",
         "python": f"{platform.python_version()} ({platform.python_implementation()})",
         "system": platform.platform(),
     }
     model, flags = _processor()
-    known["processor"] = model
-    found = [name for name in _VECTORS if name in flags]
-    known["vector instructions"] = ", ".join(found) or "unknown"
-    known["cores"] = str(_cores())
-    known["threads"] = _threads()
-    known["ordering"] = "METIS, coordinate bisection (both compiled in)"
-    return known | {name: _version(name) for name in (*_NEEDED, *_OPTIONAL)}
+    facts["processor"] = model
+    supported = [name for name in _VECTORS if name in flags]
+    facts["vector instructions"] = ", ".join(supported) or "unknown"
+    facts["cores"] = str(_cores())
+    facts["threads"] = _threads()
+    facts["ordering"] = "METIS, coordinate bisection (both compiled in)"
+    return facts | {name: _version(name) for name in (*_NEEDED, *_OPTIONAL)}
 
 
 def show_versions() -> None:
     """Print `versions`, one line each, for a bug report."""
-    known = versions()
-    width = max(map(len, known))
-    lines = [f"{name:{width}}  {value}" for name, value in known.items()]
+    facts = versions()
+    width = max(map(len, facts))
+    lines = [f"{name:{width}}  {value}" for name, value in facts.items()]
     sys.stdout.write("\n".join(lines) + "\n")
 
 
@@ -111,5 +111,5 @@ def _threads() -> str:
     except ValueError as error:
         # An invalid environment variable belongs into the report.
         return str(error)
-    given = [f"{name}={os.environ[name]}" for name in _THREADS if name in os.environ]
-    return f"{number} ({', '.join(given)})" if given else number
+    limits = [f"{name}={os.environ[name]}" for name in _THREADS if name in os.environ]
+    return f"{number} ({', '.join(limits)})" if limits else number

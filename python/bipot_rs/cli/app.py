@@ -102,7 +102,9 @@ def make_whole_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 def describe() -> Parser:
     """The parser of the program, for its help and options without a command."""
     wide = max(map(len, COMMANDS))
-    lines = [f"  {name:<{wide}}  {one.SUMMARY}" for name, one in COMMANDS.items()]
+    lines = [
+        f"  {name:<{wide}}  {command.SUMMARY}" for name, command in COMMANDS.items()
+    ]
     parser = Parser(
         prog="bipot",
         usage="bipot COMMAND [ARGUMENTS]",
@@ -146,8 +148,8 @@ def carry_out(words: Sequence[str], interrupts: Interrupts) -> int:
     if words[0] not in COMMANDS:
         raise Ended(BAD_INPUT, _say_unknown(words[0]))
     name = choose_form(words)
-    found = make_parser(name).read(list(words[1:]))
-    return (COMMANDS | FORMS)[name].run(found, interrupts)
+    options = make_parser(name).read(list(words[1:]))
+    return (COMMANDS | FORMS)[name].run(options, interrupts)
 
 
 def _version() -> str:

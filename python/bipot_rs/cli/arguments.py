@@ -39,18 +39,18 @@ class Parser(argparse.ArgumentParser):
         Ended
             A word is wrong.
         """
-        found, unknown = self.parse_known_intermixed_args(words)
+        options, unknown = self.parse_known_intermixed_args(words)
         if unknown:
             self.error(self._say_unknown(unknown[0], words))
-        return found
+        return options
 
     def positionals(self) -> list[str]:
         """The arguments that are no options, as in a line of usage."""
-        found = []
+        usage = []
         for action in self._get_positional_actions():
             name = f"{action.metavar}{'...' if action.nargs == '+' else ''}"
-            found.append(name if action.required else f"[{name}]")
-        return found
+            usage.append(name if action.required else f"[{name}]")
+        return usage
 
     def error(self, message: str) -> NoReturn:
         """Raise `Ended` with the message of argparse."""
@@ -59,8 +59,8 @@ class Parser(argparse.ArgumentParser):
     def _say_unknown(self, word: str, words: list[str]) -> str:
         if word.startswith("-"):
             option = word.partition("=")[0]
-            known = self._option_string_actions
-            return f"there is no option {option}{meant(option, known)}"
+            accepted = self._option_string_actions
+            return f"there is no option {option}{meant(option, accepted)}"
         if "--set" in words:
             return f"unexpected argument {word}: --set takes KEY=VALUE in one piece, without spaces"
         return f"unexpected argument {word}"

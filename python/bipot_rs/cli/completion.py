@@ -66,7 +66,7 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
         names = [str(k) for k in range(len(here))]
     elif isinstance(here, dict):
         names = list(dict.fromkeys([*here, *names]))
-    found = []
+    keys = []
     for name in names:
         inner = here.get(name) if isinstance(here, dict) else None
         # A table, or tables by name or number, of which "0" may be one. A plain value in
@@ -76,17 +76,17 @@ def list_keys(scene: str | None, incomplete: str) -> list[str]:
         )
         key = ".".join([*above, name]) + ("." if more else "=")
         if key.startswith(incomplete):
-            found.append(key)
-    if len(found) == 1 and found[0].endswith(".") and found[0] != incomplete:
+            keys.append(key)
+    if len(keys) == 1 and keys[0].endswith(".") and keys[0] != incomplete:
         # The shell would end a single completion by a space.
-        return list_keys(scene, found[0])
-    return found
+        return list_keys(scene, keys[0])
+    return keys
 
 
 def _is_plain(value: object) -> bool:
     """Whether a value of the scene has no keys: a number, a text, or a list of these."""
     if isinstance(value, list):
-        return not any(isinstance(one, dict) for one in value)
+        return not any(isinstance(item, dict) for item in value)
     return value is not None and not isinstance(value, dict)
 
 

@@ -122,7 +122,9 @@ def describe_oblique(support: str, contact: int, where: str) -> str:
 
 def with_reason(error: NotIterativeError, reason: str) -> NotIterativeError:
     """A copy of an error, with its fields and another reason."""
-    text = f"engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'"
+    text = (
+        f"engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'"
+    )
     made = with_message(error, text)
     made.reason = reason
     return made

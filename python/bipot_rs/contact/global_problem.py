@@ -91,8 +91,8 @@ class GlobalProblem:
         larger: Any = abs(matrix).maximum(abs(matrix.T)).tocsr()
         at = scale == 0
         scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
-        known = difference.data > 0
-        return float((difference.data[known] / scale[known]).max(initial=0.0))
+        nonzero = difference.data > 0
+        return float((difference.data[nonzero] / scale[nonzero]).max(initial=0.0))
 
     @property
     def stats(self) -> Record:
@@ -171,11 +171,13 @@ class GlobalProblem:
         TypeError, ValueError
             An argument is wrong; the message names it.
         """
-        known = solution if isinstance(solution, Solution) else None
+        given_solution = solution if isinstance(solution, Solution) else None
         r = floats(
-            "solution", known.reaction if known else solution, shape=self.w.shape
+            "solution",
+            given_solution.reaction if given_solution else solution,
+            shape=self.w.shape,
         )
-        rigid = known.rigid_motion if known else None
+        rigid = given_solution.rigid_motion if given_solution else None
         free = self.reduced().rigid
         count = 0 if free is None else len(free[1])
         amounts = np.empty(0) if rigid is None else rigid

@@ -128,8 +128,12 @@ def solve(
     >>> result.displacement[-1].round(12)
     array([0.   , 0.002])
     """
-    own: dict[str, Any] = dict(keywords)
-    settings = {name: own.pop(name) for name in _OfSolve.__annotations__ if name in own}
-    return ContactProblem(K, B, gap=gap, mu=mu, **own).solve(
+    arguments: dict[str, Any] = dict(keywords)
+    settings = {
+        name: arguments.pop(name)
+        for name in _OfSolve.__annotations__
+        if name in arguments
+    }
+    return ContactProblem(K, B, gap=gap, mu=mu, **arguments).solve(
         load, prescribed, **settings
     )

@@ -201,14 +201,14 @@ class ReducedProblem:
         TypeError, ValueError
             ``reactions`` is not ``(k, n_c, d)``, or a number is not finite.
         """
-        found = floats("reactions", reactions, ndim=3)
-        if found.shape[1:] != self.q.shape:
+        points = floats("reactions", reactions, ndim=3)
+        if points.shape[1:] != self.q.shape:
             raise ValueError(
-                f"reactions has shape {found.shape}, expected (k, *{self.q.shape})"
+                f"reactions has shape {points.shape}, expected (k, *{self.q.shape})"
             )
         rigid = np.zeros(self._motions)
-        rows = found.reshape(-1, self.q.shape[1])
-        bounds = self._core.error_bounds(rows, len(found), rigid)
+        rows = points.reshape(-1, self.q.shape[1])
+        bounds = self._core.error_bounds(rows, len(points), rigid)
         return [read_error_bound(bound) for bound in bounds]
 
     def solve(
@@ -288,9 +288,9 @@ class ReducedProblem:
         seed = integer("seed", seed, least=0)
         exhausted = self._core.answers()
         if exhausted is not None:
-            found, complete = exhausted
-            known = [self._complete(core, "auto") for core in found]
-            return Answers(known, complete=complete)
+            cores, complete = exhausted
+            solutions = [self._complete(core, "auto") for core in cores]
+            return Answers(solutions, complete=complete)
         contacts, d = self.q.shape
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
         diagonal = np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
@@ -446,13 +446,13 @@ class ReducedProblem:
                     motion=direction,
                 )
         W = by.ravel()[:, None] * make_dense(self.W) * by.ravel()
-        found = judge_existence(self._core, W, by * self.q, mu, rigid)
-        found = replace(
-            found,
-            motion=None if found.motion is None else found.motion / by,
-            inside=None if found.inside is None else found.inside / by,
+        existence = judge_existence(self._core, W, by * self.q, mu, rigid)
+        existence = replace(
+            existence,
+            motion=None if existence.motion is None else existence.motion / by,
+            inside=None if existence.inside is None else existence.inside / by,
         )
-        if found.verdict == "unknown" and exhaust:
+        if existence.verdict == "unknown" and exhaust:
             tried = self._core.answers()
             if tried is not None and (len(tried[0]) or tried[1]):
                 some = len(tried[0]) > 0
@@ -461,7 +461,7 @@ class ReducedProblem:
                     reason="all combinations of statuses were tried, and "
                     f"{len(tried[0]) or 'none'} satisfied the contact law",
                 )
-        return found
+        return existence
 
     def _model(self) -> ReducedModel:
         """The data of this problem, for derivatives."""
@@ -579,15 +579,17 @@ def _find_islands(W: MatrixLike, contacts: int, d: int) -> list[_Part]:
     j = (d * place[column] + entries.col % d)[sorted_by]
     parts: list[_Part] = []
     for k, (begin, end) in enumerate(itertools.pairwise(bounds.tolist())):
-        names, own = order[begin:end].tolist(), slice(starts[k], starts[k + 1])
+        names, members = order[begin:end].tolist(), slice(starts[k], starts[k + 1])
         n = end - begin
         if _core.is_sparse(int(blocks[k]), n):
-            block = coo_array((values[own], (i[own], j[own])), (d * n, d * n))
+            block = coo_array(
+                (values[members], (i[members], j[members])), (d * n, d * n)
+            )
             stored = block.tobsr(blocksize=(d, d))
             pattern = stored.indptr.tolist(), stored.indices.tolist()
             parts.append((names, np.ascontiguousarray(stored.data).ravel(), pattern))
         else:
             dense = np.zeros((d * n, d * n))
-            dense[i[own], j[own]] = values[own]
+            dense[i[members], j[members]] = values[members]
             parts.append((names, dense.ravel(), None))
     return parts

@@ -75,14 +75,14 @@ class ContactFacets:
         traction
             Traction on ``first`` at the contacts, ``(n_c, d)`` in global components.
         """
-        found = [np.zeros((len(b.facets), b.dim, b.dim)) for b in bodies]
+        moments = [np.zeros((len(b.facets), b.dim, b.dim)) for b in bodies]
         for side, sign in ((self.first, 1.0), (self.second, -1.0)):
-            for owner, one in enumerate(bodies):
+            for owner, cells in enumerate(bodies):
                 here = side.body == owner
                 number = side.facet[here]
                 nodal = sign * traction[side.contact[here]]
-                np.add.at(found[owner], number, one.linear_moments(number, nodal))
-        return found
+                np.add.at(moments[owner], number, cells.linear_moments(number, nodal))
+        return moments
 
 
 def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacets:
@@ -106,11 +106,11 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
             )
         mine = np.flatnonzero(model.group == group)
         owner = names.index(contact.body)
-        one = bodies[owner]
-        of_node = np.full(len(one.points), -1)
+        cells = bodies[owner]
+        of_node = np.full(len(cells.points), -1)
         of_node[(model.contact_dofs[mine, 0] - model.offset[owner]) // dim] = mine
         facets = model.bodies[owner].facets(contact.surface)
-        at = of_node[one.facets[facets]]
+        at = of_node[cells.facets[facets]]
         whole = (at >= 0).all(axis=1)
         first.append((owner, facets[whole], at[whole]))
         if contact.against is None:
@@ -121,8 +121,8 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
         of_node[(model.contact_dofs[mine, 1] - model.offset[obstacle]) // dim] = mine
         facets = model.bodies[obstacle].facets(contact.against[1])
         theirs = of_node[other.facets[facets]]
-        known = {tuple(sorted(c)): i for i, c in enumerate(theirs.tolist())}
-        match = [known.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
+        number_of_facet = {tuple(sorted(c)): i for i, c in enumerate(theirs.tolist())}
+        match = [number_of_facet.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
         if -1 in match:
             raise ValueError(
                 f"surfaces {both(contact)} do not match facet by facet: mesh both with the "
@@ -168,15 +168,15 @@ def prescribed_facets(model: Assembly, bodies: Sequence[Simplices]) -> list[Bool
     """Mask of components prescribed on whole facets of each body, ``(facets, d)``."""
     dim = model.dim
     names = [body.name for body in model.bodies]
-    held = [np.zeros((len(one.facets), dim), dtype=np.bool_) for one in bodies]
+    held = [np.zeros((len(cells.facets), dim), dtype=np.bool_) for cells in bodies]
     for support in model.supports:
         if support.surface is None:
             continue
         owner = names.index(support.body)
-        body, one = model.bodies[owner], bodies[owner]
+        body, cells = model.bodies[owner], bodies[owner]
         facets = body.facets(support.surface)
         nodes = body.nodes(support.surface, support.within)
-        whole = facets[np.isin(one.facets[facets], nodes).all(axis=1)]
+        whole = facets[np.isin(cells.facets[facets], nodes).all(axis=1)]
         components = np.array(support.components, dtype=np.int64)
         held[owner][whole[:, None], components] = True
     return held
@@ -193,7 +193,7 @@ def _side(parts: Sequence[tuple[int, Ints, Ints]], dim: int) -> Side:
 
 
 def _curvature(model: Assembly, edges: Ints) -> Floats:
-    found = np.zeros(len(edges))
+    curvature = np.zeros(len(edges))
     for group, contact in enumerate(model.contacts):
         if not callable(contact.clearance):
             continue
@@ -201,5 +201,5 @@ def _curvature(model: Assembly, edges: Ints) -> Floats:
         ends = model.points[edges[here]]
         nodal = [np.asarray(contact.clearance(x)) for x in (ends[:, 0], ends[:, 1])]
         middle = np.asarray(contact.clearance(ends.mean(axis=1)))
-        found[here] = 4 * (0.5 * (nodal[0] + nodal[1]) - middle)
-    return found
+        curvature[here] = 4 * (0.5 * (nodal[0] + nodal[1]) - middle)
+    return curvature

@@ -62,13 +62,13 @@ def moments(
         np.einsum("cij,ckj->cki", stress, cells.area[cells.facet_of]),
     )
     guess *= np.where(cells.outside, 1.0, 0.5)[:, None] / dim
-    found = np.where(known[:, None], given, guess[:, None])
+    values = np.where(known[:, None], given, guess[:, None])
     local = pairs(dim)
     key, sign = cells.local_moments()
     facet, at = np.divmod(key, dim)
     rest = asked.copy()
     for p, (_, a) in enumerate(local):
-        rest[:, a] -= sign[:, p, None] * found[facet[:, p], at[:, p]]
+        rest[:, a] -= sign[:, p, None] * values[facet[:, p], at[:, p]]
 
     # Minimise the squared changes of moments over the area, as those of tractions.
     free = np.where(known, 0.0, size[:, None])
@@ -76,9 +76,9 @@ def moments(
     for p, (_, a) in enumerate(local):
         # An interior facet is visited from both its cells, and gets the difference.
         change = sign[:, p, None] * free[facet[:, p]] * shift[:, a]
-        np.add.at(found, (facet[:, p], at[:, p]), change)
-    _check(cells, asked, found)
-    return found
+        np.add.at(values, (facet[:, p], at[:, p]), change)
+    _check(cells, asked, values)
+    return values
 
 
 def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
@@ -105,7 +105,7 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
     shared = ~cells.outside[ends // dim]
     other = np.where(shared, total[ends] - mine, mine).astype(np.int64)
     node = corners[:, corner].ravel()
-    found = np.zeros((flat.size, dim))
+    potentials = np.zeros((flat.size, dim))
     # Graphs of equal size are solved together.
     for n in np.unique(many[many > 0]):
         nodes = np.flatnonzero(many == n)
@@ -129,8 +129,8 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
             scale = np.trace(graph, axis1=1, axis2=2) / n
             scale = np.where(scale > 0, scale, 1.0)
             graph += np.where(open_ends > 0, 0.0, scale)[:, None, None] / n
-            found[whose, k] = np.linalg.solve(graph, right[:, :, k, None]).ravel()
-    return found.reshape(*corners.shape, dim)
+            potentials[whose, k] = np.linalg.solve(graph, right[:, :, k, None]).ravel()
+    return potentials.reshape(*corners.shape, dim)
 
 
 def _check(cells: Simplices, asked: Floats, found: Floats) -> None:

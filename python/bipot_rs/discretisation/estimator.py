@@ -171,7 +171,7 @@ class Estimator:
                     f"contacts[{k}] is paired by {contact.pairing!r}: the discretisation "
                     "error supports pairing='match' only"
                 )
-        if any(one.load and one.load.strain is not None for one in case.loads):
+        if any(acting.load and acting.load.strain is not None for acting in case.loads):
             raise ValueError(
                 "the case has initial strains: the discretisation error does not support "
                 "them"
@@ -211,12 +211,12 @@ class Estimator:
         held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
         self.known = [
-            one.outside[:, None] & ~prescribed
-            for one, prescribed in zip(self.bodies, held, strict=True)
+            acting.outside[:, None] & ~prescribed
+            for acting, prescribed in zip(self.bodies, held, strict=True)
         ]
         self.own = [
-            SelfStress(one, material, ~known)
-            for one, material, known in zip(
+            SelfStress(acting, material, ~cells)
+            for acting, material, cells in zip(
                 self.bodies, self.materials, self.known, strict=True
             )
         ]
@@ -254,12 +254,12 @@ class Estimator:
                     f"threshold is {limit.min():g} at a contact, expected zero or positive"
                 )
         traction = at.reaction / self.facets.node_area[:, None]
-        given = self.facets.traction_moments(
+        moments_given = self.facets.traction_moments(
             self.bodies, np.einsum("ck,ckd->cd", traction, model.frame)
         )
         u = at.displacement.reshape(-1, model.dim)
         forces, pulls = self._loads(k)
-        w = self._consistent(given, forces, pulls, k).reshape(-1, model.dim)
+        w = self._consistent(moments_given, forces, pulls, k).reshape(-1, model.dim)
         lift = self._lift(at.relative_displacement[:, 0])
         ends = np.append(model.offset, model.n) // model.dim
         cells, volumes, stresses, energy = [], [], [], 0.0
@@ -272,22 +272,22 @@ class Estimator:
                 one,
                 elastic(material, strain(one, w[nodes])),
                 forces[owner],
-                given[owner] + pulls[owner],
+                moments_given[owner] + pulls[owner],
                 self.known[owner],
             )
-            own = elastic(material, strain(one, u[nodes]))
-            tractions = self.own[owner].relax(tractions, u[nodes], own)
+            stresses_given = elastic(material, strain(one, u[nodes]))
+            tractions = self.own[owner].relax(tractions, u[nodes], stresses_given)
             hat = johnson_mercier.stress(
                 one.edges, one.gradients, one.by_cell(tractions)
             )
-            missing = hat - own[:, None, None]
+            missing = hat - stresses_given[:, None, None]
             for bubbles in lift.bubbles:
                 if bubbles.body == owner:
                     bubbles.subtract(one, material, missing)
             cells.append(body.depth * error_energy(one, material, missing))
             volumes.append(body.depth * one.volume)
             stresses.append(hat)
-            energy += 0.5 * float(volumes[-1] @ complementary(material, own))
+            energy += 0.5 * float(volumes[-1] @ complementary(material, stresses_given))
         reasons = list(lift.reasons)
         mu = np.array([np.max(c.mu) for c in model.contacts])[model.group]
         if limit is None and mu.any():
@@ -332,20 +332,22 @@ class Estimator:
         """
         case, model = self.case, self.case.model
         load, contact = np.zeros(model.n), np.zeros(model.n)
-        for owner, (body, one) in enumerate(
+        for owner, (body, cells) in enumerate(
             zip(model.bodies, self.bodies, strict=True)
         ):
             first = model.offset[owner]
-            own = slice(first, first + one.points.size)
-            nodal = np.zeros_like(one.points)
-            np.add.at(nodal, one.facets, pulls[owner])
+            dofs = slice(first, first + cells.points.size)
+            nodal = np.zeros_like(cells.points)
+            np.add.at(nodal, cells.facets, pulls[owner])
             # ∫ φ_i dV is the same for all corners of a cell.
-            share = one.volume[:, None, None] / (one.dim + 1) * forces[owner][:, None]
-            np.add.at(nodal, one.corners, share)
-            load[own] = body.depth * nodal.ravel()
-            nodal = np.zeros_like(one.points)
-            np.add.at(nodal, one.facets, given[owner])
-            contact[own] = body.depth * nodal.ravel()
+            share = (
+                cells.volume[:, None, None] / (cells.dim + 1) * forces[owner][:, None]
+            )
+            np.add.at(nodal, cells.corners, share)
+            load[dofs] = body.depth * nodal.ravel()
+            nodal = np.zeros_like(cells.points)
+            np.add.at(nodal, cells.facets, given[owner])
+            contact[dofs] = body.depth * nodal.ravel()
         nodal_load = np.zeros(model.n) if case.load is None else case.load[k]
         # Sums of the same forces in another order: they differ by rounding.
         if np.abs(load - nodal_load).max() > 1e-9 * np.abs(load).max(initial=0.0):
@@ -357,14 +359,16 @@ class Estimator:
 
     def _loads(self, k: int) -> tuple[list[Floats], list[Floats]]:
         """Force per volume of each cell, and moments of loads on facets, for each body."""
-        forces = [np.zeros((len(one.corners), one.dim)) for one in self.bodies]
-        pulls = [np.zeros((len(one.facets), one.dim, one.dim)) for one in self.bodies]
+        forces = [np.zeros((len(cells.corners), cells.dim)) for cells in self.bodies]
+        pulls = [
+            np.zeros((len(cells.facets), cells.dim, cells.dim)) for cells in self.bodies
+        ]
         for acting in self.case.loads:
             load, factor = acting.load, acting.history[k]
             if load is None:
                 continue
             owner = body_index(self.case.model.bodies, load.body)
-            body, one = self.case.model.bodies[owner], self.bodies[owner]
+            body, cells = self.case.model.bodies[owner], self.bodies[owner]
             if load.force is not None:
                 forces[owner] += factor * np.asarray(load.force)
                 continue
@@ -375,9 +379,9 @@ class Estimator:
                 # Facets are flat: one normal for each.
                 normals = np.asarray(body.surface(str(load.surface)).normals)
                 density = factor * (-load.pressure * normals[:, :, 0].T)
-            by_facet = np.broadcast_to(density, (len(facets), one.dim))
-            nodal = np.repeat(by_facet[:, None], one.dim, axis=1)
-            np.add.at(pulls[owner], facets, one.linear_moments(facets, nodal))
+            by_facet = np.broadcast_to(density, (len(facets), cells.dim))
+            nodal = np.repeat(by_facet[:, None], cells.dim, axis=1)
+            np.add.at(pulls[owner], facets, cells.linear_moments(facets, nodal))
         return forces, pulls
 
     def _lift(self, opening: Floats) -> _Lift:
@@ -449,8 +453,8 @@ class Estimator:
                 work[:, a] -= (2 if a in edge else 1) * bend * force[:, a, 0]
         work *= facets.area[:, None]
         at = facets.first.contact
-        found = np.bincount(at.ravel(), work.ravel(), minlength=len(traction))
-        return np.asarray(found, dtype=np.float64)
+        work_of_facets = np.bincount(at.ravel(), work.ravel(), minlength=len(traction))
+        return np.asarray(work_of_facets, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -554,13 +558,13 @@ class _Elastic:
         values = np.concatenate(
             [prescribed, np.zeros(len(self.held) - len(prescribed))]
         )
-        found: Floats = self.problem.solve(load, values).displacement[-1]
-        return found
+        displacement: Floats = self.problem.solve(load, values).displacement[-1]
+        return displacement
 
 
 def _free_motions(model: Assembly) -> Floats:
     """Rigid motions of single bodies that their supports leave free, ``(n, k)``."""
-    found = []
+    free_motions = []
     ends = np.append(model.offset, model.n)
     fixed = np.zeros(model.n, dtype=np.bool_)
     fixed[model.fixed] = True
@@ -582,8 +586,8 @@ def _free_motions(model: Assembly) -> Floats:
         )
         wide = np.zeros((model.n, null.shape[1]))
         wide[ends[b] : ends[b + 1]] = span @ null
-        found.append(wide)
-    return np.hstack(found)
+        free_motions.append(wide)
+    return np.hstack(free_motions)
 
 
 def _number(step: int, steps: int) -> int:

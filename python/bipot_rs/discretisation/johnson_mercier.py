@@ -39,9 +39,9 @@ def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
     # σ = J Ŝ Jᵀ/det J preserves symmetry, continuity of tractions and divergence; a force
     # on a facet is multiplied by J.
     there = np.einsum("cij,ckaj->ckai", gradients[:, 1:], moments)
-    found = np.einsum("pqijkam,ckam->cpqij", operator(edges.shape[-1]), there)
+    stresses = np.einsum("pqijkam,ckam->cpqij", operator(edges.shape[-1]), there)
     scaled = edges / np.abs(np.linalg.det(edges))[:, None, None]
-    there = np.einsum("cim,cpqmn,cjn->cpqij", scaled, found, edges)
+    there = np.einsum("cim,cpqmn,cjn->cpqij", scaled, stresses, edges)
     return np.asarray(there, dtype=np.float64)
 
 

@@ -248,9 +248,9 @@ class _Functions:
         size = dim * dim
         row = np.arange(count * size).reshape(count, size, 1)
         k, w = self.own.shape[-1], self.passed.shape[-1]
-        own = self.own.reshape(count, size, k)
+        functions = self.own.reshape(count, size, k)
         column = np.arange(count * k).reshape(count, 1, k)
-        parts = [(own, row, column)]
+        parts = [(functions, row, column)]
         for r in range(dim):
             column = count * k + self.ring[:, r, None, None] * w + np.arange(w)
             parts.append((self.passed[:, r].reshape(count, size, w), row, column))
@@ -259,11 +259,11 @@ class _Functions:
             for i in range(3)
         )
         shape = (count * size, count * k + self.rings * w)
-        found: CsrMatrix = sparse.coo_array(
+        matrix: CsrMatrix = sparse.coo_array(
             (data, (rows, columns)), shape=shape
         ).tocsr()
-        found.eliminate_zeros()
-        return found
+        matrix.eliminate_zeros()
+        return matrix
 
     def preconditioner(self, energy: Floats) -> Callable[[Floats], Floats]:
         """Block-diagonal preconditioner: the blocks of single facets and rings, inverted."""
@@ -276,9 +276,11 @@ class _Functions:
         local = []
         for k in range(dim + 1):
             f, at = cells.facet_of[:, k], cells.place[:, k][:, corner[k]]
-            own = np.take_along_axis(self.own[f], at[:, :, None, None], axis=1)
-            own = own.reshape(len(f), dim * dim, -1)
-            np.add.at(facet, f, own.swapaxes(1, 2) @ blocks[:, k, :, k] @ own)
+            functions = np.take_along_axis(self.own[f], at[:, :, None, None], axis=1)
+            functions = functions.reshape(len(f), dim * dim, -1)
+            np.add.at(
+                facet, f, functions.swapaxes(1, 2) @ blocks[:, k, :, k] @ functions
+            )
             passed = np.take_along_axis(
                 self.passed[f], at[:, None, :, None, None], axis=2
             )
@@ -345,13 +347,13 @@ def _energy_matrices(cells: Simplices, material: Material) -> Floats:
     flat = stress.reshape(len(stress), len(basis), -1)
     metric = (flat @ soft @ flat.swapaxes(1, 2)) * cells.volume[:, None, None]
     rows = len(k) * dim
-    found = metric.reshape(len(stress), -1) @ mass.reshape(len(basis) ** 2, -1)
-    found = found.reshape(-1, len(k), dim, len(k), dim)
+    energies = metric.reshape(len(stress), -1) @ mass.reshape(len(basis) ** 2, -1)
+    energies = energies.reshape(-1, len(k), dim, len(k), dim)
     # Forces on the reference cell are J⁻¹ times the physical forces.
-    found = np.einsum(
-        "cmi,cpmqn,cnj->cpiqj", gradients, found, gradients, optimize=True
+    energies = np.einsum(
+        "cmi,cpmqn,cnj->cpiqj", gradients, energies, gradients, optimize=True
     )
-    return np.ascontiguousarray(found.reshape(-1, rows, rows))
+    return np.ascontiguousarray(energies.reshape(-1, rows, rows))
 
 
 def _tensor(material: Material, dim: int) -> Floats:

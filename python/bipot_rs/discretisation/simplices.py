@@ -159,8 +159,8 @@ def elastic(material: Material, deformation: Floats) -> Floats:
     dim = deformation.shape[-1]
     lame_lambda, lame_mu = material.lame(dim)
     trace = np.trace(deformation, axis1=-2, axis2=-1)[..., None, None]
-    found: Floats = 2 * lame_mu * deformation + lame_lambda * trace * np.eye(dim)
-    return found
+    stress: Floats = 2 * lame_mu * deformation + lame_lambda * trace * np.eye(dim)
+    return stress
 
 
 def complementary(material: Material, stress: Floats) -> Floats:
@@ -172,15 +172,17 @@ def complementary(material: Material, stress: Floats) -> Floats:
     # With the deviator: near ν = 1/2 the usual form subtracts large numbers.
     deviator = square - trace**2 / dim
     bulk = dim * lame_lambda + 2 * lame_mu
-    found: Floats = deviator / (2 * lame_mu) + trace**2 / (dim * bulk)
-    return found
+    strains: Floats = deviator / (2 * lame_mu) + trace**2 / (dim * bulk)
+    return strains
 
 
 def error_energy(cells: Simplices, material: Material, stress: Floats) -> Floats:
     """``½ ∫ σ : C⁻¹ σ dV`` of each cell, exact for stresses of `johnson_mercier.stress`."""
     dim = cells.dim
-    own = complementary(material, stress).sum(axis=(1, 2))
+    energy_density = complementary(material, stress).sum(axis=(1, 2))
     mean = complementary(material, stress.sum(axis=2)).sum(axis=1)
     # ∫ φ_a φ_b dV is the volume times (1 + δ_ab)/((d + 1)(d + 2)), of d + 1 equal parts.
-    found: Floats = cells.volume / (2 * (dim + 1) ** 2 * (dim + 2)) * (own + mean)
-    return found
+    energy: Floats = (
+        cells.volume / (2 * (dim + 1) ** 2 * (dim + 2)) * (energy_density + mean)
+    )
+    return energy

@@ -90,10 +90,10 @@ class Table:
         if name not in self.names:
             return np.full(len(self), np.nan if missing is None else missing)
         at = self.names.index(name)
-        found = np.empty(len(self))
+        column = np.empty(len(self))
         for k, row in enumerate(self.rows):
-            found[k] = self._number(name, row[at], self.lines[k], missing)
-        return found
+            column[k] = self._number(name, row[at], self.lines[k], missing)
+        return column
 
     def _number(self, name: str, text: str, line: int, missing: float | None) -> float:
         if not text and missing is not None:
@@ -111,19 +111,19 @@ class Table:
         if name not in self.names and missing is not None:
             return np.full(len(self), missing, np.int64)
         at = self.names.index(name)
-        found = np.empty(len(self), np.int64)
+        column = np.empty(len(self), np.int64)
         for k, row in enumerate(self.rows):
             text = row[at]
             if not text and missing is not None:
-                found[k] = missing
+                column[k] = missing
                 continue
             try:
-                found[k] = whole(text)
+                column[k] = whole(text)
             except (ValueError, OverflowError):
                 raise self.wrong(
                     self.lines[k], f"{name} is {text!r}, expected an integer"
                 ) from None
-        return found
+        return column
 
 
 def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:

@@ -109,18 +109,18 @@ def write_result(
                 store(group, name, array, _about(CONTACTS, name, named))
         group = file.create_group("steps")
         about = {name: _about(STEPS, name, named) for name in STEPS}
-        for one in about.values():
+        for step_group in about.values():
             # The same text in every step would be a large part of a small file.
-            one.pop("meaning")
+            step_group.pop("meaning")
         for number, step in enumerate(steps):
-            one = group.create_group(f"{number:0{digits}d}")
+            step_group = group.create_group(f"{number:0{digits}d}")
             for name, value in step.items():
                 if value is None:
                     continue
                 if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
-                    store(one, name, value, about.get(name, {}))
+                    store(step_group, name, value, about.get(name, {}))
                 else:
-                    _label(h5py, one, name, value)
+                    _label(h5py, step_group, name, value)
         if mesh is not None:
             mesh.save(file.create_group("mesh"), store, named)
         if fields is not None and first:

@@ -149,20 +149,20 @@ def unit(dimension: str, units: Mapping[str, str]) -> str | None:
 
 def labels(known: Quantity, units: Mapping[str, str]) -> dict[str, str]:
     """Attributes of a dataset: ``meaning``, ``dimension``, ``frame``, ``units`` if known."""
-    found = {"meaning": known.meaning, "dimension": known.dimension}
-    found["frame"] = known.axes
-    found["units"] = unit(known.dimension, units) or ""
-    return {name: text for name, text in found.items() if text}
+    attributes = {"meaning": known.meaning, "dimension": known.dimension}
+    attributes["frame"] = known.axes
+    attributes["units"] = unit(known.dimension, units) or ""
+    return {name: text for name, text in attributes.items() if text}
 
 
 def named_units(names: Iterable[str], units: Mapping[str, str]) -> dict[str, str]:
     """Unit of each field that has a dimension; the dimension if the unit is not known."""
-    found = {}
+    unit_of_dimension = {}
     for name in names:
         dimension = FIELDS[name].dimension if name in FIELDS else ""
         if dimension:
-            found[name] = unit(dimension, units) or dimension
-    return found
+            unit_of_dimension[name] = unit(dimension, units) or dimension
+    return unit_of_dimension
 
 
 def increasing(*choices: Sequence[float | None]) -> list[float]:
@@ -172,8 +172,8 @@ def increasing(*choices: Sequence[float | None]) -> list[float]:
     by time: the load of a path that returns cannot be its time.
     """
     for times in choices:
-        known = [t for t in times if t is not None and math.isfinite(t)]
-        grows = all(a < b for a, b in pairwise(known))
-        if len(known) == len(times) and grows:
-            return known
+        finite = [t for t in times if t is not None and math.isfinite(t)]
+        grows = all(a < b for a, b in pairwise(finite))
+        if len(finite) == len(times) and grows:
+            return finite
     return [float(k) for k in range(len(choices[0]))]

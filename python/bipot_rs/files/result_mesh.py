@@ -95,7 +95,7 @@ class ResultMesh:
     def nbytes(self) -> int:
         """Bytes of the arrays."""
         arrays = [self.nodes, self.dofs, self.contact_nodes]
-        arrays += [one.corners for one in (*self.cells, *self.contact_facets)]
+        arrays += [block.corners for block in (*self.cells, *self.contact_facets)]
         return sum(array.nbytes for array in arrays if array is not None)
 
     def of_nodes(self, displacement: Floats) -> Floats:
@@ -113,10 +113,12 @@ class ResultMesh:
 
     def fits(self, contacts: int, unknowns: int | None) -> bool:
         """Whether indices are within these numbers of contacts and degrees of freedom."""
-        facets = [one.corners.max(initial=-1) for one in self.contact_facets]
-        known = self.contact_nodes is None or self.contact_nodes.shape == (contacts,)
+        facets = [block.corners.max(initial=-1) for block in self.contact_facets]
+        has_contacts = self.contact_nodes is None or self.contact_nodes.shape == (
+            contacts,
+        )
         return bool(
-            known
+            has_contacts
             and max(facets, default=-1) < contacts
             and (unknowns is None or self.dofs.max(initial=-1) < unknowns)
         )
@@ -128,17 +130,17 @@ class ResultMesh:
         units: Mapping[str, str],
     ) -> None:
         """Write to a group; ``store(group, name, array, attributes)`` makes a dataset."""
-        for name, known in MESH.items():
+        for name, field in MESH.items():
             array = getattr(self, name)
             if array is not None:
-                store(group, name, array, labels(known, units))
+                store(group, name, array, labels(field, units))
         for name, blocks in ((_CELLS, self.cells), (_FACETS, self.contact_facets)):
             if not blocks:
                 continue
             inner = group.create_group(name)
-            for k, one in enumerate(blocks):
-                body = {"body": one.body} if one.body else {}
-                store(inner, str(k), one.corners, {"kind": one.kind, **body})
+            for k, block in enumerate(blocks):
+                body = {"body": block.body} if block.body else {}
+                store(inner, str(k), block.corners, {"kind": block.kind, **body})
 
     @classmethod
     def load(cls, group: _Group, arrays: Callable[[_Group], Record]) -> ResultMesh:
@@ -149,34 +151,34 @@ class ResultMesh:
         LookupError, TypeError, ValueError
             The group is not complete, or `ResultMesh` refuses it.
         """
-        found = arrays(group)
+        stored = arrays(group)
 
         def blocks(name: str) -> list[Cells]:
             if name not in group:
                 return []
-            inner, known = group[name], arrays(group[name])
+            inner, blocks_read = group[name], arrays(group[name])
             return [
                 Cells(
                     str(inner[k].attrs["kind"]),
-                    known[k],
+                    blocks_read[k],
                     str(inner[k].attrs.get("body", "")),
                 )
-                for k in sorted(known, key=int)
+                for k in sorted(blocks_read, key=int)
             ]
 
         return cls(
-            found["nodes"],
-            found["dofs"],
+            stored["nodes"],
+            stored["dofs"],
             blocks(_CELLS),
-            found.get("contact_nodes"),
+            stored.get("contact_nodes"),
             blocks(_FACETS),
         )
 
 
 def _pick(displacement: Floats, dofs: Ints) -> Floats:
     """Entries of an array, and zero for the number -1."""
-    found: Floats = np.where(dofs >= 0, displacement[dofs], 0.0)
-    return found
+    picked: Floats = np.where(dofs >= 0, displacement[dofs], 0.0)
+    return picked
 
 
 def _check(name: str, index: AnyArray, low: int, high: int | None) -> None:

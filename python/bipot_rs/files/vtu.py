@@ -174,10 +174,10 @@ def _elements(
         raise ValueError(f"{path} is not XML: {error}") from None
     if root.tag != "VTKFile" or root.get("type") != kind:
         raise ValueError(f"{path} is not a file of VTK of type {kind}")
-    found = []
+    elements = []
     for element in root.iter(tag):
         values = [element.get(name) for name in names]
         if None in values:
             raise ValueError(f"{path}: a {tag} lacks {' or '.join(names)}")
-        found.append(tuple(str(value) for value in values))
-    return found
+        elements.append(tuple(str(value) for value in values))
+    return elements

@@ -147,8 +147,8 @@ class Host:
     ) -> list[dict[str, Floats]]:
         """The arguments of each case, from arrays with batch dimensions."""
         flat = [
-            np.reshape(np.asarray(one, np.float64), (-1, *shape))
-            for one, shape in zip(arrays, shapes, strict=True)
+            np.reshape(np.asarray(batch, np.float64), (-1, *shape))
+            for batch, shape in zip(arrays, shapes, strict=True)
         ]
         return [
             dict(zip(self.shapes, case, strict=True))
@@ -164,10 +164,10 @@ class Host:
         batch = np.shape(first)[: np.ndim(first) - len(shapes[0])]
         cases = self._split_cases(arguments, shapes)
         keys = [b"".join(a.tobytes() for a in case.values()) for case in cases]
-        known = {key: self._results[key] for key in keys if key in self._results}
-        new = {k: c for k, c in zip(keys, cases, strict=True) if k not in known}
-        found = self.problem.solve_many(list(new.values())) if new else []
-        for key, result in zip(new, found, strict=True):
+        solved = {key: self._results[key] for key in keys if key in self._results}
+        new = {k: c for k, c in zip(keys, cases, strict=True) if k not in solved}
+        results = self.problem.solve_many(list(new.values())) if new else []
+        for key, result in zip(new, results, strict=True):
             if not result.success:
                 raise NotConvergedError(result.message)
             if np.shape(result.reaction) != self.result_shapes.reaction:
@@ -175,11 +175,11 @@ class Host:
                     f"the path has {len(result)} load steps, but the arguments have "
                     f"{self.steps} rows: give load, prescribed or gap a row for each step"
                 )
-            known[key] = result
+            solved[key] = result
             self._results[key] = result
         while len(self._results) > _KEPT:
             self._results.popitem(last=False)
-        return [known[key] for key in keys], batch
+        return [solved[key] for key in keys], batch
 
     def _spread(self, name: str, value: Floats) -> Floats:
         """A direction for each step and contact, from one shaped as the argument."""

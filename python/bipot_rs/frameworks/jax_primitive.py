@@ -42,18 +42,18 @@ def solve(
             "JAX computes in float32, and the solution needs float64: call "
             'jax.config.update("jax_enable_x64", True) before the first array'
         )
-    given: dict[str, Array] = {}
+    arrays_given: dict[str, Array] = {}
     for name, value in zip(ARGUMENTS, arguments, strict=True):
         if value is None:
             continue
         array = jnp.asarray(value)
         if array.dtype == np.float32:
             raise TypeError(f"{name} has type float32, expected float64")
-        given[name] = array.astype(np.float64)
-    if not given:
+        arrays_given[name] = array.astype(np.float64)
+    if not arrays_given:
         raise ValueError("load, prescribed, gap and mu are all missing: give one")
-    host = Host(problem, {name: array.shape for name, array in given.items()})
-    return Solved(*_solution(host, *given.values()))
+    host = Host(problem, {name: array.shape for name, array in arrays_given.items()})
+    return Solved(*_solution(host, *arrays_given.values()))
 
 
 def _declare(
@@ -100,13 +100,13 @@ def _evaluate(
         call = host.vjp if transposed else host.jvp
         return tuple(call(every[:count], every[count:]))
 
-    found = jax.pure_callback(
+    outputs = jax.pure_callback(
         product,
         _declare(_shapes(host, transposed), batch),
         *arrays,
         vmap_method="sequential",
     )
-    return list(found)
+    return list(outputs)
 
 
 def _abstract(
@@ -165,10 +165,10 @@ def _batch(
         else jnp.moveaxis(a, axis, 0)
         for a, axis in zip(arrays, axes, strict=True)
     ]
-    found = _product.bind(
+    product = _product.bind(
         *whole, host=host, batch=(size, *batch), transposed=transposed
     )
-    return found, [0] * len(found)
+    return product, [0] * len(product)
 
 
 _solution.defjvp(_differentiate)

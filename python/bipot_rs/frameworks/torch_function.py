@@ -30,17 +30,19 @@ def solve(
     problem: ContactProblem, arguments: Sequence[Tensor | ArrayLike | None]
 ) -> Solved[Tensor]:
     """As `bipot_rs.torch.solve`, with the arguments in the order of `ARGUMENTS`."""
-    given: dict[str, Tensor] = {}
+    tensors_given: dict[str, Tensor] = {}
     for name, value in zip(ARGUMENTS, arguments, strict=True):
         if value is None:
             continue
         if isinstance(value, torch.Tensor) and value.dtype != torch.float64:
             raise TypeError(f"{name} has type {value.dtype}, expected torch.float64")
-        given[name] = torch.as_tensor(value, dtype=torch.float64)
-    if not given:
+        tensors_given[name] = torch.as_tensor(value, dtype=torch.float64)
+    if not tensors_given:
         raise ValueError("load, prescribed, gap and mu are all missing: give one")
-    host = Host(problem, {name: tuple(one.shape) for name, one in given.items()})
-    return Solved(*_Solution.apply(host, *given.values()))
+    host = Host(
+        problem, {name: tuple(tensor.shape) for name, tensor in tensors_given.items()}
+    )
+    return Solved(*_Solution.apply(host, *tensors_given.values()))
 
 
 def _to_arrays(tensors: Sequence[Tensor]) -> list[Floats]:
@@ -56,10 +58,10 @@ def _move_batch(
 ) -> list[Tensor]:
     """The tensors of a `torch.vmap`, each with its dimension first."""
     return [
-        one.expand(info.batch_size, *one.shape)
+        tensor.expand(info.batch_size, *tensor.shape)
         if dim is None
-        else one.movedim(dim, 0).contiguous()
-        for one, dim in zip(tensors, dims, strict=True)
+        else tensor.movedim(dim, 0).contiguous()
+        for tensor, dim in zip(tensors, dims, strict=True)
     ]
 
 
@@ -74,9 +76,9 @@ class _Solution(torch.autograd.Function):  # type: ignore[misc]
     def setup_context(
         ctx: Context, inputs: tuple[Host, *tuple[Tensor, ...]], _: object
     ) -> None:
-        ctx.host, *given = inputs
-        ctx.save_for_backward(*given)
-        ctx.save_for_forward(*given)
+        ctx.host, *arguments = inputs
+        ctx.save_for_backward(*arguments)
+        ctx.save_for_forward(*arguments)
 
     @staticmethod
     def backward(ctx: Context, *cotangents: Tensor) -> tuple[Tensor | None, ...]:
@@ -84,13 +86,13 @@ class _Solution(torch.autograd.Function):  # type: ignore[misc]
 
     @staticmethod
     def jvp(ctx: Context, _: object, *tangents: Tensor | None) -> tuple[Tensor, ...]:
-        given = ctx.saved_tensors
+        arguments = ctx.saved_tensors
         along = [
-            torch.zeros_like(one) if tangent is None else tangent
-            for one, tangent in zip(given, tangents, strict=True)
+            torch.zeros_like(tensor) if tangent is None else tangent
+            for tensor, tangent in zip(arguments, tangents, strict=True)
         ]
         derivatives: tuple[Tensor, ...] = _Product.apply(
-            ctx.host, False, *given, *along
+            ctx.host, False, *arguments, *along
         )
         return derivatives
 
@@ -98,8 +100,8 @@ class _Solution(torch.autograd.Function):  # type: ignore[misc]
     def vmap(
         info: VmapInfo, dims: Sequence[int | None], host: Host, *given: Tensor
     ) -> Batched:
-        found = _Solution.apply(host, *_move_batch(info, dims[1:], given))
-        return found, (0,) * len(found)
+        outputs = _Solution.apply(host, *_move_batch(info, dims[1:], given))
+        return outputs, (0,) * len(outputs)
 
 
 class _Product(torch.autograd.Function):  # type: ignore[misc]
@@ -131,5 +133,7 @@ class _Product(torch.autograd.Function):  # type: ignore[misc]
         transposed: bool,
         *tensors: Tensor,
     ) -> Batched:
-        found = _Product.apply(host, transposed, *_move_batch(info, dims[2:], tensors))
-        return found, (0,) * len(found)
+        product = _Product.apply(
+            host, transposed, *_move_batch(info, dims[2:], tensors)
+        )
+        return product, (0,) * len(product)

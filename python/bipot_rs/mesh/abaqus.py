@@ -166,7 +166,7 @@ class _Reader:
     def _named(
         self, sets: dict[Key, list[int]], made: Callable[[list[int]], T]
     ) -> dict[str, T]:
-        return {self._called(key, sets): made(own) for key, own in sets.items()}
+        return {self._called(key, sets): made(members) for key, members in sets.items()}
 
     def _called(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
         """Name of a set, with the instance if the assembly has another set of the name."""
@@ -186,9 +186,9 @@ class _Reader:
         word = name.strip('"').upper()
         outer, _, inner = word.partition(".")
         if inner and outer == self.part.upper():
-            found = sets.get((True, inner))
-            if found is not None:
-                return found
+            members = sets.get((True, inner))
+            if members is not None:
+                return members
         first = sets.get((self.in_part, word))
         return sets.get((not self.in_part, word)) if first is None else first
 
@@ -242,7 +242,7 @@ class _Reader:
     def _nodes(self, section: _Section) -> None:
         if section.parameters.get("SYSTEM", "R").upper() != "R":
             raise self._error(section.line, "has nodes that are not Cartesian")
-        own = []
+        numbers = []
         for line, (first, *rest) in section.rows:
             (number,) = self._numbers(line, [first]) or [0]
             try:
@@ -262,9 +262,9 @@ class _Reader:
                 raise self._error(line, f"defines node {number} a second time")
             self.node[number] = len(self.places)
             self.places.append(place)
-            own.append(number)
+            numbers.append(number)
         if "NSET" in section.parameters:
-            self._add(self.nodes_of, section.parameters["NSET"], own)
+            self._add(self.nodes_of, section.parameters["NSET"], numbers)
 
     def _cells(self, section: _Section) -> None:
         name = section.parameters.get("TYPE", "").upper()
@@ -301,14 +301,14 @@ class _Reader:
 
     def _kind(self, line: int, name: str) -> str:
         for pattern, kinds in _TYPES:
-            found = pattern.fullmatch(name)
+            match = pattern.fullmatch(name)
             if name.startswith(("B2", "B3")) and kinds is _LINES:
                 digit = int(name[2]) if name[2:3].isdigit() else 0
                 return {1: "line", 2: "line3", 3: "line"}.get(digit, "line")
             if name.startswith("STRI") and kinds is _PLANE:
                 return "triangle" if name == "STRI3" else "triangle6"
-            if found and int(found[1]) in kinds:
-                return kinds[int(found[1])]
+            if match and int(match[1]) in kinds:
+                return kinds[int(match[1])]
         why = ", which is axisymmetric" if name.startswith("CAX") else ""
         raise self._error(
             line,
@@ -327,20 +327,20 @@ class _Reader:
             raise self._error(
                 section.line, f"has no {section.word}=, the name of the set"
             )
-        sets, known = (
+        sets, existing = (
             (self.nodes_of, self.node) if nodes else (self.cells_of, self.cell)
         )
-        own: list[int] = []
+        members: list[int] = []
         for line, row in section.rows:
             if "GENERATE" in section.parameters:
-                own += self._generated(line, row)
+                members += self._generated(line, row)
                 continue
             for part in filter(None, row):
                 named = self._known(sets, part)
                 if _NUMBER.fullmatch(part):
-                    own.append(whole(part))
+                    members.append(whole(part))
                 elif named is not None:
-                    own += named
+                    members += named
                 else:
                     raise self._error(line, f"uses a set {part!r} that is not defined")
         if nodes and "ELSET" in section.parameters:
@@ -354,13 +354,13 @@ class _Reader:
             for number in cells:
                 block, k = self.cell[number]
                 places.update(self.blocks[block][1][k].tolist())
-            own += [n for n, at in self.node.items() if at in places]
-        missing = [n for n in own if n not in known]
+            members += [n for n, at in self.node.items() if at in places]
+        missing = [n for n in members if n not in existing]
         if missing and "GENERATE" not in section.parameters:
             raise self._error(
                 section.line, f"has {missing[0]} in {name}, which is not in the file"
             )
-        self._add(sets, name, [n for n in own if n in known])
+        self._add(sets, name, [n for n in members if n in existing])
 
     def _surface(self, section: _Section) -> None:
         name = section.parameters.get("NAME", "")
@@ -369,8 +369,8 @@ class _Reader:
         self.name.setdefault(self._key(name), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                own = self._members(line, row[0], "nodes", self.nodes_of, self.node)
-                self._add(self.nodes_of, name, own)
+                members = self._members(line, row[0], "nodes", self.nodes_of, self.node)
+                self._add(self.nodes_of, name, members)
             return
         faces = self.faces.setdefault(self._key(name), [])
         for line, row in section.rows:
@@ -412,16 +412,16 @@ class _Reader:
         known: Mapping[int, object],
     ) -> list[int]:
         """Numbers of a set, or the one number that stands in place of a name."""
-        found = self._known(sets, word)
-        if found is None and _NUMBER.fullmatch(word) and whole(word) in known:
-            found = [whole(word)]
-        if found is None:
+        members = self._known(sets, word)
+        if members is None and _NUMBER.fullmatch(word) and whole(word) in known:
+            members = [whole(word)]
+        if members is None:
             raise self._error(line, f"uses {what} {word!r} that are not defined")
-        return found
+        return members
 
     def _by_block(self, numbers: list[int]) -> list[Ints]:
-        own: list[list[int]] = [[] for _ in self.blocks]
+        by_block: list[list[int]] = [[] for _ in self.blocks]
         for number in dict.fromkeys(numbers):
             block, k = self.cell[number]
-            own[block].append(k)
-        return [np.array(sorted(cells), dtype=np.int64) for cells in own]
+            by_block[block].append(k)
+        return [np.array(sorted(cells), dtype=np.int64) for cells in by_block]

@@ -96,13 +96,15 @@ class Topology:
     def of(cls, t: Integers, shape: str) -> Topology:
         """Find the facets of cells ``t (nodes, cells)``."""
         cells = t.shape[1]
-        corners = np.hstack([t[list(one)] for one in _FACETS[shape]])
+        corners = np.hstack(
+            [t[list(corners_of_facet)] for corners_of_facet in _FACETS[shape]]
+        )
         ascending = np.sort(corners, axis=0)
         # Stable: among equal facets the first cell comes first.
         order = np.lexsort(ascending[::-1])
-        found = ascending[:, order]
+        facets_in_order = ascending[:, order]
         begins = np.ones(len(order), dtype=np.bool_)
-        begins[1:] = (found[:, 1:] != found[:, :-1]).any(axis=0)
+        begins[1:] = (facets_in_order[:, 1:] != facets_in_order[:, :-1]).any(axis=0)
         t2f = np.empty(len(order), dtype=np.int64)
         t2f[order] = np.cumsum(begins) - 1
         first = order[begins]
@@ -215,7 +217,10 @@ def _divide_grid(grids: Sequence[Floats], shape: str) -> BoxMesh:
         ].ravel(order="F")
         for x, y, *z in _STEPS[len(grids)]
     ]
-    pieces = [np.stack([corners[k] for k in one]) for one in _PIECES[shape]]
+    pieces = [
+        np.stack([corners[k] for k in corners_of_piece])
+        for corners_of_piece in _PIECES[shape]
+    ]
     t = np.ascontiguousarray(np.hstack(pieces))
     return BoxMesh(FIRST[shape], p, t, Topology.of(t, shape))
 

@@ -28,16 +28,16 @@ def kind_of(mesh: ElementMesh, what: str = "mesh") -> Kind:
         return mesh.kind
     kind = by_class().get(type(mesh))
     if kind is None:
-        known = ", ".join(t.__name__ for t in by_class())
-        raise TypeError(f"{what} is a {type(mesh).__name__}, expected {known}")
+        names = ", ".join(t.__name__ for t in by_class())
+        raise TypeError(f"{what} is a {type(mesh).__name__}, expected {names}")
     return kind
 
 
 def cell_nodes(mesh: ElementMesh) -> Ints:
     """Nodes of the cells in the order of their element, ``(cells, nodes)``."""
     first = kind_of(mesh).degree == 1
-    found = mesh.t if first else mesh.dofs.element_dofs
-    return np.asarray(found, dtype=np.int64).T
+    numbers = mesh.t if first else mesh.dofs.element_dofs
+    return np.asarray(numbers, dtype=np.int64).T
 
 
 def facet_nodes(mesh: ElementMesh, facets: Ints) -> Ints:
@@ -50,10 +50,10 @@ def facet_nodes(mesh: ElementMesh, facets: Ints) -> Ints:
     local = np.argmax(corners[:, :, None] == cells[:, None, : kind.corners], axis=2)
     at = kind.nodes
     # Position of each node of the facet on the reference cell, whose facets are straight.
-    own = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
+    places = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
     linear = kind.facet.linear()
-    phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
-    phi = np.broadcast_to(phi, (corners.shape[1], len(own)))
+    phi = np.stack([linear.lbasis(places.T, i)[0] for i in range(corners.shape[1])])
+    phi = np.broadcast_to(phi, (corners.shape[1], len(places)))
     which = find(np.einsum("fcd,cn->fnd", at[local], phi), at)
     return np.take_along_axis(cells, which, axis=1)
 
@@ -90,10 +90,10 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[ElementMesh, Ints]
         return kind.mesh(x, t), vertices
     # The corners determine the topology, and so the numbers of all nodes.
     bare = kind.mesh(x, t)
-    own = cell_nodes(bare)
+    nodes_of_cells = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
-    number[own] = nodes
-    wrong = np.argwhere(number[own] != nodes)
+    number[nodes_of_cells] = nodes
+    wrong = np.argwhere(number[nodes_of_cells] != nodes)
     if len(wrong):
         cell, k = wrong[0]
         raise ValueError(

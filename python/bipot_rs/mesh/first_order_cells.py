@@ -57,10 +57,10 @@ def reference(shape: str, order: int) -> Reference:
     points, weights = _rule(shape, order)
     simplex = shape in ("triangle", "tetrahedron")
     phi, slopes = (_of_simplex if simplex else _of_product)(shape, points)
-    found = phi, np.ascontiguousarray(slopes.transpose(2, 1, 0)), weights
-    for array in found:
+    tables = phi, np.ascontiguousarray(slopes.transpose(2, 1, 0)), weights
+    for array in tables:
         array.flags.writeable = False
-    return found
+    return tables
 
 
 def _rule(shape: str, order: int) -> tuple[Floats, Floats]:
@@ -92,14 +92,14 @@ def _of_simplex(shape: str, points: Floats) -> tuple[Floats, Floats]:
 
 def _of_product(shape: str, points: Floats) -> tuple[Floats, Floats]:
     """Products of ξ or 1 - ξ over the axes."""
-    one = np.ones(points.shape[1])
+    ones = np.ones(points.shape[1])
     phi, slopes = [], []
     for corner in CORNERS[shape]:
         factors = [x if on else 1 - x for x, on in zip(points, corner, strict=True)]
-        phi.append(prod(factors, start=one))
+        phi.append(prod(factors, start=ones))
         slopes.append(
             [
-                (1.0 if on else -1.0) * prod(factors[:b] + factors[b + 1 :], start=one)
+                (1.0 if on else -1.0) * prod(factors[:b] + factors[b + 1 :], start=ones)
                 for b, on in enumerate(corner)
             ]
         )

@@ -22,22 +22,22 @@ _NAMES = re.compile(rb"^\$PhysicalNames\s*?\n(.*?)^\$EndPhysicalNames", re.M | r
 
 def names(path: Path) -> dict[tuple[int, int], str]:
     """Names by dimension and number of the group; `ValueError` if a line is malformed."""
-    found = _NAMES.search(path.read_bytes())
-    if found is None:
+    match = _NAMES.search(path.read_bytes())
+    if match is None:
         return {}
-    known = {}
-    for line in found[1].decode("utf-8", "replace").splitlines()[1:]:
+    names_of_groups = {}
+    for line in match[1].decode("utf-8", "replace").splitlines()[1:]:
         if not line.strip():
             continue
         try:
             dim, number, name = shlex.split(line)
-            known[int(dim), int(number)] = name
+            names_of_groups[int(dim), int(number)] = name
         except ValueError:
             raise ValueError(
                 f"the mesh {path} has the physical name {line.strip()!r}, expected "
                 "dimension, number and name in quotes"
             ) from None
-    return known
+    return names_of_groups
 
 
 def of_entities(path: Path) -> Groups | None:
@@ -58,22 +58,22 @@ def of_entities(path: Path) -> Groups | None:
         values = _Text(rest[: rest.find(b"$EndEntities")])
     else:
         values = _Binary(rest, int(head[3]))
-    found: Groups = {}
+    tags_of: Groups = {}
     try:
         counts = [values.size() for _ in range(4)]
         for dim, count in enumerate(counts):
             for _ in range(count):
                 tag = values.whole()
                 values.skip(3 if dim == 0 else 6)
-                own = [abs(values.whole()) for _ in range(values.size())]
-                found[dim, tag] = list(dict.fromkeys(own))
+                tags = [abs(values.whole()) for _ in range(values.size())]
+                tags_of[dim, tag] = list(dict.fromkeys(tags))
                 for _ in range(values.size() if dim else 0):
                     values.whole()
     except (StopIteration, ValueError):
         raise ValueError(
             f"the mesh {path} cannot be read: its $Entities do not match their counts"
         ) from None
-    return found
+    return tags_of
 
 
 class _Text:
@@ -111,6 +111,6 @@ class _Binary:
 
     def _integer(self, kind: str) -> int:
         dtype = np.dtype(kind)
-        (found,) = np.frombuffer(self._content, dtype, 1, self._at)
+        (integer,) = np.frombuffer(self._content, dtype, 1, self._at)
         self._at += dtype.itemsize
-        return int(found)
+        return int(integer)

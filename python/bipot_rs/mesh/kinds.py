@@ -132,8 +132,8 @@ def library() -> ModuleType:
         import skfem
     except ModuleNotFoundError as error:
         raise missing(error, "finite elements", "skfem", "fem") from None
-    found: ModuleType = skfem
-    return found
+    module: ModuleType = skfem
+    return module
 
 
 @dataclass(frozen=True)
@@ -291,10 +291,10 @@ def find(wanted: Floats, among: Floats) -> Ints:
 @cache
 def mesh_class(name: str) -> Any:
     """A mesh class of scikit-fem, or of `serendipity`, by its name."""
-    known = library()
+    classes = library()
     from bipot_rs.mesh import serendipity
 
-    return getattr(serendipity, name, None) or getattr(known, name)
+    return getattr(serendipity, name, None) or getattr(classes, name)
 
 
 @cache
@@ -311,16 +311,16 @@ def reference(element: type, order: int) -> Reference:
     """
     from skfem.quadrature import get_quadrature
 
-    own: _Element = element()
-    points, weights = get_quadrature(own.refdom, order)
-    both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
+    basis: _Element = element()
+    points, weights = get_quadrature(basis.refdom, order)
+    both = [basis.lbasis(points, i) for i in range(basis.doflocs.shape[0])]
     # Constant functions come without a column for each point.
     phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
     slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
-    found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
-    for array in found:
+    tables = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
+    for array in tables:
         array.flags.writeable = False
-    return found
+    return tables
 
 
 @cache

@@ -118,11 +118,11 @@ def _neighbours(mesh: ElementMesh, what: str) -> None:
     inner = np.flatnonzero(many == 2)
     x = mesh.p[:, facets[:, inner]]  # (d, corners, facets)
     middle = x.mean(axis=1)
-    one = x[:, 1] - x[:, 0]
+    edge = x[:, 1] - x[:, 0]
     if len(x) == 2:
-        normal = np.stack([one[1], -one[0]])
+        normal = np.stack([edge[1], -edge[0]])
     elif x.shape[1] == 3:
-        normal = np.cross(one.T, (x[:, 2] - x[:, 0]).T).T
+        normal = np.cross(edge.T, (x[:, 2] - x[:, 0]).T).T
     else:
         normal = np.cross((x[:, 2] - x[:, 0]).T, (x[:, 3] - x[:, 1]).T).T
     centre = mesh.p[:, mesh.t].mean(axis=1)
@@ -159,9 +159,9 @@ def _pieces(mesh: ElementMesh, what: str) -> None:
     if len(names) < 2:
         return
     small = names[np.argmin(sizes)]
-    own, others = t[:, of_cells == small], t[:, of_cells != small]
-    own, others = np.unique(own), np.unique(others)
-    distance, _ = cKDTree(mesh.p[:, others].T).query(mesh.p[:, own].T)
+    nodes_of_piece, others = t[:, of_cells == small], t[:, of_cells != small]
+    nodes_of_piece, others = np.unique(nodes_of_piece), np.unique(others)
+    distance, _ = cKDTree(mesh.p[:, others].T).query(mesh.p[:, nodes_of_piece].T)
     at = int(np.argmin(distance))
     volumes = [
         name
@@ -177,8 +177,8 @@ def _pieces(mesh: ElementMesh, what: str) -> None:
     raise ValueError(
         f"{what} consists of {len(names)} pieces that share no node, the smallest with "
         f"{counted(int(sizes.min()), 'cell')}{which} at "
-        f"{place(mesh.p[:, own].mean(axis=1))}; its distance from the rest is "
-        f"{distance[at]:.3g}, at {place(mesh.p[:, own[at]])}: {advice}"
+        f"{place(mesh.p[:, nodes_of_piece].mean(axis=1))}; its distance from the rest is "
+        f"{distance[at]:.3g}, at {place(mesh.p[:, nodes_of_piece[at]])}: {advice}"
     )
 
 

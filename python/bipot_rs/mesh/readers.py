@@ -180,8 +180,8 @@ def _read_any(file: Path, what: str) -> _MeshioMesh:
             return mesh
     # Readers of meshio raise any exception; one of them calls sys.exit.
     except (Exception, SystemExit) as error:  # noqa: BLE001
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{file} cannot be read as {what}: {said}") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{file} cannot be read as {what}: {reason}") from None
 
 
 def _open(path: Path) -> Content:
@@ -276,15 +276,15 @@ def _add_groups(path: Path, file: Content, read: _MeshioMesh) -> None:
             # The sign is the orientation; zero means no group.
             numbers = [abs(tag)] if entities is None else entities.get((dim, tag), [])
             for number in filter(None, numbers):
-                own = groups.setdefault((dim, number), _none(file))
-                own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
+                members = groups.setdefault((dim, number), _none(file))
+                members[block] = np.union1d(members[block], np.flatnonzero(tags == tag))
     # In the order of the names.
     order = {group: k for k, group in enumerate(named)}
     for group in sorted(groups, key=lambda one: order.get(one, len(order))):
         parts = groups[group]
         name = named.get(group, f"physical {group[1]}")
-        known = file.sets.setdefault(name, _none(file))
-        file.sets[name] = [np.union1d(*p) for p in zip(known, parts, strict=True)]
+        existing = file.sets.setdefault(name, _none(file))
+        file.sets[name] = [np.union1d(*p) for p in zip(existing, parts, strict=True)]
 
 
 def _none(file: Content) -> list[Ints]:
@@ -319,15 +319,15 @@ def _dimension(kind: str) -> int:
 
 def _volumes(file: Content) -> dict[str, list[Ints]]:
     top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
-    found = {}
+    volumes = {}
     for name, parts in file.sets.items():
-        own = [
+        by_block = [
             part if _dimension(kind) == top else part[:0]
             for part, (kind, _) in zip(parts, file.blocks, strict=True)
         ]
-        if any(len(part) for part in own):
-            found[name] = own
-    return found
+        if any(len(part) for part in by_block):
+            volumes[name] = by_block
+    return volumes
 
 
 def _no_cells(path: Path) -> str:
@@ -350,22 +350,22 @@ def _mesh(
             f"the mesh {path} has no cells of a 2D or 3D body, "
             + (_counts(file.blocks) or "and no other cells")
         )
-    known = ", ".join(map(repr, sorted(volumes))) or "no named volume"
+    names = ", ".join(map(repr, sorted(volumes))) or "no named volume"
     wanted = [group] if isinstance(group, str) else list(group or [])
     for name in wanted:
         if name not in volumes:
             raise ValueError(
-                f"the mesh {path} has no volume {name!r}; it has {known}"
+                f"the mesh {path} has no volume {name!r}; it has {names}"
                 + (_no_cells(path) if top == 2 and np.ptp(file.points[:, 2]) else "")
             )
     chosen = []
     for block, (kind, nodes) in enumerate(file.blocks):
-        own = np.zeros(len(nodes), dtype=np.bool_)
+        chosen_cells = np.zeros(len(nodes), dtype=np.bool_)
         if _dimension(kind) == top:
-            own[:] = not wanted
+            chosen_cells[:] = not wanted
             for name in wanted:
-                own[volumes[name][block]] = True
-        chosen.append(own)
+                chosen_cells[volumes[name][block]] = True
+        chosen.append(chosen_cells)
     kind, cells, index = _cells(path, file, chosen, volumes)
     bad = np.flatnonzero(~np.isfinite(file.points[cells]).all(axis=(1, 2)))
     if bad.size:
@@ -416,9 +416,9 @@ def _cells(
     The index is -1 for cells that were not chosen.
     """
     picked = [
-        (kind, nodes[own])
-        for (kind, nodes), own in zip(file.blocks, chosen, strict=True)
-        if own.any()
+        (kind, nodes[chosen_cells])
+        for (kind, nodes), chosen_cells in zip(file.blocks, chosen, strict=True)
+        if chosen_cells.any()
     ]
     kinds = {kind for kind, _ in picked}
     for kind in sorted(kinds):
@@ -445,7 +445,7 @@ def _cells(
             + (f": read separate bodies by group= {', '.join(alone)}" if alone else "")
         )
     cells = np.concatenate([nodes for _, nodes in picked])
-    numbers = _global(file, [np.flatnonzero(own) for own in chosen])
+    numbers = _global(file, [np.flatnonzero(chosen_cells) for chosen_cells in chosen])
     _, first, which = np.unique(
         np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True
     )
@@ -499,31 +499,31 @@ def _surfaces(
     def of_faces(faces: Ints) -> Ints:
         """Boundary facets among faces given by corners in the file."""
         rows = np.sort(node[faces[:, :width]]).tolist()
-        known = {key[tuple(row)] for row in rows if tuple(row) in key}
-        return np.array(sorted(known), dtype=np.int64)
+        numbers = {key[tuple(row)] for row in rows if tuple(row) in key}
+        return np.array(sorted(numbers), dtype=np.int64)
 
-    found: dict[str, list[Ints]] = {}
+    facets_of: dict[str, list[Ints]] = {}
     for name, places in file.node_sets.items():
         inside = np.zeros(mesh.p.shape[1], dtype=np.bool_)
         inside[node[places][node[places] >= 0]] = True
-        found[name] = [border[inside[facet_nodes(mesh, border)].all(axis=1)]]
+        facets_of[name] = [border[inside[facet_nodes(mesh, border)].all(axis=1)]]
     for name, parts in file.sets.items():
         for part, (kind, nodes) in zip(parts, file.blocks, strict=True):
             if len(part) and _FACETS.get(kind) == (top - 1, width):
-                found.setdefault(name, []).append(of_faces(nodes[part]))
+                facets_of.setdefault(name, []).append(of_faces(nodes[part]))
     # A surface replaces the node set of the same name.
     for name in {*file.faces, *file.free}:
-        found[name] = []
+        facets_of[name] = []
     for name, faces in file.faces.items():
         rows = [face for face in faces if len(face) == width]
         if rows:
-            found[name].append(of_faces(np.array(rows, dtype=np.int64)))
+            facets_of[name].append(of_faces(np.array(rows, dtype=np.int64)))
     cell_of = np.asarray(mesh.f2t)[0, border]
     for name, parts in file.free.items():
-        found[name].append(border[np.isin(cell_of, index[_global(file, parts)])])
+        facets_of[name].append(border[np.isin(cell_of, index[_global(file, parts)])])
     whole = {
         name: np.unique(np.concatenate([np.zeros(0, np.int64), *f]))
-        for name, f in found.items()
+        for name, f in facets_of.items()
     }
     return {
         name: facets.astype(np.int64) for name, facets in whole.items() if facets.size

@@ -129,7 +129,7 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Facet
     centre = x[corners].mean(axis=1)
     places = x[corners] - centre[:, None]
     normals, size = _normals(name, places)
-    found = FacetMesh(
+    mesh = FacetMesh(
         name=name,
         points=x,
         facets=nodes,
@@ -140,7 +140,7 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Facet
         radius=np.linalg.norm(places, axis=2).max(axis=1),
     )
     if kind.corners == 4:
-        flat = np.einsum("mkd,mcd->mck", found.bases(), places)
+        flat = np.einsum("mkd,mcd->mck", mesh.bases(), places)
         skew = skewness(flat)
         if (skew >= _FOLDED).any():
             at = int(np.argmax(skew >= _FOLDED))
@@ -149,42 +149,42 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Facet
                 f"{corners[at].tolist()}: expected a convex quadrilateral, its corners "
                 "in order around it"
             )
-    _middles(found)
+    _middles(mesh)
     _turned(name, corners)
-    return found
+    return mesh
 
 
 def turned_outward(points: Floats, facets: Ints, normals: Floats) -> Ints:
     """Reverse the facets whose normals are opposite to ``normals (m, d)``."""
     kind = kind_of("facets", points.shape[1], facets.shape[1])
-    own, _ = _normals("facets", points[facets[:, : kind.corners]])
-    away = np.einsum("md,md->m", own, normals) < 0
+    computed, _ = _normals("facets", points[facets[:, : kind.corners]])
+    away = np.einsum("md,md->m", computed, normals) < 0
     turned = facets.copy()
     turned[away] = facets[away][:, list(kind.mirror)]
     return turned
 
 
 def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
-    found = integers(name, facets)
-    if found.ndim != 2 or not len(found):
+    numbers = integers(name, facets)
+    if numbers.ndim != 2 or not len(numbers):
         raise ValueError(
-            f"{name} has shape {found.shape}, expected (facets, nodes of a facet)"
+            f"{name} has shape {numbers.shape}, expected (facets, nodes of a facet)"
         )
-    outside = (found < 0) | (found >= nodes)
+    outside = (numbers < 0) | (numbers >= nodes)
     if outside.any():
         m, k = np.argwhere(outside)[0]
         raise ValueError(
-            f"{name} has node {found[m, k]} in facet {m}, expected 0 to {nodes - 1}"
+            f"{name} has node {numbers[m, k]} in facet {m}, expected 0 to {nodes - 1}"
         )
-    ordered = np.sort(found, axis=1)
+    ordered = np.sort(numbers, axis=1)
     twice = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     if twice.any():
         m = int(np.argmax(twice))
         raise ValueError(
-            f"{name} has a node twice in facet {m}: {found[m].tolist()}; write a "
+            f"{name} has a node twice in facet {m}: {numbers[m].tolist()}; write a "
             "quadrilateral with two equal corners as a triangle"
         )
-    return np.array(found, dtype=np.int64)
+    return np.array(numbers, dtype=np.int64)
 
 
 def _normals(name: str, places: Floats) -> tuple[Floats, Floats]:
@@ -244,9 +244,9 @@ def _turned(name: str, corners: Ints) -> None:
         order = np.argsort(key, kind="stable")
         same = np.flatnonzero(key[order][1:] == key[order][:-1])
         if same.size:
-            one, other = label[order][same[0]], label[order][same[0] + 1]
+            first_side, other = label[order][same[0]], label[order][same[0] + 1]
             raise ValueError(
-                f"{name} has facets {one} and {other} with normals on opposite sides: all "
+                f"{name} has facets {first_side} and {other} with normals on opposite sides: all "
                 "normals must point out of the body, which is on the left of a line, and "
                 "triangles and quadrilaterals counter-clockwise seen from outside"
             )
@@ -277,8 +277,8 @@ def candidates(
     """
     octave = np.floor(np.log2(other.radius / other.radius.max()))
     sphere, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for one in np.unique(octave):
-        group = np.flatnonzero(octave == one)
+    for level in np.unique(octave):
+        group = np.flatnonzero(octave == level)
         wide = (radius + other.radius[group].max()) * (1 + 1e-9)
         k, g = _along(places, wide, normals, other.centre[group], distance)
         sphere.append(k)
@@ -326,11 +326,11 @@ def _along(
     ball = np.repeat(met, count)
     step = np.arange(ball.size) - np.repeat(np.cumsum(count) - count, count)
     middle = first[ball] + (2 * step + 1) * wide[ball]
-    found = cKDTree(centres).query_ball_point(
+    within_reach = cKDTree(centres).query_ball_point(
         places[ball] + middle[:, None] * normals[ball],
         np.sqrt(2) * wide[ball] * (1 + 1e-9),
     )
-    lengths = np.array([len(f) for f in found], dtype=np.int64)
-    near = np.concatenate([np.zeros(0, np.int64), *found]).astype(np.int64)
+    lengths = np.array([len(f) for f in within_reach], dtype=np.int64)
+    near = np.concatenate([np.zeros(0, np.int64), *within_reach]).astype(np.int64)
     pairs = np.unique(np.repeat(ball, lengths) * len(centres) + near)
     return pairs // len(centres), pairs % len(centres)

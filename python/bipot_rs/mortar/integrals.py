@@ -199,33 +199,33 @@ def _one_layer(
     they have the same orientation (`facet_mesh`). Facets that share only a corner are
     checked: they can overlap, as on a spiral ramp.
     """
-    for one, other in _side_by_side(s, theirs):
+    for first_side, other in _side_by_side(s, theirs):
         corners = master.corners
-        shared = corners[m[one]][:, :, None] == corners[m[other]][:, None, :]
+        shared = corners[m[first_side]][:, :, None] == corners[m[other]][:, None, :]
         apart = shared.sum(axis=(1, 2)) < slave.dim - 1
-        one, other = one[apart], other[apart]
-        if not one.size:
+        first_side, other = first_side[apart], other[apart]
+        if not first_side.size:
             continue
         if slave.dim == 2:
             low = np.maximum(
-                ours[one].min(axis=1),
-                np.maximum(theirs[one].min(axis=1), theirs[other].min(axis=1)),
+                ours[first_side].min(axis=1),
+                np.maximum(theirs[first_side].min(axis=1), theirs[other].min(axis=1)),
             )
             high = np.minimum(
-                ours[one].max(axis=1),
-                np.minimum(theirs[one].max(axis=1), theirs[other].max(axis=1)),
+                ours[first_side].max(axis=1),
+                np.minimum(theirs[first_side].max(axis=1), theirs[other].max(axis=1)),
             )
             size = (high - low)[:, 0]
         else:
-            both = clip(theirs[one][:, ::-1], theirs[other][:, ::-1])
+            both = clip(theirs[first_side][:, ::-1], theirs[other][:, ::-1])
             size = _areas(both)
         # Neighbours overlap by rounding, and by the last digits of different meshers.
-        double = size > np.maximum(1e-6 * slave.size[s[one]], least[one])
+        double = size > np.maximum(1e-6 * slave.size[s[first_side]], least[first_side])
         if double.any():
             at = int(np.argmax(double))
             raise ValueError(
-                f"{master.name} lies in several layers opposite to facet {s[one[at]]} of "
-                f"{slave.name}, with its facets {m[other[at]]} and {m[one[at]]}: pass a "
+                f"{master.name} lies in several layers opposite to facet {s[first_side[at]]} of "
+                f"{slave.name}, with its facets {m[other[at]]} and {m[first_side[at]]}: pass a "
                 "distance that excludes the wrong layer, or select fewer facets"
             )
 
@@ -242,16 +242,18 @@ def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
     place = np.arange(len(s)) - first
     few = count <= FEW_INTERSECTIONS
     for step in range(1, int(place[few].max(initial=0)) + 1):
-        one: Ints = np.flatnonzero(few & (place >= step))
-        other = one - step
-        over = ((high[one] > low[other]) & (high[other] > low[one])).all(axis=1)
-        yield one[over], other[over]
+        first_box: Ints = np.flatnonzero(few & (place >= step))
+        other = first_box - step
+        over = ((high[first_box] > low[other]) & (high[other] > low[first_box])).all(
+            axis=1
+        )
+        yield first_box[over], other[over]
     many = np.flatnonzero(~few)
     if many.size:
         boxes = low[many], high[many], s[many]
-        for one, other in BoxTree(*boxes).overlapping(*boxes):
-            later = one > other
-            yield many[one[later]], many[other[later]]
+        for first_box, other in BoxTree(*boxes).overlapping(*boxes):
+            later = first_box > other
+            yield many[first_box[later]], many[other[later]]
 
 
 def whole(slave: FacetMesh) -> Overlaps:
@@ -294,7 +296,7 @@ def integrate(
     linear = slave.kind.nodes == c
     # By intersection first.
     mass = np.zeros((count, c, c))
-    own = mass if linear else np.zeros((count, c, slave.kind.nodes))
+    own_mass = mass if linear else np.zeros((count, c, slave.kind.nodes))
     coupling = np.zeros((count, c, 0 if master is None else master.kind.nodes))
     gap: list[Floats] = []
     corner = CORNER_SHAPES[c]
@@ -305,7 +307,7 @@ def integrate(
         if not linear or clearance is not None:
             phi = slave.kind.shapes(xi)
             if not linear:
-                np.add.at(own, part, np.einsum("tqi,tqj->tij", weighted, phi))
+                np.add.at(own_mass, part, np.einsum("tqi,tqj->tij", weighted, phi))
             if clearance is not None:
                 places = phi @ slave.points[slave.facets[over.slave[part]]]
                 # Field by field: each with the same bits as alone.
@@ -317,7 +319,7 @@ def integrate(
             phi = master.kind.shapes(eta)
             np.add.at(coupling, part, np.einsum("tqi,tqj->tij", weighted, phi))
     if slave.dim == 3:
-        _resultants(slave, over, master, mass, own, coupling)
+        _resultants(slave, over, master, mass, own_mass, coupling)
 
     def by_facet(values: Floats) -> Floats:
         total = np.zeros((len(slave.facets), *values.shape[1:]))
@@ -325,9 +327,11 @@ def integrate(
         return total
 
     total = by_facet(mass)
-    everything = total if linear else by_facet(own)
+    everything = total if linear else by_facet(own_mass)
     none = np.zeros((0, *total.shape[:2]))
-    means = np.stack([by_facet(one) for one in gap]) if gap else none
+    means = (
+        np.stack([by_facet(values_of_gap) for values_of_gap in gap]) if gap else none
+    )
     return Integrals(over, total, everything, coupling, means)
 
 
@@ -382,14 +386,14 @@ def _correct(blocks: Floats, rows: Floats, columns: Floats, size: Floats) -> Non
 def _values(function: Places, places: Floats) -> list[Floats]:
     """Values at places ``(t, q, d)``, for each field that the function returns."""
     flat = places.reshape(-1, places.shape[-1])
-    found = floats("the gap at the places", function(flat))
-    if found.ndim == 2 and len(found) == len(flat):
-        fields = [np.ascontiguousarray(column) for column in found.T]
-    elif found.shape in ((), (1,), (len(flat),)):
-        fields = [np.broadcast_to(found, (len(flat),))]
+    values = floats("the gap at the places", function(flat))
+    if values.ndim == 2 and len(values) == len(flat):
+        fields = [np.ascontiguousarray(column) for column in values.T]
+    elif values.shape in ((), (1,), (len(flat),)):
+        fields = [np.broadcast_to(values, (len(flat),))]
     else:
         raise ValueError(
-            f"the gap at the places has shape {found.shape}, expected ({len(flat)},)"
+            f"the gap at the places has shape {values.shape}, expected ({len(flat)},)"
         )
     return [field.reshape(places.shape[:-1]) for field in fields]
 
@@ -407,17 +411,17 @@ def _points(
     """
     # Four more degrees for a clearance function, which is smooth on a facet.
     degree = _degree(slave, over, master) + 4 * function
-    for one in np.unique(degree):
-        group = np.flatnonzero(degree == one)
-        points = one // 2 + 1 if slave.dim == 2 else (one // 2 + 1) ** 2
+    for order in np.unique(degree):
+        group = np.flatnonzero(degree == order)
+        points = order // 2 + 1 if slave.dim == 2 else (order // 2 + 1) ** 2
         polygon = 1 if slave.dim == 2 else over.polygons.shape[1] - 2
         step = max(1, POINTS_AT_ONCE // int(points * polygon))
         for first in range(0, len(group), step):
             part = group[first : first + step]
             if slave.dim == 2:
-                yield _segment(slave, over, part, int(one))
+                yield _segment(slave, over, part, int(order))
             else:
-                yield _triangles(slave, over, part, int(one))
+                yield _triangles(slave, over, part, int(order))
 
 
 def _segment(
@@ -511,7 +515,9 @@ def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Wei
         )
         return _averages(matrix.tocsr())
 
-    own = assemble(np.arange(len(corners)), dual @ found.own, slave.facets, nodes)
+    own_weights = assemble(
+        np.arange(len(corners)), dual @ found.own, slave.facets, nodes
+    )
     if master is None:
         other = sparse.csr_array((len(contacts), 0))
     else:
@@ -526,7 +532,7 @@ def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Wei
     return Weights(
         node=contacts,
         area=np.asarray(total[contacts]),
-        slave=own,
+        slave=own_weights,
         master=other,
         clearance=np.array(means).reshape(len(means), len(contacts)),
     )

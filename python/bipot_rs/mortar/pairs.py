@@ -192,18 +192,18 @@ def pair_surfaces(
         over = overlaps(slave, master, limit)
         if not len(over.slave):
             raise ValueError(_nothing(slave, master, distance))
-        found = weights(slave, integrate(slave, over, master, function), master)
+        nodal_weights = weights(slave, integrate(slave, over, master, function), master)
     else:
-        found = _nodes(slave, master, limit, function)
-        if not len(found.node):
+        nodal_weights = _nodes(slave, master, limit, function)
+        if not len(nodal_weights.node):
             raise ValueError(_nothing(slave, master, distance))
     _own_dofs(slave, columns[0], master, columns[1])
     return _assembled(
-        found,
-        frames(_normals(slave, found.node), axis),
+        nodal_weights,
+        frames(_normals(slave, nodal_weights.node), axis),
         slave,
         master,
-        found.slave @ added if added.ndim else float(added),
+        nodal_weights.slave @ added if added.ndim else float(added),
         columns,
     )
 
@@ -243,20 +243,20 @@ def rigid_pairs(
             f"gap is {shown(gap)}, expected a function of positions that returns distances"
         )
     slave = surface("points", points, "facets", facets)
-    found = weigh_surface(slave, gap)
-    places = slave.points[found.node]
+    weights_of_nodes = weigh_surface(slave, gap)
+    places = slave.points[weights_of_nodes.node]
     if normal is None:
-        normals = _normals(slave, found.node)
+        normals = _normals(slave, weights_of_nodes.node)
     else:
-        given = floats("normal", normal(places) if callable(normal) else normal)
-        if given.shape not in ((slave.dim,), places.shape):
+        normals_given = floats("normal", normal(places) if callable(normal) else normal)
+        if normals_given.shape not in ((slave.dim,), places.shape):
             raise ValueError(
-                f"normal has shape {given.shape}, expected ({slave.dim},) or "
+                f"normal has shape {normals_given.shape}, expected ({slave.dim},) or "
                 f"{places.shape}"
             )
-        normals = np.broadcast_to(given, places.shape)
+        normals = np.broadcast_to(normals_given, places.shape)
     return make_rigid_pairs(
-        slave, found, normals, axis, _columns(slave, dofs, None, None, n)
+        slave, weights_of_nodes, normals, axis, _columns(slave, dofs, None, None, n)
     )
 
 
@@ -288,21 +288,21 @@ def make_rigid_pairs(
 
 
 def _clearance(value: ArrayLike, nodes: int) -> Floats:
-    found = floats("clearance", value)
-    if found.shape not in ((), (nodes,)):
+    clearances = floats("clearance", value)
+    if clearances.shape not in ((), (nodes,)):
         raise ValueError(
-            f"clearance has shape {found.shape}, expected a number, or ({nodes},): one "
+            f"clearance has shape {clearances.shape}, expected a number, or ({nodes},): one "
             "for each of points_slave"
         )
-    return found
+    return clearances
 
 
 def _own_dofs(slave: FacetMesh, ours: Ints, master: FacetMesh, theirs: Ints) -> None:
     """Refuse a degree of freedom shared by two nodes at different positions."""
-    own, other = np.unique(slave.facets), np.unique(master.facets)
-    known = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
-    known[ours[own]] = own[:, None]
-    same = known[theirs[other]]
+    own_nodes, other = np.unique(slave.facets), np.unique(master.facets)
+    number_of = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
+    number_of[ours[own_nodes]] = own_nodes[:, None]
+    same = number_of[theirs[other]]
     at = np.argwhere(same >= 0)
     if not at.size:
         return
@@ -433,7 +433,7 @@ def _nodes(
         shape=(len(k), len(master.points)),
     ).tocsr()
     other.eliminate_zeros()
-    own = sparse.csr_array(
+    own_part = sparse.csr_array(
         (np.ones(len(k)), (np.arange(len(k)), node[k])),
         shape=(len(k), len(slave.points)),
     )
@@ -441,7 +441,7 @@ def _nodes(
     if clearance is not None:
         what = "clearance at the places"
         means = floats(what, clearance(places[k]), shape=(len(k),))[None]
-    return Weights(node[k], np.asarray(area[node[k]]), own, other, means)
+    return Weights(node[k], np.asarray(area[node[k]]), own_part, other, means)
 
 
 def _columns(
@@ -454,11 +454,11 @@ def _columns(
     """Degrees of freedom of slave and master nodes, and their total number."""
     d, count = slave.dim, len(slave.points)
     others = 0 if master is None else len(master.points)
-    given = [dofs_slave is not None, dofs_master is not None or master is None]
+    are_given = [dofs_slave is not None, dofs_master is not None or master is None]
     if dofs_slave is None and (dofs_master is None or master is None) and n is None:
         everything = np.arange(d * (count + others)).reshape(-1, d)
         return everything[:count], everything[count:], d * (count + others)
-    if not all(given) or n is None:
+    if not all(are_given) or n is None:
         raise ValueError(
             "degrees of freedom are given in part, expected those of all nodes and their "
             "total number n"
@@ -470,13 +470,13 @@ def _columns(
 
 
 def _dofs(what: str, value: object, shape: tuple[int, int], n: int) -> Ints:
-    found = integers(what, value)
-    if found.shape != shape:
-        raise ValueError(f"{what} has shape {found.shape}, expected {shape}")
-    if found.size and not (found.min() >= 0 and found.max() < n):
-        bad = int(found.max() if found.min() >= 0 else found.min())
+    dofs = integers(what, value)
+    if dofs.shape != shape:
+        raise ValueError(f"{what} has shape {dofs.shape}, expected {shape}")
+    if dofs.size and not (dofs.min() >= 0 and dofs.max() < n):
+        bad = int(dofs.max() if dofs.min() >= 0 else dofs.min())
         raise ValueError(f"{what} has entry {bad}, expected 0 to {n - 1}")
-    return np.array(found, dtype=np.int64)
+    return np.array(dofs, dtype=np.int64)
 
 
 def _assembled(
@@ -515,12 +515,12 @@ def _facets(slave: FacetMesh, node: Ints) -> Ints:
     """Facets of the slave in numbers of contacts ``(m, k)``; -1 for other nodes."""
     number = np.full(len(slave.points), -1, np.int64)
     number[node] = np.arange(len(node))
-    found = number[slave.facets]
+    facets = number[slave.facets]
     corners = slave.kind.corners
-    found = found[(found[:, :corners] >= 0).all(axis=1)]
+    facets = facets[(facets[:, :corners] >= 0).all(axis=1)]
     # Some midpoints alone would be no facet of any kind.
-    found[(found < 0).any(axis=1), corners:] = -1
-    return found
+    facets[(facets < 0).any(axis=1), corners:] = -1
+    return facets
 
 
 def expand(weights: CsrMatrix, frame: Floats, dofs: Ints, n: int) -> CsrMatrix:
@@ -533,8 +533,8 @@ def expand(weights: CsrMatrix, frame: Floats, dofs: Ints, n: int) -> CsrMatrix:
     blocks = entries.data[:, None, None] * frame[row]
     rows = np.broadcast_to(d * row[:, None, None] + np.arange(d)[:, None], blocks.shape)
     columns = np.broadcast_to(dofs[column][:, None], blocks.shape)
-    found: CsrMatrix = sparse.coo_array(
+    matrix: CsrMatrix = sparse.coo_array(
         (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(d * count, n)
     ).tocsr()
-    found.eliminate_zeros()
-    return found
+    matrix.eliminate_zeros()
+    return matrix

@@ -32,7 +32,7 @@ def polygon_integrals(kind: FacetKind, corners: Floats, polygons: Floats) -> Flo
     polygons
         Polygons inside them, counter-clockwise ``(k, v, 2)``; corners may repeat.
     """
-    found = np.zeros((len(corners), kind.nodes))
+    integrals = np.zeros((len(corners), kind.nodes))
     # The nearest singularity as in `integrals._beyond`.
     rate = np.log(2 / np.clip(skewness(corners), 1e-3, 0.98))
     points = 4 * np.ceil((26 / rate + 4) / 4).astype(np.int64)
@@ -42,8 +42,8 @@ def polygon_integrals(kind: FacetKind, corners: Floats, polygons: Floats) -> Flo
         step = max(1, 2**17 // int(n * polygons.shape[1]))
         for first in range(0, len(group), step):
             part = group[first : first + step]
-            found[part] = _boundary(kind, corners[part], polygons[part], int(n))
-    return found
+            integrals[part] = _boundary(kind, corners[part], polygons[part], int(n))
+    return integrals
 
 
 def _boundary(kind: FacetKind, corners: Floats, polygons: Floats, n: int) -> Floats:
@@ -77,5 +77,5 @@ def _coefficients(kind: FacetKind, most: int) -> Floats:
     grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     powers = np.arange(most + 1)
     rows = grid[:, :1, None] ** powers[:, None] * grid[:, 1:, None] ** powers
-    found = np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
-    return np.asarray(found, dtype=np.float64)
+    coefficients = np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
+    return np.asarray(coefficients, dtype=np.float64)

@@ -194,9 +194,9 @@ def _components(edges: Floats, x: Floats) -> Floats:
 def kind_of(what: str, dim: int, nodes: int) -> FacetKind:
     """Kind of the facets ``what`` with a number of nodes each."""
     if (dim, nodes) not in KINDS:
-        known = [f"{k} ({n.name})" for (d, k), n in KINDS.items() if d == dim]
+        names = [f"{k} ({n.name})" for (d, k), n in KINDS.items() if d == dim]
         raise ValueError(
-            f"{what} has {nodes} nodes for each facet, expected {', '.join(known)} in "
+            f"{what} has {nodes} nodes for each facet, expected {', '.join(names)} in "
             f"{dim} dimensions"
         )
     return KINDS[dim, nodes]

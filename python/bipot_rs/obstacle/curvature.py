@@ -21,10 +21,10 @@ def curvature(obstacle: Obstacle, points: Floats) -> Floats:
         elsewhere.
     """
     if isinstance(obstacle, Union):
-        each = [one.closest(points).distance for one in obstacle.obstacles]
+        each = [part.closest(points).distance for part in obstacle.obstacles]
         nearest = np.argmin(each, axis=0)
-        found = np.stack([curvature(one, points) for one in obstacle.obstacles])
-        return np.asarray(found[nearest, np.arange(len(points))])
+        curvatures = np.stack([curvature(part, points) for part in obstacle.obstacles])
+        return np.asarray(curvatures[nearest, np.arange(len(points))])
     count, dim = points.shape
     unit = np.broadcast_to(np.eye(dim), (count, dim, dim))
     if isinstance(obstacle, Plane):

@@ -80,13 +80,13 @@ class Motion:
             raise ValueError("motion has no steps, expected at least one")
         if shift is None and angle is None:
             raise ValueError("motion has neither translation nor rotation")
-        known = {"translation": shift, "about": pole}
-        dims = {name: a.shape[-1] for name, a in known.items() if a is not None}
+        vectors_given = {"translation": shift, "about": pole}
+        dims = {name: a.shape[-1] for name, a in vectors_given.items() if a is not None}
         d = 3 if turn is not None else next(iter(dims.values()), 2)
-        for name, found in dims.items():
-            if found != d or d not in (2, 3):
+        for name, components in dims.items():
+            if components != d or d not in (2, 3):
                 raise ValueError(
-                    f"{name} of the motion has {counted(found, 'component')}, expected "
+                    f"{name} of the motion has {counted(components, 'component')}, expected "
                     + (str(d) if d in (2, 3) else "2 or 3")
                 )
         if angle is not None and d == 3 and turn is None:
@@ -261,11 +261,11 @@ def approach(
         if motion is not None:
             seen = motion.back(points, state)
             facing = None if outward is None else motion.backwards(outward, state)
-        found = ask(obstacle, seen, facing)
-        distance[k], normal[k] = found.distance, found.normal
+        closest = ask(obstacle, seen, facing)
+        distance[k], normal[k] = closest.distance, closest.normal
         if motion is not None:
-            normal[k] = motion.forwards(found.normal, state)
-        feet = points - found.distance[:, None] * normal[k]
+            normal[k] = motion.forwards(closest.normal, state)
+        feet = points - closest.distance[:, None] * normal[k]
         if k > 0 and motion is not None:
             drag[k] = drag[k - 1] + motion.drag(np.stack([before, feet]), state)
     return Approach(normal, distance, drag)

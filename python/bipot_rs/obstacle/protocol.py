@@ -43,24 +43,24 @@ def check_points(points: object, dim: int | None) -> Floats:
     """Check the points ``(n, d)`` that are passed to an obstacle."""
     if dim is None:
         return vectors("points", points, rows="n", copy=False)
-    found = floats("points", points, ndim=2, copy=False)
-    if found.shape[1] != dim:
-        raise ValueError(f"points has shape {found.shape}, expected (n, {dim})")
-    return found
+    places = floats("points", points, ndim=2, copy=False)
+    if places.shape[1] != dim:
+        raise ValueError(f"points has shape {places.shape}, expected (n, {dim})")
+    return places
 
 
 def check_direction(what: str, value: object, dim: int | None = None) -> Floats:
     """Check a direction, and scale it to length 1."""
-    found = floats(what, value, ndim=1)
-    if len(found) not in ((2, 3) if dim is None else (dim,)):
+    vector = floats(what, value, ndim=1)
+    if len(vector) not in ((2, 3) if dim is None else (dim,)):
         wished = "(2,) or (3,)" if dim is None else f"({dim},)"
-        raise ValueError(f"{what} has shape {found.shape}, expected {wished}")
+        raise ValueError(f"{what} has shape {vector.shape}, expected {wished}")
     # Divided by the largest component first: squares could overflow or underflow.
-    size = np.abs(found).max()
+    size = np.abs(vector).max()
     if size == 0:
         raise ValueError(f"{what} is zero, expected a direction")
-    found = found / size
-    return np.asarray(found / np.linalg.norm(found), np.float64)
+    vector = vector / size
+    return np.asarray(vector / np.linalg.norm(vector), np.float64)
 
 
 def length(values: Floats) -> Floats:

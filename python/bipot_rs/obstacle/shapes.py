@@ -265,8 +265,8 @@ class Distance:
             slope = self._slope(x, float(self.step))
         else:
             # For a single point on the surface, only its coordinates give a size.
-            known = extent if extent > 1e3 * rounding else far or 1.0
-            slope = self._finest(x, DIFFERENCE_STEP * known, rounding)
+            reference_length = extent if extent > 1e3 * rounding else far or 1.0
+            slope = self._finest(x, DIFFERENCE_STEP * reference_length, rounding)
         size = length(slope)
         off = np.abs(size - 1)
         if not (off <= _UNIT).all():
@@ -337,25 +337,25 @@ class Union:
     def __post_init__(self) -> None:
         if not len(self.obstacles):
             raise ValueError("obstacles is empty, expected at least one")
-        dims = {one.dim for one in self.obstacles} - {None}
+        dims = {part.dim for part in self.obstacles} - {None}
         if len(dims) > 1:
             raise ValueError("obstacles mix two and three dimensions")
 
     @property
     def dim(self) -> int | None:
         """2 or 3; ``None`` if every obstacle has ``dim`` None."""
-        return next((one.dim for one in self.obstacles if one.dim is not None), None)
+        return next((part.dim for part in self.obstacles if part.dim is not None), None)
 
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; at equal distances, the first obstacle."""
-        return self._nearest([ask(one, points) for one in self.obstacles])
+        return self._nearest([ask(part, points) for part in self.obstacles])
 
     def facing(self, points: Floats, outward: Floats) -> Closest:
         """As `Surface.facing`."""
-        return self._nearest([ask(one, points, outward) for one in self.obstacles])
+        return self._nearest([ask(part, points, outward) for part in self.obstacles])
 
     def _nearest(self, all_: Sequence[Closest]) -> Closest:
-        nearest = np.argmin([found.distance for found in all_], axis=0)
+        nearest = np.argmin([closest.distance for closest in all_], axis=0)
         at = np.arange(len(nearest))
         distance, normal, foot = (
             np.stack(each)[nearest, at] for each in zip(*all_, strict=True)
@@ -388,16 +388,16 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
     if isinstance(obstacle, _OWN):
         return obstacle.closest(points)
     what = f"obstacle {type(obstacle).__name__}"
-    found = _answer(what, obstacle, points)
+    closest = _answer(what, obstacle, points)
     if not len(points):
-        return found
+        return closest
     extent = max(
-        float(np.ptp(points, axis=0).max()), float(np.abs(found.distance).max())
+        float(np.ptp(points, axis=0).max()), float(np.abs(closest.distance).max())
     )
     rounding = 1e3 * float(np.spacing(np.abs(points).max()))
     slack = max(_TOLERANCE * extent, rounding)
-    off = np.abs(length(found.normal) - 1)
-    between = length(points - found.distance[:, None] * found.normal - found.foot)
+    off = np.abs(length(closest.normal) - 1)
+    between = length(points - closest.distance[:, None] * closest.normal - closest.foot)
     for miss, most, words in (
         (off, _TOLERANCE, "normal does not have length 1, the error is"),
         (between, slack, "foot is not point - distance * normal, the error is"),
@@ -407,36 +407,36 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
             raise ValueError(
                 f"{what}: at {place(points[at])} its {words} {miss[at]:.3g}"
             )
-    again = np.abs(_answer(what, obstacle, found.foot).distance)
-    far = again > np.maximum(slack, FOOT_OFF * np.abs(found.distance))
+    again = np.abs(_answer(what, obstacle, closest.foot).distance)
+    far = again > np.maximum(slack, FOOT_OFF * np.abs(closest.distance))
     if far.any():
         at = int(np.argmax(far))
         raise ValueError(
-            f"{what}: the foot of {place(points[at])} is {place(found.foot[at])}, whose "
+            f"{what}: the foot of {place(points[at])} is {place(closest.foot[at])}, whose "
             f"distance is {again[at]:.3g}, expected 0: check that inside the obstacle the "
             "distance is negative and the normal points outwards"
         )
     # Beyond a rim the point behind is outside too. If it is outside behind all points,
     # the distance has no sign.
     step = 4 * slack
-    behind = _answer(what, obstacle, found.foot - step * found.normal).distance
+    behind = _answer(what, obstacle, closest.foot - step * closest.normal).distance
     if (behind > step / 2).all():
         raise ValueError(
-            f"{what}: behind its surface, at {place(found.foot[0] - step * found.normal[0])}, "
+            f"{what}: behind its surface, at {place(closest.foot[0] - step * closest.normal[0])}, "
             f"its distance is {behind[0]:.3g}, expected a negative number: the distance "
             "must be signed"
         )
-    return found
+    return closest
 
 
 def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
     """The answer of an obstacle, with checked shapes and finite numbers."""
-    found = obstacle.closest(points)
+    closest = obstacle.closest(points)
     try:
-        parts = (found.distance, found.normal, found.foot)
+        parts = (closest.distance, closest.normal, closest.foot)
     except AttributeError:
         raise TypeError(
-            f"{what} returns {shown(found)}, expected a Closest with distance, normal "
+            f"{what} returns {shown(closest)}, expected a Closest with distance, normal "
             "and foot"
         ) from None
     shapes = ((len(points),), points.shape, points.shape)
@@ -455,10 +455,10 @@ def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
 
 
 def _place(what: str, value: ArrayLike) -> Floats:
-    found = floats(what, value, ndim=1)
-    if len(found) not in (2, 3):
-        raise ValueError(f"{what} has shape {found.shape}, expected (2,) or (3,)")
-    return found
+    coordinates = floats(what, value, ndim=1)
+    if len(coordinates) not in (2, 3):
+        raise ValueError(f"{what} has shape {coordinates.shape}, expected (2,) or (3,)")
+    return coordinates
 
 
 def _positive(what: str, value: float) -> None:

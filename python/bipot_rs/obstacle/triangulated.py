@@ -115,7 +115,7 @@ class Surface:
 
         points, blocks = read_cells(path)
         for kind, d in (("triangle", 3), ("line", 2)):
-            cells = [nodes for known, nodes in blocks if known == kind]
+            cells = [nodes for kind_of_block, nodes in blocks if kind_of_block == kind]
             if cells:
                 x, number = np.unique(points[:, :d], axis=0, return_inverse=True)
                 facets = number.reshape(-1)[np.concatenate(cells)]
@@ -130,7 +130,10 @@ class Surface:
                         f"and {far:.3g} from the origin; move it nearer to the origin"
                     )
                 return cls(x, _once(facets[whole]), flipped=flipped)
-        kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
+        kinds = (
+            ", ".join(sorted({kind_of_block for kind_of_block, _ in blocks}))
+            or "no cells"
+        )
         raise ValueError(
             f"{path} has {kinds}, expected triangles, or lines for a 2D surface"
         )
@@ -173,8 +176,8 @@ class Surface:
         """
         x = check_points(points, self.dim)
         foot, facet, part = self._located(x)
-        found = self._signed(x, foot, facet, part)
-        on = np.flatnonzero(np.abs(found.distance) <= _RIM * self._size)
+        closest = self._signed(x, foot, facet, part)
+        on = np.flatnonzero(np.abs(closest.distance) <= _RIM * self._size)
         corners = self._x[self._corners[facet[on]]]
         beside = [
             length(foot[on] - _on_segment(foot[on], a, b)[0])
@@ -183,16 +186,16 @@ class Surface:
         # At an edge, rounding decides which facet and which part of it was found.
         rim = np.min(beside, axis=0, initial=np.inf) <= _RIM * self._size
         on = on[rim | self._sheet[facet[on], part[on]]]
-        normal = found.normal.copy()
+        normal = closest.normal.copy()
         for at in self._portions(on):
-            point, touching = self._touching(found.foot[on[at]])
+            point, touching = self._touching(closest.foot[on[at]])
             ends = np.searchsorted(point, np.arange(len(on[at]) + 1))
             for k, first, last in zip(on[at], ends[:-1], ends[1:], strict=True):
                 normals = np.vstack([self._normal[touching[first:last]], normal[k]])
                 # Most edges lie in a flat region.
                 if np.abs(normals - normals[-1]).max() > _CANCELS:
                     normal[k] = _nearest_in_cone(normals, -outward[k], normal[k])
-        return found._replace(normal=normal)
+        return closest._replace(normal=normal)
 
     def _edges_of(self, corners: Floats) -> Iterator[tuple[Floats, Floats]]:
         """Ends of the edges of facets ``(k, d, d)``; for segments, each end twice."""
@@ -205,9 +208,15 @@ class Surface:
         slack = _RIM * self._size
         point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for members, tree, reach in self._levels if len(places) else []:
-            found = tree.query_ball_point(places, reach + slack)
-            point.append(np.repeat(np.arange(len(places)), [len(one) for one in found]))
-            near = np.concatenate([np.array(one, np.int64) for one in found])
+            facets_near = tree.query_ball_point(places, reach + slack)
+            point.append(
+                np.repeat(
+                    np.arange(len(places)), [len(numbers) for numbers in facets_near]
+                )
+            )
+            near = np.concatenate(
+                [np.array(numbers, np.int64) for numbers in facets_near]
+            )
             facet.append(members[near])
         p, f = np.concatenate(point), np.concatenate(facet)
         foot, _ = _closest_on(places[p], self._x[self._corners[f]])
@@ -419,12 +428,12 @@ def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> F
     from scipy.optimize import nnls
 
     amounts, _ = nnls(normals.T, direction)
-    found = normals.T @ amounts
-    size = float(np.linalg.norm(found))
+    direction_sum = normals.T @ amounts
+    size = float(np.linalg.norm(direction_sum))
     # If all normals point away from the direction, the projection is zero.
     if size <= _CANCELS * float(np.linalg.norm(direction)):
         return otherwise
-    return np.asarray(found / size, np.float64)
+    return np.asarray(direction_sum / size, np.float64)
 
 
 def _joined(x: Floats) -> Ints:

@@ -47,8 +47,8 @@ def check_same(comm: Communicator, **arrays: ArrayLike | None) -> None:
     for name, array in arrays.items():
         value = b"" if array is None else np.ascontiguousarray(array).tobytes()
         shape = None if array is None else np.shape(array)
-        known = hashlib.sha256(value).hexdigest(), shape
-        if len(set(comm.allgather(known))) > 1:
+        digest = hashlib.sha256(value).hexdigest(), shape
+        if len(set(comm.allgather(digest))) > 1:
             raise ValueError(
                 f"{name} differs between ranks: contacts are the same on every rank, and "
                 f"{name} holds all of them"

@@ -34,12 +34,15 @@ def find_bodies(
     bring
         Brings values of own degrees of freedom and those outside to this rank.
     """
-    own = rows.count // d
+    own_nodes = rows.count // d
     # Local numbers of nodes, own ones first. Outside, each degree of freedom counts.
     node = np.concatenate(
-        [np.arange(rows.count) // d, np.arange(own, len(free) - rows.count + own)]
+        [
+            np.arange(rows.count) // d,
+            np.arange(own_nodes, len(free) - rows.count + own_nodes),
+        ]
     )
-    count = own + len(free) - rows.count
+    count = own_nodes + len(free) - rows.count
     pieces = np.arange(count)
     for first in range(0, rows.count, _ROWS):
         last = min(first + _ROWS, rows.count)
@@ -53,22 +56,22 @@ def find_bodies(
     # Pieces of all ranks get different numbers, and those that meet are joined.
     starts = np.cumsum([0, *comm.allgather(count)])
     mine = pieces + starts[comm.rank]
-    theirs = bring(np.repeat(mine[:own], d).astype(float))[rows.count :].astype(
+    theirs = bring(np.repeat(mine[:own_nodes], d).astype(float))[rows.count :].astype(
         np.int64
     )
     meeting = free[rows.count :]
-    pairs = np.column_stack([mine[own:][meeting], theirs[meeting]])
+    pairs = np.column_stack([mine[own_nodes:][meeting], theirs[meeting]])
     pairs = np.unique(pairs, axis=0)
     mine_meet, theirs_meet = np.concatenate(comm.allgather(pairs)).T.copy()
     joined = _join(np.arange(starts[-1]), mine_meet, theirs_meet, starts[-1])
-    found = joined[mine[:own]]
+    body_of_row = joined[mine[:own_nodes]]
     # Bodies are numbered in the order of their first nodes.
-    used = np.concatenate(comm.allgather(_list_in_order(found)))
+    used = np.concatenate(comm.allgather(_list_in_order(body_of_row)))
     _, at = np.unique(used, return_index=True)
     order = used[np.sort(at)]
     number = np.full(starts[-1] + 1, -1)
     number[order] = np.arange(len(order))
-    return number[found], len(order)
+    return number[body_of_row], len(order)
 
 
 def _list_in_order(values: Ints) -> Ints:

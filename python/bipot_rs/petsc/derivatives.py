@@ -143,8 +143,8 @@ class _IterativeSystem:
     def _split(self, right: Floats) -> tuple[Floats, PetscVec]:
         """Right sides of the laws, and those of the rows."""
         laws = math.prod(self.shape)
-        own = np.ascontiguousarray(right[:laws].reshape(self.shape))
-        return own, self.engine.operator.make_vector(right[laws:])
+        at_contacts = np.ascontiguousarray(right[:laws].reshape(self.shape))
+        return at_contacts, self.engine.operator.make_vector(right[laws:])
 
     def _solve_forward(self, right: Floats) -> Floats:
         s, g = self._split(right)
@@ -223,8 +223,8 @@ class DistributedDerivatives:
             steps, mu, shape = len(path.steps), path.mu, path.shape
 
             def check() -> PathChange:
-                own = self._read_rows("load", change.load, steps)
-                data = change._replace(load=own, K=None)
+                rows_of_steps = self._read_rows("load", change.load, steps)
+                data = change._replace(load=rows_of_steps, K=None)
                 return check_changes(self.model, steps, mu, shape, data)
 
             along = do_together(operator.comm, check)
@@ -241,7 +241,10 @@ class DistributedDerivatives:
             forward = Forward(path, along, None)
 
             def recover() -> list[PetscVec]:
-                return [operator.make_vector(own) for own in forward.displacement()]
+                return [
+                    operator.make_vector(rows_of_steps)
+                    for rows_of_steps in forward.displacement()
+                ]
 
             return Tangent(
                 forward.reaction,
@@ -304,12 +307,16 @@ class DistributedDerivatives:
         """Own rows of the Vec of each step, ``(steps, rows)``; one serves all steps."""
         if vectors is None:
             return None
-        own = [v.array_r for v in self.read_vectors(what, cast("Vectors", vectors))]
-        if len(own) not in (1, steps):
+        rows_of_steps = [
+            v.array_r for v in self.read_vectors(what, cast("Vectors", vectors))
+        ]
+        if len(rows_of_steps) not in (1, steps):
             raise ValueError(
-                f"{what} has {len(own)} steps, expected one or {steps} as the path"
+                f"{what} has {len(rows_of_steps)} steps, expected one or {steps} as the path"
             )
-        return np.stack(own * steps if len(own) == 1 else own)
+        return np.stack(
+            rows_of_steps * steps if len(rows_of_steps) == 1 else rows_of_steps
+        )
 
 
 def _multiply(operator: Operator, K: PetscMat, u: PetscVec) -> PetscVec:
@@ -331,7 +338,7 @@ class _DistributedAdjoint:
 
     def load(self) -> list[PetscVec]:
         """Adjoint displacements, a Vec for each step."""
-        return [self.operator.make_vector(own) for own in self.backward.load()]
+        return [self.operator.make_vector(values) for values in self.backward.load()]
 
     def prescribed(self, load: Sequence[PetscVec]) -> Floats:
         """Derivatives by prescribed displacements, whole on every rank."""
@@ -339,15 +346,15 @@ class _DistributedAdjoint:
         fixed = self.model.fixed
         first, last = operator.K.getOwnershipRange()
         ours = (fixed >= first) & (fixed < last)
-        own = np.zeros((len(gaps), len(fixed)))
+        forces = np.zeros((len(gaps), len(fixed)))
         for k, adjoint in enumerate(load):
             force = self.model.contact.T @ gaps[k].ravel()
             if self.displacement is not None:
                 force = force + self.displacement[k]
             force = force - _multiply(operator, operator.K, adjoint).array_r
-            own[k, ours] = force[fixed[ours] - first]
-        whole = np.empty_like(own)
-        operator.comm.Allreduce(own, whole)
+            forces[k, ours] = force[fixed[ours] - first]
+        whole = np.empty_like(forces)
+        operator.comm.Allreduce(forces, whole)
         return whole
 
     def stiffness(self, load: Sequence[PetscVec]) -> PetscMat:

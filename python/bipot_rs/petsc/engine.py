@@ -37,9 +37,9 @@ class VectorOperations:
 
     def add(self, y: PetscVec, s: float, x: PetscVec) -> PetscVec:
         """``y + s x``."""
-        found = y.copy()
-        found.axpy(s, x)
-        return found
+        total = y.copy()
+        total.axpy(s, x)
+        return total
 
     def at_places(self, y: PetscVec) -> Floats:
         """Values at the places of the interface."""
@@ -219,8 +219,8 @@ class PetscEngine:
     def make_displacement(self, y: PetscVec, prescribed: Floats) -> PetscVec:
         """All displacements."""
         u = self.operator.to_displacements(y)
-        known, rows = self.make_prescribed(prescribed)
-        u.array[rows] = known.array_r[rows]
+        displacement, rows = self.make_prescribed(prescribed)
+        u.array[rows] = displacement.array_r[rows]
         return u
 
 

@@ -155,8 +155,8 @@ def _number_places(K: PetscMat, given: Arguments, library: Library) -> _Places:
         there = ranked[at] == dofs
         position[there] = order[at[there]]
     first, last = K.getOwnershipRange()
-    own = ranked[(ranked >= first) & (ranked < last)] - first
-    return _Places(interface, own, position, contact)
+    own_places = ranked[(ranked >= first) & (ranked < last)] - first
+    return _Places(interface, own_places, position, contact)
 
 
 def _read_blocks(rows: own_rows.OwnRows, interface: Interface, d: int) -> Floats:
@@ -212,14 +212,16 @@ def _make_solver(
 
 def _make_near_null_space(operator: Operator, motions: Floats) -> object:
     """Rigid motions in the variables of the contacts, zero where prescribed."""
-    own = motions.copy()
-    own[operator.fixed] = 0.0
+    own_motions = motions.copy()
+    own_motions[operator.fixed] = 0.0
     interface = operator.interface
-    for column in own.T:
+    for column in own_motions.T:
         places = interface.gather_own(column[interface.rows])
         operator.variables.to_own_variables(places)
         column[interface.rows] = places[interface.own]
-    vectors = [operator.make_vector(v) for v in orthonormal(operator.comm, own).T]
+    vectors = [
+        operator.make_vector(v) for v in orthonormal(operator.comm, own_motions).T
+    ]
     return operator.PETSc.NullSpace().create(vectors=vectors, comm=operator.K.comm)
 
 

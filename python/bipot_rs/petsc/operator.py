@@ -133,9 +133,9 @@ class Operator:
 
     def make_right_side(self, tangent: _core.ContactTangent, e: PetscVec) -> PetscVec:
         """The right side of a Newton step, from ``e = A y - f``."""
-        known = self.make_zeros()
-        self.interface.write(tangent.known, known)
-        right = self.multiply(known)
+        shift = self.make_zeros()
+        self.interface.write(tangent.known, shift)
+        right = self.multiply(shift)
         moved = self.interface.gather(right)
         right.scale(-1.0)
         right.axpy(-1.0, e)

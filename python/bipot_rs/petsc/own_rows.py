@@ -43,9 +43,9 @@ class OwnRows:
         if wrong.any():
             at = int(np.argmax(wrong))
             row = self.first + int(np.searchsorted(self.pointer, at, side="right")) - 1
-            found = "NaN" if np.isnan(self.values[at]) else self.values[at]
+            entry = "NaN" if np.isnan(self.values[at]) else self.values[at]
             raise ValueError(
-                f"K is not finite at row {row}, column {self.column[at]}: {found}"
+                f"K is not finite at row {row}, column {self.column[at]}: {entry}"
             )
 
     def outside(self) -> Ints:
@@ -56,10 +56,10 @@ class OwnRows:
 
     def local(self, outside: Ints) -> Ints:
         """Columns in the numbering of own rows, then of those `outside`."""
-        found = self.column - self.column.dtype.type(self.first)
-        away = (found < 0) | (found >= self.count)
-        found[away] = self.count + np.searchsorted(outside, self.column[away])
-        return found
+        local_column = self.column - self.column.dtype.type(self.first)
+        away = (local_column < 0) | (local_column >= self.count)
+        local_column[away] = self.count + np.searchsorted(outside, self.column[away])
+        return local_column
 
 
 def scatter(
@@ -114,5 +114,5 @@ def check_symmetry(K: PetscMat, comm: Communicator) -> None:
 
 def negative_diagonal(K: PetscMat) -> Bools:
     """Own rows whose diagonal is negative."""
-    found: Bools = K.getDiagonal().array_r < 0
-    return found
+    negative: Bools = K.getDiagonal().array_r < 0
+    return negative

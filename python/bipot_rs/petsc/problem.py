@@ -137,29 +137,29 @@ class ContactProblem:
                 integer("gather", gather, least=0),
             )
 
-        given = do_together(self.comm, check)
-        contacts = given.contacts
+        arguments = do_together(self.comm, check)
+        contacts = arguments.contacts
         check_same(
             self.comm,
             B=np.concatenate([part.ravel() for part in contacts.operator.parts]),
             gap=contacts.gap_by_component,
             mu=contacts.mu,
-            fixed=given.fixed,
+            fixed=arguments.fixed,
             area=contacts.area,
             points=contacts.x,
             frame=contacts.frame,
-            gather=np.array(given.gather),
+            gather=np.array(arguments.gather),
         )
-        if len(set(self.comm.allgather(given.coordinates is None))) > 1:
+        if len(set(self.comm.allgather(arguments.coordinates is None))) > 1:
             raise ValueError(
                 "coordinates are given on some ranks only, expected on all"
             )
         self._own_contact = contacts.operator.matrix[:, slice(*K.getOwnershipRange())]
-        self._engine = make_engine(K, given, library)
+        self._engine = make_engine(K, arguments, library)
         # Vecs pass through the load path as arrays do: it only hands them on.
         self._loading = Loading(
             K.getSize()[0],
-            len(given.fixed),
+            len(arguments.fixed),
             contacts,
             read_forces=self._read_loads,  # type: ignore[arg-type]
         )
@@ -420,13 +420,13 @@ def _check_coordinates(value: ArrayLike | None, K: PetscMat, d: int) -> Floats |
         )
     if value is None:
         return None
-    given = floats("coordinates", value, ndim=2)
-    if given.shape[0] != last - first or given.shape[1] not in range(d, 4):
+    at_rows = floats("coordinates", value, ndim=2)
+    if at_rows.shape[0] != last - first or at_rows.shape[1] not in range(d, 4):
         raise ValueError(
-            f"coordinates has shape {given.shape}, expected ({last - first}, {d}): one "
+            f"coordinates has shape {at_rows.shape}, expected ({last - first}, {d}): one "
             "row for each degree of freedom that this rank owns"
         )
-    at = np.ascontiguousarray(given[:, :d])
+    at = np.ascontiguousarray(at_rows[:, :d])
     nodes = at.reshape(-1, d, d)
     if (nodes != nodes[:, :1]).any():
         raise ValueError(

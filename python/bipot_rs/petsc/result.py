@@ -41,10 +41,10 @@ class Step(solution.Step):
 
     def make_whole(self, displacement: Floats | None = None) -> solution.Step:
         """The step without its Vecs and its problem, with a whole displacement if given."""
-        known = {field.name: getattr(self, field.name) for field in fields(self)}
-        known["computed"] = solution.Computed(displacement)
-        known |= dict.fromkeys(("load", "inquiry", "recovery"))
-        return solution.Step(**known)
+        attributes = {field.name: getattr(self, field.name) for field in fields(self)}
+        attributes["computed"] = solution.Computed(displacement)
+        attributes |= dict.fromkeys(("load", "inquiry", "recovery"))
+        return solution.Step(**attributes)
 
     def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {

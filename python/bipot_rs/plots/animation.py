@@ -82,15 +82,17 @@ def animate(
     for name in ("step", "ax"):
         if name in options:
             raise TypeError(f"{name} cannot be given for an animation")
-    found, bodies = chosen(result, kind, model, options)
-    if not found.takes("step"):
-        able = ", ".join(name for name, one in KINDS.items() if one.takes("step"))
+    picture, bodies = chosen(result, kind, model, options)
+    if not picture.takes("step"):
+        able = ", ".join(
+            name for name, picture in KINDS.items() if picture.takes("step")
+        )
         raise ValueError(
             f"kind is {kind!r}, a picture of all load steps, expected one of {able}"
         )
-    options = _common(found, path_of_steps, bodies, numbers, options) | options
+    options = _common(picture, path_of_steps, bodies, numbers, options) | options
     _write(
-        target, found, path_of_steps, bodies, numbers, options, frames_per_second, dpi
+        target, picture, path_of_steps, bodies, numbers, options, frames_per_second, dpi
     )
     return target
 

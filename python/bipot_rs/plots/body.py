@@ -104,12 +104,12 @@ def deformed(
     TypeError, ValueError
         A wrong argument; the message names it. A step without its displacements.
     """
-    given, result = model, model if result is None else result
-    model, case = _bodies(given, result)
+    source, result = model, model if result is None else result
+    model, case = _bodies(source, result)
     units = units_of(result, units)
-    found: Any = one_step(result, step)
-    if not hasattr(found, "displacement"):
-        raise mistyped("result", found, "a Result or one of its steps")
+    shown_step: Any = one_step(result, step)
+    if not hasattr(shown_step, "displacement"):
+        raise mistyped("result", shown_step, "a Result or one of its steps")
     positive = {"scale": scale, "near": near, "largest_force": largest_force}
     for name, value in positive.items():
         if value is not None and not number(name, value) > 0:
@@ -118,19 +118,19 @@ def deformed(
     from bipot_rs.fem.paraview import cell_fields
     from bipot_rs.plots.surface import beyond
 
-    u = found.displacement
+    u = shown_step.displacement
     if u.shape != (model.n,):
         raise ValueError(
             f"result has displacements of shape {u.shape}, the model ({model.n},)"
         )
     if at_rest is None and case is not None:
-        at_rest = _at_rest(case, result, found, step)
+        at_rest = _at_rest(case, result, shown_step, step)
     if at_rest is not None:
         cells = sum(len(corners) for _, corners in model.cells)
         at_rest = floats("at_rest", at_rest, shape=(cells, 3, 3))
     mises = cell_fields(model, u, at_rest)["von_mises"]
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
-    own = ax is None
+    own_axes = ax is None
     ax = style.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
@@ -142,25 +142,25 @@ def deformed(
     if forces:
         view = _view(model, places, near, corners)
         reaction, frame = (
-            np.asarray(found.reaction),
-            find_step_frames(found, model.frame),
+            np.asarray(shown_step.reaction),
+            find_step_frames(shown_step, model.frame),
         )
         tails, longest = _forces(
             model, places, reaction, frame, view, largest_force, ax
         )
-    bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
+    bands = _obstacles(model, shown_step, scale, ax) if model.dim == 2 else places[:0]
     if corners is not None:
         _show(corners[0], corners[1], ax)
     else:
         _limits(model, places, tails, bands, near, ax)
-    if own and model.dim == 2:
+    if own_axes and model.dim == 2:
         style.fit(ax)
     stress = style.stress_unit(units)
     style.colour_bar(image, ax, "von Mises stress", stress, extend=extend)
-    said = [f"displacements × {scale:g}"] if scale != 1 else []
+    words = [f"displacements × {scale:g}"] if scale != 1 else []
     if longest:
-        said.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
-    lines = [", ".join([*said, *filter(None, [said_of(result, step)])])]
+        words.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
+    lines = [", ".join([*words, *filter(None, [said_of(result, step)])])]
     if _unscaled(model, scale):
         lines.insert(
             0, "gaps between bodies × 1: bodies that touch may seem to overlap"
@@ -187,10 +187,10 @@ def _box(box: ArrayLike | None, near: float | None, d: int) -> Floats | None:
         return None
     if near is not None:
         raise ValueError("near and box are given, expected one of them")
-    found = np.sort(floats("box", box, shape=(2, d)), axis=0)
-    if (found[0] == found[1]).any():
+    limits = np.sort(floats("box", box, shape=(2, d)), axis=0)
+    if (limits[0] == limits[1]).any():
         raise ValueError("box is flat, expected two opposite corners")
-    return found
+    return limits
 
 
 def _unscaled(model: Assembly, scale: float) -> bool:
@@ -203,13 +203,13 @@ def _unscaled(model: Assembly, scale: float) -> bool:
 
 def _bodies(given: object, result: object) -> tuple[Assembly, Case | None]:
     """The `fem.Assembly` of the argument ``model`` and, if there is one, its `Case`."""
-    known = getattr(result, "case", None)
-    if hasattr(type(given), "assemble") and known is not None:
+    case_of_result = getattr(result, "case", None)
+    if hasattr(type(given), "assemble") and case_of_result is not None:
         # The result has the assembled model already.
-        if getattr(given, "scene", None) == known.scene:
-            return known.model, known
-    elif known is not None and known.model is given:
-        return given, known
+        if getattr(given, "scene", None) == case_of_result.scene:
+            return case_of_result.model, case_of_result
+    elif case_of_result is not None and case_of_result.model is given:
+        return given, case_of_result
     return drawn_model(given)
 
 
@@ -385,9 +385,9 @@ def _obstacles(model: Assembly, found: Step, scale: float, ax: Axes) -> Floats:
     # The gap of the undeformed body at this step: the obstacle may have moved, also by its
     # own unknowns.
     of_bodies = found.displacement.copy()
-    for one in model.references:
-        if one.kind == "obstacle":
-            of_bodies[one.dofs] = 0.0
+    for reference in model.references:
+        if reference.kind == "obstacle":
+            of_bodies[reference.dofs] = 0.0
     gap = found.relative_displacement[:, 0] - (model.B @ of_bodies)[:: model.dim]
     near = model.points - scale * gap[:, None] * normal
     far = near - _THICK * np.ptp(model.nodes, axis=0).max() * normal

@@ -56,10 +56,10 @@ class Picture:
 
     def __call__(self, result: object, model: object = None, **options: object) -> Axes:
         """Draw the result, on its model if that is known."""
-        given = [model, result] if self.bodies and model is not None else [result]
+        drawn = [model, result] if self.bodies and model is not None else [result]
         if self.quantity is not None:
             options = {"quantity": self.quantity} | options
-        return self.draw(*given, **options)
+        return self.draw(*drawn, **options)
 
 
 KINDS: Mapping[str, Picture] = (
@@ -111,8 +111,8 @@ def plot(
     TypeError, ValueError
         A wrong argument; the message names it.
     """
-    found, bodies = chosen(result, kind, model, options)
-    return found(result, bodies, **options)
+    picture, bodies = chosen(result, kind, model, options)
+    return picture(result, bodies, **options)
 
 
 def chosen(
@@ -124,30 +124,30 @@ def chosen(
         raise ValueError(
             f"kind is {name!r}, expected one of {', '.join(KINDS)}{meant(name, KINDS)}"
         )
-    found = KINDS[name]
+    picture = KINDS[name]
     for option in options:
-        if not found.takes(option):
+        if not picture.takes(option):
             raise TypeError(
                 f"{option} is no argument of the picture {name!r}, expected some of "
-                f"{', '.join(list(signature(found.draw).parameters)[1:])}"
+                f"{', '.join(list(signature(picture.draw).parameters)[1:])}"
             )
     if model is None:
         model, _ = model_of(result)
-    if model is None and found.draw is deformed:
+    if model is None and picture.draw is deformed:
         raise ValueError(
             "the mesh of the result is not known: pass model=, the Model or the "
             "fem.Assembly that was solved"
         )
-    return found, model
+    return picture, model
 
 
 def _usual(result: object, options: Mapping[str, Any]) -> str:
     """The picture of a result if none is named."""
-    known = {k: options[k] for k in ("step", "contacts", "where") if k in options}
+    choices = {k: options[k] for k in ("step", "contacts", "where") if k in options}
     path = result if isinstance(result, Result) else None
     if path is not None and len(path) and path[-1].reaction.shape[1] == 2:
         return "tractions"
-    seen = look(result, **known)
+    seen = look(result, **choices)
     if seen.x.shape[1] == 2:
         return "tractions"
     return "pressure_map" if is_plane(seen) and np.ptp(seen.x) > 0 else "pressure_3d"

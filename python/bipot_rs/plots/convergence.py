@@ -43,7 +43,7 @@ def convergence(
         path = steps_of(result)
     else:
         path = [one_step(result, -1 if step is None else step)]
-    kept = [k for k, one in enumerate(path) if len(one.history)]
+    kept = [k for k, iterate in enumerate(path) if len(iterate.history)]
     if not kept:
         raise ValueError(
             "history is empty: result files do not contain it, pass a result of solve"

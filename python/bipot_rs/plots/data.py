@@ -88,10 +88,12 @@ class DrawnContacts:
     def part(self, chosen: Chosen) -> DrawnContacts:
         """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
-        given = {name: getattr(self, name) for name in (*arrays, "wear", "surface")}
+        arrays_of_contacts = {
+            name: getattr(self, name) for name in (*arrays, "wear", "surface")
+        }
         cut: dict[str, Any] = {
             name: None if array is None else array[chosen]
-            for name, array in given.items()
+            for name, array in arrays_of_contacts.items()
         }
         facets = self.facets
         if facets is not None:
@@ -117,8 +119,8 @@ class DrawnContacts:
 
     def vectors(self, tangential: Floats) -> Floats:
         """Tangential vectors ``(n_c, d - 1)`` in global components, ``(n_c, d)``."""
-        found = np.einsum("ck,ckd->cd", tangential, self.has_frame[:, 1:])
-        return np.asarray(found, np.float64)
+        vectors = np.einsum("ck,ckd->cd", tangential, self.has_frame[:, 1:])
+        return np.asarray(vectors, np.float64)
 
 
 def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
@@ -128,9 +130,11 @@ def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
     if isinstance(given, Mapping):
         return given
     if isinstance(given, Pairs):
-        known = found.contacts if isinstance(found, Result) else {}
-        own = {name: getattr(given, name) for name in ("frame", "area", "facets")}
-        return {"mu": known.get("mu"), "x": given.points, **own}
+        stored = found.contacts if isinstance(found, Result) else {}
+        attributes = {
+            name: getattr(given, name) for name in ("frame", "area", "facets")
+        }
+        return {"mu": stored.get("mu"), "x": given.points, **attributes}
     model, _ = model_of(given)
     if model is None:
         expected = "a mapping with x, frame, area, mu, the Pairs, or the model"
@@ -138,8 +142,8 @@ def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
     from bipot_rs.fem.contact_surface import surface_labels
 
     names = {"x": "points", "frame": "frame", "area": "area", "mu": "mu"}
-    known = {name: getattr(model, there) for name, there in names.items()}
-    return known | surface_labels(model)
+    stored = {name: getattr(model, there) for name, there in names.items()}
+    return stored | surface_labels(model)
 
 
 def model_of(given: object) -> tuple[Assembly | None, Case | None]:
@@ -168,14 +172,14 @@ def drawn_model(given: object) -> tuple[Assembly, Case | None]:
 
 def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those of the result."""
-    known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
-    if not isinstance(known, Mapping):
+    names: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
+    if not isinstance(names, Mapping):
         raise mistyped(
-            "units", known, "a mapping from length, force and stress to their names"
+            "units", names, "a mapping from length, force and stress to their names"
         )
-    if said := find_inconsistency(known):
-        raise ValueError(f"units: {said}")
-    return known
+    if mistake := find_inconsistency(names):
+        raise ValueError(f"units: {mistake}")
+    return names
 
 
 def steps_of(found: object) -> Result:
@@ -230,26 +234,28 @@ def look(
         An argument is missing, or of a wrong type or shape; the message names it.
     """
     solution = one_step(found, step)
-    known = contacts_of(found, contacts)
+    arrays_of_contacts = contacts_of(found, contacts)
     n, d = solution.reaction.shape
-    if known.get("x") is None:
+    if arrays_of_contacts.get("x") is None:
         way = "contacts= to this function"
         if isinstance(found, Result):
             way = f"points= to ContactProblem, or {way}"
         elif isinstance(found, Step):
             way = f"the whole result with step=, or {way}"
         raise ValueError(f"the places of the contacts are not known: pass {way}")
-    mu = known.get("mu")
+    mu = arrays_of_contacts.get("mu")
     both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)
     shapes = {"x": (n, d), "frame": (n, d, d), "area": (n,), "mu": both}
-    own = {
+    optional = {
         name: None
-        if known.get(name) is None
-        else floats(f"{name} of contacts", known[name], shape=shape, copy=False)
+        if arrays_of_contacts.get(name) is None
+        else floats(
+            f"{name} of contacts", arrays_of_contacts[name], shape=shape, copy=False
+        )
         for name, shape in shapes.items()
     }
-    if own["frame"] is not None:
-        own["frame"] = find_step_frames(solution, own["frame"])
+    if optional["frame"] is not None:
+        optional["frame"] = find_step_frames(solution, optional["frame"])
     v = solution.relative_displacement
     fields = {
         "reaction": solution.reaction,
@@ -261,40 +267,44 @@ def look(
     }
     seen = DrawnContacts(
         units=units_of(found, units),
-        surface=surface_of(known, n),
-        names=names_of(known),
+        surface=surface_of(arrays_of_contacts, n),
+        names=names_of(arrays_of_contacts),
         said=said_of(found, step),
-        facets=facets_of(known, n) if d == 3 else None,
-        **own,  # type: ignore[arg-type]
+        facets=facets_of(arrays_of_contacts, n) if d == 3 else None,
+        **optional,  # type: ignore[arg-type]
         **fields,  # type: ignore[arg-type]
     )
-    return seen if where is None else seen.part(selection(where, n, known))
+    return seen if where is None else seen.part(selection(where, n, arrays_of_contacts))
 
 
 def surface_of(known: ContactData, contacts: int) -> Ints | None:
     """Number of the surface of each contact, ``(n_c,)``; None if unknown."""
-    given = known.get("surface")
-    if given is None:
+    surfaces = known.get("surface")
+    if surfaces is None:
         return None
-    found = np.asarray(given)
-    if found.dtype.kind not in "iu" or found.shape != (contacts,) or (found < 0).any():
+    numbers_of_surfaces = np.asarray(surfaces)
+    if (
+        numbers_of_surfaces.dtype.kind not in "iu"
+        or numbers_of_surfaces.shape != (contacts,)
+        or (numbers_of_surfaces < 0).any()
+    ):
         raise ValueError(
-            f"surface of contacts has entries of type {found.dtype} and shape "
-            f"{found.shape}, expected ({contacts},) integers from 0"
+            f"surface of contacts has entries of type {numbers_of_surfaces.dtype} and shape "
+            f"{numbers_of_surfaces.shape}, expected ({contacts},) integers from 0"
         )
-    return found.astype(np.int64)
+    return numbers_of_surfaces.astype(np.int64)
 
 
 def facets_of(known: ContactData, contacts: int) -> Ints | None:
     """Facets of the contacts, ``(m, k)``; None if unknown."""
-    given = known.get("facets")
-    return None if given is None else triangles.check_facets(given, contacts)
+    facets = known.get("facets")
+    return None if facets is None else triangles.check_facets(facets, contacts)
 
 
 def numbers(chosen: Chosen, contacts: int) -> NDArray[np.intp]:
     """Numbers of the contacts that a slice, a mask or numbers choose."""
-    found: NDArray[np.intp] = np.arange(contacts)[chosen]
-    return found
+    chosen_contacts: NDArray[np.intp] = np.arange(contacts)[chosen]
+    return chosen_contacts
 
 
 def names_of(known: ContactData) -> list[str]:
@@ -343,7 +353,7 @@ def _of_surface(name: str, known: ContactData) -> NDArray[np.intp]:
             "model as contacts=, or a mask as where="
         )
     wanted = {name, *(f"{name} {k}" for k in range(len(names)))}
-    mine = [k for k, one in enumerate(names) if one in wanted]
+    mine = [k for k, surface_name in enumerate(names) if surface_name in wanted]
     chosen = np.flatnonzero(np.isin(known["surface"], mine))
     if not chosen.size:
         raise ValueError(

@@ -88,24 +88,24 @@ def draw_tractions(
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
     what = ("pressure", "shear") if seen.area is not None else ("normal", "tangential")
     edge = None
-    for k, (_, one) in enumerate(lines):
+    for k, (_, line) in enumerate(lines):
         # The marks of the first and last contact are on the frame.
-        mark = mark_of(one) | {"clip_on": limits is not None}
+        mark = mark_of(line) | {"clip_on": limits is not None}
         colours = (style.PRESSURE, style.SHEAR)
         if len(lines) > 1:
             colours = (style.cycle(k), style.cycle(k))
-        p, t = pressure[one.order], _component(seen, shear, one)
-        if seen.mu is not None and one.once:
-            limit = _limit(seen, one) * p
+        p, t = pressure[line.order], _component(seen, shear, line)
+        if seen.mu is not None and line.once:
+            limit = _limit(seen, line) * p
             band = style.LIMIT if len(lines) == 1 else colours[0]
-            ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
+            ax.fill_between(line.s, -limit, limit, color=band, alpha=0.15, lw=0)
             dashed: style.LineStyle = {"ls": ":", "color": band, "lw": 1.2}
-            (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
-            ax.plot(one.s, -limit, **dashed)
-        ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
+            (edge,) = ax.plot(line.s, limit, label="±μ × pressure", **dashed)
+            ax.plot(line.s, -limit, **dashed)
+        ax.plot(line.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
         # In grey the colours are alike.
         mark = {"ls": "--"} | mark
-        ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
+        ax.plot(line.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:
         ax.set_ylim(*limits)
@@ -129,10 +129,10 @@ def lines_of(
 ) -> tuple[list[tuple[str, Places]], str]:
     """Names of the surfaces with the positions of their contacts, and the axis label."""
     names, parts = zip(*seen.surfaces, strict=True)
-    found = common(seen.x, parts, along)
-    told = {one.name for one in found}
+    lines = common(seen.x, parts, along)
+    told = {line.name for line in lines}
     name = told.pop() if len(told) == 1 else "arc length along each surface"
-    return list(zip(names, found, strict=True)), name
+    return list(zip(names, lines, strict=True)), name
 
 
 def mark_of(one: Places) -> style.LineStyle:
@@ -148,14 +148,16 @@ def _component(seen: DrawnContacts, tangential: Floats, one: Places) -> Floats:
 
     In 2D the whole vector, positive in the direction of growing position.
     """
-    own = tangential[one.order]
+    tangential_in_order = tangential[one.order]
     if seen.frame is None and seen.x.shape[1] == 2:
-        return np.asarray(own[:, 0], np.float64)
+        return np.asarray(tangential_in_order[:, 0], np.float64)
     tangents = seen.has_frame[one.order, 1:]
     along = np.einsum("mkd,md->mk", tangents, one.towards)
     if seen.x.shape[1] == 2:
-        return np.asarray(own[:, 0] * np.where(along[:, 0] < 0, -1.0, 1.0))
-    return np.asarray(np.einsum("mk,mk->m", own, along), np.float64)
+        return np.asarray(
+            tangential_in_order[:, 0] * np.where(along[:, 0] < 0, -1.0, 1.0)
+        )
+    return np.asarray(np.einsum("mk,mk->m", tangential_in_order, along), np.float64)
 
 
 def _limit(seen: DrawnContacts, one: Places) -> Floats:
@@ -210,16 +212,16 @@ def draw_slip(
 ) -> Axes:
     """Draw the slip of the step along a line, except where contact is open."""
     lines, name = lines_of(seen, along)
-    for k, (_, one) in enumerate(lines):
-        v = _component(seen, closed_slip(seen), one)
-        v[seen.status[one.order] == Status.OPEN] = np.nan
+    for k, (_, line) in enumerate(lines):
+        v = _component(seen, closed_slip(seen), line)
+        v[seen.status[line.order] == Status.OPEN] = np.nan
         colour = style.SHEAR if len(lines) == 1 else style.cycle(k)
-        mark = mark_of(one)
+        mark = mark_of(line)
         if np.isnan(v).any():
             # A single contact between open ones needs a marker: it has no line.
             mark = {"marker": "o", "ms": 2} | mark
         mark |= {"clip_on": limits is not None}
-        ax.plot(one.s, v, color=colour, lw=1.6, **mark)
+        ax.plot(line.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
     if limits is not None:
         ax.set_ylim(*limits)
@@ -259,10 +261,10 @@ def draw_zones(seen: DrawnContacts, status: Integers, ax: Axes) -> Axes:
     steps = len(status)
     # One empty row between surfaces, more for long paths.
     apart = steps + max(1.0, 0.12 * steps)
-    for k, (whose, one) in enumerate(lines):
+    for k, (whose, line) in enumerate(lines):
         rows = k * apart + np.arange(steps + 1) + 0.5
         ax.pcolormesh(
-            _edges(one.s), rows, status[:, one.order], **style.status_colours()
+            _edges(line.s), rows, status[:, line.order], **style.status_colours()
         )
         if len(lines) > 1:
             ax.text(
@@ -297,25 +299,25 @@ def _edges(s: Floats) -> Floats:
 
 def strips(ax: Axes, lines: list[tuple[str, Places]], status: Integers) -> None:
     """Draw strips of statuses at the bottom of the axes, one for each surface."""
-    lines = [(name, one) for name, one in lines if one.once]
+    lines = [(name, line) for name, line in lines if line.once]
     if not lines:
         return
     high = 0.04 if len(lines) == 1 else 0.03
     low, top = ax.get_ylim()
     ax.set_ylim(low - (0.03 + high * len(lines)) * (top - low), top)
-    for k, (_, one) in enumerate(lines):
-        _strip(ax, one.s, status[one.order], (k * high, (k + 1) * high))
+    for k, (_, line) in enumerate(lines):
+        _strip(ax, line.s, status[line.order], (k * high, (k + 1) * high))
         if len(lines) > 1:
             ax.plot(
-                [one.s[0], one.s[-1]],
+                [line.s[0], line.s[-1]],
                 [k * high] * 2,
                 color=style.cycle(k),
                 lw=2,
                 transform=ax.get_xaxis_transform(),
                 scaley=False,
             )
-    first = min(one.s[0] for _, one in lines)
-    last = max(one.s[-1] for _, one in lines)
+    first = min(line.s[0] for _, line in lines)
+    last = max(line.s[-1] for _, line in lines)
     if last > first:
         ax.set_xlim(first, last)
 

@@ -65,21 +65,21 @@ def resultants(
         As in `tractions`. Without frames, components are added.
     """
     units = units_of(result, units)
-    path, known = steps_of(result), contacts_of(result, contacts)
-    chosen, frame, mu = _choose(path, where, known)
-    surface = surface_of(known, len(path[0].status))
+    path, arrays = steps_of(result), contacts_of(result, contacts)
+    chosen, frame, mu = _choose(path, where, arrays)
+    surface = surface_of(arrays, len(path[0].status))
     reaction = path.reaction[:, chosen]
     if surface is None:
         parts = [("", np.arange(reaction.shape[1]))]
     else:
-        names, surface = names_of(known), surface[chosen]
+        names, surface = names_of(arrays), surface[chosen]
         parts = [(names[k], np.flatnonzero(surface == k)) for k in np.unique(surface)]
     ax = canvas.axes_of(ax)
-    for k, (_, own) in enumerate(parts):
-        frames = None if frame is None else frame[..., own, :, :]
-        coefficients = None if mu is None else mu[own]
+    for k, (_, members) in enumerate(parts):
+        frames = None if frame is None else frame[..., members, :, :]
+        coefficients = None if mu is None else mu[members]
         _of_surface(
-            reaction[:, own],
+            reaction[:, members],
             frames,
             coefficients,
             ax,
@@ -185,8 +185,8 @@ def status_shares(
         As in `tractions`.
     """
     path = steps_of(result)
-    known = contacts_of(path, contacts)
-    status = path.status[:, selection(where, len(path[0].status), known)]
+    arrays = contacts_of(path, contacts)
+    status = path.status[:, selection(where, len(path[0].status), arrays)]
     ax = canvas.axes_of(ax)
     steps = len(status)
     number = np.arange(1, steps + 1)

@@ -53,26 +53,26 @@ def reaction_band(
         A wrong argument; the message names it.
     """
     every = list(ranges)
-    for one in every:
-        if not isinstance(one, ReactionRange):
-            raise mistyped("ranges", one, "a list of ReactionRange")
-    if not every or any(one.component != every[0].component for one in every):
+    for interval in every:
+        if not isinstance(interval, ReactionRange):
+            raise mistyped("ranges", interval, "a list of ReactionRange")
+    if not every or any(interval.component != every[0].component for interval in every):
         raise ValueError("ranges are empty, or of several components")
-    known = contacts_of(None, contacts)
-    x = floats("x of contacts", known.get("x"), ndim=2)
-    if max(one.contact for one in every) >= len(x):
+    arrays = contacts_of(None, contacts)
+    x = floats("x of contacts", arrays.get("x"), ndim=2)
+    if max(interval.contact for interval in every) >= len(x):
         raise ValueError(
             f"x of contacts has {len(x)} rows, expected one for each contact"
         )
-    chosen = np.arange(len(x))[selection(where, len(x), known)]
-    every = [one for one in every if one.contact in chosen]
-    line = places(x[[one.contact for one in every]], along)
-    least, found, largest = (
-        np.array([getattr(one, name) for one in every])[line.order]
+    chosen = np.arange(len(x))[selection(where, len(x), arrays)]
+    every = [interval for interval in every if interval.contact in chosen]
+    line = places(x[[interval.contact for interval in every]], along)
+    least, answers, largest = (
+        np.array([getattr(interval, name) for interval in every])[line.order]
         for name in ("least", "found", "largest")
     )
     ax = style.axes_of(ax)
-    _draw(ax, line.s, least, found, largest)
+    _draw(ax, line.s, least, answers, largest)
     ax.axhline(0, color="black", lw=0.6)
     style.bare(ax)
     style.legend_above(ax)

@@ -85,15 +85,15 @@ def _rows(seen: DrawnContacts) -> list[tuple[str, DrawnContacts]]:
     """Rows of pictures: one for each surface if all are flat, else one for all."""
     if is_plane(seen):
         return [("", seen)]
-    each = [(name, seen.part(own)) for name, own in seen.surfaces]
-    if len(each) > _ROWS or not all(is_plane(one) for _, one in each):
+    each = [(name, seen.part(members)) for name, members in seen.surfaces]
+    if len(each) > _ROWS or not all(is_plane(surface) for _, surface in each):
         return [("", seen)]
     return each
 
 
 def _in_space(figures: Sequence[SubFigure], seen: DrawnContacts) -> None:
-    for figure, (name, one) in zip(figures, _rows(seen), strict=False):
-        (_maps if is_plane(one) else _facets)(figure, one)
+    for figure, (name, surface) in zip(figures, _rows(seen), strict=False):
+        (_maps if is_plane(surface) else _facets)(figure, surface)
         if name:
             figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 

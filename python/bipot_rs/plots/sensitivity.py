@@ -90,20 +90,20 @@ def sensitivity(
     result = gradient.result
     at = -1 if step is None else step
     seen = look(result, at, contacts=contacts, where=where, units=units)
-    known = contacts_of(result, contacts)
-    chosen = selection(where, gradient.mu.shape[0], known)
+    arrays = contacts_of(result, contacts)
+    chosen = selection(where, gradient.mu.shape[0], arrays)
     values = _values(gradient, by, step)[chosen]
     # The gap of a step acts on all steps after it, through the slip.
     borders = gradient.one_sided[0 if step is None else step :]
     marked: Bools = np.asarray(borders.any(axis=0))[chosen]
     name = f"d({of}) / d({_SYMBOLS[by]})"
     label = unit if by == "mu" else _ratio(unit, seen.units.get("length"))
-    own, ax = ax is None, style.axes_of(ax)
+    own_axes, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         _draw_line(seen, along, values, marked, (name, label), ax)
         return ax
     _draw_map(seen, values, marked, (name, label), ax)
-    if own:
+    if own_axes:
         style.fit(ax)
     return ax
 
@@ -134,16 +134,22 @@ def _draw_line(
 ) -> None:
     """Draw the derivatives along each surface, filled from zero by their sign."""
     lines, name = lines_of(seen, along)
-    for k, (whose, one) in enumerate(lines):
-        y = values[one.order]
+    for k, (whose, line) in enumerate(lines):
+        y = values[line.order]
         colour = "black" if len(lines) == 1 else style.cycle(k)
-        ax.plot(one.s, y, color=colour, lw=1.2, label=whose, **mark_of(one))
-        if one.once:
+        ax.plot(line.s, y, color=colour, lw=1.2, label=whose, **mark_of(line))
+        if line.once:
             for part, fill in ((y >= 0, _RISES), (y <= 0, _FALLS)):
                 ax.fill_between(
-                    one.s, y, where=part, color=fill, alpha=0.35, lw=0, interpolate=True
+                    line.s,
+                    y,
+                    where=part,
+                    color=fill,
+                    alpha=0.35,
+                    lw=0,
+                    interpolate=True,
                 )
-        _rings(ax, one.s, y, marked[one.order])
+        _rings(ax, line.s, y, marked[line.order])
     ax.axhline(0, color="black", lw=0.6)
     strips(ax, lines, seen.status)
     style.bare(ax)

@@ -248,7 +248,7 @@ def _outline(model: Assembly, ax: Axes3D) -> None:
 
 def sharp_edges(model: Assembly) -> Ints:
     """Edges ``(m, 2)`` of the boundary at which it turns by 30 degrees or more."""
-    found = []
+    sharp_ones = []
     for facets, _ in skin(model.cells):
         x = model.nodes[facets]
         normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
@@ -265,10 +265,15 @@ def sharp_edges(model: Assembly) -> Ints:
         first = np.cumsum(count) - count
         # An edge with more than two facets, where parts of a body touch, is sharp.
         sharp = count != 2
-        one, other = owner[order[first[~sharp]]], owner[order[first[~sharp] + 1]]
-        sharp[~sharp] = np.sum(normal[one] * normal[other], axis=1) < np.cos(np.pi / 6)
-        found.append(edges[sharp])
-    return np.concatenate(found)
+        first_owner, other = (
+            owner[order[first[~sharp]]],
+            owner[order[first[~sharp] + 1]],
+        )
+        sharp[~sharp] = np.sum(normal[first_owner] * normal[other], axis=1) < np.cos(
+            np.pi / 6
+        )
+        sharp_ones.append(edges[sharp])
+    return np.concatenate(sharp_ones)
 
 
 def _pyvista(

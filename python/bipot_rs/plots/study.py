@@ -74,18 +74,18 @@ def study(
     """
     ax = style.axes_of(ax)
     colours = _colours(series)
-    for k, (one, colour) in enumerate(zip(series, colours, strict=True)):
-        solved = ~one.partial
-        order = np.flatnonzero(solved)[np.argsort(one.x[solved], kind="stable")]
+    for k, (curve, colour) in enumerate(zip(series, colours, strict=True)):
+        solved = ~curve.partial
+        order = np.flatnonzero(solved)[np.argsort(curve.x[solved], kind="stable")]
         look: style.LineStyle = {"color": colour, "lw": 1.4, "ms": 4}
         # Marks distinguish the few series that a legend names without colours.
         look["marker"] = _MARKS[k] if len(series) <= _NAMED else "o"
         if not lines:
             look["ls"] = "none"
-        ax.plot(one.x[order], one.y[order], label=one.name, **look)
+        ax.plot(curve.x[order], curve.y[order], label=curve.name, **look)
         ax.plot(
-            one.x[one.partial],
-            one.y[one.partial],
+            curve.x[curve.partial],
+            curve.y[curve.partial],
             ls="none",
             marker="x",
             ms=7,
@@ -110,8 +110,8 @@ def _colours(series: Sequence[StudySeries]) -> list[ColorType]:
 
 
 def _numbers(series: Sequence[StudySeries]) -> Floats | None:
-    known = [one.number for one in series if one.number is not None]
-    return np.array(known) if len(known) == len(series) else None
+    numbers = [curve.number for curve in series if curve.number is not None]
+    return np.array(numbers) if len(numbers) == len(series) else None
 
 
 def _legend(ax: Axes, series: Sequence[StudySeries], parameter: str) -> None:
@@ -130,7 +130,7 @@ def _legend(ax: Axes, series: Sequence[StudySeries], parameter: str) -> None:
         handles = [line for name, line in drawn if not name.startswith("_")]
     elif len(series) > _MOST:
         parameter = f"{len(series)} combinations of {parameter}"
-    if any(one.partial.any() for one in series):
+    if any(curve.partial.any() for curve in series):
         label = "not solved to the end: last solved load step"
         cross = Line2D(
             [], [], color=style.QUIET, label=label, ls="none", marker="x", mew=1.6

@@ -106,10 +106,10 @@ def surface_map(
     vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
-    own, ax = ax is None, style.axes_of(ax)
+    own_axes, ax = ax is None, style.axes_of(ax)
     limits = style.range_of(limits)
     draw_map(seen, quantity, ax, vector if arrows else None, limits)
-    if own:
+    if own_axes:
         style.fit(ax)
     return ax
 
@@ -156,9 +156,9 @@ def paint(
     """
     raster = Raster.around(uv)
     image = raster.interpolate(uv, surface_triangles(seen, uv), values)
-    found = raster.show(image, ax, **colours)
+    image_drawn = raster.show(image, ax, **colours)
     _dots(seen, uv, values, ax, **colours)
-    return found
+    return image_drawn
 
 
 def _dots(
@@ -169,10 +169,10 @@ def _dots(
     **colours: Unpack[style.Colours],
 ) -> None:
     if seen.facets is not None:
-        own = alone(seen.facets, len(uv))
-        if own.size:
-            u, v = uv[own].T
-            ax.scatter(u, v, c=values[own], s=9, lw=0, zorder=2, **colours)
+        isolated = alone(seen.facets, len(uv))
+        if isolated.size:
+            u, v = uv[isolated].T
+            ax.scatter(u, v, c=values[isolated], s=9, lw=0, zorder=2, **colours)
 
 
 def surface_triangles(seen: DrawnContacts, uv: Floats) -> Ints:
@@ -265,16 +265,16 @@ def status_map(
     """
     last = -1 if step is None else step
     seen = look(result, last, contacts=contacts, where=where, units=units)
-    own, ax = ax is None, style.axes_of(ax)
+    own_axes, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 3:
         draw_status(seen, ax)
-        if own:
+        if own_axes:
             style.fit(ax)
         return ax
     if step is None and isinstance(result, Result):
         path = steps_of(result)
-        known = contacts_of(path, contacts)
-        chosen = selection(where, len(path[0].status), known)
+        arrays = contacts_of(path, contacts)
+        chosen = selection(where, len(path[0].status), arrays)
         return draw_zones(seen, path.status[:, chosen], ax)
     draw_zones(seen, seen.status[None], ax)
     ax.set_yticks([])
@@ -325,7 +325,7 @@ def slip(
         arrow is that of the upper limit.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    own, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
+    own_axes, ax, limits = ax is None, style.axes_of(ax), style.range_of(limits)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax, limits)
     uv, names = plane_of(seen)
@@ -350,7 +350,7 @@ def slip(
         unit = seen.units.get("length")
         style.colour_bar(arrows, ax, "slip in the step", unit)
     style.note(ax, seen.said)
-    if own:
+    if own_axes:
         style.fit(ax)
     return ax
 

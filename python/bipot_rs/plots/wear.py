@@ -65,14 +65,14 @@ def wear(
         largest = max(largest, float(values.max(initial=0.0)))
         names, parts = zip(*seen.surfaces, strict=True)
         lines = common(seen.x, parts, along)
-        for name, one in zip(names, lines, strict=True):
-            said = f"cycle {path[k].cycle}" + (f", {name}" if len(names) > 1 else "")
+        for name, line in zip(names, lines, strict=True):
+            label = f"cycle {path[k].cycle}" + (f", {name}" if len(names) > 1 else "")
             joined: style.LineStyle = {"lw": 1.6}
-            if not one.once or len(one.s) == 1:
+            if not line.once or len(line.s) == 1:
                 joined = {"ls": "none", "marker": "o", "ms": 2}
             colour = _colour(number, len(chosen))
-            ax.plot(one.s, values[one.order], color=colour, label=said, **joined)
-    told = {one.name for one in lines}
+            ax.plot(line.s, values[line.order], color=colour, label=label, **joined)
+    told = {line.name for line in lines}
     axis = told.pop() if len(told) == 1 else "arc length along each surface"
     style.name_axis(ax.xaxis, axis, seen.units.get("length"))
     if quantity == "depth":
@@ -111,8 +111,8 @@ def both(
 
 def _ends(result: object) -> Result:
     """The ends of cycles; an error if there are none."""
-    found = result.ends if isinstance(result, Wear) else result
-    path = steps_of(found)
+    source = result.ends if isinstance(result, Wear) else result
+    path = steps_of(source)
     if any(step.wear is None for step in path):
         raise ValueError("result has no wear: it is not from ContactProblem.wear")
     return path
@@ -120,21 +120,21 @@ def _ends(result: object) -> Result:
 
 def _choose(path: Result, cycles: ArrayLike | None) -> list[int]:
     """Indices of the steps to draw."""
-    known = [step.cycle for step in path]
+    cycles_recorded = [step.cycle for step in path]
     if cycles is None:
         deepest = np.array([step.wear.max(initial=0.0) for step in path])  # type: ignore[union-attr]
         parts = np.linspace(0.0, 1.0, _CYCLES) * deepest[-1]
-        found = {0, len(path) - 1, *np.searchsorted(deepest, parts[1:-1]).tolist()}
-        return sorted(found)
+        indices = {0, len(path) - 1, *np.searchsorted(deepest, parts[1:-1]).tolist()}
+        return sorted(indices)
     wanted = np.atleast_1d(integers("cycles", cycles))
     for cycle in wanted.tolist():
-        if cycle not in known:
-            near = min(known, key=lambda one: abs((one or 0) - cycle))
+        if cycle not in cycles_recorded:
+            near = min(cycles_recorded, key=lambda one: abs((one or 0) - cycle))
             raise ValueError(
                 f"cycles has {cycle}, which was jumped over or not reached; the next that "
                 f"was solved is {near}"
             )
-    return [known.index(cycle) for cycle in wanted.tolist()]
+    return [cycles_recorded.index(cycle) for cycle in wanted.tolist()]
 
 
 def _colour(number: int, count: int) -> tuple[float, float, float, float]:

@@ -54,7 +54,7 @@ def bodies(scene: Scene) -> list[Body]:
         All mistakes found: files that cannot be read, names that a mesh does not have,
         surfaces without facets.
     """
-    found: list[Body] = []
+    made_bodies: list[Body] = []
     mistakes: list[Mistake] = []
     for name, block in scene.body.items():
         key = f"body.{name}"
@@ -67,14 +67,16 @@ def bodies(scene: Scene) -> list[Body]:
                 surfaces[named] = _find_surface(mesh, named, table)
             mesh = with_surfaces(mesh, surfaces) if surfaces else mesh
             place = f"{key}.material"
-            found.append(Body(name, mesh, _make_material(scene, block)))
+            made_bodies.append(Body(name, mesh, _make_material(scene, block)))
         except (OSError, ValueError) as error:
             mistakes.append(Mistake(place, str(error), MistakeKind.MESH))
     if not mistakes and any(block.mesh is not None for block in scene.body.values()):
-        mistakes = inconsistencies(scene, {body.name: _known(body) for body in found})
+        mistakes = inconsistencies(
+            scene, {body.name: _known(body) for body in made_bodies}
+        )
     if mistakes:
         raise SceneError(scene.title, mistakes)
-    return found
+    return made_bodies
 
 
 def _known(body: Body) -> Known:
@@ -215,23 +217,23 @@ def make_supports(scene: Scene) -> list[Support]:
 
 def make_remotes(scene: Scene) -> list[Remote]:
     """Make the remote points; their prescribed values and loads are in the path."""
-    found = []
+    remotes = []
     for name, table in scene.remote.items():
         body, part = split(table.on)
-        given = table.given()
-        found.append(
+        settings = table.given()
+        remotes.append(
             Remote(
                 name,
                 body,
                 part or None,
                 table.point,
-                components=tuple(given.get("move", ())),
-                rotations=tuple(given.get("turn", ())),
+                components=tuple(settings.get("move", ())),
+                rotations=tuple(settings.get("turn", ())),
                 distributed=table.distributed,
                 within=table.within.box() if table.within else None,
             )
         )
-    return found
+    return remotes
 
 
 def make_repetitions(scene: Scene) -> list[Repetition]:
@@ -316,10 +318,10 @@ def _make_point_loads(
             for k, number in rigid.force.components().items():
                 yield PointLoad(name, force=unit[k]), number
     for name, remote in scene.remote.items():
-        given = remote.given()
-        for k, number in given.get("force", {}).items():
+        settings = remote.given()
+        for k, number in settings.get("force", {}).items():
             yield PointLoad(name, force=unit[k]), number
-        for k, number in given.get("moment", {}).items():
+        for k, number in settings.get("moment", {}).items():
             axis = np.eye(3)[k] if dim == 3 else np.ones(1)
             yield PointLoad(name, moment=axis), number
 

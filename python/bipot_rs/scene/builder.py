@@ -252,8 +252,8 @@ class Model:
 
     def pressure(self, on: str, value: object, **table: object) -> None:
         """Add a pressure on a surface, positive inwards: a number, or `times`."""
-        given = dict(value) if isinstance(value, Mapping) else {"value": value}
-        self._listed("pressure", on, given | table)
+        keys = dict(value) if isinstance(value, Mapping) else {"value": value}
+        self._listed("pressure", on, keys | table)
 
     def body_force(self, on: str, **table: object) -> None:
         """Add a force per volume of a body: ``x``, ``y``, ``z``."""
@@ -323,18 +323,18 @@ class Model:
             default all; ``jump``: whether cycles may be jumped over; ``rtol``: error that
             jumps may cause.
         """
-        given = {"coefficient": coefficient, "cycles": cycles, **table}
-        self._table["wear"] = _plain(given)
+        keys = {"coefficient": coefficient, "cycles": cycles, **table}
+        self._table["wear"] = _plain(keys)
 
     def solver(self, **table: object) -> None:
         """Set the contact solver: ``method``, ``tol``, ``max_iterations``."""
         self._table["solver"] = _plain(table)
 
     def _named(self, kind: str, name: str, table: Mapping[str, object]) -> None:
-        known = self._table.setdefault(kind, {})
-        if name in known:
+        tables = self._table.setdefault(kind, {})
+        if name in tables:
             raise ValueError(f"{kind} {name!r} is already defined: choose another name")
-        known[name] = _plain(table)
+        tables[name] = _plain(table)
 
     def _listed(self, kind: str, on: str, table: Mapping[str, object]) -> None:
         self._table.setdefault(kind, []).append({"on": on} | _plain(table))
@@ -518,8 +518,8 @@ class ModelResult(Result):
     def remarks(self) -> Remarks:
         """Warnings of `Result`, and of `fem.review` about the solution."""
         if self._reviewed is None:
-            found = review(self.case.model, self.steps)
-            self._reviewed = Remarks((*self._remarks, *found))
+            remarks = review(self.case.model, self.steps)
+            self._reviewed = Remarks((*self._remarks, *remarks))
         return self._reviewed
 
     def contacts_of(self, name: str) -> Ints:

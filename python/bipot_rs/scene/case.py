@@ -198,18 +198,18 @@ class Case:
                 **chosen,
             )
         steps = self.scene.path.count()
-        known: dict[float, Totals] = {}
+        totals: dict[float, Totals] = {}
 
         def at(t: float) -> Totals:
             # Called three times for each t: for load, displacement and gap.
-            if t not in known:
-                known.clear()
-                known[t] = self._at(t)
-            return known[t]
+            if t not in totals:
+                totals.clear()
+                totals[t] = self._at(t)
+            return totals[t]
 
         def gap(t: float) -> Floats | MovingGaps:
-            found = at(t)[2]
-            return self.model.gap if found is None else found
+            gap_of_step = at(t)[2]
+            return self.model.gap if gap_of_step is None else gap_of_step
 
         return asked.follow(
             lambda t: at(t)[0],
@@ -308,12 +308,12 @@ class Case:
         if last is None or not first:
             return
         nothing = np.zeros(self.model.n)
-        own = {
+        totals = {
             "load": nothing if self.load is None else self.load[first - 1],
             "prescribed": self.prescribed[first - 1],
             "gap": None if self.gaps is None else self.gaps[first - 1],
         }
-        other = find_difference(last, own)
+        other = find_difference(last, totals)
         if other is not None:
             raise ValueError(
                 f"start belongs to another path: its {other} is not that of load step "
@@ -323,11 +323,11 @@ class Case:
     def remarks(self) -> list[str]:
         """Warnings before solving, one sentence each (`fem.inspection`)."""
         strained = sum(
-            np.outer(one.history, one.nodal)
-            for one in self.loads
-            if one.load is not None and one.load.strain is not None
+            np.outer(acting.history, acting.nodal)
+            for acting in self.loads
+            if acting.load is not None and acting.load.strain is not None
         )
-        found = inspect(
+        remarks = inspect(
             self.model, load=self.load, prescribed=self.prescribed, strained=strained
         )
         if (
@@ -336,13 +336,13 @@ class Case:
             and not np.any(self.prescribed)
             and not (self.model.gap < 0).any()
         ):
-            found.append(
+            remarks.append(
                 "nothing moves: there is no load, all prescribed displacements are zero, "
                 "and no obstacle moves or penetrates"
             )
         if self.scene is not None and self.scene.lacks_n():
-            found.append("mesh.n: has no effect, since no body uses n")
-        return found
+            remarks.append("mesh.n: has no effect, since no body uses n")
+        return remarks
 
     def stress_at_rest(self, step: int | Step) -> Floats | None:
         """Stress of the initial strains at zero displacement, ``(cells, 3, 3)`` [Pa].
@@ -351,9 +351,9 @@ class Case:
         strains. The total stress is this plus the stress of the displacements.
         """
         acting = [
-            (one.load, one.history)
-            for one in self.loads
-            if one.load is not None and one.load.strain is not None
+            (load_case.load, load_case.history)
+            for load_case in self.loads
+            if load_case.load is not None and load_case.load.strain is not None
         ]
         if not acting:
             return None
@@ -367,19 +367,19 @@ class Case:
             return self.sampled(step.s).stress_at_rest(0)
         counts = [int(body.mesh.t.shape[1]) for body in self.model.bodies]
         ends = np.cumsum([0, *counts])
-        found = np.zeros((ends[-1], 3, 3))
+        stress_of_cells = np.zeros((ends[-1], 3, 3))
         for load, history in acting:
             b = body_index(self.model.bodies, load.body)
             body = self.model.bodies[b]
             still = np.zeros(body.points.size)
             unit = stress(body, still, load.strain, space=True)
-            found[ends[b] : ends[b + 1]] += history[step] * unit
-        return found
+            stress_of_cells[ends[b] : ends[b + 1]] += history[step] * unit
+        return stress_of_cells
 
     def rest_of(self, k: int, step: Step) -> Floats | None:
         """`stress_at_rest` of step ``k`` of a result."""
-        given = step.s is None and step.cycle is None
-        return self.stress_at_rest(k if given else step)
+        is_last = step.s is None and step.cycle is None
+        return self.stress_at_rest(k if is_last else step)
 
     def step_parameter(self, k: int, step: Step) -> float:
         """Path parameter of the scene at the end of step ``k`` of a result."""
@@ -395,17 +395,17 @@ class Case:
     def add_loads(self, result: Sequence[Step]) -> list[Step]:
         """Add the loads to steps read from a file, which does not store them."""
         nothing = np.zeros(self.model.n)
-        found = []
+        loads = []
         for k, step in enumerate(result):
             if step.s is None:
                 load = None if self.load is None else self.load[k]
                 moved = self.prescribed[k]
             else:
                 load, moved, _ = self._at(step.s)
-            found.append(
+            loads.append(
                 replace(step, load=nothing if load is None else load, prescribed=moved)
             )
-        return found
+        return loads
 
     def _at(self, t: float) -> Totals:
         case = self.sampled(t)
@@ -443,8 +443,8 @@ def _make_case(
 ) -> Case:
     acting = tuple(replace(o, history=histories.evaluate(o.number)) for o in loads)
     load = np.zeros((len(histories.ends), model.n))
-    for one in acting:
-        load += np.outer(one.history, one.nodal)
+    for load_case in acting:
+        load += np.outer(load_case.history, load_case.nodal)
     return Case(
         model=model,
         load=load if load.any() else None,

@@ -75,12 +75,12 @@ class Histories:
         points = {}
         for name, remote in self._scene.remote.items():
             if not remote.distributed:
-                given = remote.given()
+                settings = remote.given()
                 points[name] = [
-                    *(self.evaluate(v) for v in given.get("move", {}).values()),
+                    *(self.evaluate(v) for v in settings.get("move", {}).values()),
                     *(
                         np.deg2rad(self.evaluate(v))
-                        for v in given.get("turn", {}).values()
+                        for v in settings.get("turn", {}).values()
                     ),
                 ]
         prescribed = [
@@ -139,10 +139,10 @@ def evaluate_amplitude(amplitude: Amplitude, t: Floats, steps: int) -> Floats:
     else:
         turns = np.arange(steps) / (amplitude.period or 1.0)
         at_ends = np.sin(2 * np.pi * turns)
-    known = np.concatenate([[0.0], at_ends])
+    values = np.concatenate([[0.0], at_ends])
     whole = np.floor(t).astype(np.int64)
     share = t - whole
-    before, after = known[whole], known[np.minimum(whole + 1, steps)]
+    before, after = values[whole], values[np.minimum(whole + 1, steps)]
     between = (1 - share) * before + share * after
     if amplitude.wave == "ramp":
         between = t / steps

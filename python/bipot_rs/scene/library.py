@@ -29,14 +29,14 @@ def _nothing(path: Path) -> str:
     with_suffix = f"{path}.toml"
     hint = f"; did you mean {with_suffix!r}?" if Path(with_suffix).is_file() else ""
     if path.is_dir():
-        known = ", ".join(shipped())
-        return f"is a folder, expected a TOML file or one of {known}{hint}"
+        names = ", ".join(shipped())
+        return f"is a folder, expected a TOML file or one of {names}{hint}"
     beside = path.parent.glob("*.toml") if path.parent.is_dir() else ()
     files = [str(other) for other in beside]
     stem = path.name.removesuffix(".toml")
-    found = nearest(str(path), files) or nearest(stem, shipped())
-    if found and not hint:
-        hint = f"; did you mean {found!r}?"
+    similar = nearest(str(path), files) or nearest(stem, shipped())
+    if similar and not hint:
+        hint = f"; did you mean {similar!r}?"
     return f"is neither a file nor one of {', '.join(shipped())}{hint}"
 
 

@@ -60,9 +60,9 @@ class SceneError(ValueError):
     """
 
     def __init__(self, name: str, mistakes: Iterable[Mistake]) -> None:
-        found = list(mistakes)
-        super().__init__(name, found)
-        self.mistakes = found
+        mistakes_found = list(mistakes)
+        super().__init__(name, mistakes_found)
+        self.mistakes = mistakes_found
         self.name = name
 
     def __str__(self) -> str:

@@ -65,19 +65,19 @@ def check(
     Files that the scene names are relative to ``folder``. A `SceneError` lists
     ``mistakes`` and all that are found here.
     """
-    found = list(mistakes)
+    mistakes_found = list(mistakes)
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        known = standing(Scene, table)
-        found += [describe_error(e, known, table) for e in error.errors()]
-        found += _check_settings(table)
-        raise SceneError(name, found) from None
+        keys = standing(Scene, table)
+        mistakes_found += [describe_error(e, keys, table) for e in error.errors()]
+        mistakes_found += _check_settings(table)
+        raise SceneError(name, mistakes_found) from None
     # Grids and sizes are computed only if no number overflows.
-    found += list(out_of_range(scene)) or inconsistencies(scene)
-    found += _check_settings(table)
-    if found:
-        raise SceneError(name, found)
+    mistakes_found += list(out_of_range(scene)) or inconsistencies(scene)
+    mistakes_found += _check_settings(table)
+    if mistakes_found:
+        raise SceneError(name, mistakes_found)
     return scene.beside(folder)
 
 

@@ -114,9 +114,9 @@ def find_inconsistency(names: Mapping[str, str]) -> str | None:
     sizes: dict[str, float] = {}
     for kind in _SI:
         name = names.get(kind) or ""
-        found = size(kind, name) if name else None
-        if found is not None:
-            sizes[kind] = found
+        value = size(kind, name) if name else None
+        if value is not None:
+            sizes[kind] = value
             continue
         for other in _SI:
             if name and size(other, name) is not None:
@@ -125,13 +125,13 @@ def find_inconsistency(names: Mapping[str, str]) -> str | None:
         return None
     fit = {
         kind: next(
-            (one for one in _COMMON[kind] if _fits(sizes | {kind: size(kind, one)})),
+            (unit for unit in _COMMON[kind] if _fits(sizes | {kind: size(kind, unit)})),
             None,
         )
         for kind in ("stress", "length", "force")
     }
     length, force, stress = (names[kind].strip() for kind in _SI)
-    would = [f'{kind} = "{one}"' for kind, one in fit.items() if one is not None]
+    would = [f'{kind} = "{unit}"' for kind, unit in fit.items() if unit is not None]
     of = f", which is {fit['stress']}" if fit["stress"] else ""
     advice = f": {_or(would)} would fit" if would else ""
     return f"stress in {stress} does not fit {force} / {length}²{of}{advice}"

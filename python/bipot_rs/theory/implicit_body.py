@@ -91,17 +91,17 @@ class ImplicitBody:
         if stress is None:
             return start
         places = self.body.volume().places
-        given = floats("stress", stress(places) if callable(stress) else stress)
-        if given.shape not in ((3, 3), (3, 3, *self.shape)):
+        tensor_given = floats("stress", stress(places) if callable(stress) else stress)
+        if tensor_given.shape not in ((3, 3), (3, 3, *self.shape)):
             raise ValueError(
-                f"stress has shape {given.shape}, expected (3, 3) or "
+                f"stress has shape {tensor_given.shape}, expected (3, 3) or "
                 f"{(3, 3, *self.shape)}"
             )
-        if given.ndim == 2:
-            given = given[..., None, None]
-        found = mandel(np.moveaxis(given, (0, 1), (-2, -1)))
+        if tensor_given.ndim == 2:
+            tensor_given = tensor_given[..., None, None]
+        vectors = mandel(np.moveaxis(tensor_given, (0, 1), (-2, -1)))
         return self._check_start(
-            replace(start, stress=np.broadcast_to(found, zero.shape))
+            replace(start, stress=np.broadcast_to(vectors, zero.shape))
         )
 
     def strain(self, displacement: ArrayLike) -> Floats:
@@ -112,8 +112,8 @@ class ImplicitBody:
 
     def internal_forces(self, stress: ArrayLike) -> Floats:
         """Nodal forces ``∫ σ:ε(φ_i) dΩ`` that balance a stress field, ``(n,)`` [N]."""
-        given = floats("stress", stress, shape=(*self.shape, 6))
-        return self._assembly.forces(given.reshape(-1, 6))
+        vectors = floats("stress", stress, shape=(*self.shape, 6))
+        return self._assembly.forces(vectors.reshape(-1, 6))
 
     def solve(
         self,
@@ -162,15 +162,15 @@ class ImplicitBody:
         passes = integer("max_iterations", max_iterations, least=1)
         n = self.body.points.size
         state = self.at_rest() if start is None else self._check_start(start)
-        found: list[BodyStep] = []
+        steps: list[BodyStep] = []
         for force, moved in loads(load, prescribed, n, len(self.fixed)):
             step = StepSolver(self._assembly, self.soil, state, force, moved, tol)
             newton = method == "newton"
             state = step.newton() if newton else step.displacements(passes)
             if not state.converged:
-                self._refuse(tuple(found), state)
-            found.append(state)
-        return tuple(found)
+                self._refuse(tuple(steps), state)
+            steps.append(state)
+        return tuple(steps)
 
     def bifunctional(self, start: BodyState, end: BodyState, load: ArrayLike) -> float:
         """B of (23), from the energies, at the increments from ``start`` to ``end`` [J].

@@ -308,8 +308,8 @@ def inequality_74(response: Response, dt: ArrayLike, size: float) -> Verdict:
     """
     total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
     v = response.displacement(dt) + response.offset
-    found = coupled(total, v, response.problem.mu, size)
-    return Verdict(found.residual, found.worst - response.reaction)
+    sup = coupled(total, v, response.problem.mu, size)
+    return Verdict(sup.residual, sup.worst - response.reaction)
 
 
 def inequality_75(response: Response, du: ArrayLike, size: float) -> Verdict:
@@ -331,16 +331,16 @@ def inequality_75(response: Response, du: ArrayLike, size: float) -> Verdict:
     """
     v = response.offset + floats("du", du, shape=response.offset.shape)
     total = response.traction(du) + response.reaction
-    found = displacements(total, v, response.problem.mu, size)
-    return Verdict(found.residual, found.worst - response.offset)
+    sup = displacements(total, v, response.problem.mu, size)
+    return Verdict(sup.residual, sup.worst - response.offset)
 
 
 def inequality_78(response: Response, dt: ArrayLike, size: float) -> Verdict:
     """Residual of (76)-(78) for increments ``Δt``; otherwise as `inequality_74`."""
     total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
     v = response.displacement(dt) + response.offset
-    found = alternated(total, v, response.problem.mu, size)
-    return Verdict(found.residual, found.worst - response.reaction)
+    sup = alternated(total, v, response.problem.mu, size)
+    return Verdict(sup.residual, sup.worst - response.reaction)
 
 
 # Tolerance for membership in a set, relative to the size of test fields: a computed

@@ -117,10 +117,10 @@ def _pair(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> _Pair:
 
 
 def _steps(law: Coulomb, rho: ArrayLike) -> Floats:
-    found = by_contact("rho", rho, len(law.mu))
-    if not (found > 0).all():
-        raise ValueError(f"rho is {float(found.min())}, expected positive numbers")
-    return found
+    steps = by_contact("rho", rho, len(law.mu))
+    if not (steps > 0).all():
+        raise ValueError(f"rho is {float(steps.min())}, expected positive numbers")
+    return steps
 
 
 def _worst(*parts: Floats) -> Floats:

@@ -90,12 +90,12 @@ def mechanism(
     # Columns and cost of unit length: the result does not depend on units.
     size = np.linalg.norm(cones, axis=(0, 1))
     scaled = cost / size
-    found = Programme(cones / size, np.zeros(cones.shape[:2])).minimise(
+    optimum = Programme(cones / size, np.zeros(cones.shape[:2])).minimise(
         scaled / np.linalg.norm(scaled)
     )
-    if found.bounded:
+    if optimum.bounded:
         return None
-    d = found.y / size
+    d = optimum.y / size
     won = float(force @ d)
     if not won - soil.apex * float(dilation @ d) > _SURE * abs(won):
         return None

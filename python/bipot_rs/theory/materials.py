@@ -191,12 +191,12 @@ def uzawa(
     material = implicit(material)
     step = positive_step(r)
     y = floats("start", start)
-    found = [y]
+    iterates = [y]
     for _ in range(positive("iterations", iterations)):
         x = floats("strain(y)", strain(y), shape=y.shape)
         y = material.prox_at(y + (step[..., None] if step.ndim else step) * x, x, step)
-        found.append(y)
-    return np.array(found)
+        iterates.append(y)
+    return np.array(iterates)
 
 
 def positive_step(r: ArrayLike) -> Floats:
@@ -221,29 +221,29 @@ class LinearElastic:
     stiffness: Floats
 
     def __init__(self, stiffness: ArrayLike) -> None:
-        found = floats("stiffness", stiffness, ndim=2)
-        if found.shape[0] != found.shape[1]:
+        matrix = floats("stiffness", stiffness, ndim=2)
+        if matrix.shape[0] != matrix.shape[1]:
             raise ValueError(
-                f"stiffness has shape {found.shape}, expected a square matrix"
+                f"stiffness has shape {matrix.shape}, expected a square matrix"
             )
         # Asymmetry of the size of rounding is allowed.
-        if (np.abs(found - found.T) > 1e-12 * np.abs(found).max(initial=0.0)).any():
+        if (np.abs(matrix - matrix.T) > 1e-12 * np.abs(matrix).max(initial=0.0)).any():
             raise ValueError(
                 "stiffness is not symmetric, expected a symmetric positive definite matrix"
             )
-        lowest = float(np.linalg.eigvalsh(found)[0]) if found.size else 0.0
+        lowest = float(np.linalg.eigvalsh(matrix)[0]) if matrix.size else 0.0
         if not lowest > 0:
             raise ValueError(
                 f"stiffness has the eigenvalue {lowest}, expected a positive definite matrix"
             )
-        object.__setattr__(self, "stiffness", found)
+        object.__setattr__(self, "stiffness", matrix)
 
     def _vectors(self, what: str, value: ArrayLike) -> Floats:
-        found = floats(what, value)
+        rows = floats(what, value)
         m = len(self.stiffness)
-        if found.ndim == 0 or found.shape[-1] != m:
-            raise ValueError(f"{what} has shape {found.shape}, expected (..., {m})")
-        return found
+        if rows.ndim == 0 or rows.shape[-1] != m:
+            raise ValueError(f"{what} has shape {rows.shape}, expected (..., {m})")
+        return rows
 
     def stress(self, x: ArrayLike) -> Floats:
         """``y = D x``, (4)."""
@@ -297,9 +297,9 @@ class Start:
     def __init__(
         self, reaction: ArrayLike, displacement: ArrayLike, gap: ArrayLike
     ) -> None:
-        found = vectors("reaction", reaction)
-        object.__setattr__(self, "reaction", found)
-        shape = found.shape
+        reactions = vectors("reaction", reaction)
+        object.__setattr__(self, "reaction", reactions)
+        shape = reactions.shape
         moved = floats("displacement", displacement, shape=shape)
         object.__setattr__(self, "displacement", moved)
         object.__setattr__(self, "gap", floats("gap", gap, shape=shape[:1]))
@@ -370,13 +370,13 @@ class Tresca:
     start: Start
 
     def __init__(self, limit: ArrayLike, start: Start) -> None:
-        found = by_contact("limit", limit, len(start.gap))
-        if (found < 0).any():
-            at = int(np.argmax(found < 0))
+        limits = by_contact("limit", limit, len(start.gap))
+        if (limits < 0).any():
+            at = int(np.argmax(limits < 0))
             raise ValueError(
-                f"limit of contact {at} is {found[at]}, expected zero or positive"
+                f"limit of contact {at} is {limits[at]}, expected zero or positive"
             )
-        object.__setattr__(self, "limit", found)
+        object.__setattr__(self, "limit", limits)
         object.__setattr__(self, "start", start)
 
     def energy(self, x: ArrayLike) -> Floats:

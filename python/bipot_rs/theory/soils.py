@@ -50,26 +50,26 @@ def mandel(tensor: ArrayLike) -> Floats:
 
     The upper triangle is read.
     """
-    found = floats("tensor", tensor)
-    if found.shape[-2:] != (3, 3):
-        raise ValueError(f"tensor has shape {found.shape}, expected (..., 3, 3)")
-    return np.asarray(found[..., _ROWS, _COLUMNS] * _WEIGHT)
+    tensors = floats("tensor", tensor)
+    if tensors.shape[-2:] != (3, 3):
+        raise ValueError(f"tensor has shape {tensors.shape}, expected (..., 3, 3)")
+    return np.asarray(tensors[..., _ROWS, _COLUMNS] * _WEIGHT)
 
 
 def tensor(vector: ArrayLike) -> Floats:
     """Vectors ``(..., 6)`` of `mandel` as tensors ``(..., 3, 3)``."""
-    found = _vectors("vector", vector) / _WEIGHT
-    full = np.empty((*found.shape[:-1], 3, 3))
-    full[..., _ROWS, _COLUMNS] = found
-    full[..., _COLUMNS, _ROWS] = found
+    vectors = _vectors("vector", vector) / _WEIGHT
+    full = np.empty((*vectors.shape[:-1], 3, 3))
+    full[..., _ROWS, _COLUMNS] = vectors
+    full[..., _COLUMNS, _ROWS] = vectors
     return full
 
 
 def _vectors(what: str, value: ArrayLike) -> Floats:
-    found = floats(what, value)
-    if found.ndim == 0 or found.shape[-1] != 6:
-        raise ValueError(f"{what} has shape {found.shape}, expected (..., 6)")
-    return found
+    vectors = floats(what, value)
+    if vectors.ndim == 0 or vectors.shape[-1] != 6:
+        raise ValueError(f"{what} has shape {vectors.shape}, expected (..., 6)")
+    return vectors
 
 
 def _stress(y: Floats) -> tuple[Floats, Floats]:

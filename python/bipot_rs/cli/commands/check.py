@@ -72,7 +72,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     model = case.model
     several = scene.solver.engine == "petsc"
     counts, floating = cost_forecast.counts(case)
-    remarks = [said for said in case.remarks() if said not in floating]
+    remarks = [remark for remark in case.remarks() if remark not in floating]
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
     cost, forecast = [], None

@@ -189,14 +189,14 @@ def _line(row: Record, width: int, tol: float) -> str:
     from bipot_rs.contact.global_problem import SYMMETRIC
 
     size = "" if row["contacts"] is None else f"{row['contacts']} × {row['dim']}D"
-    known: dict[str, tuple[Callable[..., str], int]] = {
+    columns: dict[str, tuple[Callable[..., str], int]] = {
         "residual": ("{:.1e}".format, 8),
         "iterations": (lambda n: counted(n, "iteration"), 18),
         "work": ("work {:.0f}".format, 12),
     }
     cells = [
         ("" if row[key] is None else form(row[key])).rjust(space)
-        for key, (form, space) in known.items()
+        for key, (form, space) in columns.items()
     ]
     start = f"{printable(row['file']):<{width}} {size:>10}  {row['outcome']:<15}"
     line = " ".join([start, *cells, f"{row['seconds']:9.3f} s"])

@@ -167,7 +167,7 @@ def draw(
         )
     if along is not None and along not in ("x", "y", "z", "arc"):
         raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
-    with_bodies = [name for name, one in KINDS.items() if one.bodies]
+    with_bodies = [name for name, picture in KINDS.items() if picture.bodies]
     if kind not in with_bodies and (scene is not None or settings):
         raise ValueError(
             f"--scene and --set are only for --kind {', '.join(with_bodies)}: other "
@@ -196,9 +196,9 @@ def draw(
     target = path.with_name(f"{kind}.png") if out is None else out
     case = _case(path, attributes, scene, settings) if kind in with_bodies else None
     at = None if step is None else step - 1
-    given = {"where": contact, "along": along, "step": at, "near": near, "scale": scale}
+    asked = {"where": contact, "along": along, "step": at, "near": near, "scale": scale}
     options: dict[str, Any] = {
-        name: value for name, value in given.items() if value is not None
+        name: value for name, value in asked.items() if value is not None
     }
     for option in options:
         if not KINDS[kind].takes(option):
@@ -224,10 +224,10 @@ def _check_format(target: Path) -> None:
     """Refuse a suffix for which matplotlib has no format, before drawing."""
     from matplotlib.backend_bases import FigureCanvasBase
 
-    known = FigureCanvasBase.get_supported_filetypes()
-    if target.suffix.lower().removeprefix(".") not in known:
+    formats = FigureCanvasBase.get_supported_filetypes()
+    if target.suffix.lower().removeprefix(".") not in formats:
         raise ValueError(
-            f"cannot draw {target}, expected a suffix of {', '.join(known)}"
+            f"cannot draw {target}, expected a suffix of {', '.join(formats)}"
         )
 
 
@@ -253,16 +253,16 @@ def _case(
         settings = [*json.loads(attributes.get("settings", "[]")), *settings]
     name = solved if scene is None else scene
     try:
-        found = read(name, settings)
+        scene_read = read(name, settings)
     except ValueError as error:
         raise ValueError(
             f"the picture needs the scene of {path}, which was {solved!r}: give it with "
             f"--scene, and its settings with --set ({error})"
         ) from error
-    digest = stamps(found, "", 0.0)["scene_digest"]
+    digest = stamps(scene_read, "", 0.0)["scene_digest"]
     if digest != attributes["scene_digest"]:
         raise ValueError(
             f"{path} was not solved from {name!r} as it is now, or with other settings: "
             "give its scene with --scene, and its settings with --set"
         )
-    return assemble(found, made(found))
+    return assemble(scene_read, made(scene_read))

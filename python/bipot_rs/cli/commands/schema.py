@@ -39,8 +39,8 @@ def schema() -> dict[str, object]:
     """JSON Schema, draft 2020-12, of the tables of a scene."""
     from bipot_rs.scene.schema.root import Scene
 
-    found = Scene.model_json_schema(by_alias=True)
-    definitions = found["$defs"]
+    whole = Scene.model_json_schema(by_alias=True)
+    definitions = whole["$defs"]
     axis = definitions["Axis"]["properties"]
     for key in _OF_N:
         axis[key] = {
@@ -49,11 +49,11 @@ def schema() -> dict[str, object]:
         }
     growth = axis["growth"]
     axis["growth"] = {"anyOf": [{"type": "number"}, growth]}
-    _shorten(found)
+    _shorten(whole)
     # Editors show the docstrings of the tables.
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **found,
+        **whole,
         "title": "A scene of bipot",
     }
 
@@ -61,9 +61,9 @@ def schema() -> dict[str, object]:
 def _shorten(node: dict[str, object] | list[object]) -> None:
     """Accept the plain values of `_SHORT`; changes ``node`` in place."""
     inner = list(node.values() if isinstance(node, dict) else node)
-    for one in inner:
-        if isinstance(one, dict | list):
-            _shorten(one)
+    for part in inner:
+        if isinstance(part, dict | list):
+            _shorten(part)
     if isinstance(node, dict) and "$ref" in node:
         short = _SHORT.get(str(node["$ref"]).rpartition("/")[2])
         if short is not None:

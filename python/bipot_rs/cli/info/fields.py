@@ -52,7 +52,7 @@ def summarise(path: Path) -> dict[str, object]:
 def _series(path: Path) -> dict[str, object]:
     steps = read_collection(path)
     times = [time for time, _ in steps]
-    found: dict[str, object] = {
+    summary: dict[str, object] = {
         "kind": "series",
         "file": str(path),
         "steps": len(steps),
@@ -60,7 +60,7 @@ def _series(path: Path) -> dict[str, object]:
     }
     title = f"{path}: a series of {counted(len(steps), 'step')} for ParaView"
     if not steps:
-        return found | {"lines": [title]}
+        return summary | {"lines": [title]}
     lines = [
         f"{title}, time {_between(min(times), max(times))}",
         f"  files     {steps[0][1]} to {steps[-1][1]}",
@@ -75,8 +75,8 @@ def _series(path: Path) -> dict[str, object]:
     _, *more = last.pop("lines")
     lines.append(f"  last step {last['file']}")
     return (
-        found
-        | {k: v for k, v in last.items() if k not in found}
+        summary
+        | {k: v for k, v in last.items() if k not in summary}
         | {"lines": lines + more}
     )
 
@@ -90,9 +90,9 @@ def _step(path: Path) -> dict[str, Any]:
             raise ValueError(f"{path} has no pieces")
     grids = [_grid(file) for file in files]
     parts = "" if len(files) == 1 else f" in {len(files)} parts"
-    found = {"kind": "step", "file": str(path), **_contents(grids)}
-    lines = [f"{path}: one step for ParaView{parts}", *_lines(grids, found)]
-    return found | {"lines": lines}
+    summary = {"kind": "step", "file": str(path), **_contents(grids)}
+    lines = [f"{path}: one step for ParaView{parts}", *_lines(grids, summary)]
+    return summary | {"lines": lines}
 
 
 def _grid(file: Path) -> Grid:
@@ -114,19 +114,19 @@ def _is_empty(file: Path) -> bool:
 
 def _mesh(path: Path, grid: Grid) -> dict[str, object]:
     """Summarise a mesh and its fields; cells that are no body may have fields."""
-    own = _contents([grid])
+    contents = _contents([grid])
     try:
-        found = mesh.summarise(path)
+        summary = mesh.summarise(path)
     except ValueError:
-        if not own["fields"]:
+        if not contents["fields"]:
             raise
-        found = {"kind": "step", "file": str(path), **own}
-        lines = [f"{path}: points and cells with fields", *_lines([grid], own)]
-        return found | {"lines": lines}
+        summary = {"kind": "step", "file": str(path), **contents}
+        lines = [f"{path}: points and cells with fields", *_lines([grid], contents)]
+        return summary | {"lines": lines}
     if not grid.of_points:
-        return found
-    lines = [*found["lines"], *_field_lines(own["fields"])]
-    return found | {"fields": own["fields"], "lines": lines}
+        return summary
+    lines = [*summary["lines"], *_field_lines(contents["fields"])]
+    return summary | {"fields": contents["fields"], "lines": lines}
 
 
 def _contents(grids: list[Grid]) -> dict[str, Any]:
@@ -146,8 +146,8 @@ def _contents(grids: list[Grid]) -> dict[str, Any]:
         # A part without cells may lack the fields of cells.
         parts = [getattr(grid, f"of_{of}") for grid in grids]
         for name in dict.fromkeys(name for part in parts for name in part):
-            known = [part[name] for part in parts if name in part]
-            named[name] = {"of": of, "units": units.get(name), **_range(known)}
+            pieces = [part[name] for part in parts if name in part]
+            named[name] = {"of": of, "units": units.get(name), **_range(pieces)}
             if name in FIELDS:
                 named[name]["meaning"] = FIELDS[name].meaning
     return {
@@ -199,15 +199,17 @@ def _field_lines(named: Mapping[str, Record]) -> list[str]:
     wide = max(map(len, named), default=0)
     for of in ("points", "cells"):
         title = f"of {of}"
-        for name, one in named.items():
-            if one["of"] != of:
+        for name, field in named.items():
+            if field["of"] != of:
                 continue
-            unit = f" {one['units']}" if one["units"] else ""
+            unit = f" {field['units']}" if field["units"] else ""
             kind = {1: "number", 3: "vector"}.get(
-                one["components"], f"{one['components']} components"
+                field["components"], f"{field['components']} components"
             )
-            span = "-" if one["low"] is None else _between(one["low"], one["high"])
-            size = " of length" if one["components"] == 3 else ""
+            span = (
+                "-" if field["low"] is None else _between(field["low"], field["high"])
+            )
+            size = " of length" if field["components"] == 3 else ""
             lines.append(f"  {title:<9} {name:<{wide}}  {kind}{size} {span}{unit}")
             title = ""
     return lines

@@ -64,27 +64,27 @@ def _bodies(path: Path) -> dict[str, object]:
     volumes: dict[str, int] = {}
     surfaces: dict[str, int] = {}
     mistake = ""
-    for one in parts:
-        kind = kind_of(one)
+    for piece in parts:
+        kind = kind_of(piece)
         order = "first" if kind.degree == 1 else "second"
         name = (
             f"{_MANY.get(kind.shape, kind.shape + 's')} of {order} order ({kind.vtk})"
         )
-        cells[name] = cells.get(name, 0) + int(one.t.shape[1])
-        for known, of in ((volumes, one.subdomains), (surfaces, one.boundaries)):
+        cells[name] = cells.get(name, 0) + int(piece.t.shape[1])
+        for counts, of in ((volumes, piece.subdomains), (surfaces, piece.boundaries)):
             for group, members in (of or {}).items():
-                known[group] = max(known.get(group, 0), len(members))
-        mistake = mistake or _wrong(one, "it")
+                counts[group] = max(counts.get(group, 0), len(members))
+        mistake = mistake or _wrong(piece, "it")
     if mistake and len(volumes) > 1 and not several:
         # Volumes that are not connected may each be correct.
         apart = read_meshes(path, check=False)
-        mistakes = [_wrong(one, f"volume {name!r}") for name, one in apart.items()]
+        mistakes = [_wrong(piece, f"volume {name!r}") for name, piece in apart.items()]
         mistake = next(filter(None, mistakes), "")
         several = (
             "" if mistake else "its volumes are not connected: read each with group="
         )
-    points = np.concatenate([one.p.T for one in parts])
-    found: dict[str, object] = {
+    points = np.concatenate([piece.p.T for piece in parts])
+    summary: dict[str, object] = {
         "kind": "mesh",
         "file": str(path),
         "dim": dim,
@@ -106,12 +106,14 @@ def _bodies(path: Path) -> dict[str, object]:
         lines.append(f"  remark    {several}")
     if mistake:
         lines.append(f"  mistake   {mistake}")
-    given = f'"{printable(path.name)}"'
+    mesh_value = f'"{printable(path.name)}"'
     if several and volumes:
         group = printable(next(iter(volumes)))
-        given = f'{{ file = {given}, group = "{group}" }}'
-    lines.append(f"  use it    mesh = {given} in a scene: bipot new --template mesh")
-    return found | {"lines": lines}
+        mesh_value = f'{{ file = {mesh_value}, group = "{group}" }}'
+    lines.append(
+        f"  use it    mesh = {mesh_value} in a scene: bipot new --template mesh"
+    )
+    return summary | {"lines": lines}
 
 
 def _wrong(mesh: ElementMesh, what: str) -> str:
@@ -133,7 +135,12 @@ def _surface(path: Path) -> dict[str, object]:
 
     points, blocks = read_cells(path)
     cells = {kind: len(nodes) for kind, nodes in blocks}
-    found = {"kind": "surface", "file": str(path), "nodes": len(points), "cells": cells}
+    summary = {
+        "kind": "surface",
+        "file": str(path),
+        "nodes": len(points),
+        "cells": cells,
+    }
     kinds = ", ".join(f"{count} of kind {kind}" for kind, count in cells.items())
     lines = [
         f"{path}: a surface, for a rigid obstacle",
@@ -141,7 +148,7 @@ def _surface(path: Path) -> dict[str, object]:
         f"  points    {len(points)}" + (f", {box(points)}" if len(points) else ""),
         f'  use it    surface = "{printable(path.name)}" in [obstacle.NAME] of a scene',
     ]
-    return found | {"lines": lines}
+    return summary | {"lines": lines}
 
 
 def _listed(known: Mapping[str, int], noun: str) -> str:

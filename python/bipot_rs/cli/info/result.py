@@ -42,7 +42,7 @@ def summarise(path: Path) -> dict[str, object]:
     contacts_n, d = result.shape if count else (0 if x is None else len(x), 0)
     dim = (d or None) if x is None else x.shape[1]
     ranks = int(attributes["ranks"]) if "ranks" in attributes else None
-    found: dict[str, object] = {
+    summary: dict[str, object] = {
         "kind": "result",
         "file": str(path),
         "scene": attributes.get("scene"),
@@ -59,16 +59,16 @@ def summarise(path: Path) -> dict[str, object]:
         # The number of automatic steps is unknown, and other files lack it.
         "planned": int(attributes["planned"]) if "planned" in attributes else None,
     }
-    source = found["scene"] or "a problem given as arrays"
-    by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
+    source = summary["scene"] or "a problem given as arrays"
+    by = f"method {summary['method'] or '-'}, tol {summary['tol'] or '-'}"
     lines = [
-        f"{path}: a result of {source}, {'' if found['complete'] else 'not '}complete",
-        f"  message   {found['message'] or '-'}",
+        f"{path}: a result of {source}, {'' if summary['complete'] else 'not '}complete",
+        f"  message   {summary['message'] or '-'}",
     ]
-    if found["package"]:
-        lines.append(f"  by        bipot_rs {found['package']}, {by}")
-    if found["engine"]:
-        parts = [found["engine"], attributes.get("preconditioner")]
+    if summary["package"]:
+        lines.append(f"  by        bipot_rs {summary['package']}, {by}")
+    if summary["engine"]:
+        parts = [summary["engine"], attributes.get("preconditioner")]
         if ranks:
             parts.append(counted(ranks, "rank"))
         lines.append(f"  engine    {', '.join(str(part) for part in parts if part)}")
@@ -81,37 +81,37 @@ def summarise(path: Path) -> dict[str, object]:
             f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
         )
     if count:
-        found["residual"] = float(result.residual.max())
+        summary["residual"] = float(result.residual.max())
         kept = result[0].computed.displacement
-        found["displacements"] = None if kept is None else len(kept)
+        summary["displacements"] = None if kept is None else len(kept)
         moved = "no" if kept is None else len(kept)
-        whole = found["planned"] or count
+        whole = summary["planned"] or count
         missing = "" if count == whole else f" of {whole}"
         lines.append(
             f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
-            f"{found['residual']:.1e}; {moved} displacements each"
+            f"{summary['residual']:.1e}; {moved} displacements each"
         )
         rows = [
             make_row(k, float(steps[k].get("load", k)), step)
             for k, step in enumerate(result)
         ]
-        known = found["complete"] or found["planned"] is not None
-        reached = "" if known else " reached"
+        is_counted = summary["complete"] or summary["planned"] is not None
+        reached = "" if is_counted else " reached"
         ends = list(range(count))
         if count > _STEPS:
             ends[1 : 1 - _STEPS] = []
         for before, k in zip([-1, *ends], ends, strict=False):
-            one = rows[k]
+            row = rows[k]
             if k > before + 1:
                 lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
             lines.append(
-                f"  load step {k + 1} of {whole}{reached}: open {one['open']}, slip "
-                f"{one['slip']}, stick {one['stick']}, normal force "
+                f"  load step {k + 1} of {whole}{reached}: open {row['open']}, slip "
+                f"{row['slip']}, stick {row['stick']}, normal force "
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )
         last = rows[-1]
-        found["last"] = {name: last[name] for name in STATUS_NAMES}
-    return found | {"lines": lines}
+        summary["last"] = {name: last[name] for name in STATUS_NAMES}
+    return summary | {"lines": lines}
 
 
 def _span(values: ArrayLike | None) -> str:

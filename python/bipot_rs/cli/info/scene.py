@@ -26,7 +26,7 @@ def summarise(name: str) -> dict[str, object]:
         for body, block in scene.body.items()
     }
     steps = scene.path.count()
-    found: dict[str, object] = {
+    summary: dict[str, object] = {
         "kind": "scene",
         "scene": name,
         "title": scene.title,
@@ -56,8 +56,8 @@ def summarise(name: str) -> dict[str, object]:
         if entries
     ]
     touching = [
-        f"{one.on} against {one.against or 'a plane'}, mu {one.mu}"
-        for one in scene.contact
+        f"{pair.on} against {pair.against or 'a plane'}, mu {pair.mu}"
+        for pair in scene.contact
     ]
     parameter, solver = scene.path.parameter or "step number", scene.solver
     lines = [
@@ -70,4 +70,4 @@ def summarise(name: str) -> dict[str, object]:
         f"  solver    {solver.method}, tol {solver.tol}, engine {solver.engine}",
         f"  next      bipot check {name}, bipot run {name}",
     ]
-    return found | {"lines": lines}
+    return summary | {"lines": lines}

@@ -53,21 +53,21 @@ def counts(case: Case) -> tuple[dict[str, Any], list[str]]:
     from bipot_rs.contact.errors import FloatingBodyError
     from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 
-    found: dict[str, Any] = {}
+    forecast: dict[str, Any] = {}
     floating = list(describe_free_bodies(case.model, rough=True))
 
     def stop(counts: Record) -> None:
-        found.update(counts)
+        forecast.update(counts)
         raise _Counted
 
     if case.scene is not None and case.scene.solver.engine == "petsc":
-        return found, floating
+        return forecast, floating
     try:
         with suppress(_Counted):
             case.problem(on_forecast=stop)
     except FloatingBodyError as error:
         floating = floating or [str(error)]
-    return found, floating
+    return forecast, floating
 
 
 def work(counts: Record) -> float:
@@ -156,8 +156,8 @@ def rank_bytes(model: Assembly, ranks: int) -> float:
     middle = nodes // 2
     start, _ = find_neighbours(model.bodies, middle, min(middle + _SAMPLE, nodes))
     row = model.dim * (1 + start[-1] / max(len(start) - 1, 1))
-    own = model.n / ranks * row * _ENTRY * _COPIES
-    return float(_PROCESS + _MESH * nodes + own)
+    bytes_of_rank = model.n / ranks * row * _ENTRY * _COPIES
+    return float(_PROCESS + _MESH * nodes + bytes_of_rank)
 
 
 def peak(case: Case) -> float:
@@ -165,8 +165,8 @@ def peak(case: Case) -> float:
 
     The interpreter and its libraries are not included.
     """
-    found, _ = counts(case)
-    return _entries(case.model.bodies) + float(found.get("bytes_peak", 0))
+    forecast, _ = counts(case)
+    return _entries(case.model.bodies) + float(forecast.get("bytes_peak", 0))
 
 
 def list_remarks(remarks: Sequence[str]) -> list[str]:

@@ -369,10 +369,10 @@ class Job(SharedRunner):
         if self.scene is None:
             return
         title = [self.scene.title] if self.scene.title else []
-        known = cost_forecast.sizes(case.model, len(case.parameter))
+        sizes = cost_forecast.sizes(case.model, len(case.parameter))
         engine = [cost_forecast.of_ranks(case.model, self.ranks.count)]
         remarks = cost_forecast.list_remarks(case.remarks())
-        self.progress.block("\n".join([*title, *known, *engine, *remarks]))
+        self.progress.block("\n".join([*title, *sizes, *engine, *remarks]))
 
     def _forecast(self, counts: Mapping[str, object]) -> None:
         """Print the sizes and the expected memory and time, before condensing."""
@@ -381,10 +381,10 @@ class Job(SharedRunner):
         if self.case is None or self.scene is None:
             return
         title = [self.scene.title] if self.scene.title else []
-        known = cost_forecast.sizes(self.case.model, len(self.case.parameter))
+        sizes = cost_forecast.sizes(self.case.model, len(self.case.parameter))
         cost = cost_forecast.cost(counts)
         remarks = cost_forecast.list_remarks(self.case.remarks())
-        self.progress.block("\n".join([*title, *known, *cost, *remarks]))
+        self.progress.block("\n".join([*title, *sizes, *cost, *remarks]))
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
         self.progress.forecast(seconds)
 
@@ -400,21 +400,21 @@ class Job(SharedRunner):
         if self.estimator is None:
             return row
         start = perf_counter()
-        found = None
+        estimate = None
         try:
             whole = self.estimator.error(step, k)
             # Stresses of all elements in all steps would fill the memory.
-            found = replaced(whole, stress=())
+            estimate = replaced(whole, stress=())
         except ValueError as error:
             self.no_error = str(error)
-        self.errors.append(found)
+        self.errors.append(estimate)
         # This runs between load steps, within the clock of the phase "solve".
         seconds = perf_counter() - start
         self.seconds["recover"] += seconds
         self.seconds["solve"] -= seconds
         return row | {
-            "error": None if found is None else found.relative,
-            "error_kind": None if found is None else found.kind,
+            "error": None if estimate is None else estimate.relative,
+            "error_kind": None if estimate is None else estimate.kind,
         }
 
     def step_line(self, row: dict[str, object], step: Step) -> dict[str, object]:
@@ -547,9 +547,11 @@ class Job(SharedRunner):
             width=terminal_width(),
         )
         lines = [table, self.enough] if self.enough else [table]
-        known = [error for error in self.errors if error is not None]
-        for kind in dict.fromkeys(error.kind for error in known):
-            why = dict.fromkeys(r for e in known if e.kind == kind for r in e.reasons)
+        estimates = [error for error in self.errors if error is not None]
+        for kind in dict.fromkeys(error.kind for error in estimates):
+            why = dict.fromkeys(
+                r for e in estimates if e.kind == kind for r in e.reasons
+            )
             reason = f" ({'; '.join(why)})" if why else ""
             lines.append(
                 f"error: relative error of u in the energy norm, {kind}{reason}"

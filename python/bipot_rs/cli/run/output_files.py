@@ -51,19 +51,19 @@ def origin(
     message: str,
 ) -> dict[str, object]:
     """Attributes of a result file: the scene, its settings, the engine, how it ended."""
-    found: dict[str, object] = {
+    record: dict[str, object] = {
         "scene": name,
         "message": message,
         "settings": json.dumps(settings),
     }
     if scene is not None and scene.wear is not None:
-        found["cycles"] = scene.wear.cycles
+        record["cycles"] = scene.wear.cycles
     elif scene is not None and not scene.path.increments:
-        found["planned"] = scene.path.count()
+        record["planned"] = scene.path.count()
     if problem is not None:
         solved = problem.stats
-        found |= {key: solved[key] for key in _OF_ENGINE if key in solved}
-    return found
+        record |= {key: solved[key] for key in _OF_ENGINE if key in solved}
+    return record
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,10 @@ class Output:
                 case.model,
                 steps,
                 (
-                    {"error": one.cells, "error_density": one.density} if one else {}
-                    for one in map(self._error, range(len(steps)))
+                    {"error": estimate.cells, "error_density": estimate.density}
+                    if estimate
+                    else {}
+                    for estimate in map(self._error, range(len(steps)))
                 ),
                 at_rest=lambda k: case.rest_of(k, steps[k]),
                 instants=self._instants(),

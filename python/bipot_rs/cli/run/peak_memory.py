@@ -43,11 +43,11 @@ if sys.platform == "win32":
         counters = Counters(cb=ctypes.sizeof(Counters))
         kernel = ctypes.WinDLL("kernel32", use_last_error=True)
         kernel.GetCurrentProcess.restype = wintypes.HANDLE
-        known = kernel.K32GetProcessMemoryInfo(
+        succeeded = kernel.K32GetProcessMemoryInfo(
             wintypes.HANDLE(kernel.GetCurrentProcess()),
             ctypes.byref(counters),
             counters.cb,
         )
-        if not known:
+        if not succeeded:
             raise ctypes.WinError(ctypes.get_last_error())
         return int(counters.peak_working_set)

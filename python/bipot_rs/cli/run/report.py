@@ -58,11 +58,11 @@ def by_surface(
     >>> by_surface({"normal_force of block.bottom": 2.0})
     {'block.bottom': {'normal_force': 2.0}}
     """
-    found: dict[str, dict[str, float | None]] = {}
+    forces_by_surface: dict[str, dict[str, float | None]] = {}
     for key, value in forces.items():
         name, _, surface = key.partition(" of ")
-        found.setdefault(surface, {})[name] = value
-    return found
+        forces_by_surface.setdefault(surface, {})[name] = value
+    return forces_by_surface
 
 
 def format_steps(
@@ -117,21 +117,23 @@ def _heads(
 ) -> list[str]:
     """Heads of the columns, with the names of the surfaces if there are several."""
     surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
-    known = (rows[0] if rows else None) or {}
-    found = []
+    columns_of_run = (rows[0] if rows else None) or {}
+    heads = []
     for column in columns:
         kind, _, surface = column.partition(" of ")
-        head = _head(kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in known)
+        head = _head(
+            kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in columns_of_run
+        )
         several = len(surfaces) > 1 and surface
-        found.append(f"{surface}\n{head}" if several else head)
-    return found
+        heads.append(f"{surface}\n{head}" if several else head)
+    return heads
 
 
 def _cells(columns: Sequence[str], rows: Sequence[Record | None]) -> list[list[str]]:
     """Texts of the cells; a row None stands for rows that are left out."""
     return [
-        ["…" if one is None else _cell(one, column) for column in columns]
-        for one in rows
+        ["…" if row is None else _cell(row, column) for column in columns]
+        for row in rows
     ]
 
 

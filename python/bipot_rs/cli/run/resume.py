@@ -78,13 +78,13 @@ def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Re
             if name not in attributes:
                 why = "it does not name its scene and settings"
             raise ValueError(f"cannot resume {path}: {why}")
-    found = load_result(path)
-    if count is not None and len(found) > count:
+    stored = load_result(path)
+    if count is not None and len(stored) > count:
         raise ValueError(
-            f"cannot resume {path}: it has {counted(len(found), 'load step')}, the path "
+            f"cannot resume {path}: it has {counted(len(stored), 'load step')}, the path "
             f"{count}"
         )
-    return found
+    return stored
 
 
 def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> str:
@@ -92,13 +92,13 @@ def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> s
     try:
         if not path.exists() or export.read_attributes(path).get("complete"):
             return ""
-        found = earlier(path, expected, count)
+        stored = earlier(path, expected, count)
     except (OSError, ValueError):
         return ""
-    if found.success or not len(found):
+    if stored.success or not len(stored):
         return ""
     return (
-        f"{path} has {counted(len(found), 'load step')} of this run; it starts again from "
+        f"{path} has {counted(len(stored), 'load step')} of this run; it starts again from "
         "the beginning, --resume would continue"
     )
 
@@ -118,9 +118,9 @@ def same_contacts(
     if not len(found):
         return
     for name, array in contacts.items():
-        known = found.contacts.get(name)
-        same = array is known or (
-            array is not None and known is not None and np.array_equal(array, known)
+        stored = found.contacts.get(name)
+        same = array is stored or (
+            array is not None and stored is not None and np.array_equal(array, stored)
         )
         if not same:
             raise ValueError(

@@ -41,8 +41,8 @@ def _of_the_system(error: BaseException | None) -> bool:
     """Whether the system refused a call, such as a write to a full disk."""
     if not isinstance(error, OSError):
         return False
-    known = error.errno is not None and error.errno != errno.EINTR
-    return known or _of_the_system(error.__cause__)
+    has_number = error.errno is not None and error.errno != errno.EINTR
+    return has_number or _of_the_system(error.__cause__)
 
 
 def recover_steps(reached: list[Reached]) -> str:

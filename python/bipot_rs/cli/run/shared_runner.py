@@ -69,8 +69,8 @@ class SharedRunner(Runner):
             library.MPI, self.interrupts, self._explain, self._last_words
         )
         if not {"BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"} & set(os.environ):
-            own = cores() // self.ranks.neighbours
-            os.environ["BIPOT_NUM_THREADS"] = str(max(own, 1))
+            cores_of_rank = cores() // self.ranks.neighbours
+            os.environ["BIPOT_NUM_THREADS"] = str(max(cores_of_rank, 1))
         self.shared = True
         if not self.ranks.first:
             discard_output()

@@ -73,7 +73,7 @@ class SolveMatrix(Runner):
 
         require()
         asked = self.request
-        self.given = given = read(
+        self.given = model = read(
             asked.stiffness,
             asked.contacts,
             asked.nodes,
@@ -83,16 +83,16 @@ class SolveMatrix(Runner):
         )
         # Before the work, so that a folder that cannot be made is found then.
         make(asked.folder)
-        with Progress(1, _count(given), quiet=self.as_json) as self.progress:
-            code, message = self.attempt(lambda: self._solve(given))
+        with Progress(1, _count(model), quiet=self.as_json) as self.progress:
+            code, message = self.attempt(lambda: self._solve(model))
         if self.result is None and self.reached:
-            self.result = self._unfinished(given, message)
+            self.result = self._unfinished(model, message)
         if self.result is not None:
             before = len(self.reached)
             code, message = self.recover(code, message)
             if len(self.reached) < before:
-                self.result = self._unfinished(given, message)
-            self._write(given, self.result)
+                self.result = self._unfinished(model, message)
+            self._write(model, self.result)
         if code == SOLVED and self.interrupts.came is not None:
             code, message = self.interrupted
         return code, message
@@ -171,7 +171,7 @@ class SolveMatrix(Runner):
         writers: dict[str, Callable[[Path], None]] = {
             RESULT: result.save,
             "steps.csv": lambda path: write(
-                path, columns, (list(one.values()) for one in rows)
+                path, columns, (list(row_of_table.values()) for row_of_table in rows)
             ),
             "reactions.csv": lambda path: write(
                 path, _header(given), _reactions(given, result)
@@ -192,8 +192,8 @@ class SolveMatrix(Runner):
 
     def show(self, code: int) -> None:
         """Print the table of load steps, remarks, sizes and the names of the files."""
-        given, folder = self.given, self.request.folder
-        if given is None:
+        model, folder = self.given, self.request.folder
+        if model is None:
             return
         rows = [row for row, _ in self.reached]
         if rows:
@@ -201,24 +201,24 @@ class SolveMatrix(Runner):
         if code != SOLVED:
             return
         remarks = () if self.result is None else self.result.remarks
-        drawn = None if given.points is None else folder
+        drawn = None if model.points is None else folder
         # The bodies are points only, and there are none if some nodes are not listed.
         lines = closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
-        contacts = counted(len(given.gap), "contact")
+        contacts = counted(len(model.gap), "contact")
         seconds = perf_counter() - self.started
         lines.append(
-            f"{given.K.shape[0]} degrees of freedom, {contacts}, {seconds:.2f} s"
+            f"{model.K.shape[0]} degrees of freedom, {contacts}, {seconds:.2f} s"
         )
         lines.append(f"{folder}: {', '.join(sorted(self.written))}")
         tell("\n".join(lines), sys.stdout)
 
     def last_line(self, code: int, message: str) -> dict[str, object]:
         """Keys of the last line of --json."""
-        given, result = self.given, self.result
+        model, result = self.given, self.result
         last: dict[str, object] = {
             "stiffness": str(self.request.stiffness),
-            "dofs": None if given is None else given.K.shape[0],
-            "contacts": None if given is None else len(given.gap),
+            "dofs": None if model is None else model.K.shape[0],
+            "contacts": None if model is None else len(model.gap),
             "steps": len(self.reached),
             "success": code == SOLVED,
             "seconds": round(perf_counter() - self.started, 6),

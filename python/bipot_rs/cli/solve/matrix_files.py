@@ -190,7 +190,7 @@ def read(
     dim = 3 if "nz" in table.names else 2
     listed = None if nodes is None else _Nodes(nodes, *csv_tables.nodes(nodes))
     K, dofs = _stiffness(Path(stiffness), dim, listed, order)
-    given = _contacts(table, dim, dofs, listed)
+    arrays = _contacts(table, dim, dofs, listed)
     forces = (
         None
         if load is None
@@ -209,7 +209,7 @@ def read(
         load=None if forces is None else np.nan_to_num(forces),
         labels=dofs.labels(),
         coordinates=dofs.coordinates(listed, dim),
-        **given,
+        **arrays,
     )
 
 
@@ -241,8 +241,8 @@ class _Dofs:
         return dof
 
     def at(self, node: int, component: int, table: Table, line: int) -> int:
-        found = self.known.get((node, component))
-        if found is None:
+        dof = self.known.get((node, component))
+        if dof is None:
             if not self.known:
                 raise table.wrong(line, self.why)
             what = (
@@ -251,27 +251,27 @@ class _Dofs:
                 else f"there is no node {node}"
             )
             raise table.wrong(line, what)
-        return found
+        return dof
 
     def labels(self) -> list[tuple[int, str]]:
         if not self.known:
             return [(k, "") for k in range(self.count)]
-        found = [(0, "")] * self.count
+        names_of_dofs = [(0, "")] * self.count
         for (node, component), dof in self.known.items():
             name = _AXES[component - 1] if component <= 3 else str(component)
-            found[dof] = (node, name)
-        return found
+            names_of_dofs[dof] = (node, name)
+        return names_of_dofs
 
     def coordinates(self, listed: _Nodes | None, dim: int) -> Floats | None:
         """Coordinates of the node of each degree of freedom; None if some are unknown."""
         if listed is None or not self.known:
             return None
         place = dict(zip(listed.labels.tolist(), listed.places[:, :dim], strict=True))
-        found = np.full((self.count, dim), np.nan)
+        coordinates_of_dofs = np.full((self.count, dim), np.nan)
         for (node, _), dof in self.known.items():
             if node in place:
-                found[dof] = place[node]
-        return found if np.isfinite(found).all() else None
+                coordinates_of_dofs[dof] = place[node]
+        return coordinates_of_dofs if np.isfinite(coordinates_of_dofs).all() else None
 
 
 def _stiffness(
@@ -318,8 +318,8 @@ def _stiffness(
         dof_order.components(taken, n, dim).tolist(),
         strict=True,
     )
-    known = {(node, k + 1): dof for dof, (node, k) in enumerate(at)}
-    return K, _Dofs(n, known, "")
+    dof_of = {(node, k + 1): dof for dof, (node, k) in enumerate(at)}
+    return K, _Dofs(n, dof_of, "")
 
 
 def _in_order(
@@ -420,31 +420,31 @@ def _of_nodes(path: Path) -> tuple[SparseMatrix, _Dofs]:
                 continue
             cells = text.replace(",", " ").split()
             try:
-                one = tuple(map(whole, cells[:4]))
+                ends = tuple(map(whole, cells[:4]))
                 value = real(cells[4])
             except (ValueError, IndexError):
-                one, value = (), np.nan
-            if len(cells) != 5 or len(one) != 4 or not np.isfinite(value):
+                ends, value = (), np.nan
+            if len(cells) != 5 or len(ends) != 4 or not np.isfinite(value):
                 raise ValueError(
                     f"{path} line {number}: is {printable(text[:60])!r}, expected row "
                     "node, row component, column node, column component, value; a Matrix "
                     f"Market file begins with {MARKET}"
                 )
-            if min(one) < 1:
+            if min(ends) < 1:
                 raise ValueError(
                     f"{path} line {number}: {printable(text[:60])!r} belongs to an internal "
                     "variable, such as a multiplier: a stiffness has displacements only"
                 )
-            entries.append(one)
+            entries.append(ends)
             values.append(value)
     if not entries:
         raise ValueError(f"{path} has no entries")
     index = np.array(entries, np.int64)
     pairs = np.unique(np.concatenate([index[:, :2], index[:, 2:]]), axis=0)
-    known = {(int(a), int(b)): k for k, (a, b) in enumerate(pairs)}
-    n = len(known)
-    row = np.array([known[a, b] for a, b, _, _ in entries])
-    column = np.array([known[a, b] for _, _, a, b in entries])
+    number_of = {(int(a), int(b)): k for k, (a, b) in enumerate(pairs)}
+    n = len(number_of)
+    row = np.array([number_of[a, b] for a, b, _, _ in entries])
+    column = np.array([number_of[a, b] for _, _, a, b in entries])
     _once(path, row, column, entries)
     K = coo_array((np.array(values), (row, column)), shape=(n, n)).tocsr()
     apart = row != column
@@ -452,7 +452,7 @@ def _of_nodes(path: Path) -> tuple[SparseMatrix, _Dofs]:
     if not np.isin(there, column[apart] * n + row[apart]).any():
         # The file has one triangle, in an order of rows that the labels do not show.
         K = K + K.T - diags(K.diagonal(), format="csr")
-    return K, _Dofs(n, known, "")
+    return K, _Dofs(n, number_of, "")
 
 
 def _once(
@@ -472,13 +472,13 @@ def _once(
 
 def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Contacts:
     axes = _AXES[:dim]
-    own = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
-    others = ["other"] if own == ["node"] else [f"other_{a}" for a in axes]
+    columns = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
+    others = ["other"] if columns == ["node"] else [f"other_{a}" for a in axes]
     normal = [f"n{a}" for a in axes]
-    table.expect((*own, *normal, "mu"), (*others, "gap", "area"))
+    table.expect((*columns, *normal, "mu"), (*others, "gap", "area"))
     if not len(table):
         raise ValueError(f"{table.path} has no contacts")
-    first = _places(table, own, dim, dofs)
+    first = _places(table, columns, dim, dofs)
     second = _places(table, others, dim, dofs) if others[0] in table.names else None
     if second is not None and (first == second).any():
         k = int(np.argmax((first == second).any(axis=1)))
@@ -504,7 +504,7 @@ def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Co
 
     points, nodes = None, None
     distance = np.zeros(len(table))
-    if own == ["node"]:
+    if columns == ["node"]:
         nodes = table.integers("node")
         if listed is not None:
             points = _listed(table, nodes, listed, dim)
@@ -516,8 +516,10 @@ def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Co
                 distance = np.einsum("cd,cd->c", frame[:, 0], points - there)
     gap = np.array(
         [
-            found if np.isfinite(found) else known
-            for found, known in zip(table.numbers("gap", np.nan), distance, strict=True)
+            gap_given if np.isfinite(gap_given) else gap_measured
+            for gap_given, gap_measured in zip(
+                table.numbers("gap", np.nan), distance, strict=True
+            )
         ]
     )
     sides = [first] if second is None else [first, second]
@@ -537,7 +539,7 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
     optional = names[0].startswith("other")
     missing = -(10**9) if optional else None
     columns = [table.integers(name, missing) for name in names]
-    found = np.full((len(table), dim), -1, np.int64)
+    dofs_of_contacts = np.full((len(table), dim), -1, np.int64)
     for k, line in enumerate(table.lines):
         values = [int(column[k]) for column in columns]
         blank = [v == missing for v in values]
@@ -551,28 +553,31 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
                 "them, or none for a rigid obstacle",
             )
         if len(values) == 1:
-            found[k] = [dofs.at(values[0], c + 1, table, line) for c in range(dim)]
+            dofs_of_contacts[k] = [
+                dofs.at(values[0], c + 1, table, line) for c in range(dim)
+            ]
         else:
-            found[k] = [dofs.number(v, table, line) for v in values]
-        if len(set(found[k])) < dim:
+            dofs_of_contacts[k] = [dofs.number(v, table, line) for v in values]
+        if len(set(dofs_of_contacts[k])) < dim:
             raise table.wrong(
-                line, f"degree of freedom {found[k, 0]} is given for two components"
+                line,
+                f"degree of freedom {dofs_of_contacts[k, 0]} is given for two components",
             )
-    return found
+    return dofs_of_contacts
 
 
 def _listed(
     table: Table, nodes: Ints, listed: _Nodes, dim: int, has: Bools | None = None
 ) -> Floats:
     place = {int(label): row for row, label in enumerate(listed.labels)}
-    found = np.zeros((len(nodes), dim))
+    coordinates = np.zeros((len(nodes), dim))
     for k, node in enumerate(nodes.tolist()):
         if has is not None and not has[k]:
             continue
         if node not in place:
             raise table.wrong(table.lines[k], f"the node list has no node {node}")
-        found[k] = listed.places[place[node]][:dim]
-    return found
+        coordinates[k] = listed.places[place[node]][:dim]
+    return coordinates
 
 
 def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Floats:
@@ -590,14 +595,14 @@ def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Fl
         k = int(np.argmin(step))
         raise table.wrong(table.lines[k], f"step is {step[k]}, expected 0 or more")
     count = int(step.max(initial=0)) + 1
-    given = np.unique(step)
-    if len(table) and len(given) < count:
-        absent = int(np.argmax(given != np.arange(len(given))))
+    numbers = np.unique(step)
+    if len(table) and len(numbers) < count:
+        absent = int(np.argmax(numbers != np.arange(len(numbers))))
         raise ValueError(
             f"{table.path} has step {count - 1} but no step {absent}: steps count from 0"
         )
-    found = np.full((count, dofs.count), np.nan)
-    where = np.zeros(found.shape, np.int64)
+    prescribed = np.full((count, dofs.count), np.nan)
+    where = np.zeros(prescribed.shape, np.int64)
     number = table.integers("node" if by_node else "dof")
     for name in names:
         blank = None if not by_node else np.nan
@@ -614,9 +619,9 @@ def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Fl
                 raise table.wrong(
                     line, f"{name} is already given on line {where[step[k], dof]}"
                 )
-            found[step[k], dof] = value
+            prescribed[step[k], dof] = value
             where[step[k], dof] = line
-    return found
+    return prescribed
 
 
 def _prescribed(values: Floats | None, fixed: Name | None) -> tuple[Ints, Floats]:

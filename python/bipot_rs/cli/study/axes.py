@@ -20,7 +20,7 @@ def values(setting: str) -> tuple[str, list[str]]:
         It is not of this form.
     """
     key, equals, text = setting.partition("=")
-    found, depth, quote = [""], 0, ""
+    parts, depth, quote = [""], 0, ""
     for c in text:
         if quote:
             quote = "" if c == quote else quote
@@ -31,14 +31,14 @@ def values(setting: str) -> tuple[str, list[str]]:
         elif c in "]}":
             depth -= 1
         if c == "," and not depth and not quote:
-            found.append("")
+            parts.append("")
         else:
-            found[-1] += c
-    if not equals or not key.strip() or not all(value.strip() for value in found):
+            parts[-1] += c
+    if not equals or not key.strip() or not all(value.strip() for value in parts):
         raise ValueError(
             f"--set {setting}: expected KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
         )
-    return key.strip(), [value.strip() for value in found]
+    return key.strip(), [value.strip() for value in parts]
 
 
 def space_values(setting: str) -> tuple[str, list[str]]:
@@ -78,12 +78,12 @@ def space_values(setting: str) -> tuple[str, list[str]]:
         )
     step = (high - low) / max(count - 1, 1)
     # The last value is TO itself, without rounding.
-    found = [low + k * step for k in range(count - 1)] + [high]
+    numbers = [low + k * step for k in range(count - 1)] + [high]
     whole = all("." not in part and "e" not in part.lower() for part in parts[:2])
-    if whole and all(value == round(value) for value in found):
-        return key.strip(), [str(round(value)) for value in found]
+    if whole and all(value == round(value) for value in numbers):
+        return key.strip(), [str(round(value)) for value in numbers]
     # 0.30000000000000004 should be 0.3.
-    return key.strip(), [repr(float(f"{value:.15g}")) for value in found]
+    return key.strip(), [repr(float(f"{value:.15g}")) for value in numbers]
 
 
 def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
@@ -104,11 +104,11 @@ def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]
             "nothing varies: give --set KEY=V1,V2,… or --range KEY=FROM:TO:COUNT"
         )
     count = 1
-    for _, found in axes:
-        count *= len(found)
+    for _, texts in axes:
+        count *= len(texts)
     if count > MOST:
         raise ValueError(
             f"the settings have {count} combinations, expected at most {MOST}"
         )
-    product = itertools.product(*(found for _, found in axes))
-    return [dict(zip(names, one, strict=True)) for one in product]
+    product = itertools.product(*(texts for _, texts in axes))
+    return [dict(zip(names, choice, strict=True)) for choice in product]

@@ -51,21 +51,21 @@ def _place(address: str) -> str:
     ValueError
         It is neither.
     """
-    found, file = address, Path(address)
+    place, file = address, Path(address)
     if file.is_file():
         try:
-            found = json.loads(file.read_text(encoding="utf-8-sig"))["address"]
+            place = json.loads(file.read_text(encoding="utf-8-sig"))["address"]
         except (ValueError, KeyError, TypeError):
             raise ValueError(
                 f"--scheduler {address} is not a scheduler file of dask"
             ) from None
     # Checked here: a client of dask with a wrong address takes 20 s to end.
-    if not re.fullmatch(r"([a-z]+://)?[^\s/]+:[0-9]{1,5}", found):
+    if not re.fullmatch(r"([a-z]+://)?[^\s/]+:[0-9]{1,5}", place):
         raise ValueError(
             f"--scheduler {address}: expected an address as tcp://HOST:8786, or a "
             "scheduler file"
         )
-    return found
+    return place
 
 
 @dataclass(frozen=True)
@@ -203,10 +203,10 @@ class Cluster:
         """Read the list of workers again if it is old; returns whether there are any."""
         if monotonic() - self._seen >= _LOOK:
             self._check()
-            known = self._client.scheduler_info(n_workers=-1)["workers"]
+            workers = self._client.scheduler_info(n_workers=-1)["workers"]
             self._workers = {
-                address: (int(one["nthreads"]), one["resources"].get(_MEMORY))
-                for address, one in known.items()
+                address: (int(worker["nthreads"]), worker["resources"].get(_MEMORY))
+                for address, worker in workers.items()
             }
             self._seen = monotonic()
             self._waited = self._waited and not self._workers

@@ -74,11 +74,11 @@ def write_record(folder: Path, record: StudyRecord) -> None:
     """Write it into the folder."""
     from bipot_rs.files.drafts import aside
 
-    known = {"format": _FORMAT, "version": _VERSION, **asdict(record)}
+    content = {"format": _FORMAT, "version": _VERSION, **asdict(record)}
     if record.part is None:
-        del known["part"], known["rows"]
+        del content["part"], content["rows"]
     with aside(folder / SWEEP_RECORD) as draft:
-        draft.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def read_record(folder: Path) -> StudyRecord:
@@ -95,15 +95,15 @@ def read_record(folder: Path) -> StudyRecord:
             f"{folder} is not the folder of a sweep: it has no {SWEEP_RECORD}"
         )
     try:
-        known = json.loads(path.read_text(encoding="utf-8-sig"))
-        if known.pop("format") != _FORMAT or known.pop("version") != _VERSION:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        if content.pop("format") != _FORMAT or content.pop("version") != _VERSION:
             raise ValueError("it has another format or version")
-        found = StudyRecord(**known)
-        if found.part is not None:
-            part(found.part)
+        record = StudyRecord(**content)
+        if record.part is not None:
+            part(record.part)
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} is damaged: {error}") from None
-    return found
+    return record
 
 
 def make_folder(folder: Path) -> None:
@@ -142,8 +142,8 @@ def set_aside(folder: Path, kept: Mapping[int, Record]) -> list[Path]:
         before = folder / f"{ROWS}-before"
         shutil.rmtree(before, ignore_errors=True)
         results.replace(before)
-        for row, found in kept.items():
-            old = before / row_folder(folder, int(found["row"])).name
+        for row, row_kept in kept.items():
+            old = before / row_folder(folder, int(row_kept["row"])).name
             if old.is_dir():
                 results.mkdir(exist_ok=True)
                 old.replace(row_folder(folder, row))

@@ -76,7 +76,10 @@ def join_into(given: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
     folder = joined.home if out is None else out
     if folder is None:
         raise ValueError("--out DIR is missing: the parts are in different folders")
-    if any(folder.resolve() == one.resolve() for one in joined.folders.values()):
+    if any(
+        folder.resolve() == part_folder.resolve()
+        for part_folder in joined.folders.values()
+    ):
         raise ValueError(f"--out {folder} is the folder of a part, expected another")
     make_folder(folder)
     for before in set_aside(folder, {}):
@@ -113,12 +116,12 @@ def join(given: Sequence[Path]) -> JoinedStudy:
         _same_study(first, record, folder, other)
     by_number: dict[str, Path] = {}
     for folder, other in parts.items():
-        own = str(other.part)
-        if own in by_number:
+        part_text = str(other.part)
+        if part_text in by_number:
             raise ValueError(
-                f"part {own} is both in {by_number[own]} and in {folder}: name one"
+                f"part {part_text} is both in {by_number[part_text]} and in {folder}: name one"
             )
-        by_number[own] = folder
+        by_number[part_text] = folder
     asked = axes.rows(record.settings, record.ranges)
     rows: dict[int, dict[str, str]] = {}
     folders: dict[int, Path] = {}
@@ -143,31 +146,33 @@ def join(given: Sequence[Path]) -> JoinedStudy:
         list(asked[0]),
         rows,
         folders,
-        [one for one in every if one not in by_number],
+        [wanted for wanted in every if wanted not in by_number],
         homes.pop() if len(homes) == 1 else None,
     )
 
 
 def _parts(given: Sequence[Path]) -> dict[Path, StudyRecord]:
     """The record of each folder of a part."""
-    found: dict[Path, StudyRecord] = {}
+    records: dict[Path, StudyRecord] = {}
     for folder in given:
         inside = sorted(
-            one for one in folder.glob(FOLDERS) if (one / SWEEP_RECORD).exists()
+            inside_folder
+            for inside_folder in folder.glob(FOLDERS)
+            if (inside_folder / SWEEP_RECORD).exists()
         )
-        for one in inside or [folder]:
-            if not one.is_dir():
-                raise OSError(f"there is no folder {one}")
-            record = read_record(one)
+        for inside_folder in inside or [folder]:
+            if not inside_folder.is_dir():
+                raise OSError(f"there is no folder {inside_folder}")
+            record = read_record(inside_folder)
             if record.part is None:
                 raise ValueError(
-                    f"{one} is the folder of a whole sweep, expected one of a part "
+                    f"{inside_folder} is the folder of a whole sweep, expected one of a part "
                     "(bipot sweep --part I/N)"
                 )
-            if any(one.resolve() == other.resolve() for other in found):
-                raise ValueError(f"{one} is named twice")
-            found[one] = record
-    return found
+            if any(inside_folder.resolve() == other.resolve() for other in records):
+                raise ValueError(f"{inside_folder} is named twice")
+            records[inside_folder] = record
+    return records
 
 
 def _same_study(
@@ -185,10 +190,12 @@ def _same_study(
             "the scene file, one of its meshes or the version of bipot_rs was another"
         )
         raise ValueError(f"{folder} belongs to another study than {first}: {why}")
-    own, others = (part(str(one.part)) for one in (record, other))
-    if own.count != others.count:
+    this_part, others = (
+        part(str(record_of_part.part)) for record_of_part in (record, other)
+    )
+    if this_part.count != others.count:
         raise ValueError(
-            f"{folder} is part {others}, but {first} is part {own}: name the parts of one "
+            f"{folder} is part {others}, but {first} is part {this_part}: name the parts of one "
             "division"
         )
 
@@ -203,21 +210,21 @@ def _rows_of(
     keys, rows = read(path)
     if keys != list(asked[0]):
         raise ValueError(f"{path} is not the table of this part: it varies {keys}")
-    found: dict[int, dict[str, str]] = {}
+    rows_by_number: dict[int, dict[str, str]] = {}
     for row in rows:
         text = row.pop("row")
         # The file counts from 0, messages from 1.
         number = int(text) if text.isdecimal() else -1
         if number not in record.rows:
             raise ValueError(f"{path}: row {number + 1} is not in part {record.part}")
-        if number in found:
+        if number in rows_by_number:
             raise ValueError(f"{path}: row {number + 1} is there twice")
         if any(row[key] != asked[number][key] for key in keys):
             raise ValueError(
                 f"{path}: row {number + 1} has other settings than in the study"
             )
-        found[number] = dict(row)
-    return found
+        rows_by_number[number] = dict(row)
+    return rows_by_number
 
 
 def copy_results(joined: JoinedStudy, folder: Path) -> None:

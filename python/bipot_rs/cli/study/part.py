@@ -36,12 +36,12 @@ def part(text: str) -> StudyPart:
     ValueError
         It is not of this form, or I is not between 1 and N.
     """
-    found = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text)
-    if found is None:
+    match = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text)
+    if match is None:
         raise ValueError(
             f"--part {text}: expected I/N, as in 2/4 for the second of 4 parts"
         )
-    number, count = int(found[1]), int(found[2])
+    number, count = int(match[1]), int(match[2])
     if not 1 <= count <= MOST:
         raise ValueError(f"--part {text}: N is {count}, not between 1 and {MOST}")
     if not 1 <= number <= count:

@@ -98,11 +98,11 @@ def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str])
         return text
     short = {key: key.rpartition(".")[2] for key in keys}
     short |= {name: name.partition(" of ")[0] for name in columns if " of " in name}
-    found = [name for name, own in short.items() if own == text]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise ValueError(f"{option} is {text!r}, expected one of {', '.join(found)}")
+    matching = [name for name, short_name in short.items() if short_name == text]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        raise ValueError(f"{option} is {text!r}, expected one of {', '.join(matching)}")
     if text in _TEXTS:
         raise ValueError(f"{option} is {text!r}, which is a column without numbers")
     raise ValueError(
@@ -137,22 +137,22 @@ def _series(
     groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in varied), []).append(row)
-    found = []
-    for values, own in groups.items():
+    series = []
+    for values, members in groups.items():
         number = None
         if len(values) == 1:
             with suppress(ValueError):
                 number = real(values[0])
-        found.append(
+        series.append(
             StudySeries(
                 ", ".join(values),
-                np.array([_number(path, row, x) for row in own]),
-                np.array([_number(path, row, y) for row in own]),
-                np.array([row["outcome"] != OUTCOME_OF[SOLVED] for row in own]),
+                np.array([_number(path, row, x) for row in members]),
+                np.array([_number(path, row, y) for row in members]),
+                np.array([row["outcome"] != OUTCOME_OF[SOLVED] for row in members]),
                 number,
             )
         )
-    return found
+    return series
 
 
 def _words(name: str, columns: Sequence[str]) -> str:

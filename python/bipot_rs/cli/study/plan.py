@@ -117,10 +117,10 @@ def plan(
     from bipot_rs.scene.reading import read
 
     rows = axes.rows(settings, ranges)
-    digests, costs, shapes, first, known = [], [], [], None, None
+    digests, costs, shapes, first, first_scene = [], [], [], None, None
     for row in rows:
         try:
-            found = read(scene, format_settings(row))
+            scene_of_row = read(scene, format_settings(row))
         except SceneError as error:
             _refuse_fractions(ranges, error.mistakes)
             first = error if first is None else first
@@ -128,11 +128,11 @@ def plan(
             costs.append((0.0, 0))
             shapes.append("")
             continue
-        known = found if known is None else known
-        digests.append(row_digest(found, method, tol))
-        costs.append((assembly(found), found.path.count()))
-        shapes.append(_digest(found.model_dump(mode="json", exclude=_NO_SIZES)))
-    if first is not None and known is None:
+        first_scene = scene_of_row if first_scene is None else first_scene
+        digests.append(row_digest(scene_of_row, method, tol))
+        costs.append((assembly(scene_of_row), scene_of_row.path.count()))
+        shapes.append(_digest(scene_of_row.model_dump(mode="json", exclude=_NO_SIZES)))
+    if first is not None and first_scene is None:
         raise first
     return Study(
         scene,
@@ -144,20 +144,20 @@ def plan(
         digests,
         costs,
         shapes,
-        title=known.title if known else "",
-        units=known.units.model_dump() if known else {},
+        title=first_scene.title if first_scene else "",
+        units=first_scene.units.model_dump() if first_scene else {},
     )
 
 
 def _refuse_fractions(ranges: Sequence[str], mistakes: Sequence[Mistake]) -> None:
     """Refuse a range with fractions for a key that takes integers."""
     for setting in ranges:
-        key, found = axes.space_values(setting)
+        key, texts = axes.space_values(setting)
         if any(m.key == key and m.kind is MistakeKind.INTEGER for m in mistakes):
-            shown = [f"{float(v):.6g}" for v in found[:4]]
-            shown += ["…"] if len(found) > len(shown) else []
+            shown = [f"{float(v):.6g}" for v in texts[:4]]
+            shown += ["…"] if len(texts) > len(shown) else []
             raise ValueError(
                 f"--range {setting}: {key} takes integers, but this is "
-                f"{counted(len(found), 'value')}, {', '.join(shown)}: the third number is "
+                f"{counted(len(texts), 'value')}, {', '.join(shown)}: the third number is "
                 "the number of values, not their spacing"
             )

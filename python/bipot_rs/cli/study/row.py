@@ -100,8 +100,8 @@ def peak(scene: str, settings: Mapping[str, str]) -> float:
     from bipot_rs.scene.case import assemble
     from bipot_rs.scene.reading import read
 
-    found = read(scene, format_settings(settings))
-    return cost_forecast.peak(assemble(found, bodies(found)))
+    scene_of_row = read(scene, format_settings(settings))
+    return cost_forecast.peak(assemble(scene_of_row, bodies(scene_of_row)))
 
 
 class _Attempt:
@@ -125,10 +125,10 @@ class _Attempt:
             code, message = outcome(error)
         if self.reached and (code != SOLVED or self.row.keep):
             code, message = self._write(code, message)
-        found = self._figures()
+        figures = self._figures()
         return {
             "outcome": OUTCOME_OF[code],
-            **found,
+            **figures,
             "seconds": round(perf_counter() - started, 6),
             "message": message,
         }
@@ -167,8 +167,8 @@ class _Attempt:
         return {
             "steps": len(self.reached),
             **{name: last[name] for name in STATUS_NAMES},
-            "residual": max(float(one["residual"]) for one, _ in self.reached),
-            "iterations": sum(int(one["iterations"]) for one, _ in self.reached),
+            "residual": max(float(row["residual"]) for row, _ in self.reached),
+            "iterations": sum(int(row["iterations"]) for row, _ in self.reached),
             **forces(self.case.model, step),
             **_pressures(self.case, step),
         }
@@ -213,9 +213,9 @@ def _pressures(case: Case, step: Step) -> dict[str, float]:
     """Largest contact pressure of each surface [force per area]."""
     from bipot_rs.fem.contact_surface import surface_names
 
-    model, found = case.model, {}
+    model, largest = case.model, {}
     for k, name in enumerate(surface_names(model)):
-        own = (model.group == k) & (model.area > 0)
-        pressure = step.reaction[own, 0] / model.area[own]
-        found[f"{PRESSURE} of {name}"] = float(np.max(pressure, initial=0.0))
-    return found
+        on_surface = (model.group == k) & (model.area > 0)
+        pressure = step.reaction[on_surface, 0] / model.area[on_surface]
+        largest[f"{PRESSURE} of {name}"] = float(np.max(pressure, initial=0.0))
+    return largest

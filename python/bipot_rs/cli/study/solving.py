@@ -102,15 +102,15 @@ def solve_rows(request: StudyOptions) -> int:
         left = [k for k in mine if k not in done]
         asked = [_row(request, study, k, folder) for k in left]
         with Progress(1, len(left), quiet=request.as_json, noun="rows") as progress:
-            for place, found in _answers(pool, study, asked, say):
+            for place, answer in _answers(pool, study, asked, say):
                 k, settings = left[place], study.rows[left[place]]
-                if isinstance(found, str):
-                    found = {"outcome": LOST, "message": found}
-                done[k] = {**settings, **found, "digest": study.digests[k]}
+                if isinstance(answer, str):
+                    answer = {"outcome": LOST, "message": answer}
+                done[k] = {**settings, **answer, "digest": study.digests[k]}
                 write(path, study.keys, done)
                 if request.as_json:
-                    line(row=k, set=settings, **found)
-                text = f"{', '.join(format_settings(settings))}: {found['outcome']}"
+                    line(row=k, set=settings, **answer)
+                text = f"{', '.join(format_settings(settings))}: {answer['outcome']}"
                 progress.advance(text, f"row {k + 1} of {len(study.rows)}: {text}")
     message = summarise_rows(done, folder, request.part)
     if request.part is not None:
@@ -133,10 +133,10 @@ def _finished(
         # One script serves all parts of a job array, also those that never began.
         say(f"there is no {path} to resume: all rows are solved")
         return {}
-    found = earlier(path, study.rows, study.digests)
+    stored = earlier(path, study.rows, study.digests)
     return {
         k: row
-        for k, row in found.items()
+        for k, row in stored.items()
         if k in mine
         and not (
             request.results
@@ -202,11 +202,11 @@ def _memory(cluster: Cluster, study: Study, asked: Sequence[Row]) -> list[float]
     first.pop("", None)
     # The forecast assembles the stiffness.
     least = {shape: study.costs[row.number][0] for shape, row in first.items()}
-    found: dict[str, float] = {"": 0.0, **least}
+    needs: dict[str, float] = {"": 0.0, **least}
     shapes, rows = list(first), list(first.values())
     arguments = [(row.scene, row.settings) for row in rows]
     for place, bytes_needed in cluster.map(peak, arguments, list(least.values())):
         # If the forecast fails, so does the row, and reports why.
         if not isinstance(bytes_needed, str):
-            found[shapes[place]] = bytes_needed
-    return [found[study.shapes[row.number]] for row in asked]
+            needs[shapes[place]] = bytes_needed
+    return [needs[study.shapes[row.number]] for row in asked]

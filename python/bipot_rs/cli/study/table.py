@@ -104,9 +104,9 @@ def write(
     path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, object]]
 ) -> None:
     """Write the table of the finished rows; it replaces an earlier one."""
-    found = {name for row in done.values() for name in row if " of " in name}
+    forces = {name for row in done.values() for name in row if " of " in name}
     # Not in the order in which rows finish: joined parts give the same columns.
-    names = sorted(found, key=_place)
+    names = sorted(forces, key=_place)
     columns = [_FIRST, *keys, *FIGURES, *names, *_LAST]
     table = ({**done[k], _FIRST: k} for k in sorted(done))
     csv_tables.write(path, columns, ([row.get(c) for c in columns] for row in table))

@@ -84,8 +84,8 @@ def turn_frames(frame: Floats, normals: Floats) -> Floats:
 
 def find_step_frames(step: object, frame: Floats) -> Floats:
     """Frames of the contacts in a step; ``frame`` are those of B."""
-    own: Floats | None = getattr(step, "frame", None)
-    return frame if own is None else own
+    frame_of_step: Floats | None = getattr(step, "frame", None)
+    return frame if frame_of_step is None else frame_of_step
 
 
 def operator(frame: Floats, sides: Sequence[Ints], n: int) -> CsrMatrix:

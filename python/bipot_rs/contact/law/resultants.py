@@ -79,10 +79,10 @@ def list_resultants(
     count
         Number of surfaces.
     """
-    found = []
+    resultants = []
     for k in range(count):
-        own = group == k
-        force, axes, coefficient = reaction[own], frame[own], mu[own]
+        members = group == k
+        force, axes, coefficient = reaction[members], frame[members], mu[members]
         whole = np.einsum("ik,ikd->d", force, axes)
         press = force[:, 0]
         curved = is_curved(axes[:, 0])
@@ -97,8 +97,8 @@ def list_resultants(
                 line = total / size if size > 0 else axes[0, 1]
                 coefficient = dissipation(coefficient, axes[:, 1:] @ line)
             most = float(press @ coefficient)
-        found.append(Resultant(float(press.sum()), size, most, whole, curved))
-    return found
+        resultants.append(Resultant(float(press.sum()), size, most, whole, curved))
+    return resultants
 
 
 def find_limit_force(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:

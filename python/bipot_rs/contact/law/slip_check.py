@@ -28,8 +28,8 @@ def measure_distances(points: Floats) -> Floats:
     else:
         from scipy.spatial import cKDTree
 
-        found, _ = cKDTree(points).query(points, k=2)
-        nearest = np.asarray(found[:, 1], np.float64)
+        pairs, _ = cKDTree(points).query(points, k=2)
+        nearest = np.asarray(pairs[:, 1], np.float64)
     # Two contacts of one node are not a distance in the mesh.
     return np.where(nearest > 0, nearest, np.inf)
 
@@ -75,11 +75,11 @@ def find_farthest(
     ``steps`` are the steps of a `Result`, and ``at (m,)`` are the contacts to check.
     Returns the number of the step, the index into ``at``, and the ratio.
     """
-    found = 0, 0, 0.0
+    farthest = 0, 0, 0.0
     for k, step in enumerate(steps):
         along = np.linalg.norm(measure_displacement(step, at), axis=1)
         ratio = np.where(step.reaction[at, 0] > 0, along / apart, 0.0)
         node = int(np.argmax(ratio))
-        if ratio[node] > found[2]:
-            found = k, node, float(ratio[node])
-    return found
+        if ratio[node] > farthest[2]:
+            farthest = k, node, float(ratio[node])
+    return farthest

@@ -87,17 +87,17 @@ def _write_sentence(tried: FailedSolve, solution: Solution, v: Floats) -> str:
     worst = _describe_worst(tried, solution.reaction, v, scale)
     if worst:
         parts.append(worst)
-    found = list(_find_faults(tried, solution, v, W))
-    causes = found
+    findings = list(_find_faults(tried, solution, v, W))
+    causes = findings
     if _is_cut_short(solution):
         # The limit is the cause of this end. Other faults would have acted later.
-        causes = [finding for finding in found if finding.certain]
+        causes = [finding for finding in findings if finding.certain]
         if not causes:
-            others = ", and ".join(finding.cause for finding in found)
+            others = ", and ".join(finding.cause for finding in findings)
             # If W was not checked, there may be other causes.
-            only = " only" if not found and W is not None else ""
+            only = " only" if not findings and W is not None else ""
             parts.append(f"likely cause: the limit{only}")
-            parts += [f"also found: {others}"] if found else []
+            parts += [f"also found: {others}"] if findings else []
     if causes:
         named = ", and ".join(finding.cause for finding in causes)
         parts.append(f"likely cause: {named}")
@@ -208,13 +208,13 @@ def _describe_worst(tried: FailedSolve, r: Floats, v: Floats, scale: Floats) -> 
         return ""
     slip = float(np.linalg.norm(v[i, 1:]))
     pulls = max(-r[i, 0], 0) * scale[i] > max(-v[i, 0], 0)
-    said = (
+    kinds = (
         "which pulls" if pulls else f"which penetrates by {-v[i, 0]:.2g}",
         f"which has a normal force {r[i, 0]:.2g} and is open by {v[i, 0]:.2g}",
         "whose friction is above its limit",
         f"which slips by {slip:.2g}, but friction does not oppose this at its limit",
     )
-    return f"largest violation at {_name_contact(tried, int(i))}, {said[int(kind)]}"
+    return f"largest violation at {_name_contact(tried, int(i))}, {kinds[int(kind)]}"
 
 
 def _name_contact(tried: FailedSolve, i: int) -> str:
@@ -387,12 +387,16 @@ def _check_compliance(
     zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / most)
     rank = int((values > zero * most).sum())
     # Rigid motions may determine reactions that W does not.
-    known = rank
+    independent = rank
     if modes.size:
         whole = np.hstack([scaled / most, modes])
-        known = int(np.linalg.matrix_rank(whole, tol=zero))
-    if known < len(values):
-        ways = f"in {known} independent ways only" if known != 1 else "in one way only"
+        independent = int(np.linalg.matrix_rank(whole, tol=zero))
+    if independent < len(values):
+        ways = (
+            f"in {independent} independent ways only"
+            if independent != 1
+            else "in one way only"
+        )
         # "auto" can solve such problems; only if it stalls are fewer contacts needed.
         stood = tried.method == "auto" and solution.outcome is Outcome.STALLED
         yield Finding(

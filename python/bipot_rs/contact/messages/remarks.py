@@ -114,13 +114,15 @@ def examine_arrays(
 def _find_penetration(
     gap: Floats, points: Floats | None, places: Floats | None
 ) -> Iterator[str]:
-    known = points if places is None else places
+    places_of_nodes = points if places is None else places
     size = (
-        0.0 if known is None or not len(known) else float(np.ptp(known, axis=0).max())
+        0.0
+        if places_of_nodes is None or not len(places_of_nodes)
+        else float(np.ptp(places_of_nodes, axis=0).max())
     )
     if size == 0:
         size = float(np.abs(gap).max(initial=0.0))
-        known = None
+        places_of_nodes = None
     inside = np.flatnonzero(gap < -_ROUNDING * size)
     if not inside.size:
         return
@@ -128,7 +130,7 @@ def _find_penetration(
     depth = -float(gap[deepest])
     share = (
         ""
-        if known is None
+        if places_of_nodes is None
         else f", {100 * depth / size:.2g} % of the size of the model"
     )
     where = "" if points is None else f" at {_format_place(points[deepest])}"
@@ -166,9 +168,9 @@ def measure_bodies(
     )
     modulus = _YOUNG * work / (d * (d - 1))
     thin = (high - low).min(axis=1)
-    known = (2 * free > every) & (thin > 0) & (modulus > 0)
+    stiff = (2 * free > every) & (thin > 0) & (modulus > 0)
     force = np.full(len(work), np.nan)
-    force[known] = modulus[known] / thin[known] * side
+    force[stiff] = modulus[stiff] / thin[stiff] * side
     return outward, Strength(body, force)
 
 

@@ -59,10 +59,10 @@ def name_free_motions(
         fields = np.einsum("kid,ide->kie", fields, frame)
     words: list[str] = []
     for body in dict.fromkeys(bodies):
-        own = [k for k, b in enumerate(bodies) if b == body]
-        dof = dofs[own[0]]
+        columns = [k for k, b in enumerate(bodies) if b == body]
+        dof = dofs[columns[0]]
         whose = body_of(dof, names) if names else f"degree of freedom {dof}"
-        words += name_motions(fields[own], axes, whose)
+        words += name_motions(fields[columns], axes, whose)
     return tuple(words)
 
 
@@ -98,7 +98,7 @@ def describe_motion(
     sets: dict[tuple[str, ...], list[int]] = {}
     for i in moved.tolist():
         sets.setdefault(bodies[i] if bodies else (), []).append(i)
-    said = []
+    descriptions = []
     for names, members in sets.items():
         at = np.array(members)
         fields = [_remove_opening(direction[at], mu[at]), direction[at]]
@@ -106,8 +106,8 @@ def describe_motion(
         if points is not None and frame is not None:
             words = _describe_rigid(fields, points[at], frame[at])
         words = words or _describe_most_moved(fields[0], at, len(direction))
-        said.append(f"{' against '.join(names)}, {words}" if names else words)
-    return "; ".join(said)
+        descriptions.append(f"{' against '.join(names)}, {words}" if names else words)
+    return "; ".join(descriptions)
 
 
 def _remove_opening(v: Floats, mu: Floats) -> Floats:

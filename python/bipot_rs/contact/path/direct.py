@@ -128,15 +128,15 @@ class CondensedStep:
         if not core.stats.factor_kept:
             return None  # the estimate needs the factor of K
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        found = core.forward_errors(*self._loads, step.reaction, motion)
+        errors = core.forward_errors(*self._loads, step.reaction, motion)
         restored = self.data.restored
-        if found is None or restored is None:
-            return found
+        if errors is None or restored is None:
+            return errors
         # Add the effect of the error of K.
         digits = restored.digits
         factor = digits.amplification(core.stiffness(), step.displacement)
         unknown = max(digits.rtol, restored.off) * factor
-        return found[0] + unknown, found[1] + unknown
+        return errors[0] + unknown, errors[1] + unknown
 
     def error(self, step: Solution, /) -> ErrorBound:
         """Guaranteed bound of the error."""

@@ -157,9 +157,13 @@ class PathSolver:
         if base is None:
             return offsets
         frame = gap.frame if isinstance(gap, MovingGaps) else base
-        own = base if at is None or at.frame is None else at.frame
+        frame_of_step = base if at is None or at.frame is None else at.frame
         turned = not np.array_equal(frame, base)
-        if turned or not np.array_equal(own, base) or self._turned is not None:
+        if (
+            turned
+            or not np.array_equal(frame_of_step, base)
+            or self._turned is not None
+        ):
             engine, self._turned = self._engine, None
             if turned:
                 self._turned = find_rotation(frame, base)
@@ -377,15 +381,15 @@ class HeldRecovery:
 
     def recover(self, steps: Sequence[Step], /) -> Floats:
         """As `Recovery`."""
-        own = self.recovery.recover(steps)
-        return np.stack([self.held.displacement(y) for y in own])
+        reduced_steps = self.recovery.recover(steps)
+        return np.stack([self.held.displacement(y) for y in reduced_steps])
 
 
 def has_frames(path: PathSolver, totals: Sequence[Totals]) -> bool:
     """Whether a step of a path, or the step before it, has frames of its own."""
     at = path.before
-    own = at is not None and at.frame is not None
-    return own or any(isinstance(gap, MovingGaps) for _, _, gap in totals)
+    starts_turned = at is not None and at.frame is not None
+    return starts_turned or any(isinstance(gap, MovingGaps) for _, _, gap in totals)
 
 
 def find_start(start: Start | None, shape: tuple[int, int]) -> Step | None:

@@ -334,12 +334,14 @@ def _check_same_path(
     if not first or last is None:
         return
     behind = first - 1
-    own: dict[str, Gap | None] = {}
+    ends_of_path: dict[str, Gap | None] = {}
     if loads is not None:
-        own["load"], own["prescribed"] = loads[min(behind, len(loads) - 1)]
+        ends_of_path["load"], ends_of_path["prescribed"] = loads[
+            min(behind, len(loads) - 1)
+        ]
     if gaps is not None:
-        own["gap"] = gaps[min(behind, len(gaps) - 1)]
-    other = find_difference(last, own)
+        ends_of_path["gap"] = gaps[min(behind, len(gaps) - 1)]
+    other = find_difference(last, ends_of_path)
     if other is not None:
         raise ValueError(
             f"start ends with another {other} than load step {behind + 1} of this "
@@ -353,18 +355,22 @@ def find_difference(step: Step, totals: Mapping[str, Gap | None]) -> str | None:
     A step that was read from a file has no loads, which then count as equal.
     """
     named: dict[str, Floats | None] = {}
-    for name, own in totals.items():
-        if isinstance(own, MovingGaps):
-            named |= {"gap": own.by_component, "frame": own.frame, "drag": own.drag}
+    for name, total in totals.items():
+        if isinstance(total, MovingGaps):
+            named |= {
+                "gap": total.by_component,
+                "frame": total.frame,
+                "drag": total.drag,
+            }
         else:
-            named[name] = own
-    for name, own in named.items():
+            named[name] = total
+    for name, total in named.items():
         theirs = getattr(step, name)
-        if theirs is None or own is None:
+        if theirs is None or total is None:
             lost = name in ("load", "prescribed")
-            same = theirs is own or (theirs is None and lost)
+            same = theirs is total or (theirs is None and lost)
         else:
-            same = np.array_equal(theirs, own)
+            same = np.array_equal(theirs, total)
         if not same:
             return name
     return None

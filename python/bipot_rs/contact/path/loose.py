@@ -61,13 +61,15 @@ class Loose:
         n = len(parts[0]) - 1
         K = csr_array(parts[::-1], shape=(n, n))
         values = np.full(len(self.dofs), self.spring)
-        found = csr_array(K + csr_array((values, (self.dofs, self.dofs)), shape=(n, n)))
-        found.sort_indices()
+        stiffened = csr_array(
+            K + csr_array((values, (self.dofs, self.dofs)), shape=(n, n))
+        )
+        stiffened.sort_indices()
         start, column, _ = parts
         return (
-            found.indptr.astype(start.dtype),
-            found.indices.astype(column.dtype),
-            found.data,
+            stiffened.indptr.astype(start.dtype),
+            stiffened.indices.astype(column.dtype),
+            stiffened.data,
         )
 
     def solve(

@@ -192,14 +192,14 @@ def carry_step(step: Step, frame: Floats, base: Floats, start: Floats) -> Step:
         Frame of B, and gaps ``(n_c,)`` at the start of the path, for a step without a frame
         of its own.
     """
-    own = base if step.frame is None else step.frame
+    frame_of_step = base if step.frame is None else step.frame
     # g + n · s of the step; for an obstacle without frames of its own, s moves a plane.
     apart = start
     if step.drag is not None and step.gap is not None:
-        apart = step.gap[:, 0] + np.einsum("ci,ci->c", own[:, 0], step.drag)
+        apart = step.gap[:, 0] + np.einsum("ci,ci->c", frame_of_step[:, 0], step.drag)
     w = step.relative_displacement.copy()
     w[:, 0] -= apart
-    turn = find_rotation(frame, own)
+    turn = find_rotation(frame, frame_of_step)
     before = rotate(turn, w)
     before[:, 0] = step.relative_displacement[:, 0]
     return replace(

@@ -88,9 +88,9 @@ class Programme:
     def minimise(self, c: Floats) -> Optimum:
         """Find the least ``c·y`` (``c`` of unit length), or a direction without one."""
         if self.h.shape[1] == 2:
-            found = self._minimise_in_the_plane(c)
-            if found is not None:
-                return found
+            minimum = self._minimise_in_the_plane(c)
+            if minimum is not None:
+                return minimum
         m, d = self.h.shape
         unit = np.zeros((m, d))
         unit[:, 0] = 1.0
@@ -124,12 +124,12 @@ class Programme:
         # s_0 >= |s_1| is two inequalities; a half-line gives its own twice.
         A = np.concatenate([G[:, 0] + G[:, 1], G[:, 0] - G[:, 1]])
         b = np.concatenate([h[:, 0] + h[:, 1], h[:, 0] - h[:, 1]])
-        found = linprog(c, A_ub=-A, b_ub=b, bounds=(None, None), method="highs-ds")
-        if found.x is None:
+        optimum = linprog(c, A_ub=-A, b_ub=b, bounds=(None, None), method="highs-ds")
+        if optimum.x is None:
             return None
-        up, down = np.split(-found.ineqlin.marginals, 2)
+        up, down = np.split(-optimum.ineqlin.marginals, 2)
         z = np.stack([up + down, up - down], axis=1)
-        return _find_bounded(found.x, z, c, self.G, h)
+        return _find_bounded(optimum.x, z, c, self.G, h)
 
 
 def _measure_merit(p: _Point, c: Floats, G: Floats, h: Floats) -> float:
@@ -282,9 +282,9 @@ def _measure_depth(x: Floats) -> float:
 
 def _multiply(x: Floats, y: Floats) -> Floats:
     """Jordan product of each row."""
-    found = x[:, :1] * y + y[:, :1] * x
-    found[:, 0] = np.sum(x * y, axis=1)
-    return found
+    product = x[:, :1] * y + y[:, :1] * x
+    product[:, 0] = np.sum(x * y, axis=1)
+    return product
 
 
 def _divide(x: Floats, y: Floats) -> Floats:

@@ -40,8 +40,8 @@ class Answers(Sequence[Solution]):
         return self._solutions[k]
 
     def __repr__(self) -> str:
-        known = "all there are" if self.complete else "there may be others"
-        return f"Answers({len(self)} found, {known})"
+        extent = "all there are" if self.complete else "there may be others"
+        return f"Answers({len(self)} found, {extent})"
 
 
 def search_answers(
@@ -70,13 +70,15 @@ def search_answers(
     moved
         Largest displacement that reactions cancel, if contacts stick.
     """
-    found: list[Solution] = []
+    solutions: list[Solution] = []
     rng = np.random.default_rng(seed)
     for start in _draw_starts(rng, size, mu, dim, restarts):
         solution = solve(start)
-        if solution.converged and not any(_are_same(solution, s, moved) for s in found):
-            found.append(solution)
-    return Answers(found, complete=False)
+        if solution.converged and not any(
+            _are_same(solution, s, moved) for s in solutions
+        ):
+            solutions.append(solution)
+    return Answers(solutions, complete=False)
 
 
 def _are_same(one: Solution, other: Solution, moved: float) -> bool:

@@ -262,10 +262,10 @@ def _find_inside(p: _Scaled) -> Floats | None:
     A = np.hstack([A, np.ones((len(A), 1))])
     cost = np.append(np.zeros(U.shape[1]), -1.0)
     far = [(-1e6, 1e6)] * U.shape[1]
-    found = linprog(cost, A, np.concatenate(right), bounds=[*far, (None, 1.0)])
-    if found.x is None:
+    optimum = linprog(cost, A, np.concatenate(right), bounds=[*far, (None, 1.0)])
+    if optimum.x is None:
         return None
-    y = found.x[:-1]
+    y = optimum.x[:-1]
     v = (free + span @ y).reshape(contacts, d)
     margin = v[:, 0] - p.mu * np.linalg.norm(v[:, 1:], axis=1)
     if margin.min(initial=1.0) <= 1e-9 * (1 + np.abs(y).max(initial=0.0)):

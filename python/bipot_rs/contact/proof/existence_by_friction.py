@@ -137,10 +137,10 @@ def _share_friction(
     right = -(sides @ start.T).ravel()
     bound = -np.tile(mu[rubbing] * inner, len(sides))
     cost = np.append(np.zeros(ways.shape[1]), 1.0)
-    found = linprog(cost, np.column_stack([rows, bound]), right, bounds=(None, None))
-    if found.x is None:
+    optimum = linprog(cost, np.column_stack([rows, bound]), right, bounds=(None, None))
+    if optimum.x is None:
         return False
-    g = start + change @ found.x[:-1]
+    g = start + change @ optimum.x[:-1]
     return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
 
 

@@ -155,7 +155,7 @@ class _Answers:
 
     def range(self, contact: int, component: int) -> ReactionRange:
         """Range of one component of one reaction."""
-        found = float(self.found[contact, component])
+        reaction_here = float(self.found[contact, component])
         cost = self.span[contact, component]
         size = float(np.linalg.norm(cost))
         unit = float(self.factor[contact, component])
@@ -163,9 +163,9 @@ class _Answers:
             return ReactionRange(
                 contact=contact,
                 component=component,
-                found=found,
-                least=found,
-                largest=found,
+                found=reaction_here,
+                least=reaction_here,
+                largest=reaction_here,
                 reaction_at_least=self.found,
                 reaction_at_largest=self.found,
             )
@@ -187,7 +187,7 @@ class _Answers:
         return ReactionRange(
             contact=contact,
             component=component,
-            found=found,
+            found=reaction_here,
             least=low[0],
             largest=high[0],
             reaction_at_least=low[1],
@@ -220,15 +220,15 @@ def _find_directions(r: Floats, v: Floats, mu: Floats, zero: float) -> Floats:
     for i in range(contacts):
         if v[i, 0] > zero and r[i, 0] <= v[i, 0]:
             continue
-        own = np.eye(d)
+        directions = np.eye(d)
         if mu[i] == 0:
-            own = own[:1]
+            directions = directions[:1]
         elif slip[i] > zero:
-            own = np.concatenate([[1.0], -mu[i] * v[i, 1:] / slip[i]])[None]
-            own /= np.linalg.norm(own)
-        whole = np.zeros((len(own), contacts, d))
-        whole[:, i] = own
-        columns.extend(whole.reshape(len(own), -1))
+            directions = np.concatenate([[1.0], -mu[i] * v[i, 1:] / slip[i]])[None]
+            directions /= np.linalg.norm(directions)
+        whole = np.zeros((len(directions), contacts, d))
+        whole[:, i] = directions
+        columns.extend(whole.reshape(len(directions), -1))
     return np.array(columns).reshape(-1, contacts * d).T
 
 

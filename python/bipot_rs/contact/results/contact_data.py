@@ -29,8 +29,8 @@ class ContactData(dict[str, ContactArray | None]):
     def __missing__(self, name: str) -> ContactArray | None:
         if name in _ARGUMENTS and _ARGUMENTS[name] in self:
             return self[_ARGUMENTS[name]]
-        known = ", ".join(self)
-        raise KeyError(f"{name!r}: the contacts have {known}")
+        names = ", ".join(self)
+        raise KeyError(f"{name!r}: the contacts have {names}")
 
     def get(self, name: str, default: Any = None) -> Any:
         """As of any dictionary."""

@@ -40,7 +40,7 @@ def make_contact_fields(
     frame, area = contacts.get("frame"), contacts.get("area")
     if frame is not None:
         frame = find_step_frames(step, frame)
-    found: dict[str, AnyArray | None] = {
+    arrays: dict[str, AnyArray | None] = {
         "displacement": displacement,
         "reaction_local": step.reaction,
         "slip_local": step.slip,
@@ -51,16 +51,16 @@ def make_contact_fields(
         "wear_depth": step.wear,
     }
     if area is not None:
-        found["pressure"] = step.reaction[:, :1].ravel() / area
+        arrays["pressure"] = step.reaction[:, :1].ravel() / area
     if frame is not None:
         force = np.einsum("ck,ckd->cd", step.reaction, frame)
-        found["force"] = force
-        found["slip"] = np.einsum("ck,ckd->cd", step.slip, frame[:, 1:])
-        found["normal"] = frame[:, 0]
+        arrays["force"] = force
+        arrays["slip"] = np.einsum("ck,ckd->cd", step.slip, frame[:, 1:])
+        arrays["normal"] = frame[:, 0]
         if area is not None:
-            found["traction"] = force / area[:, None]
+            arrays["traction"] = force / area[:, None]
     return {
-        name: array for name in OF_CONTACTS if (array := found.get(name)) is not None
+        name: array for name in OF_CONTACTS if (array := arrays.get(name)) is not None
     }
 
 
@@ -92,12 +92,12 @@ def make_path_fields(
     def fields(k: int) -> dict[str, AnyArray | float]:
         step = steps[k]
         u = None if mesh is None or not moved else mesh.of_contacts(step.displacement)
-        found: dict[str, AnyArray | float] = dict(
+        constants: dict[str, AnyArray | float] = dict(
             make_contact_fields(step, contacts, u)
         )
         if not worn:
-            found.pop("wear_depth", None)
-        return {**found, **instants[k]}
+            constants.pop("wear_depth", None)
+        return {**constants, **instants[k]}
 
     return fields
 
@@ -122,10 +122,12 @@ def list_instants(
         ``time`` is the cycle of the step, its place on an adaptive path, or its number from
         1. It grows from step to step, which the path parameter need not do.
     """
-    found = []
+    instants = []
     for k, step in enumerate(steps):
         time = float(first + k + 1) if step.s is None else float(step.s)
         if step.cycle is not None:
             time = float(step.cycle)
-        found.append({"load": time if loads is None else float(loads[k]), "time": time})
-    return found
+        instants.append(
+            {"load": time if loads is None else float(loads[k]), "time": time}
+        )
+    return instants

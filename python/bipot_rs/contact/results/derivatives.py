@@ -242,11 +242,11 @@ class ReducedGradient:
             return np.outer(adjoint, r)
         from scipy.sparse import csr_array
 
-        own = csr_array(self._given)
-        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
-        values = adjoint[rows] * r[own.indices]
+        pattern = csr_array(self._given)
+        rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+        values = adjoint[rows] * r[pattern.indices]
         by_entry: CsrMatrix = csr_array(
-            (values, own.indices, own.indptr), shape=own.shape
+            (values, pattern.indices, pattern.indptr), shape=pattern.shape
         )
         return by_entry
 

@@ -390,8 +390,8 @@ class Result(Sequence[Step]):
         >>> gradient.mu.round(9), gradient.load.round(9)
         (array([-10.]), array([[0.3, 0. ]]))
         """
-        given = Cotangents(reaction, displacement, relative_displacement, slip)
-        return self._differentiable().vjp(self, given)
+        cotangents = Cotangents(reaction, displacement, relative_displacement, slip)
+        return self._differentiable().vjp(self, cotangents)
 
     def _differentiable(self) -> PathDerivatives[Result]:
         if not self.steps:

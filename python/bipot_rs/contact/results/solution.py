@@ -502,8 +502,12 @@ class Step(Solution):
             for reaction, v in along
         ]
         recover_displacements(steps)
-        found = [step.displacement for step in steps]
-        return np.stack(found) if found else np.empty((0, self.displacement.size))
+        displacements = [step.displacement for step in steps]
+        return (
+            np.stack(displacements)
+            if displacements
+            else np.empty((0, self.displacement.size))
+        )
 
     def __getstate__(self) -> dict[str, object]:
         return super().__getstate__() | {"recovery": None}

@@ -55,9 +55,13 @@ def make_record(step: Step, load: float) -> dict[str, object]:
 
 def _check_working_set(record: Mapping[str, object], contacts: int) -> None:
     """Refuse a working set or a motion with wrong entries."""
-    found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
-    bounded = np.concatenate([[-1], found.ravel(), [contacts]])
-    if found.ndim != 1 or found.dtype != np.int64 or not (np.diff(bounded) > 0).all():
+    members = np.asarray(record.get("working_set", np.empty(0, np.int64)))
+    bounded = np.concatenate([[-1], members.ravel(), [contacts]])
+    if (
+        members.ndim != 1
+        or members.dtype != np.int64
+        or not (np.diff(bounded) > 0).all()
+    ):
         raise ValueError("working_set is wrong, expected ascending numbers of contacts")
     motion = np.asarray(record.get("working_motion", np.empty(0)))
     if motion.ndim != 1 or motion.dtype != np.float64 or not np.isfinite(motion).all():
@@ -92,8 +96,8 @@ def read_step(
         if value.dtype.kind not in "if" or not np.isfinite(value).all():
             raise ValueError(f"{name} is wrong, expected finite numbers")
     if "gap" in record and np.shape(record["gap"]) != (contacts, d):
-        found = np.shape(record["gap"])
-        raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
+        shape_of_gap = np.shape(record["gap"])
+        raise ValueError(f"gap has shape {shape_of_gap}, expected {(contacts, d)}")
     if ("frame" in record) != ("drag" in record):
         raise ValueError("frame or drag missing, expected both or none of them")
     if "frame" in record:
@@ -107,15 +111,15 @@ def read_step(
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status is wrong, expected 0, 1 or 2 for each contact")
-    known = {name: record[name] for name in _WRITTEN if name in record}
-    known["outcome"] = Outcome(known["outcome"])
+    written = {name: record[name] for name in _WRITTEN if name in record}
+    written["outcome"] = Outcome(written["outcome"])
     counts = ("bytes_beside_W", "newton", "krylov")
-    known["stats"] = {name: int(record[name]) for name in counts if name in record}
+    written["stats"] = {name: int(record[name]) for name in counts if name in record}
     computed = Computed(displacement=record.get("displacement"))
     if "error_estimate" in record:
         of_reaction, of_displacement = map(float, record["error_estimate"])
         computed.error_estimate = of_reaction, of_displacement
     if "unique" in record:
         computed.unique = str(record["unique"])
-    traction = None if area is None else known["reaction"] / area[:, None]
-    return Step(**known, traction=traction, computed=computed)
+    traction = None if area is None else written["reaction"] / area[:, None]
+    return Step(**written, traction=traction, computed=computed)

@@ -98,7 +98,7 @@ def format_text(summary: Summary) -> str:
     """
     title, rows = summary
     width = max((len(name) for name, _ in rows), default=0)
-    return "\n".join([title, *(f"  {name:<{width}}  {said}" for name, said in rows)])
+    return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in rows)])
 
 
 def format_html(summary: Summary) -> str:
@@ -111,8 +111,8 @@ def format_html(summary: Summary) -> str:
 
     title, rows = summary
     cells = (
-        f"<tr><th>{escape(name)}</th><td>{escape(said)}</td></tr>"
-        for name, said in rows
+        f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>"
+        for name, text in rows
     )
     return f"<table><caption>{escape(title)}</caption>{''.join(cells)}</table>"
 
@@ -170,11 +170,11 @@ def describe_friction(mu: Floats) -> str:
     if not mu.size:
         return "none"
     low, high = float(mu.min()), float(mu.max())
-    said = f"mu = {low:g}" if low == high else f"mu from {low:g} to {high:g}"
+    words = f"mu = {low:g}" if low == high else f"mu from {low:g} to {high:g}"
     without = int(np.sum(mu.reshape(len(mu), -1).max(axis=1) == 0))
     if 0 < without < len(mu):
-        said += f", {counted(without, 'contact')} without friction"
-    return said if mu.ndim == 1 else f"{said}, by direction"
+        words += f", {counted(without, 'contact')} without friction"
+    return words if mu.ndim == 1 else f"{words}, by direction"
 
 
 def describe_gaps(gap: Floats) -> str:
@@ -186,9 +186,9 @@ def describe_gaps(gap: Floats) -> str:
     if not gap.size:
         return "none"
     low, high = f"{gap.min():.4g}", f"{gap.max():.4g}"
-    said = low if low == high else f"from {low} to {high}"
+    words = low if low == high else f"from {low} to {high}"
     below = int(np.sum(gap < 0))
-    return f"{said}, negative at {counted(below, 'contact')}" if below else said
+    return f"{words}, negative at {counted(below, 'contact')}" if below else words
 
 
 def format_seconds(taken: float) -> str:
@@ -238,7 +238,10 @@ def summarise_problem(
             ("condensed in", f"{took}, ordering by {stats['ordering']}"),
         ]
     title = f"{counted(n, 'degree')} of freedom, {describe_places(contacts, d)}"
-    return f"ContactProblem: {title}", [*rows, *(("remark", said) for said in remarks)]
+    return f"ContactProblem: {title}", [
+        *rows,
+        *(("remark", remark) for remark in remarks),
+    ]
 
 
 def summarise_solution(solution: _Solved) -> Summary:
@@ -316,5 +319,5 @@ def summarise_result(result: _Path) -> Summary:
             f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",
         ),
         *digits,
-        *(("remark", said) for said in result.remarks),
+        *(("remark", remark) for remark in result.remarks),
     ]

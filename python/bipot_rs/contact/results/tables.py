@@ -59,7 +59,7 @@ def list_surface_forces(
     ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
     and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
-    found: dict[str, float | None] = {}
+    forces: dict[str, float | None] = {}
     each = list_resultants(step.reaction, frame, mu, group, len(names))
     for name, force in zip(names, each, strict=True):
         columns: list[tuple[str, float | None]] = list(
@@ -68,17 +68,17 @@ def list_surface_forces(
         if force.curved:
             columns += zip(COMPONENTS, force.force.tolist(), strict=False)
         for key, value in columns:
-            found[f"{key} of {name}"] = value
-    return found
+            forces[f"{key} of {name}"] = value
+    return forces
 
 
 def list_columns(
     rows: Sequence[Mapping[str, object]], more: Sequence[str] = ()
 ) -> list[str]:
     """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
-    known = rows[0] if rows else ("load",)
-    forces = [key for key in known if key.startswith((*FORCES, *COMPONENTS))]
-    first = [name for name in COLUMNS[:5] if name != "load" or name in known]
+    names = rows[0] if rows else ("load",)
+    forces = [key for key in names if key.startswith((*FORCES, *COMPONENTS))]
+    first = [name for name in COLUMNS[:5] if name != "load" or name in names]
     return [*first, *forces, *COLUMNS[5:], *more]
 
 
@@ -98,12 +98,12 @@ def list_steps(
     rows = []
     for k, (step, load) in enumerate(zip(steps, loads, strict=True)):
         area = contacts.get("area")
-        found = make_row(k, load, step) | (
+        columns = make_row(k, load, step) | (
             measure_wear(step, area) if area is not None else {}
         )
-        rows.append(found | _list_forces(step, contacts))
+        rows.append(columns | _list_forces(step, contacts))
     names = list_columns(rows, [name for name in WEAR if rows and name in rows[0]])
-    return {name: [one.get(name) for one in rows] for name in names}
+    return {name: [row.get(name) for row in rows] for name in names}
 
 
 def _list_forces(step: Step, contacts: Mapping[str, Any]) -> dict[str, float | None]:
@@ -151,9 +151,9 @@ def list_contacts(
         values = [getattr(step, name) for step in steps]
         if values[0] is None:
             continue
-        own = parts[1:] if name == "slip" else parts
+        columns = parts[1:] if name == "slip" else parts
         stacked = np.concatenate(values)
-        every |= {f"{name}_{part}": stacked[:, k] for k, part in enumerate(own)}
+        every |= {f"{name}_{part}": stacked[:, k] for k, part in enumerate(columns)}
     if all(step.wear is not None for step in steps):
         every["wear"] = np.concatenate([np.asarray(step.wear) for step in steps])
     return every

@@ -36,8 +36,8 @@ class Borders:
     @property
     def any(self) -> Bools:
         """Contacts on a border."""
-        found: Bools = self.touching | self.yielding
-        return found
+        bordering: Bools = self.touching | self.yielding
+        return bordering
 
 
 def find_borders(point: Point, compliance: Floats, tolerance: float) -> Borders:
@@ -50,23 +50,23 @@ def find_borders(point: Point, compliance: Floats, tolerance: float) -> Borders:
     tolerance
         Relative tolerance of η, which the step met.
     """
-    known = compliance > 0
-    root = np.sqrt(np.where(known, compliance, 1.0))
+    movable = compliance > 0
+    root = np.sqrt(np.where(movable, compliance, 1.0))
     # As in the certificate (13): r √w and v / √w have the same unit.
     r = point.reaction * root[:, None]
     opening = np.abs(point.opening) / root
     slip = np.linalg.norm(point.slip, axis=1) / root
     size = float(np.linalg.norm(r))
     if size == 0.0:
-        size = float(opening[known].max(initial=0.0))
+        size = float(opening[movable].max(initial=0.0))
     near = _TOLERANCES * tolerance * size
     rough = point.friction[:, 0] > 0
     D = np.where(point.friction > 0, point.friction, 1.0)
     left = r[:, 0] - np.linalg.norm(r[:, 1:] / D, axis=1)
-    touching = known & (np.maximum(r[:, 0], opening) <= near)
+    touching = movable & (np.maximum(r[:, 0], opening) <= near)
     still = slip <= near
     return Borders(
         touching=touching,
-        yielding=known & rough & ~touching & (r[:, 0] > 0) & still & (left <= near),
+        yielding=movable & rough & ~touching & (r[:, 0] > 0) & still & (left <= near),
         resting=touching & rough & still,
     )

@@ -43,10 +43,13 @@ class BorderProblem:
         self, linear: LinearisedStep, direction: Floats, of: StepChange
     ) -> None:
         self.linear, self.of = linear, of
-        self.point, known = linear.point, linear.borders
-        self.at = np.flatnonzero(known.any)
+        self.point, borders = linear.point, linear.borders
+        self.at = np.flatnonzero(borders.any)
         self.direction = direction
-        self.resting, self.yielding = known.resting[self.at], known.yielding[self.at]
+        self.resting, self.yielding = (
+            borders.resting[self.at],
+            borders.yielding[self.at],
+        )
         d = self.point.reaction.shape[1]
         self.d, self.size = d, len(self.at) * d
         self._eliminate()
@@ -58,14 +61,14 @@ class BorderProblem:
         point, response, d = self.point, self.linear.response, self.d
         side = point.status.copy()
         side[self.at] = Status.STICK
-        own = self.linear.laws(side, self.direction)
-        place = np.searchsorted(own.contacts, self.at)
+        laws = self.linear.laws(side, self.direction)
+        place = np.searchsorted(laws.contacts, self.at)
         springs = response.diagonal[self.at].mean(axis=1)
-        own.by_r[place] = springs[:, None, None] * np.eye(d)
-        own.by_v[place] = np.eye(d)
-        own.by_mu[place] = 0.0
-        made = self.linear.system(own)
-        right = make_right_side(own, self.of)
+        laws.by_r[place] = springs[:, None, None] * np.eye(d)
+        laws.by_v[place] = np.eye(d)
+        laws.by_mu[place] = 0.0
+        made = self.linear.system(laws)
+        right = make_right_side(laws, self.of)
         self.base = made.solve(right, -self.of.balance)
         self.columns = []
         for i, k in itertools.product(place, range(d)):
@@ -79,11 +82,11 @@ class BorderProblem:
 
     def solve(self) -> tuple[Floats, Floats]:
         """``dr`` and ``da``."""
-        found = self._iterate()
+        amounts = self._iterate()
         count = np.prod([float(len(sides)) for sides in self.sides])
-        if count <= (tuning.SIDES_TRIED if found is None else tuning.SIDES_COMPARED):
-            found = self._find_only(found)
-        if found is None:
+        if count <= (tuning.SIDES_TRIED if amounts is None else tuning.SIDES_COMPARED):
+            amounts = self._find_only(amounts)
+        if amounts is None:
             raise NotDifferentiableError(
                 f"{counted(len(self.at), 'contact')} on a border between two statuses "
                 f"(the first is contact {self.at[0]}): no change of their statuses was "
@@ -91,9 +94,9 @@ class BorderProblem:
                 "known; change the load a little"
             )
         dr, da = self.base[0].copy(), self.base[1]
-        for amount, (by_dr, by_da) in zip(found, self.columns, strict=True):
+        for amount, (by_dr, by_da) in zip(amounts, self.columns, strict=True):
             dr, da = dr + amount * by_dr, da + amount * by_da
-        opens = [side == Status.OPEN for side, _ in self._choose_sides(found)]
+        opens = [side == Status.OPEN for side, _ in self._choose_sides(amounts)]
         dr[self.at[opens]] = 0.0
         return dr, da
 
@@ -129,10 +132,10 @@ class BorderProblem:
         return known
 
     def _differ(self, z: Floats, known: Floats) -> bool:
-        one, other = self._split(z), self._split(known)
+        ours, other = self._split(z), self._split(known)
         unit = np.sqrt(self.spring.reshape(-1, self.d))
         size = _measure(other[0] * unit, other[1] / unit)
-        apart = _measure((one[0] - other[0]) * unit, (one[1] - other[1]) / unit)
+        apart = _measure((ours[0] - other[0]) * unit, (ours[1] - other[1]) / unit)
         return apart > _SAME * size
 
     def _sides_of(self, j: int) -> list[Side]:
@@ -151,12 +154,14 @@ class BorderProblem:
         p = np.stack([p for _, p in sides])
         d, of = self.d, self.of.friction[self.at]
         by_r = np.tile(np.eye(d), (len(sides), 1, 1))  # open: dr = 0
-        by_v, known = np.zeros_like(by_r), np.zeros((len(sides), d))
-        own = linearise_laws(
+        by_v, by_change = np.zeros_like(by_r), np.zeros((len(sides), d))
+        laws = linearise_laws(
             self._move_to_borders(p), side, p, self.linear.movable[self.at]
         )
-        by_r[own.contacts], by_v[own.contacts] = own.by_r, own.by_v
-        known[own.contacts] = np.einsum("ijk,ik->ij", own.by_mu, of[own.contacts])
+        by_r[laws.contacts], by_v[laws.contacts] = laws.by_r, laws.by_v
+        by_change[laws.contacts] = np.einsum(
+            "ijk,ik->ij", laws.by_mu, of[laws.contacts]
+        )
         springs = self.spring.reshape(-1, 1, d)
         across = (by_r - by_v * springs).astype(np.float64)
         rows = self.P.reshape(len(sides), d, -1)
@@ -167,7 +172,7 @@ class BorderProblem:
         moved = np.einsum("ijk,ik->ij", across, self.p.reshape(-1, d))
         scale = np.abs(matrix).max(axis=1)
         scale = np.where(scale > 0, scale, 1.0)
-        return matrix / scale[:, None], (known - moved).ravel() / scale
+        return matrix / scale[:, None], (by_change - moved).ravel() / scale
 
     def _move_to_borders(self, p: Floats) -> Point:
         """The border contacts, exactly on their borders and about to slip along ``p``."""
@@ -245,8 +250,8 @@ class BorderProblem:
         for side in (Status.STICK, Status.SLIP, Status.OPEN):
             chosen = []
             for sides in self.sides:
-                own = [s for s in sides if s[0] == side]
-                chosen.append((own or sides)[0])
+                those_on_side = [s for s in sides if s[0] == side]
+                chosen.append((those_on_side or sides)[0])
             z = self._solve_sides(chosen)
             if z is not None:
                 yield z
@@ -294,8 +299,8 @@ class BorderProblem:
         D = np.where(
             self.point.friction[self.at] > 0, self.point.friction[self.at], 1.0
         )
-        found: Floats = unit[:, :1] * of / D * self.yielding[:, None]
-        return found
+        change: Floats = unit[:, :1] * of / D * self.yielding[:, None]
+        return change
 
     def _measure_yielding(self, j: int, r: Floats, v: Floats, root: float) -> float:
         """Violation of ``0 ≤ dσ ⊥ β ≥ 0`` and of the direction of slip."""

@@ -31,11 +31,11 @@ def differentiate_step(linear: LinearisedStep, of: StepChange) -> tuple[Floats, 
         direction = _find_friction_direction(linear, smooth, direction, of.friction)
     if linear.borders.any.any():
         return BorderProblem(linear, direction, of).solve()
-    own = linear.reported
+    system = linear.reported
     if smooth.any():
         # The direction changes the right side alone.
-        own = System(linear.laws(point.status, direction), own.core, own.shape)
-    return own.solve(make_right_side(own.laws, of), -of.balance)
+        system = System(linear.laws(point.status, direction), system.core, system.shape)
+    return system.solve(make_right_side(system.laws, of), -of.balance)
 
 
 def _find_friction_direction(
@@ -60,8 +60,8 @@ def _find_friction_direction(
             f"mu of contact {int(np.flatnonzero(still)[0])} is zero and it does not "
             "slip: the direction of friction that begins there is not determined"
         )
-    found = direction.copy()
+    turned = direction.copy()
     pushed = change[asked] * linear.point.slip[asked]
     size = np.linalg.norm(pushed, axis=1)[:, None]
-    found[asked] = np.divide(pushed, size, where=size > 0, out=np.zeros_like(pushed))
-    return found
+    turned[asked] = np.divide(pushed, size, where=size > 0, out=np.zeros_like(pushed))
+    return turned

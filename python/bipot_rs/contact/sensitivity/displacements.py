@@ -42,10 +42,10 @@ class KrylovSystem:
         laws = self.laws
         d = laws.by_r.shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
-        found = self.core.solve(laws.contacts, by_r, by_v, right, transposed)
-        if found is None:
+        solution = self.core.solve(laws.contacts, by_r, by_v, right, transposed)
+        if solution is None:
             raise Stalled
-        return found
+        return solution
 
 
 class DisplacementResponse:
@@ -94,8 +94,8 @@ class DisplacementResponse:
         self, states: list[tuple[Floats, Floats, Floats, Floats]]
     ) -> Floats:
         """``u`` of unknowns and prescribed displacements."""
-        own = [
+        by_step = [
             self._core.displacement(np.ascontiguousarray(y), moved)
             for _, moved, _, y in states
         ]
-        return np.stack(own)
+        return np.stack(by_step)

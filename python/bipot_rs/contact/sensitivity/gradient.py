@@ -119,9 +119,9 @@ class Backward:
         moved = np.ascontiguousarray(self._result.displacement.T)
         values = np.empty(K.nnz)
         for first in range(0, K.nnz, tuning.ENTRIES_TOGETHER):
-            own = slice(first, first + tuning.ENTRIES_TOGETHER)
-            pairs = adjoint[rows[own]], moved[K.indices[own]]
-            np.einsum("ek,ek->e", *pairs, out=values[own])
+            block = slice(first, first + tuning.ENTRIES_TOGETHER)
+            pairs = adjoint[rows[block]], moved[K.indices[block]]
+            np.einsum("ek,ek->e", *pairs, out=values[block])
         half = csr_array((values / -2, K.indices, K.indptr), shape=K.shape)
         # With the zeros of the pattern: a sum of two matrices would keep them out.
         mirrored = half.T.tocsr()
@@ -146,7 +146,7 @@ def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradie
             "displacement has a cotangent, but the problem was made with loads= and has no "
             "factor of K: make it without loads="
         )
-    found = Backward(
+    backward = Backward(
         result,
         path,
         check_cotangent("reaction", given.reaction, stacked),
@@ -156,9 +156,9 @@ def find_gradient(path: LinearPath, result: Result, given: Cotangents) -> Gradie
     )
     return Gradient(
         result,
-        reshape_gap_gradient(path.model, found.gap_by_component),
-        found.gap_by_component,
-        found.mu,
+        reshape_gap_gradient(path.model, backward.gap_by_component),
+        backward.gap_by_component,
+        backward.mu,
         path.one_sided,
-        found,
+        backward,
     )

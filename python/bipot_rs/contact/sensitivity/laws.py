@@ -61,10 +61,10 @@ class Laws:
 
     def adjoint(self, w: Floats, mu: Floats) -> tuple[Floats, Floats]:
         """``Cᵀ w`` of multipliers ``w (n_c, d)``, and ``Mᵀ w`` shaped as ``mu`` (34)."""
-        at, own = self.contacts, w[self.contacts]
+        at, of_contacts = self.contacts, w[self.contacts]
         pulled, rubbed = np.zeros_like(w), np.zeros_like(mu)
-        pulled[at] = np.einsum("ijk,ij->ik", self.by_v, own)
-        along = np.einsum("ijk,ij->ik", self.by_mu, own)
+        pulled[at] = np.einsum("ijk,ij->ik", self.by_v, of_contacts)
+        along = np.einsum("ijk,ij->ik", self.by_mu, of_contacts)
         rubbed[at] = along if mu.ndim == 2 else along.sum(axis=1)
         return pulled, rubbed
 
@@ -161,5 +161,5 @@ def _linearise_frictionless(
 
 
 def _measure_length(rows: Floats) -> Floats:
-    found: Floats = np.linalg.norm(rows, axis=1)
-    return found
+    lengths: Floats = np.linalg.norm(rows, axis=1)
+    return lengths

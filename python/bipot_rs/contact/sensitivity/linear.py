@@ -61,8 +61,8 @@ class LinearisedStep:
     def reported(self) -> System:
         """The system with each border contact on the side of its reported status."""
         if self._reported is None:
-            own = self.laws(self.point.status, self.direction)
-            self._reported = self.system(own)
+            laws = self.laws(self.point.status, self.direction)
+            self._reported = self.system(laws)
         return self._reported
 
     def adjoint(self) -> System:

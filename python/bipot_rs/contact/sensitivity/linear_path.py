@@ -112,13 +112,13 @@ class LinearPath:
     @property
     def one_sided(self) -> Bools:
         """Contacts on a border between two statuses, ``(steps, n_c)``."""
-        return np.stack([known.any for known in self.borders])
+        return np.stack([border.any for border in self.borders])
 
     def linear(self, k: int) -> LinearisedStep:
         """The linearised problem of a step."""
         if k in self._linear:
             return self._linear[k]
-        found = LinearisedStep(self.response, self.points[k], self.borders[k])
+        step = LinearisedStep(self.response, self.points[k], self.borders[k])
         if self.kept:
-            self._linear[k] = found
-        return found
+            self._linear[k] = step
+        return step

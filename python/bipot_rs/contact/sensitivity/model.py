@@ -117,14 +117,14 @@ def spread_change(what: str, change: ArrayLike | None, mu: Floats, d: int) -> Fl
     """A change of the friction coefficients along each tangent, ``(n_c, d - 1)``."""
     if change is None:
         return np.zeros((len(mu), d - 1))
-    found = floats(what, change)
-    if found.ndim == 0:
-        found = np.full(mu.shape, float(found))
-    if found.shape != mu.shape:
+    change_of_mu = floats(what, change)
+    if change_of_mu.ndim == 0:
+        change_of_mu = np.full(mu.shape, float(change_of_mu))
+    if change_of_mu.shape != mu.shape:
         raise ValueError(
-            f"{what} has shape {found.shape}, expected a number or {mu.shape}"
+            f"{what} has shape {change_of_mu.shape}, expected a number or {mu.shape}"
         )
-    return spread_friction(found, d)
+    return spread_friction(change_of_mu, d)
 
 
 def spread_friction(mu: Floats, d: int) -> Floats:
@@ -138,8 +138,8 @@ def _check_gap(
     model: PathModel, gap: ArrayLike, steps: int, shape: tuple[int, int]
 ) -> Floats:
     if model.gaps_by_component is None and np.ndim(gap) < 3:
-        found = np.asarray(gap, dtype=object)
-        if found.shape in ((shape[0],), shape):
+        as_object = np.asarray(gap, dtype=object)
+        if as_object.shape in ((shape[0],), shape):
             return np.repeat(gap_of_step(gap, *shape)[None], steps, axis=0)
     return _repeat_rows("gap", list(gaps_of_steps(gap, *shape)), steps)
 
@@ -191,5 +191,5 @@ def reshape_gap_gradient(model: PathModel, by_component: Floats) -> Floats:
     if model.gaps_by_component is not None:
         return by_component if model.gaps_by_component else by_component[:, :, 0]
     whole = by_component.sum(axis=0)
-    own: Floats = whole if len(model.gap_shape) == 2 else whole[:, 0]
-    return own
+    by_contact: Floats = whole if len(model.gap_shape) == 2 else whole[:, 0]
+    return by_contact

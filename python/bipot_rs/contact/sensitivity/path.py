@@ -64,12 +64,12 @@ class Differentiable:
         if path is None or path.steps is not result.steps:
             path = LinearPath(self.model, result.steps, result.contacts)
         try:
-            found = derive(path)
+            derivative = derive(path)
         except Stalled:
             path = self._linearise_directly(result)
-            found = derive(path)
+            derivative = derive(path)
         self.linearised = path if path.kept else None
-        return found
+        return derivative
 
     def _linearise_directly(self, result: Result) -> LinearPath:
         from bipot_rs.contact.sensitivity.linear_path import LinearPath

@@ -105,8 +105,8 @@ class ReducedModel:
     ) -> ReducedGradient:
         """`Solution.vjp`."""
         shape = solution.reaction.shape
-        given = check_cotangent("reaction", reaction, shape)
-        r = np.zeros(shape) if given is None else given
+        cotangent = check_cotangent("reaction", reaction, shape)
+        r = np.zeros(shape) if cotangent is None else cotangent
         moved = check_cotangent("relative_displacement", relative_displacement, shape)
         v = np.zeros(shape) if moved is None else moved
         linear = self.linear(solution)

@@ -95,8 +95,8 @@ class System:
         The right side is given for all contacts, ``(n_c, d)``; that of open ones has no
         effect.
         """
-        own = moved[self.laws.contacts]
-        return self._split(self.core.solve_transposed(_join(own, motion)))
+        at_contacts = moved[self.laws.contacts]
+        return self._split(self.core.solve_transposed(_join(at_contacts, motion)))
 
     def _split(self, solved: Floats) -> tuple[Floats, Floats]:
         m, d = len(self.laws.contacts), self.shape[1]
@@ -155,13 +155,15 @@ class CondensedResponse:
         self.core = _core.TangentView(core, np.asarray(closed, np.int64))
         self.members = self.core.members
         self._stiffness = core.stiffness
-        own, modes = self.core.diagonal, self.core.modes
+        diagonal_of_core, modes = self.core.diagonal, self.core.modes
         self.motions, self._modes = len(modes), modes
-        self.diagonal = np.zeros((contacts, own.shape[1]))
-        self.diagonal[self.members] = own
+        self.diagonal = np.zeros((contacts, diagonal_of_core.shape[1]))
+        self.diagonal[self.members] = diagonal_of_core
         self._place = np.full(contacts, -1)
         self._place[self.members] = np.arange(len(self.members))
-        self._felt = np.abs(modes).max(axis=0, initial=0.0).reshape(own.shape) > 0
+        self._felt = (
+            np.abs(modes).max(axis=0, initial=0.0).reshape(diagonal_of_core.shape) > 0
+        )
 
     @property
     def whole(self) -> bool:
@@ -174,9 +176,9 @@ class CondensedResponse:
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
-        found: Bools = self.diagonal > 0
-        found[self.members] |= self._felt
-        return found
+        can_move: Bools = self.diagonal > 0
+        can_move[self.members] |= self._felt
+        return can_move
 
     def factored(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""
@@ -203,11 +205,11 @@ class CondensedResponse:
         self, states: list[tuple[Floats, Floats, Floats, Floats]]
     ) -> Floats:
         """``u`` of loads, prescribed displacements, reactions and rigid motions."""
-        own = [
+        by_step = [
             (f, u, self._take_members(r), np.ascontiguousarray(a))
             for f, u, r, a in states
         ]
-        return self.core.displacements(own)
+        return self.core.displacements(by_step)
 
     def _take_members(self, reaction: Floats) -> Floats:
         return np.ascontiguousarray(reaction[self.members])
@@ -235,8 +237,8 @@ class ReducedResponse:
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
         felt = np.abs(self._modes).max(axis=1, initial=0.0).reshape(self._shape) > 0
-        found: Bools = (self.diagonal > 0) | felt
-        return found
+        can_move: Bools = (self.diagonal > 0) | felt
+        return can_move
 
     def factored(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""

@@ -38,13 +38,13 @@ class Forward:
         self._go_forward()
 
     def _go_forward(self) -> None:
-        path, given = self._path, self._given
+        path, changes = self._path, self._given
         before = np.zeros((path.shape[0], path.shape[1] - 1))
         for k in range(len(path.steps)):
             free, balance = self._find_free_part(k)
             moved = free.copy()
             moved[:, 1:] -= before
-            change = StepChange(moved, balance, given.friction)
+            change = StepChange(moved, balance, changes.friction)
             self.reaction[k], self._amounts[k] = differentiate_step(
                 path.linear(k), change
             )
@@ -54,11 +54,11 @@ class Forward:
 
     def _find_free_part(self, k: int) -> tuple[Floats, Floats]:
         """``dq (n_c, d)`` with the change of the gap, and ``de``."""
-        path, given = self._path, self._given
+        path, changes = self._path, self._given
         free, balance = np.zeros(path.shape), np.zeros(path.response.motions)
-        if self._load is not None or given.prescribed is not None:
+        if self._load is not None or changes.prescribed is not None:
             free, balance = path.response.free(*self._find_loads(k))
-        return (free if given.gap is None else free + given.gap[k]), balance
+        return (free if changes.gap is None else free + changes.gap[k]), balance
 
     def _find_loads(self, k: int) -> tuple[Floats, Floats]:
         model = self._path.model
@@ -97,12 +97,12 @@ class Forward:
 def find_tangent(path: LinearPath, result: Result, change: DataChange) -> Tangent:
     """`Result.jvp`."""
     shape = path.shape[0], path.shape[1]
-    given = check_changes(path.model, len(path.steps), path.mu, shape, change)
-    found = Forward(path, given, None if change.K is None else result.displacement)
+    changes = check_changes(path.model, len(path.steps), path.mu, shape, change)
+    forward = Forward(path, changes, None if change.K is None else result.displacement)
     return Tangent(
-        found.reaction,
-        found.relative_displacement,
-        found.slip,
+        forward.reaction,
+        forward.relative_displacement,
+        forward.slip,
         path.one_sided,
-        found.displacement,
+        forward.displacement,
     )

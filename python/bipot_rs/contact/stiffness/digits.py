@@ -183,10 +183,10 @@ class Digits:
         b[used] = np.add.reduceat((weight * u[there])[:, None] * Z, pointer[used])
         near = np.einsum("rkl,rl->rk", np.linalg.pinv(N, 1e-12, hermitian=True), b)
         e = np.abs(u[there] - np.einsum("ek,ek->e", Z, near[row]))
-        own = np.zeros(last - first)
+        deviations = np.zeros(last - first)
         diagonal = there == first + row
-        own[row[diagonal]] = e[diagonal]
-        return float((own[row] * weight * e).sum())
+        deviations[row[diagonal]] = e[diagonal]
+        return float((deviations[row] * weight * e).sum())
 
     def _make_symmetric(self, given: CsrMatrix) -> CsrMatrix | None:
         """K made exactly symmetric; None if its asymmetry is larger than its error."""
@@ -351,8 +351,14 @@ class _Rows:
             # Row k: free motion k in terms of the motions about the point of the row.
             block = np.zeros((len(rows), m, m))
             block[:, : free.shape[1]] = np.einsum("kf,rkl->rfl", free, turn)
-            row, k, own = np.nonzero(block)
-            mixing.append((rows[row] * m + k, rows[row] * m + own, block[row, k, own]))
+            row, k, other_motion = np.nonzero(block)
+            mixing.append(
+                (
+                    rows[row] * m + k,
+                    rows[row] * m + other_motion,
+                    block[row, k, other_motion],
+                )
+            )
         every = np.arange(self.n * m)
         mixing.append((every, every, identity))
         row, column, value = (
@@ -527,10 +533,10 @@ def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:
     product = LinearOperator(
         G.shape, matvec=lambda x: G @ x, rmatvec=lambda y: turned @ y, dtype=np.float64
     )
-    found = lsqr(
+    solution = lsqr(
         product, left, atol=reduction, btol=reduction, conlim=0, iter_lim=MOST_STEPS
     )
-    return np.asarray(found[0], np.float64)
+    return np.asarray(solution[0], np.float64)
 
 
 def _make_whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> CsrMatrix:
@@ -587,8 +593,8 @@ def describe_indefinite(
         )
     if not least < 0:
         return ""
-    said = f"; its most negative eigenvalue is {least:.1e} of the largest"
-    return said + (_offer(-least, digits) if least >= -OF_DIGITS else "")
+    extent = f"; its most negative eigenvalue is {least:.1e} of the largest"
+    return extent + (_offer(-least, digits) if least >= -OF_DIGITS else "")
 
 
 def _offer(negative: float, digits: Digits | None) -> str:
@@ -624,5 +630,5 @@ def _find_least_eigenvalue(K: CsrMatrix) -> float | None:
     if n > SPARSE:
         return None
     near = -OF_DIGITS * largest
-    found = eigsh(K, k=1, sigma=near, which="LA", v0=np.ones(n))[0]
-    return float(found[0] / largest)
+    eigenvalue = eigsh(K, k=1, sigma=near, which="LA", v0=np.ones(n))[0]
+    return float(eigenvalue[0] / largest)

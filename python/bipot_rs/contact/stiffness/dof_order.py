@@ -144,10 +144,10 @@ def fit(
     d = int(component.max(initial=-1)) + 1
     if places is not None:
         d = max(d, places.shape[1])
-    known = (component >= 0) & (node >= 0)
+    located = (component >= 0) & (node >= 0)
     if places is not None:
-        known &= np.isfinite(places).all(axis=1)
-        places = _of_unit_size(places, known)
+        located &= np.isfinite(places).all(axis=1)
+        places = _of_unit_size(places, located)
     n = len(pointers) - 1
     blocks = _sampled(n) if sample else _blocks(pointers)
     left, alone, looked = np.full(n, np.inf), np.zeros(n, bool), np.zeros(n, bool)
@@ -160,15 +160,15 @@ def fit(
     level = float(np.median(left[coupled])) if coupled.any() else 0.0
     free = left <= min(max(_DIGITS * level, _ROUNDING), _LEFT)
     # Eliminating a degree of freedom removes its column from the rows of its neighbours.
-    known &= ~np.isin(node, node[alone])
-    of = np.where(known, component, -1)
+    located &= ~np.isin(node, node[alone])
+    of = np.where(located, component, -1)
     # A stiffness whose sums overflow passes.
     with np.errstate(over="ignore", invalid="ignore"):
-        found = [
+        arrays = [
             _rows(parts, pointers, *block, d, of, places, free) for block in blocks
         ]
     row, moved, whole, turned = (
-        np.concatenate(one) for one in zip(*found, strict=True)
+        np.concatenate(parts_of_array) for parts_of_array in zip(*arrays, strict=True)
     )
     if len(row) < d * (d + 1):
         return None
@@ -223,8 +223,8 @@ def fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
     n = len(parts[0]) - 1
     if n % d or not n:
         return []
-    found = [(order, of_order(parts, order, d, nodes)) for order in ORDERS]
-    return [order for order, how in found if how is not None and how.fits]
+    candidates = [(order, of_order(parts, order, d, nodes)) for order in ORDERS]
+    return [order for order, how in candidates if how is not None and how.fits]
 
 
 def told_by(coordinates: Floats, d: int) -> str | None:
@@ -257,12 +257,12 @@ def unlike(
         return None
     order = None if coordinates is None else told_by(coordinates, d)
     if coordinates is not None and order is not None:
-        said = _unlike_places(stiffness, order, coordinates, d)
-        return said or _unlike_contacts(contact, order, n, d, "coordinates")
-    own = fitting(stiffness, d)
-    if len(own) != 1:
+        mismatch = _unlike_places(stiffness, order, coordinates, d)
+        return mismatch or _unlike_contacts(contact, order, n, d, "coordinates")
+    fits = fitting(stiffness, d)
+    if len(fits) != 1:
         return None
-    return _unlike_contacts(contact, own[0], n, d, "K")
+    return _unlike_contacts(contact, fits[0], n, d, "K")
 
 
 def _unlike_places(
@@ -277,7 +277,11 @@ def _unlike_places(
     how = of_order(stiffness, order, d, nodes)
     if how is None or how.fits:
         return None
-    others = [one for one in fitting(stiffness, d, nodes) if one != order]
+    others = [
+        order_of_points
+        for order_of_points in fitting(stiffness, d, nodes)
+        if order_of_points != order
+    ]
     advice = "give the coordinates in the order of the rows of K"
     if others:
         arrays = {
@@ -297,16 +301,16 @@ def _unlike_contacts(
     """Describe contacts of one node whose columns of B are in the other order."""
     pointers = np.asarray(contact[0], np.int64)[::d]
     columns = np.asarray(contact[1], np.int64)
-    other = next(one for one in ORDERS if one != order)
+    other = next(candidate for candidate in ORDERS if candidate != order)
     # The different columns of each contact, ascending.
     of_contact = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
     contacts, columns = np.divmod(np.unique(of_contact * n + columns), n)
     # Not: contacts of several nodes, or with prescribed components.
     whole = np.flatnonzero(np.bincount(contacts, minlength=len(pointers) - 1) == d)
-    own = columns[np.isin(contacts, whole)].reshape(-1, d)
+    whole_columns = columns[np.isin(contacts, whole)].reshape(-1, d)
 
     def of_one_node(order: str) -> Bools:
-        node = own // d if order == "node" else own % (n // d)
+        node = whole_columns // d if order == "node" else whole_columns % (n // d)
         return np.asarray((node == node[:, :1]).all(axis=1))
 
     fits = of_one_node(order)
@@ -339,8 +343,8 @@ def magnitude(K: CsrMatrix) -> CsrMatrix:
     """``|K|`` with the index arrays of K, which `abs` would copy."""
     from scipy.sparse import csr_array
 
-    found: CsrMatrix = csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
-    return found
+    moduli: CsrMatrix = csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+    return moduli
 
 
 def _slice(
@@ -365,9 +369,9 @@ def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, 
     K, columns = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
     size = magnitude(K) @ ones
-    own = np.abs(K.diagonal(first - columns.start))
+    diagonal = np.abs(K.diagonal(first - columns.start))
     left = np.abs(K @ ones) / np.where(size > 0, size, 1.0)
-    return left, size <= own
+    return left, size <= diagonal
 
 
 def _rows(
@@ -403,21 +407,21 @@ def _rows(
         def turning(of: int, axis: int) -> tuple[Floats, Floats]:
             """``Σ K (x_j - x_i)`` over a component, and the size of its terms."""
             at = unit[:, of] * x[:, axis]
-            own = here[:, axis]
-            sum_ = K @ at - own * sums[:, of]
+            coordinate = here[:, axis]
+            sum_ = K @ at - coordinate * sums[:, of]
             once, twice = size_of @ at, size_of @ (at * x[:, axis])
-            square = twice - 2 * own * once + own**2 * sizes[:, of]
+            square = twice - 2 * coordinate * once + coordinate**2 * sizes[:, of]
             # Below this it is rounding error of the difference.
             square[square <= _SHORT * sizes[:, of]] = 0.0
             return sum_, np.sqrt(sizes[:, of] * square)
 
         for a, b in combinations(range(d), 2):
-            one, its_size = turning(b, a)
+            turned_back, its_size = turning(b, a)
             other, other_size = turning(a, b)
             scale = its_size + other_size
             # Rotations are not checked for uncoupled components, as of springs along axes.
             some = present[:, a] & present[:, b] & (scale > 0)
-            ratio = np.abs(one - other)[some] / scale[some]
+            ratio = np.abs(turned_back - other)[some] / scale[some]
             turned[some] = np.fmax(turned[some], ratio)
     at = np.flatnonzero(judged)
     return at + first, moved.max(axis=1)[at], present.all(axis=1)[at], turned[at]

@@ -210,24 +210,24 @@ class Wear:
             ``cycle`` is no number, or none from the first to the last cycle.
         """
         at = float(floats("cycle", cycle, ndim=0))
-        known = self.cycle
-        if not len(known) or not known[0] <= at <= known[-1]:
+        cycles = self.cycle
+        if not len(cycles) or not cycles[0] <= at <= cycles[-1]:
             ends = (
-                f"{known[0]} to {known[-1]}"
-                if len(known)
+                f"{cycles[0]} to {cycles[-1]}"
+                if len(cycles)
                 else "a cycle that was solved"
             )
             raise ValueError(f"cycle is {at:g}, expected {ends}")
-        k = int(np.searchsorted(known, at))
-        if known[k] == at:
+        k = int(np.searchsorted(cycles, at))
+        if cycles[k] == at:
             return np.array(self.depth[k])
-        span = float(known[k] - known[k - 1])
-        t = (at - known[k - 1]) / span
+        span = float(cycles[k] - cycles[k - 1])
+        t = (at - cycles[k - 1]) / span
         before, after = self.depth[k - 1], self.depth[k]
         rise = t**2 * (3 - 2 * t)
-        found: Floats = before + rise * (after - before)
-        found += span * t * (1 - t) * ((1 - t) * self.worn[k - 1] - t * self.worn[k])
-        return found
+        depth: Floats = before + rise * (after - before)
+        depth += span * t * (1 - t) * ((1 - t) * self.worn[k - 1] - t * self.worn[k])
+        return depth
 
 
 @dataclass

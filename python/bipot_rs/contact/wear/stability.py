@@ -57,8 +57,8 @@ class Stability:
 
     def _apply(self, v: Floats) -> Floats:
         """``X K Xᵀ v``."""
-        found: Floats = self._solve(self._energy @ self._solve(v))
-        return found
+        product: Floats = self._solve(self._energy @ self._solve(v))
+        return product
 
     def rate(self, worn_by_force: Floats) -> float:
         """Largest eigenvalue of ``Σ X K Xᵀ`` (32), without unit, to three digits.
@@ -85,7 +85,7 @@ class Stability:
             (n, n), matvec=lambda v: root * self._apply(root * v.ravel()), dtype=float
         )
         start = np.random.default_rng(0).standard_normal(n)
-        (found,) = linalg.eigsh(
+        (rate,) = linalg.eigsh(
             operator,
             k=1,
             which="LA",
@@ -94,7 +94,7 @@ class Stability:
             return_eigenvectors=False,
         )
         # Lanczos approaches the eigenvalue from below.
-        return float(f"{found * (1 + tuning.BOUND_RTOL):.3g}")
+        return float(f"{rate * (1 + tuning.BOUND_RTOL):.3g}")
 
 
 def _factor_meeting(meeting: CsrMatrix) -> Any:

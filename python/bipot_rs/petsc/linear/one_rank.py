@@ -56,8 +56,8 @@ class OneRankFactor:
             return
         self._part.set_values(tangent.held, Springs(tangent, self._part.d))
         rows = OwnRows.of(self._part.P)
-        own = rows.pointer, rows.column, rows.values
-        every = self._comm.gather(own, root=0)
+        arrays = rows.pointer, rows.column, rows.values
+        every = self._comm.gather(arrays, root=0)
         reason = None if every is None else self._factor_rows(every)
         reason = self._comm.bcast(reason, root=0)
         if reason is not None:
@@ -101,6 +101,6 @@ class OneRankFactor:
                 np.ascontiguousarray(factor.displacements([state])[0]),
                 self._sizes,
             ]
-        own = np.empty(b.getLocalSize())
-        self._comm.Scatterv(pieces, own, root=0)
-        x.array[:] = own
+        part = np.empty(b.getLocalSize())
+        self._comm.Scatterv(pieces, part, root=0)
+        x.array[:] = part

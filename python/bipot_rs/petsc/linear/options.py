@@ -40,13 +40,13 @@ def is_of_the_user(PETSc: ModuleType, name: str) -> bool:
 def set_defaults(PETSc: ModuleType) -> dict[str, str]:
     """Set our options where the user has none; the type of the preconditioner is in them."""
     database = PETSc.Options(PREFIX)
-    known: dict[str, str] = {}
+    settings: dict[str, str] = {}
     for defaults in (KSP, PC, GAMG):
-        if defaults is GAMG and known["pc_type"] != "gamg":
+        if defaults is GAMG and settings["pc_type"] != "gamg":
             break
         for name, value in defaults.items():
             if not database.hasName(name):
                 database.setValue(name, value)
                 _OURS.add(name)
-            known[name] = database.getString(name, str(value))
-    return known
+            settings[name] = database.getString(name, str(value))
+    return settings

@@ -57,11 +57,11 @@ class Numbering:
 
     def list_own_cells(self, model: Assembly) -> Sequence[Ints]:
         """Cells of each body whose first node this rank owns: those that it writes."""
-        own = np.zeros(len(self.owner), bool)
-        own[self.nodes] = True
+        is_own = np.zeros(len(self.owner), bool)
+        is_own[self.nodes] = True
         first = np.cumsum([0] + [len(body.points) for body in model.bodies])
         return [
-            np.flatnonzero(own[start + body.cells[:, 0]])
+            np.flatnonzero(is_own[start + body.cells[:, 0]])
             for start, body in zip(first[:-1], model.bodies, strict=True)
         ]
 
@@ -102,15 +102,15 @@ def assemble_stiffness(
         rows = model.stiffness_rows(numbering.nodes)
         pointer = rows.indptr.astype(PETSc.IntType, copy=False)
         columns = numbering.place.astype(PETSc.IntType)[rows.indices]
-        own: CsrMatrix = sparse.csr_array(
+        own_rows: CsrMatrix = sparse.csr_array(
             (rows.data, columns, pointer), shape=rows.shape
         )
-        own.sort_indices()
+        own_rows.sort_indices()
         del rows, columns
     K: PetscMat = PETSc.Mat().createAIJ(
-        (own.shape, own.shape),
+        (own_rows.shape, own_rows.shape),
         bsize=model.dim,
-        csr=(own.indptr, own.indices, own.data),
+        csr=(own_rows.indptr, own_rows.indices, own_rows.data),
         comm=ranks.comm,
     )
     K.setOption(PETSc.Mat.Option.SYMMETRIC, True)

@@ -43,9 +43,9 @@ def divide_graph(
     )
     try:
         for kind in KINDS:
-            own = _apply_partitioner(PETSc, graph, kind, comm)
-            if own is not None:
-                return np.concatenate(comm.allgather(own)), kind
+            parts = _apply_partitioner(PETSc, graph, kind, comm)
+            if parts is not None:
+                return np.concatenate(comm.allgather(parts)), kind
     finally:
         graph.destroy()
     return None
@@ -61,9 +61,9 @@ def _apply_partitioner(
     try:
         partitioning.setAdjacency(graph)
         partitioning.setType(kind)
-        found = PETSc.IS()
-        partitioning.apply(found)
-        return np.asarray(found.getIndices(), np.int64)
+        numbers = PETSc.IS()
+        partitioning.apply(numbers)
+        return np.asarray(numbers.getIndices(), np.int64)
     except PETSc.Error:
         return None
     finally:
@@ -84,12 +84,12 @@ def divide_by_coordinates(points: Floats, parts: int) -> Ints:
     parts
         Number of parts.
     """
-    found = np.zeros(len(points), np.int64)
+    numbers = np.zeros(len(points), np.int64)
     waiting = [(np.arange(len(points)), 0, parts)]
     while waiting:
         nodes, first, count = waiting.pop()
         if count == 1 or not nodes.size:
-            found[nodes] = first
+            numbers[nodes] = first
             continue
         places = points[nodes]
         axes = np.argsort(-np.ptp(places, axis=0), kind="stable")
@@ -100,4 +100,4 @@ def divide_by_coordinates(points: Floats, parts: int) -> Ints:
         # Ascending, so that equal places are divided in the same way on each process.
         waiting.append((np.sort(order[:cut]), first, half))
         waiting.append((np.sort(order[cut:]), first + half, count - half))
-    return found
+    return numbers

@@ -243,10 +243,10 @@ def common(
 
     If the lines differ in direction, the arc length of each.
     """
-    found = [places(x[part], along) for part in parts]
-    if along is None and len({one.name for one in found}) > 1:
-        found = [places(x[part], "arc") for part in parts]
+    lines = [places(x[part], along) for part in parts]
+    if along is None and len({line.name for line in lines}) > 1:
+        lines = [places(x[part], "arc") for part in parts]
     return [
-        Places(part[one.order], one.s, one.towards, one.name, one.once)
-        for part, one in zip(parts, found, strict=True)
+        Places(part[line.order], line.s, line.towards, line.name, line.once)
+        for part, line in zip(parts, lines, strict=True)
     ]

@@ -57,7 +57,7 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     list of (facets, cell)
         Nodes ``(m, corners)`` in order around the facet, and cells ``(m,)``.
     """
-    found: list[tuple[Ints, Ints]] = []
+    facets_of_bodies: list[tuple[Ints, Ints]] = []
     first = 0
     for kind, nodes in cells:
         corners = corners_of(kind, nodes)
@@ -66,9 +66,9 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
         )
         outside = np.sort(at[count == 1])
-        found.append((facets[outside], first + outside % len(corners)))
+        facets_of_bodies.append((facets[outside], first + outside % len(corners)))
         first += len(corners)
-    return found
+    return facets_of_bodies
 
 
 def deformed_nodes(

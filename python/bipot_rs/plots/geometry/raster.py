@@ -88,12 +88,12 @@ class Raster:
         twice = bu * cv - bv * cu
         corner = values[triangles]
         p, q, r = corner[which].T
-        found = p + ((pu * cv - pv * cu) * (q - p) + (bu * pv - bv * pu) * (r - p)) / (
+        value = p + ((pu * cv - pv * cu) * (q - p) + (bu * pv - bv * pu) * (r - p)) / (
             np.where(twice == 0, 1.0, twice)
         )
         # In slivers rounding could leave the range of the corners.
         low, high = corner.min(axis=1), corner.max(axis=1)
-        image[row, column] = np.clip(found, low[which], high[which])
+        image[row, column] = np.clip(value, low[which], high[which])
         return image
 
     def _spans(self, at: Floats) -> tuple[Ints, Ints, Ints, Ints]:

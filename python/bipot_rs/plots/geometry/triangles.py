@@ -34,28 +34,28 @@ def check_facets(facets: object, contacts: int) -> Ints:
         Numbers of contacts, corners first, in the order of VTK; rows of facets with fewer
         nodes end in -1.
     """
-    found = np.asarray(facets)
-    if found.dtype.kind not in "iu" or found.ndim != 2:
+    numbers = np.asarray(facets)
+    if numbers.dtype.kind not in "iu" or numbers.ndim != 2:
         raise ValueError(
-            f"facets of contacts have entries of type {found.dtype} and shape "
-            f"{found.shape}, expected rows of integers"
+            f"facets of contacts have entries of type {numbers.dtype} and shape "
+            f"{numbers.shape}, expected rows of integers"
         )
-    found = found.astype(np.int64)
-    if found.size and (found.min() < -1 or found.max() >= contacts):
+    numbers = numbers.astype(np.int64)
+    if numbers.size and (numbers.min() < -1 or numbers.max() >= contacts):
         raise ValueError(
-            f"facets of contacts are from {found.min()} to {found.max()}, expected "
+            f"facets of contacts are from {numbers.min()} to {numbers.max()}, expected "
             f"numbers from 0 to {contacts - 1}, or -1 after the last node"
         )
-    count = np.sum(found >= 0, axis=1)
-    holes = (np.cumsum(found < 0, axis=1)[:, :-1] > 0) & (found[:, 1:] >= 0)
+    count = np.sum(numbers >= 0, axis=1)
+    holes = (np.cumsum(numbers < 0, axis=1)[:, :-1] > 0) & (numbers[:, 1:] >= 0)
     wrong = ~np.isin(count, list(_SPLIT)) | holes.any(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
         raise ValueError(
-            f"facet {k} of contacts is {found[k].tolist()}, expected 3, 4, 6, 8 or 9 "
+            f"facet {k} of contacts is {numbers[k].tolist()}, expected 3, 4, 6, 8 or 9 "
             "nodes, and -1 only after them"
         )
-    return found
+    return numbers
 
 
 def part(facets: Ints, chosen: NDArray[np.intp], contacts: int) -> Ints:
@@ -64,8 +64,8 @@ def part(facets: Ints, chosen: NDArray[np.intp], contacts: int) -> Ints:
     number[chosen] = np.arange(len(chosen))
     # The last entry is that of -1, no node.
     number[-1] = -1
-    found: Ints = number[facets]
-    return found[(found > -2).all(axis=1)]
+    renumbered: Ints = number[facets]
+    return renumbered[(renumbered > -2).all(axis=1)]
 
 
 def corners(facets: Ints) -> list[Ints]:
@@ -78,8 +78,8 @@ def split(facets: Ints) -> Ints:
     """Triangles ``(t, 3)`` of all facets; those of second order use their midpoints."""
     count = np.sum(facets >= 0, axis=1)
     kinds = [n for n in _SPLIT if (count == n).any()]
-    found = [facets[count == n][:, _SPLIT[n]].reshape(-1, 3) for n in kinds]
-    return np.concatenate([np.empty((0, 3), np.int64), *found])
+    triangles = [facets[count == n][:, _SPLIT[n]].reshape(-1, 3) for n in kinds]
+    return np.concatenate([np.empty((0, 3), np.int64), *triangles])
 
 
 def alone(facets: Ints, contacts: int) -> NDArray[np.intp]:
@@ -105,13 +105,13 @@ def of_points(uv: Floats, area: Floats | None) -> Ints:
     """
     from scipy.spatial import Delaunay
 
-    found: Ints = Delaunay(uv).simplices.astype(np.int64)
-    (u1, v1), (u2, v2) = (uv[found[:, k]].T - uv[found[:, 0]].T for k in (1, 2))
+    triangles: Ints = Delaunay(uv).simplices.astype(np.int64)
+    (u1, v1), (u2, v2) = (uv[triangles[:, k]].T - uv[triangles[:, 0]].T for k in (1, 2))
     size = 0.5 * np.abs(u1 * v2 - v1 * u2)
     if area is None:
-        area = _HALVES * _median(found, size, len(uv))
+        area = _HALVES * _median(triangles, size, len(uv))
     # The middle one of the three: midpoints and corners of quadratic facets differ.
-    near: Ints = found[size <= _BRIDGE * np.median(area[found], axis=1)]
+    near: Ints = triangles[size <= _BRIDGE * np.median(area[triangles], axis=1)]
     return near
 
 
@@ -122,7 +122,7 @@ def _median(triangles: Ints, size: Floats, points: int) -> Floats:
     count = np.bincount(node, minlength=points)
     first = np.cumsum(count) - count
     # A duplicate of another point is in no triangle.
-    found = np.zeros(points)
-    known = count > 0
-    found[known] = sizes[(first + (count - 1) // 2)[known]]
-    return found
+    medians = np.zeros(points)
+    touched = count > 0
+    medians[touched] = sizes[(first + (count - 1) // 2)[touched]]
+    return medians

@@ -47,7 +47,7 @@ def inconsistencies(
     """
     if known is None:
         known = {name: _of_table(block) for name, block in scene.body.items()}
-    dim = max((one.dim for one in known.values() if one.dim), default=None)
+    dim = max((body.dim for body in known.values() if body.dim), default=None)
     return [
         *_units(scene),
         *_bodies(scene, known),
@@ -79,7 +79,7 @@ def _units(scene: Scene) -> Iterator[Mistake]:
 
 
 def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
-    if len({one.dim for one in known.values() if one.dim}) > 1:
+    if len({body.dim for body in known.values() if body.dim}) > 1:
         yield Mistake(
             "body", "some bodies have two dimensions and some three, expected the same"
         )
@@ -93,8 +93,8 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[Mistake]:
                 yield _unknown(key, "material", material, scene.material, hint)
         if isinstance(block.material, dict):
             yield from _volumes(f"body.{name}.material", block, known[name])
-        own = _box if block.mesh is None else _of_file
-        yield from own(name, block, scene)
+        check_mesh_of = _box if block.mesh is None else _of_file
+        yield from check_mesh_of(name, block, scene)
         yield from _geometry(f"body.{name}.surface", block, known[name].dim)
 
 
@@ -176,13 +176,13 @@ def _geometry(place: str, block: Block, dim: int | None) -> Iterator[Mistake]:
 
 
 def _within(place: str, within: Within, dim: int | None) -> Iterator[Mistake]:
-    given = within.box()
-    if not given:
+    limits = within.box()
+    if not limits:
         yield Mistake(place, "is empty, expected a range of x, y or z")
-    for axis, (low, high) in given.items():
+    for axis, (low, high) in limits.items():
         if not low <= high:
             yield Mistake(f"{place}.{AXES[axis]}", f"should ascend, got {[low, high]}")
-    if dim == 2 and 2 in given:
+    if dim == 2 and 2 in limits:
         yield Mistake(f"{place}.z", _IN_SPACE)
 
 
@@ -233,7 +233,7 @@ def _surface(
     """A surface; ``inside`` also accepts a volume and a whole body."""
     body, dot, face = on.partition(".")
     if body not in known:
-        owners = [name for name, one in known.items() if on in (one.surfaces or ())]
+        owners = [name for name, about in known.items() if on in (about.surfaces or ())]
         if owners:
             meant = " or ".join(f"{name}.{on}" for name in owners)
             problem = f"there is no body {on!r}, did you mean {meant}?"
@@ -413,9 +413,9 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[Mistake]:
         for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
             if part is not None:
                 yield from _axis(f"{place}.{key}.axis", part.axis, dim)
-        for key, given in (("move", rigid.move), ("force", rigid.force)):
-            if given is not None:
-                yield from _given(f"{place}.{key}", given, dim)
+        for key, vector in (("move", rigid.move), ("force", rigid.force)):
+            if vector is not None:
+                yield from _given(f"{place}.{key}", vector, dim)
         if rigid.move is not None and rigid.force is not None:
             for k in rigid.move.components().keys() & rigid.force.components().keys():
                 yield Mistake(
@@ -438,21 +438,21 @@ def check_remotes(scene: Scene, dim: int | None) -> Iterator[Mistake]:
         yield from _length(f"{place}.point", remote.point, dim)
         if remote.within is not None:
             yield from _within(f"{place}.within", remote.within, dim)
-        given = remote.given()
-        if not given:
+        settings = remote.given()
+        if not settings:
             yield Mistake(
                 place,
                 "needs move, turn, force or moment",
             )
-        for key, numbers in given.items():
+        for key, numbers in settings.items():
             yield from _axes(f"{place}.{key}", key, numbers, dim)
         for held, loaded in (("move", "force"), ("turn", "moment")):
-            if remote.distributed and held in given:
+            if remote.distributed and held in settings:
                 yield Mistake(
                     f"{place}.{held}",
                     "remove it, or distributed: a part that may deform has no prescribed motion",
                 )
-            for k in given.get(held, {}).keys() & given.get(loaded, {}).keys():
+            for k in settings.get(held, {}).keys() & settings.get(loaded, {}).keys():
                 yield Mistake(
                     f"{place}.{loaded}.{AXES[k]}",
                     f"remove it or {place}.{held}.{AXES[k]}: "

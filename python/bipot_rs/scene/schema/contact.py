@@ -121,13 +121,15 @@ class Rigid(Table):
 
     def varying(self) -> dict[str, Varying]:
         """Numbers that may have an amplitude, by the end of their key path."""
-        found: dict[str, Varying] = {}
-        for key, given in (("move", self.move), ("force", self.force)):
-            if given is not None:
-                found |= {f"{key}.{AXES[k]}": v for k, v in given.components().items()}
+        varying: dict[str, Varying] = {}
+        for key, vector in (("move", self.move), ("force", self.force)):
+            if vector is not None:
+                varying |= {
+                    f"{key}.{AXES[k]}": v for k, v in vector.components().items()
+                }
         if self.turn is not None:
-            found["turn.angle"] = self.turn.angle
-        return found
+            varying["turn.angle"] = self.turn.angle
+        return varying
 
 
 class Touch(Table):

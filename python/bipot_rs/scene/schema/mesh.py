@@ -76,9 +76,9 @@ class Axis(Table):
 
     def takes_n(self) -> bool:
         """Whether the grid depends on n."""
-        given = [text for text in (self.cells, self.cell) if text is not None]
+        texts = [text for text in (self.cells, self.cell) if text is not None]
         grows = any(first > 1 for first, _ in self.growth)
-        return grows or any("n" in text for text in given)
+        return grows or any("n" in text for text in texts)
 
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; a `ValueError` if keys contradict each other."""
@@ -137,8 +137,8 @@ class Within(Table):
 
     def box(self) -> dict[int, tuple[float, float]]:
         """Ranges by axis."""
-        given = (self.x, self.y, self.z)
-        return {k: (r[0], r[1]) for k, r in enumerate(given) if r is not None}
+        ranges = (self.x, self.y, self.z)
+        return {k: (r[0], r[1]) for k, r in enumerate(ranges) if r is not None}
 
 
 class Place(Table):

@@ -138,8 +138,8 @@ class Scene(Table):
     @property
     def dim(self) -> int | None:
         """2 or 3; None if all bodies are meshes from files."""
-        known = (block.dim for block in self.body.values())
-        return max((dim for dim in known if dim), default=None)
+        dims = (block.dim for block in self.body.values())
+        return max((dim for dim in dims if dim), default=None)
 
     def cell(self, block: Block) -> str | None:
         """Shape of the cells of a box: that of ``mesh.element``, else its own."""

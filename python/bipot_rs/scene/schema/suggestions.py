@@ -28,28 +28,28 @@ def suggestion(
         `standing` of the scene: other places that have a key of this name.
     """
     *above, wrong = place
-    known = keys(root, above)
-    if found := nearest(wrong, known):
-        return f", did you mean {'.'.join([*above, found])}?"
+    names = keys(root, above)
+    if name := nearest(wrong, names):
+        return f", did you mean {'.'.join([*above, name])}?"
     if elsewhere := standing.get(wrong):
         return f", did you mean {' or '.join(elsewhere[:3])}?"
-    return f", expected one of {', '.join(known)}" if known else ""
+    return f", expected one of {', '.join(names)}" if names else ""
 
 
 def standing(root: type[BaseModel], table: object) -> dict[str, list[str]]:
     """Key paths of a scene by their last key, for all keys that are known."""
-    found: dict[str, list[str]] = {}
+    paths: dict[str, list[str]] = {}
     for key, path in _paths([root], table):
-        found.setdefault(key, []).append(path)
-    return found
+        paths.setdefault(key, []).append(path)
+    return paths
 
 
 def keys(root: type[BaseModel], place: Sequence[str]) -> list[str]:
     """Keys of the table at a key path; [] if there is no table."""
-    found: list[object] = [root]
+    kinds: list[object] = [root]
     for part in place:
-        found = [inner for kind in found for inner in _step(kind, part)]
-    return list(dict.fromkeys(name for kind in found for name in _keys(kind)))
+        kinds = [inner for kind in kinds for inner in _step(kind, part)]
+    return list(dict.fromkeys(name for kind in kinds for name in _keys(kind)))
 
 
 def _is_table(annotation: object) -> TypeGuard[type[BaseModel]]:
@@ -73,16 +73,16 @@ def _step(annotation: object, part: str) -> Iterator[object]:
     elif get_origin(annotation) is dict:
         yield inner[1]
     else:
-        for one in inner:
-            yield from _step(one, part)
+        for kind in inner:
+            yield from _step(kind, part)
 
 
 def _keys(annotation: object) -> Iterator[str]:
     if _is_table(annotation):
         yield from _fields(annotation)
     elif get_origin(annotation) not in (list, dict):
-        for one in get_args(annotation):
-            yield from _keys(one)
+        for kind in get_args(annotation):
+            yield from _keys(kind)
 
 
 def _paths(
@@ -93,14 +93,14 @@ def _paths(
         return
     if isinstance(table, dict):
         entries: Iterable[tuple[object, object]] = table.items()
-        known = {name for kind in kinds for name in _keys(kind)}
+        names = {name for kind in kinds for name in _keys(kind)}
     elif isinstance(table, list):
-        entries, known = enumerate(table), set()
+        entries, names = enumerate(table), set()
     else:
         return
     for key, inner in entries:
         here = f"{path}.{key}" if path else str(key)
-        if key in known:
+        if key in names:
             yield str(key), here
-        below = [one for kind in kinds for one in _step(kind, str(key))]
+        below = [kind_below for kind in kinds for kind_below in _step(kind, str(key))]
         yield from _paths(below, inner, here, depth - 1)

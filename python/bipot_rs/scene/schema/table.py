@@ -64,8 +64,8 @@ class Components(Table):
 
     def components(self) -> dict[int, Varying]:
         """Given components by axis."""
-        given = (self.x, self.y, self.z)
-        return {k: v for k, v in enumerate(given) if v is not None}
+        components = (self.x, self.y, self.z)
+        return {k: v for k, v in enumerate(components) if v is not None}
 
 
 def no_entries() -> list[One]:
