@@ -191,6 +191,12 @@ pub enum Error {
     /// A problem that the engine in the displacements cannot solve.
     #[error("engine 'iterative' cannot solve this problem: {reason}. Use engine='direct'")]
     NotIterative { reason: &'static str },
+    /// A support at a contact for which the engine in the displacements has no variables.
+    #[error(
+        "engine 'iterative' cannot solve this problem: a support holds contact {contact} along a \
+         direction that is neither its normal nor a tangent. Use engine='direct'"
+    )]
+    ObliqueSupport { contact: usize },
     /// A matrix for which no multigrid preconditioner can be built.
     #[error(
         "the multigrid preconditioner cannot be built: {reason}. Use a direct factorisation of K"

@@ -31,8 +31,7 @@ impl<const D: usize> Frames<D> {
     /// the place of each degree of freedom, and its number among the prescribed ones.
     ///
     /// # Errors
-    /// [`Error::NotIterative`] if a contact has no node of its own, or if supports are oblique
-    /// to the axes of a contact.
+    /// [`Error::NotIterative`] if a contact has no node of its own; [`Error::ObliqueSupport`].
     pub fn new(
         contact: &OwnedMatrix,
         elliptic: Option<&EllipticScaling>,

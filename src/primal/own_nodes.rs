@@ -67,14 +67,10 @@ impl<const D: usize> fmt::Debug for AboutNodes<'_, D> {
     }
 }
 
-const OBLIQUE: Error = Error::NotIterative {
-    reason: "a support at a contact is oblique to the normal and the tangents",
-};
-
 /// Chooses the node of each contact, and gives the contacts with a node in the order of choice.
 ///
 /// # Errors
-/// [`Error::NotIterative`] if a contact has no node of its own, or if its supports are oblique.
+/// [`Error::NotIterative`] if a contact has no node of its own; [`Error::ObliqueSupport`].
 pub(super) fn choose<const D: usize>(
     contacts: &[Columns<D>],
     nodes: &AboutNodes<'_, D>,
@@ -103,7 +99,7 @@ pub(super) fn choose<const D: usize>(
             if frames.is_empty() {
                 later.push(i);
                 if alone {
-                    refusal = OBLIQUE;
+                    refusal = Error::ObliqueSupport { contact: i };
                 }
             } else {
                 chosen.push(i);

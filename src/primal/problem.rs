@@ -84,7 +84,7 @@ impl<const D: usize> Primal<D> {
     ///
     /// # Errors
     /// Wrong arguments, each naming the place; [`Error::Asymmetric`], [`Error::NotIterative`],
-    /// [`Error::Interrupted`].
+    /// [`Error::ObliqueSupport`], [`Error::Interrupted`].
     pub fn new<I: Index>(
         given: &ProblemArrays<D, I>,
         elliptic: Option<&EllipticScaling>,
@@ -239,7 +239,7 @@ impl<const D: usize> Primal<D> {
     /// variables; `rotation` is about the variables of the caller.
     ///
     /// # Errors
-    /// [`Error::Shape`]; [`Error::NotIterative`] if supports are oblique to the new frames.
+    /// [`Error::Shape`]; [`Error::ObliqueSupport`], in the new frames.
     pub fn rotated(
         &self,
         rotation: &Rotation<D>,

@@ -62,7 +62,10 @@ impl From<Error> for PyErr {
             |py, text| ours(py, "NoEquilibriumError", text) => [
                 ContradictoryContact { node, penetration },
             ],
-            |py, text| ours(py, "NotIterativeError", text) => [NotIterative { reason }],
+            |py, text| ours(py, "NotIterativeError", text) => [
+                NotIterative { reason },
+                ObliqueSupport { contact },
+            ],
             |_, text| PyMemoryError::new_err::<String>(text) => [
                 Memory { what, bytes, available },
                 MemoryLimit { what, bytes, limit },

@@ -120,7 +120,7 @@ impl<const D: usize> PrimalArrays<D> {
         let elliptic = self.elliptic.as_ref();
         let made = interrupt::run(py, self.num_threads, |_| {
             match self.problem.rotated(&rotation, elliptic) {
-                Err(Error::NotIterative { .. }) => Ok(None),
+                Err(Error::NotIterative { .. } | Error::ObliqueSupport { .. }) => Ok(None),
                 made => made.map(Some),
             }
         })?;
