@@ -19,12 +19,19 @@ from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
+from bipot_rs.contact.errors import (
+    NotIterativeError,
+    describe_oblique,
+    with_message,
+    with_reason,
+)
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     drop_equal_frames,
     join_steps,
 )
 from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.stiffness.digits import describe_undecided
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
 from bipot_rs.fem.bodies.body import Body, Box, Field, body_index
 from bipot_rs.fem.bodies.boundary import Spring
@@ -43,6 +50,7 @@ from bipot_rs.fem.constraints.ties import Ties
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.obstacle_path import frames_of_steps
 from bipot_rs.fem.contact.rigid import follow_obstacle
+from bipot_rs.mesh.quality import find_most_slender
 from bipot_rs.obstacle.motion import Motion
 
 if TYPE_CHECKING:
@@ -384,9 +392,42 @@ class Assembly:
                 bodies=first_dofs,
             )
         except ValueError as error:
-            from bipot_rs.fem.checks.causes import name_cause
+            raise self._name_cause(error) from None
 
-            raise name_cause(self, error) from None
+    def _name_cause(self, error: ValueError) -> ValueError:
+        """The error of a problem with the support, the body and the cells that caused it."""
+        if isinstance(error, NotIterativeError):
+            contact = error.contact
+            support = None if contact is None else self._find_support(contact)
+            if contact is None or support is None:
+                return error
+            where = f" at {place(self.points[contact])}"
+            return with_reason(error, describe_oblique(support, contact, where))
+        dof = getattr(error, "dof", None)
+        if getattr(error, "kind", "") != "few_digits" or dof is None:
+            return error
+        for point in self.references:
+            if dof in point.dofs or dof in point.turns:
+                whose = f"{point.kind} {point.name!r}"
+                return with_message(error, describe_undecided(whose, "motion"))
+        b = int(np.searchsorted(self.offset, dof, side="right")) - 1
+        body, (node, axis) = self.bodies[b], divmod(dof, self.dim)
+        cell, ratio = find_most_slender(body.points[body.cells], body.kind)
+        at = place(body.points[body.cells[cell]].mean(axis=0))
+        motion = f"motion along {'xyz'[axis]} at {place(self.nodes[node])}"
+        cells = f" (the most slender is at {at}, {ratio:.2g} times as long as thick)"
+        undecided = describe_undecided(f"body {body.name!r}", motion, cells)
+        return with_message(error, undecided)
+
+    def _find_support(self, contact: int) -> str | None:
+        """``support 'body.surface'`` for a support of the nodes of a contact."""
+        rows = self.dim * contact + np.arange(self.dim)
+        dofs = self.B[rows].indices
+        for support, components in zip(self.supports, self.support_dofs, strict=True):
+            if any(np.isin(dofs, held).any() for held in components):
+                surface = "" if support.surface is None else f".{support.surface}"
+                return f"support '{support.body}{surface}'"
+        return None
 
     def _coordinates(self) -> Floats | None:
         """Position of each degree of freedom; None if one is an unknown rotation."""

@@ -1,0 +1,49 @@
+"""Errors of a problem name what of its model caused them."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import fem
+from bipot_rs.contact.errors import NotIterativeError
+from support.slender import STEEL, floor, problem, strip, supports
+
+pytestmark = pytest.mark.needs_extra
+
+
+def test_a_support_oblique_to_a_contact_is_named() -> None:
+    """A plane that slopes under a corner which a support holds along z."""
+    mesh: Any = fem.box([np.linspace(0.0, 1.0, 3)] * 3, "hexahedron")
+    body = fem.Body("lower", mesh, fem.Material(STEEL[0], STEEL[1]))
+    slope = fem.Contact(
+        "lower", "bottom", mu=0.3, plane=((0.0, 0.0, 0.0), (0.0, 0.6, 0.8))
+    )
+    held = [fem.Support("lower", "top", (0, 1, 2)), fem.Support("lower", "bottom", (2,))]
+    model = fem.assemble([body], [slope], held)
+    with pytest.raises(NotIterativeError) as refused:
+        model.problem(engine="iterative")
+    contact = refused.value.contact
+    assert contact is not None
+    x = ", ".join(f"{c:g}" for c in model.points[contact])
+    assert refused.value.reason == (
+        f"support 'lower.bottom' holds contact {contact} at ({x}) along a direction that is "
+        "neither its normal nor a tangent"
+    )
+    assert str(refused.value).endswith(". Use engine='direct'")
+
+
+def test_an_undecided_motion_names_body_axis_and_slender_cell() -> None:
+    """Without coordinates the digits of K must decide, and here they cannot."""
+    body = strip((1000.0, 0.2), (160, 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
+    with pytest.raises(ValueError, match="it cannot be decided whether") as refused:
+        problem(model, False)
+    assert refused.value.kind == "few_digits"  # type: ignore[attr-defined]
+    assert "Give `coordinates`" in str(refused.value)
+    named = str(model._name_cause(refused.value))
+    # Cells of 6.25 by 0.1, all equal.
+    assert re.match(r"body 'strip': it cannot be .* its motion along [xy] at \(", named)
+    assert re.search(r"most slender is at \([\d., ]+\), 6\d times as long as thick", named)
+    assert "coordinates" not in named
