@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,21 +60,28 @@ class FacetMesh:
         """Nodes at the corners, ``(m, c)``."""
         return self.facets[:, : self.kind.corners]
 
+    @cached_property
     def places(self) -> Floats:
         """Corners from the centre of each facet, ``(m, c, d)``."""
         return np.asarray(self.points[self.corners] - self.centre[:, None])
 
+    @cached_property
     def bases(self) -> Floats:
         """Two axes in the plane of each facet, ``(m, d - 1, d)``, about the normal."""
         return bases(self.normals)
 
+    @cached_property
+    def flat(self) -> Floats:
+        """Corners along these axes, ``(m, c, d - 1)``."""
+        return np.asarray(np.einsum("mkd,mcd->mck", self.bases, self.places))
+
+    @cached_property
     def whole(self) -> Floats:
         """∫ N_i over each facet in its plane, ``(m, c)``, with the corner functions N."""
         if self.dim == 2:
             return np.repeat(self.size[:, None] / 2, 2, axis=1)
         if self.kind.corners == 3:
             return np.repeat(self.size[:, None] / 3, 3, axis=1)
-        flat = np.einsum("mkd,mcd->mck", self.bases(), self.places())
         x = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(3)
         shapes = CORNER_SHAPES[4](x)
         # N_i and det J are bilinear: four points integrate their product exactly.
@@ -84,18 +92,20 @@ class FacetMesh:
                 corner[:, 1] * (1 + x[:, :1] * corner[:, 0]) / 4,
             ]
         )
-        (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, flat)
+        (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, self.flat)
         return np.asarray((a * d - b * c) @ shapes)
 
+    @cached_property
     def node_areas(self) -> Floats:
         """∫ N_i over all facets at the nodes, ``(n,)``; zero except at corners."""
-        whole, nodes = self.whole().ravel(), len(self.points)
+        whole, nodes = self.whole.ravel(), len(self.points)
         return np.asarray(np.bincount(self.corners.ravel(), whole, minlength=nodes))
 
+    @cached_property
     def node_normals(self) -> Floats:
         """Outward normals times area at the nodes, ``(n, d)``; zero except at corners."""
         total = np.zeros_like(self.points)
-        weighted = self.whole()[:, :, None] * self.normals[:, None]
+        weighted = self.whole[:, :, None] * self.normals[:, None]
         np.add.at(total, self.corners.ravel(), weighted.reshape(-1, self.dim))
         # A component of rounding size on a coordinate plane would couple B to
         # displacements that the contact does not feel.
@@ -140,8 +150,7 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Facet
         radius=np.linalg.norm(places, axis=2).max(axis=1),
     )
     if kind.corners == 4:
-        flat = np.einsum("mkd,mcd->mck", mesh.bases(), places)
-        skew = skewness(flat)
+        skew = skewness(mesh.flat)
         if (skew >= _FOLDED).any():
             at = int(np.argmax(skew >= _FOLDED))
             raise ValueError(

@@ -53,7 +53,7 @@ from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree
 from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
-from bipot_rs.mortar.facet_mesh import FacetMesh, bases, candidates
+from bipot_rs.mortar.facet_mesh import FacetMesh, candidates
 from bipot_rs.mortar.polygon_integrals import polygon_integrals
 from bipot_rs.mortar.shape_functions import (
     CORNER_SHAPES,
@@ -149,10 +149,8 @@ def overlaps(slave: FacetMesh, master: FacetMesh, distance: float) -> Overlaps:
         of the master lie opposite to a slave facet.
     """
     s, m = candidates(slave.centre, slave.radius, slave.normals, master, distance)
-    axes = bases(slave.normals)[s]
     offset = master.points[master.corners[m]] - slave.centre[s][:, None]
-    theirs = np.einsum("pkd,pcd->pck", axes, offset)
-    ours = np.einsum("pkd,pcd->pck", axes, slave.places()[s])
+    theirs, ours = np.einsum("pkd,pcd->pck", slave.bases[s], offset), slave.flat[s]
     meet = (theirs.max(axis=1) > ours.min(axis=1)).all(axis=1)
     meet &= (theirs.min(axis=1) < ours.max(axis=1)).all(axis=1)
     s, m, ours, theirs = s[meet], m[meet], ours[meet], theirs[meet]
@@ -178,7 +176,7 @@ def _apart(slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints) -> Floats:
     """Smallest distance of facets along the normals of the slave."""
     between = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
-    ours = np.einsum("pd,pcd->pc", slave.normals[s], slave.places()[s])
+    ours = np.einsum("pd,pcd->pc", slave.normals[s], slave.places[s])
     behind = ours.min(axis=1) - theirs.max(axis=1)
     before = theirs.min(axis=1) - ours.max(axis=1)
     return np.asarray(np.maximum(0.0, np.maximum(behind, before)))
@@ -262,8 +260,7 @@ def whole(slave: FacetMesh) -> Overlaps:
     none = np.zeros(0, dtype=np.int64)
     if slave.dim == 2:
         return Overlaps(s, none, np.tile([0.0, 1.0], (len(s), 1)), None)
-    flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
-    return Overlaps(s, none, flat, None)
+    return Overlaps(s, none, slave.flat, None)
 
 
 def _areas(polygons: Floats) -> Floats:
@@ -348,17 +345,16 @@ def _resultants(
     The correction is the same on both bodies for each intersection, so that it does not
     change the moments, which quadrature integrates exactly.
     """
-    flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
     ours = slave.kind.corners == 4
     theirs = master is not None and master.kind.corners == 4
     skew = np.zeros(1)
     if ours:
-        skew = skewness(flat)
+        skew = skewness(slave.flat)
     if theirs and over.opposite is not None:
         skew = np.append(skew, skewness(over.opposite))
     if (skew <= _SKEW).all():
         return
-    size, corners = _areas(over.polygons), flat[over.slave]
+    size, corners = _areas(over.polygons), slave.flat[over.slave]
 
     def exact(kind: FacetKind, corners: Floats) -> Floats:
         return polygon_integrals(kind, corners, over.polygons)
@@ -446,8 +442,7 @@ def _turn(slave: FacetMesh, over: Overlaps, part: Ints) -> Floats:
     along = (
         slave.points[slave.corners[facet, 1]] - slave.points[slave.corners[facet, 0]]
     )
-    axis = bases(slave.normals[facet])[:, 0]
-    return np.asarray(np.einsum("pd,pd->p", along, axis))
+    return np.asarray(np.einsum("pd,pd->p", along, slave.bases[facet, 0]))
 
 
 def _triangles(
@@ -460,9 +455,7 @@ def _triangles(
     places = corners[:, :1] + x @ edges
     (a, b), (c, d) = np.moveaxis(edges, 0, -1)
     weight = (a * d - b * c)[:, None] * w
-    facet = over.slave[part]
-    ours = np.einsum("pkd,pcd->pck", bases(slave.normals)[facet], slave.places()[facet])
-    xi = reference(ours, places)
+    xi = reference(slave.flat[over.slave[part]], places)
     if over.opposite is None:
         return part, xi, None, weight
     return part, xi, reference(over.opposite[part], places), weight
@@ -474,8 +467,7 @@ def _degree(slave: FacetMesh, over: Overlaps, master: FacetMesh | None) -> Ints:
     other = max(slave.kind.degree, 0 if master is None else master.kind.degree)
     degree = np.full(len(over.slave), corner + other, dtype=np.int64)
     if slave.kind.corners == 4:
-        flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
-        degree += _beyond(skewness(flat))[over.slave]
+        degree += _beyond(skewness(slave.flat))[over.slave]
     if master is not None and master.kind.corners == 4 and over.opposite is not None:
         # In a product of two functions the errors add, not the degrees.
         theirs = corner + other + _beyond(skewness(over.opposite))
@@ -542,7 +534,7 @@ def _kept(slave: FacetMesh, covered: Floats) -> Bools:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)
-    kept = (part > 0) & (part >= JOINED * slave.node_areas())
+    kept = (part > 0) & (part >= JOINED * slave.node_areas)
     bare = (covered.sum(axis=1) > 0) & ~kept[slave.corners].any(axis=1)
     kept[slave.corners[bare, covered[bare].argmax(axis=1)]] = True
     return kept

@@ -322,8 +322,8 @@ def _own_dofs(slave: FacetMesh, ours: Ints, master: FacetMesh, theirs: Ints) -> 
 
 def _normals(slave: FacetMesh, node: Ints) -> Floats:
     """Normals from the obstacle towards the slave, at slave nodes."""
-    normals = -slave.node_normals()[node]
-    size = slave.node_areas()[node]
+    normals = -slave.node_normals[node]
+    size = slave.node_areas[node]
     # The mean normal of opposite facets is rounding.
     thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
     if thin.any():
@@ -393,9 +393,9 @@ def _nodes(
             f"{slave.name} has facets of the kind {slave.kind.name}, whose corners have zero "
             "or negative areas: use method='mortar', or linear facets"
         )
-    area = slave.node_areas()
+    area = slave.node_areas
     node = np.flatnonzero(area > 0)
-    normals = slave.node_normals()[node]
+    normals = slave.node_normals[node]
     length = np.linalg.norm(normals, axis=1)
     seen = length > 1e-8 * area[node]
     node, normals = node[seen], normals[seen] / length[seen, None]
