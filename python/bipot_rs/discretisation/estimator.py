@@ -39,7 +39,6 @@ from bipot_rs.discretisation.simplices import (
     strain,
 )
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.body import body_index
 from bipot_rs.fem.bodies.materials import Material
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
@@ -367,8 +366,9 @@ class Estimator:
             load, factor = acting.load, acting.history[k]
             if load is None:
                 continue
-            owner = body_index(self.case.model.bodies, load.body)
-            body, cells = self.case.model.bodies[owner], self.bodies[owner]
+            numbered = self.case.model.numbered[load.body]
+            body, owner = numbered.body, numbered.index
+            cells = self.bodies[owner]
             if load.force is not None:
                 forces[owner] += factor * np.asarray(load.force)
                 continue

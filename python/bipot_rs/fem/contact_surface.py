@@ -60,15 +60,14 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
         of contacts ``(m, nodes)`` in the order of VTK; in 3D counter-clockwise seen from
         outside the body. Contacts on no such facet follow as ``("vertex", (m, 1))``.
     """
-    names = [body.name for body in model.bodies]
     found: dict[str, list[Ints]] = {}
     alone = np.ones(len(model.points), dtype=np.bool_)
     for number, contact in enumerate(model.contacts):
-        index = names.index(contact.body)
-        body, first = model.bodies[index], model.offset[index]
+        numbered = model.numbered[contact.body]
+        body = numbered.body
         mine = np.flatnonzero(model.group == number)
         of_node = np.full(len(body.points), -1, dtype=np.int64)
-        of_node[(model.contact_dofs[mine, 0] - first) // model.dim] = mine
+        of_node[numbered.nodes_at(model.contact_dofs[mine, 0])] = mine
         corners = of_node[body.surface(contact.surface).corners]
         corners = corners[(corners >= 0).all(axis=1)]
         if model.dim == 3:

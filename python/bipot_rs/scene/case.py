@@ -20,9 +20,8 @@ from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.solution import Step
 from bipot_rs.fem.assembly.assemble import assemble as assemble_model
-from bipot_rs.fem.assembly.assemble import without_stiffness
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.body import Body, body_index
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.stress_recovery import stress
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies
 from bipot_rs.fem.checks.inspection import inspect
@@ -369,8 +368,8 @@ class Case:
         ends = np.cumsum([0, *counts])
         stress_of_cells = np.zeros((ends[-1], 3, 3))
         for load, history in acting:
-            b = body_index(self.model.bodies, load.body)
-            body = self.model.bodies[b]
+            numbered = self.model.numbered[load.body]
+            body, b = numbered.body, numbered.index
             still = np.zeros(body.points.size)
             unit = stress(body, still, load.strain, space=True)
             stress_of_cells[ends[b] : ends[b + 1]] += history[step] * unit
@@ -423,9 +422,9 @@ def assemble(scene: Scene, meshed: Sequence[Body], *, stiffness: bool = True) ->
         contradict each other, a contact without nodes.
     """
     try:
-        make = assemble_model if stiffness else without_stiffness
         histories = Histories(scene)
-        model = make(meshed, **make_parts(scene, histories.make_motions()))
+        parts = make_parts(scene, histories.make_motions())
+        model = assemble_model(meshed, **parts, stiffness=stiffness)
         loads = make_loads(scene, meshed, model)
         return _make_case(scene, model, loads, histories)
     except SceneError:

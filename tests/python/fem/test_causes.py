@@ -20,7 +20,10 @@ def test_a_support_oblique_to_a_contact_is_named() -> None:
     slope = fem.Contact(
         "lower", "bottom", mu=0.3, plane=((0.0, 0.0, 0.0), (0.0, 0.6, 0.8))
     )
-    held = [fem.Support("lower", "top", (0, 1, 2)), fem.Support("lower", "bottom", (2,))]
+    held = [
+        fem.Support("lower", "top", (0, 1, 2)),
+        fem.Support("lower", "bottom", (2,)),
+    ]
     model = fem.assemble([body], [slope], held)
     with pytest.raises(NotIterativeError) as refused:
         model.problem(engine="iterative")
@@ -45,5 +48,7 @@ def test_an_undecided_motion_names_body_axis_and_slender_cell() -> None:
     named = str(model._name_cause(refused.value))
     # Cells of 6.25 by 0.1, all equal.
     assert re.match(r"body 'strip': it cannot be .* its motion along [xy] at \(", named)
-    assert re.search(r"most slender is at \([\d., ]+\), 6\d times as long as thick", named)
+    assert re.search(
+        r"most slender is at \([\d., ]+\), 6\d times as long as thick", named
+    )
     assert "coordinates" not in named

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import spsolve
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import Estimator
 from bipot_rs.discretisation.simplices import simplices
+from bipot_rs.fem.bodies.numbering import number_bodies
 from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
@@ -232,5 +233,6 @@ def test_estimator_refuses_unsupported_models() -> None:
     ):
         Estimator(replace(case, model=replace(case.model, springs=(hung,))))
     wood = fem.Body("cube", cube.mesh, fem.Orthotropic(*WOOD))
+    model = replace(case.model, numbered=number_bodies([wood]))
     with pytest.raises(ValueError, match="'cube' has an orthotropic material"):
-        Estimator(replace(case, model=replace(case.model, bodies=(wood,))))
+        Estimator(replace(case, model=model))

@@ -8,7 +8,6 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from bipot_rs import fem
-from bipot_rs.fem.assembly.assemble import without_stiffness
 from bipot_rs.mesh import elements
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -98,7 +97,7 @@ def test_without_stiffness_all_other_arrays_are_the_same() -> None:
     contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -0.1], [0, 0, 1]))
     given = [body], [contact], [fem.Support("it", "top", (0, 1, 2))]
     whole = fem.assemble(*given)
-    bare = without_stiffness(*given)
+    bare = fem.assemble(*given, stiffness=False)
     assert bare.K is None
     assert bare.n == whole.n == whole.K.shape[0]
     assert (bare.B != whole.B).nnz == 0
@@ -122,4 +121,4 @@ def test_a_folded_cell_has_its_number_in_the_whole_mesh() -> None:
         "it", type(mesh)(mesh.p, cells, validate=False), fem.Material(1.0, 0.3)
     )
     with pytest.raises(ValueError, match="cell 7 of body 'it' is folded"):
-        without_stiffness([body], []).stiffness_rows(np.unique(cells[:, 7]))
+        fem.assemble([body], [], stiffness=False).stiffness_rows(np.unique(cells[:, 7]))

@@ -46,7 +46,7 @@ def test_shapes_and_counts() -> None:
         "frame=array (81, 3, 3)",
         f"K=sparse (2430, 2430), {entries} entries",
         "dim=3",
-        "offset=(0, 1215)",
+        "numbered={'upper': 0, 'lower': 1215}",
     ):
         assert part in text
     assert repr(case).startswith("Case(model=Assembly(…), ")

@@ -10,7 +10,7 @@ import bipot_rs as bp
 from bipot_rs import analytic, fem
 from bipot_rs.discretisation.contact_facets import contact_facets
 from bipot_rs.discretisation.simplices import simplices
-from bipot_rs.fem.contact.surfaces import facets_outward
+from bipot_rs.fem.contact.surfaces import ContactSurface
 from support.halfspace import body, boussinesq, grid, mirrored
 from support.profiles import Profile
 
@@ -95,9 +95,9 @@ def pressed(
         # The part of the lower block that the upper one does not cover gets the pressure as a load.
         covered = bp.pairs(
             bodies[1].points,
-            facets_outward(bodies[1], "top"),
+            ContactSurface(bodies[1], "top").outward,
             bodies[0].points,
-            facets_outward(bodies[0], "bottom"),
+            ContactSurface(bodies[0], "bottom").outward,
         )
         load += model.pressure("low", "top", P)
         pushed = covered.slave.T @ covered.area

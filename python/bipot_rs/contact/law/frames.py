@@ -88,6 +88,27 @@ def find_step_frames(step: object, frame: Floats) -> Floats:
     return frame if frame_of_step is None else frame_of_step
 
 
+def find_rotation(frame: Floats, base: Floats) -> Floats:
+    """Q of each contact with ``frame = Q base``, as the rows ``(d n_c, d)``."""
+    turned = np.einsum("cki,cli->ckl", frame, base)
+    # Exact for contacts whose frame is that of B.
+    turned[(frame == base).all(axis=(1, 2))] = np.eye(frame.shape[1])
+    return np.ascontiguousarray(turned.reshape(-1, frame.shape[1]))
+
+
+def turn_operator(frame: Floats, base: Floats, B: CsrMatrix) -> CsrMatrix:
+    """Convert B in the frames ``base (n_c, d, d)`` to the frames ``frame``."""
+    if (frame == base).all():
+        return B
+    from scipy.sparse import bsr_array, csr_array
+
+    count = len(base)
+    blocks = find_rotation(frame, base).reshape(frame.shape)
+    rotation = bsr_array((blocks, np.arange(count), np.arange(count + 1)))
+    turned: CsrMatrix = csr_array(rotation.tocsr() @ B)
+    return turned
+
+
 def operator(frame: Floats, sides: Sequence[Ints], n: int) -> CsrMatrix:
     """B of (2), CSR ``(d n_c, n)``: one node minus another, in the frames of the contacts.
 

@@ -15,9 +15,10 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
+from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
-from bipot_rs.contact.path.moving_gaps import find_rotation, rotate
+from bipot_rs.contact.path.moving_gaps import rotate
 from bipot_rs.contact.results.core_answer import make_step
 from bipot_rs.contact.results.error_bound import (
     ErrorBound,

@@ -14,6 +14,7 @@ from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as motion
 from bipot_rs.contact.messages.remarks import ProblemRemarks
@@ -29,7 +30,6 @@ from bipot_rs.contact.path.load_steps import (
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     carry_step,
-    find_rotation,
     list_components,
 )
 from bipot_rs.contact.results.core_answer import find_opening, make_step

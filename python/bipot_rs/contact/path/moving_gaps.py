@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib import validation
 from bipot_rs._lib.types import Floats
+from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.results.solution import Step
 
 
@@ -164,14 +165,6 @@ def read_gap(step: Step) -> Floats | MovingGaps | None:
     if step.frame is None or step.drag is None or step.gap is None:
         return step.gap
     return MovingGaps(step.gap[:, 0], step.frame, step.drag)
-
-
-def find_rotation(frame: Floats, base: Floats) -> Floats:
-    """Q of each contact with ``frame = Q base``, as the rows ``(d n_c, d)``."""
-    turned = np.einsum("cki,cli->ckl", frame, base)
-    # Exact for contacts whose frame is that of B.
-    turned[(frame == base).all(axis=(1, 2))] = np.eye(frame.shape[1])
-    return np.ascontiguousarray(turned.reshape(-1, frame.shape[1]))
 
 
 def rotate(rows: Floats, values: Floats) -> Floats:

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats
+from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.path.load_path import NO_FRAME, find_start
 from bipot_rs.contact.path.load_steps import Loading, Loads
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     carry_step,
-    find_rotation,
     list_components,
 )
 from bipot_rs.contact.results.solution import Step

@@ -9,18 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
+from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import MovingGaps, drop_equal_frames
-from bipot_rs.fem.assembly.assembly import Assembly, Support, in_frames, with_points
-from bipot_rs.fem.bodies.body import Body, body_index
+from bipot_rs.fem.assembly.assembly import Assembly, Support
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring, Symmetry, plane_of
+from bipot_rs.fem.bodies.numbering import NumberedBodies, number_bodies
 from bipot_rs.fem.constraints.inclined_supports import Planes, make_planes
 from bipot_rs.fem.constraints.references import (
     Remote,
     make_references,
     obstacle_columns,
+    with_points,
 )
 from bipot_rs.fem.constraints.ties import make_ties
-from bipot_rs.fem.contact.contact import Contact
+from bipot_rs.fem.contact.contact import Contact, check_contact
 from bipot_rs.fem.contact.meeting import Meeting, meet, relative_displacement
 from bipot_rs.fem.contact.obstacle_path import gaps_of_steps
 
@@ -41,6 +44,7 @@ def assemble(
     springs: Sequence[Spring] = (),
     remotes: Sequence[Remote] = (),
     repetitions: Sequence[Repetition] = (),
+    stiffness: bool = True,
 ) -> Assembly:
     """Assemble K, B and the contact data of elastic bodies.
 
@@ -59,6 +63,9 @@ def assemble(
         Sets of nodes that move with a reference point or that a force at it acts on.
     repetitions
         Cuts of cyclic symmetries and periodicities.
+    stiffness
+        Whether K is assembled. It takes most of the memory of a body;
+        `Assembly.stiffness_rows` makes parts of it.
 
     A contact node whose tangential displacement is prescribed in every load step, on
     both sides of a pair, gets ``mu = 0``: friction has no effect there.
@@ -69,44 +76,18 @@ def assemble(
         Names that do not exist or repeat, nodes of a pair that do not match,
         a normal of length zero: the message has the name and the place.
     """
-    found = without_stiffness(
-        bodies,
-        contacts,
-        supports,
-        symmetries=symmetries,
-        springs=springs,
-        remotes=remotes,
-        repetitions=repetitions,
-    )
-    return replace(found, K=found.stiffness())
-
-
-def without_stiffness(
-    bodies: Sequence[Body],
-    contacts: Sequence[Contact],
-    supports: Sequence[Support] = (),
-    *,
-    symmetries: Sequence[Symmetry] = (),
-    springs: Sequence[Spring] = (),
-    remotes: Sequence[Remote] = (),
-    repetitions: Sequence[Repetition] = (),
-) -> Assembly:
-    """Assemble everything but K, with the arguments and errors of `assemble`.
-
-    K takes most of the memory of a body; `Assembly.stiffness_rows` makes parts of it.
-    """
-    dim, offset, n = _number_bodies(bodies)
+    numbered = number_bodies(bodies)
+    dim, n = numbered.dim, numbered.n
+    for contact in contacts:
+        check_contact(contact, dim)
     nodes = np.concatenate([body.points for body in bodies])
-    mirrors = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
-    straight = [
-        Support(s.body, s.surface, (k,)) for s, (k, _) in mirrors if k is not None
-    ]
+    straight, planes = _sort_planes(numbered, symmetries)
     supports = [*supports, *straight]
-    support_dofs = [_find_dofs(bodies, offset, support) for support in supports]
+    support_dofs = [_find_dofs(numbered, support) for support in supports]
     held = [np.zeros(0, np.int64), *(dofs.ravel() for dofs in support_dofs)]
     fixed = np.unique(np.concatenate(held))
 
-    meetings = [meet(bodies, offset, n, contact) for contact in contacts]
+    meetings = [meet(numbered, n, contact) for contact in contacts]
     cuts: list[Images] = []
     if repetitions:
         from bipot_rs.fem.constraints.repetition import (
@@ -115,19 +96,19 @@ def without_stiffness(
             refuse_floating,
         )
 
-        cuts = [find_images(bodies, offset, one) for one in repetitions]
+        cuts = [find_images(numbered, one) for one in repetitions]
         for cut in cuts:
             meetings = merge_images(meetings, contacts, cut, cuts, nodes)
             refuse_floating(contacts, cut)
     met = _stack(meetings, contacts, dim)
     B, bare = relative_displacement(meetings, n), None
 
-    inclined = _incline(bodies, offset, mirrors, fixed, nodes)
+    inclined = make_planes(planes, fixed, nodes)
     if inclined is not None:
         met = _turn_tangents(met, contacts, inclined)
-        bare = in_frames(met.frame, met.frame_of_rows, B)
+        bare = turn_operator(met.frame, met.frame_of_rows, B)
         B = inclined.relative(bare)
-    points_of, relations = make_references(bodies, offset, contacts, remotes)
+    points_of, relations = make_references(numbered, contacts, remotes)
     relations += [cut.relations() for cut in cuts]
     ties = None
     if points_of or relations:
@@ -144,11 +125,10 @@ def without_stiffness(
     whole = B if ties is not None or bare is None else bare
     met.mu[_without_slip(B, whole, free, met.frame, path)] = 0.0
 
-    return Assembly(
-        bodies=tuple(bodies),
+    assembly = Assembly(
+        numbered=numbered,
         supports=tuple(supports),
         contacts=tuple(contacts),
-        offset=offset,
         K=None,
         B=B,
         gap=met.gap,
@@ -173,38 +153,37 @@ def without_stiffness(
         _bare=bare,
         _path=path,
     )
+    return replace(assembly, K=assembly.stiffness()) if stiffness else assembly
 
 
-def _number_bodies(bodies: Sequence[Body]) -> tuple[int, tuple[int, ...], int]:
-    """Dimension, first degree of freedom of each body, and their total number."""
-    if not bodies:
-        raise ValueError("bodies is empty, expected at least one")
-    dims = {body.dim for body in bodies}
-    if len(dims) > 1:
-        raise ValueError("bodies mix two and three dimensions")
-    names = [body.name for body in bodies]
-    if len(set(names)) < len(names):
-        raise ValueError(f"names of bodies repeat: {names}")
-    dim = dims.pop()
-    ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
-    return dim, tuple(int(end) for end in ends[:-1]), int(ends[-1])
+def _sort_planes(
+    bodies: NumberedBodies, symmetries: Sequence[Symmetry]
+) -> tuple[list[Support], list[tuple[Ints, Floats]]]:
+    """Planes normal to an axis as supports; others as degrees of freedom and a normal."""
+    straight, inclined = [], []
+    for symmetry in symmetries:
+        numbered = bodies[symmetry.body]
+        nodes, axis, normal = plane_of(numbered.body, symmetry)
+        if axis is None:
+            inclined.append((numbered.dofs[nodes, 0], normal))
+        else:
+            straight.append(Support(symmetry.body, symmetry.surface, (axis,)))
+    return straight, inclined
 
 
-def _find_dofs(bodies: Sequence[Body], offset: Sequence[int], support: Support) -> Ints:
+def _find_dofs(bodies: NumberedBodies, support: Support) -> Ints:
     """Degrees of freedom of a support, ``(components, nodes)``."""
-    b = body_index(bodies, support.body)
-    known = list(range(bodies[b].dim))
+    numbered, known = bodies[support.body], list(range(bodies.dim))
     if not set(support.components) <= set(known):
         raise ValueError(
             f"components of the support on {support.surface!r} are "
             f"{list(support.components)}, expected some of {known}"
         )
     try:
-        nodes = bodies[b].members(support.surface, support.within, support.at)
+        nodes = numbered.body.members(support.surface, support.within, support.at)
     except ValueError as error:
         raise ValueError(f"support on {support.surface!r}: {error}") from None
-    components = np.array(support.components, dtype=np.int64)
-    return offset[b] + bodies[b].dim * nodes + components[:, None]
+    return numbered.dofs[nodes].T[list(support.components)]
 
 
 @dataclass(frozen=True)
@@ -281,27 +260,10 @@ def _without_slip(
             continue
         rows = (d * found[:, None] + np.arange(d)).ravel()
         left, most = (
-            (abs(in_frames(own, frame[found], part[rows])) @ weights).reshape(-1, d)
+            (abs(turn_operator(own, frame[found], part[rows])) @ weights).reshape(-1, d)
             for part, weights in ((B, free), (whole, np.ones(len(free))))
         )
         # A node that can slip only by the rounding of its normal cannot slip.
         held = (left <= _NO_WAY * most)[:, 1:].all(axis=1)
         found, known = found[held], own[held]
     return found
-
-
-def _incline(
-    bodies: Sequence[Body],
-    offset: Sequence[int],
-    mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
-    fixed: Ints,
-    points: Floats,
-) -> Planes | None:
-    """Planes of symmetry that are not normal to an axis."""
-    groups = []
-    for symmetry, (axis, normal) in mirrors:
-        if axis is None:
-            b = body_index(bodies, symmetry.body)
-            nodes = bodies[b].nodes(symmetry.surface)
-            groups.append((offset[b] + bodies[b].dim * nodes, normal))
-    return make_planes(groups, fixed, points)

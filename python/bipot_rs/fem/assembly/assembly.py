@@ -25,6 +25,7 @@ from bipot_rs.contact.errors import (
     with_message,
     with_reason,
 )
+from bipot_rs.contact.law.frames import turn_operator
 from bipot_rs.contact.path.moving_gaps import (
     MovingGaps,
     drop_equal_frames,
@@ -33,10 +34,11 @@ from bipot_rs.contact.path.moving_gaps import (
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.stiffness.digits import describe_undecided
 from bipot_rs.fem.assembly.system_stiffness import system_stiffness
-from bipot_rs.fem.bodies.body import Body, Box, Field, body_index
+from bipot_rs.fem.bodies.body import Body, Box, Field
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.elasticity import vtk_cells
 from bipot_rs.fem.bodies.loads import Load, PointLoad
+from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.bodies.stress_recovery import Initial
 from bipot_rs.fem.constraints.inclined_supports import Planes
 from bipot_rs.fem.constraints.references import (
@@ -44,12 +46,13 @@ from bipot_rs.fem.constraints.references import (
     Remote,
     prescribed_values,
     reference_named,
-    rigid_bodies,
+    with_points,
 )
 from bipot_rs.fem.constraints.ties import Ties
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.obstacle_path import frames_of_steps
 from bipot_rs.fem.contact.rigid import follow_obstacle
+from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.mesh.quality import find_most_slender
 from bipot_rs.obstacle.motion import Motion
 
@@ -91,7 +94,7 @@ class Assembly:
     Attributes
     ----------
     K : scipy.sparse.csr_array (n, n) or None
-        Stiffness [N/m], bitwise symmetric; None from `without_stiffness`.
+        Stiffness [N/m], bitwise symmetric; None if `assemble` left it out.
     B : scipy.sparse.csr_array (d n_c, n)
         ``B u`` is the displacement relative to the obstacle, ``(n, t1[, t2])``.
     gap, area : (n_c,)
@@ -105,8 +108,8 @@ class Assembly:
     fixed : (m,)
         Prescribed degrees of freedom, ascending; among them the dependent ones of `ties`,
         whose displacement follows from the others.
-    offset : tuple of int
-        First degree of freedom of each body.
+    numbered : bipot_rs.fem.bodies.numbering.NumberedBodies
+        The bodies by name, with their degrees of freedom.
     contact_dofs : (n_c, 2)
         First degree of freedom of the node and of its partner; -1 without a single
         partner: for a rigid obstacle, and for meshes that do not match.
@@ -143,10 +146,9 @@ class Assembly:
         The nodes of the cuts of cyclic symmetries and periodicities.
     """
 
-    bodies: tuple[Body, ...]
+    numbered: NumberedBodies
     supports: tuple[Support, ...]
     contacts: tuple[Contact, ...]
-    offset: tuple[int, ...]
     K: Any
     B: CsrMatrix
     gap: Floats
@@ -174,6 +176,16 @@ class Assembly:
     __repr__ = short_repr
 
     @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The bodies as passed to `assemble`."""
+        return tuple(numbered.body for numbered in self.numbered.values())
+
+    @property
+    def offset(self) -> tuple[int, ...]:
+        """First degree of freedom of each body."""
+        return tuple(self.numbered.first_dofs.values())
+
+    @property
     def n(self) -> int:
         """Number of degrees of freedom."""
         references = sum(one.nodes for one in self.references)
@@ -182,9 +194,9 @@ class Assembly:
     def stiffness(self) -> CsrMatrix:
         """K, assembled once more, with the same bits."""
         if self.ties is None:
-            return system_stiffness(self.bodies, self.springs, self.inclined)
-        rigid = rigid_bodies(self.bodies, self.remotes)
-        K = system_stiffness(self.bodies, self.springs, None, rigid=rigid)
+            return system_stiffness(self.numbered, self.springs, self.inclined)
+        rigid = {one.whole for one in self.references if one.whole is not None}
+        K = system_stiffness(self.numbered, self.springs, None, rigid=rigid)
         return self.ties.stiffness(K)
 
     def released(self, problem: ContactProblem) -> Assembly:
@@ -217,17 +229,17 @@ class Assembly:
                 "the model has a floating obstacle, a rigid set, a cyclic symmetry or a "
                 "periodicity: K is not assembled in parts; solve it in one process"
             )
-        return system_stiffness(self.bodies, self.springs, self.inclined, nodes)
+        return system_stiffness(self.numbered, self.springs, self.inclined, nodes)
 
     def in_step(self, step: Step) -> Assembly:
         """The same with frames and B of a load step, if these change along the path."""
         frame: Floats | None = getattr(step, "frame", None)
         if frame is None:
             return self
-        turned = in_frames(frame, self.frame, self.B)
+        turned = turn_operator(frame, self.frame, self.B)
         bare = self._bare
         if bare is not None:
-            bare = in_frames(frame, self.frame, bare)
+            bare = turn_operator(frame, self.frame, bare)
         return replace(self, frame=frame, B=turned, _bare=bare)
 
     @property
@@ -314,13 +326,12 @@ class Assembly:
         With the weights w of the contacts on a body, node j has the area ``Σ w_ij a_i``
         and the force ``Σ w_ij a_i t_i``; with ``|w_ij|`` where the signs are mixed.
         """
-        slave = body_index(self.bodies, self.contacts[self.group[contacts[0]]].body)
+        slave = self.numbered[self.contacts[self.group[contacts[0]]].body]
         weights = self._weights(contacts)
         node = np.flatnonzero(np.diff(weights.indptr))
         weights = weights[node]
-        first = self.offset[slave] // self.dim
-        count = len(self.bodies[slave].points)
-        sign = np.where((node >= first) & (node < first + count), 1.0, -1.0)
+        dofs, own = self.dim * node, slave.span
+        sign = np.where((dofs >= own.start) & (dofs < own.stop), 1.0, -1.0)
         scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
         scaled = scaled.tocsr()
         # Weights of quadratic facets have both signs, and their sum may be near zero.
@@ -366,9 +377,7 @@ class Assembly:
 
         ``engine="auto"`` chooses for ``steps`` load steps, or at the first load path.
         """
-        first_dofs = dict(
-            zip((body.name for body in self.bodies), self.offset, strict=True)
-        )
+        first_dofs = self.numbered.first_dofs
         for point in self.references:
             first_dofs[f"{point.kind} {point.name}"] = point.first
         try:
@@ -517,9 +526,10 @@ class Assembly:
         for group, motion in enumerate(motions):
             if motion is not None:
                 at, contact = self.group == group, self.contacts[group]
-                b = body_index(self.bodies, contact.body)
-                nodes = (self.contact_dofs[at, 0] - self.offset[b]) // self.dim
-                met = follow_obstacle(self.bodies[b], contact, motion, nodes, since=1)
+                own = self.numbered[contact.body]
+                side = ContactSurface(own.body, contact.surface, contact.within)
+                nodes = own.nodes_at(self.contact_dofs[at, 0])
+                met = follow_obstacle(side, contact, motion, nodes, since=1)
                 turned = self.inclined is not None
                 gap[at] = met.distance[1]
                 drag[at] += met.drag[1]
@@ -537,10 +547,8 @@ class Assembly:
         """
         if isinstance(load, PointLoad):
             return self._point_forces(load)
-        index = body_index(self.bodies, load.body)
-        forces, first = np.zeros(self.n), self.offset[index]
-        own = load.forces(self.bodies[index])
-        forces[first : first + own.size] = own
+        numbered, forces = self.numbered[load.body], np.zeros(self.n)
+        forces[numbered.span] = load.forces(numbered.body)
         return self._within_constraints(forces)
 
     def _point_forces(self, load: PointLoad) -> Floats:
@@ -549,12 +557,10 @@ class Assembly:
             if remote.name == load.name and remote.distributed:
                 from bipot_rs.fem.constraints.distributed_force import distributed_force
 
-                index = body_index(self.bodies, remote.body)
-                own = distributed_force(
-                    self.bodies[index], remote, load.force, load.moment
+                numbered = self.numbered[remote.body]
+                forces[numbered.span] = distributed_force(
+                    numbered.body, remote, load.force, load.moment
                 )
-                first = self.offset[index]
-                forces[first : first + own.size] = own
                 return self._within_constraints(forces)
         point = reference_named(self.references, load.name)
         dofs = np.concatenate([point.dofs, point.turns])
@@ -606,11 +612,9 @@ class Assembly:
 
     def displacement_of(self, body: str, displacement: ArrayLike) -> Floats:
         """Displacement ``(nodes, d)`` of one body, from that of all bodies, ``(n,)``."""
-        index = body_index(self.bodies, body)
+        span = self.numbered[body].span
         u = floats("displacement", displacement, shape=(self.n,))
-        first = self.offset[index]
-        size = self.bodies[index].points.size
-        return u[first : first + size].reshape(-1, self.dim)
+        return u[span].reshape(-1, self.dim)
 
     def reference_force(
         self, name: str, force: ArrayLike | None = None, moment: ArrayLike | None = None
@@ -693,23 +697,3 @@ class Assembly:
         if held is not None:
             held.prescribed(at[self.fixed])
         return at[self.fixed]
-
-
-def with_points(points: Floats, references: Sequence[Reference]) -> Floats:
-    """Positions of the nodes and of the reference nodes after them."""
-    own = [one.point[None] for one in references for _ in range(one.nodes)]
-    return np.concatenate([points, *own])
-
-
-def in_frames(turned: Floats, frame: Floats, B: CsrMatrix) -> CsrMatrix:
-    """Convert B to the frames ``turned``."""
-    rotation = np.einsum("cki,cli->ckl", turned, frame)
-    same = (turned == frame).all(axis=(1, 2))
-    if same.all():
-        return B
-    rotation[same] = np.eye(turned.shape[1])
-    blocks = sparse.bsr_array(
-        (rotation, np.arange(len(frame)), np.arange(len(frame) + 1))
-    )
-    made: CsrMatrix = sparse.csr_array(blocks.tocsr() @ B)
-    return made

@@ -8,14 +8,14 @@ import numpy as np
 from scipy import sparse
 
 from bipot_rs._lib.types import CsrMatrix, Ints
-from bipot_rs.fem.bodies.body import Body, body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.fem.bodies.elasticity import dofs_of, stiffness
+from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.constraints.inclined_supports import Planes
 
 
 def system_stiffness(
-    bodies: Sequence[Body],
+    bodies: NumberedBodies,
     springs: Sequence[Spring],
     inclined: Planes | None,
     nodes: Ints | None = None,
@@ -39,24 +39,23 @@ def system_stiffness(
     ValueError
         A body or surface of a spring does not exist, or a cell is folded.
     """
-    ends = np.cumsum([0] + [len(body.points) for body in bodies])
-    owners = [body_index(bodies, spring.body) for spring in springs]
-    blocks = []
-    for b, body in enumerate(bodies):
-        own = None
+    owners = [bodies[spring.body] for spring in springs]
+    dim, blocks = bodies.dim, []
+    for numbered in bodies.values():
+        body, own = numbered.body, None
         if nodes is not None:
-            first, last = np.searchsorted(nodes, ends[b : b + 2])
-            own = nodes[first:last] - ends[b]
+            start, end = numbered.first // dim, numbered.span.stop // dim
+            first, last = np.searchsorted(nodes, (start, end))
+            own = nodes[first:last] - start
         size = body.points.size
         held = body.name in rigid
         block = sparse.csr_array((size, size)) if held else stiffness(body, own)
         for owner, spring in zip(owners, springs, strict=True):
-            if owner == b:
+            if owner is numbered:
                 added = spring_stiffness(body, spring)
-                rows = slice(None) if own is None else dofs_of(own, body.dim)
+                rows = slice(None) if own is None else dofs_of(own, dim)
                 block = block + added[rows]
         blocks.append(block)
-    dim = bodies[0].dim
     K = _stacked(blocks)
     if inclined is None:
         return K

@@ -5,7 +5,7 @@ Shape functions, quadrature and mappings are those of scikit-fem.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -315,13 +315,3 @@ class Body:
             slack = 1e-9 * np.ptp(self.mesh.p[axis])
             nodes = nodes[(x >= low - slack) & (x <= high + slack)]
         return nodes
-
-
-def body_index(bodies: Sequence[Body], name: str) -> int:
-    """Index of the body with a name; `ValueError` lists the known names."""
-    for at, body in enumerate(bodies):
-        if body.name == name:
-            return at
-    raise ValueError(
-        f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
-    )

@@ -87,18 +87,19 @@ def spring_stiffness(body: Body, spring: Spring) -> CsrMatrix:
         tangential, normal = spring.tangential or 0.0, spring.normal or 0.0
         density = tangential * unit + (normal - tangential) * across
     whole = np.broadcast_to(density, (*density.shape[:2], *points.weights.shape))
-    return surface_stiffness(body, spring.surface, whole)
+    return surface_stiffness(body, points, whole)
 
 
-def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
-    """Unit normal of a plane of symmetry, and the axis it is parallel to, or None.
+def plane_of(body: Body, symmetry: Symmetry) -> tuple[Ints, int | None, Floats]:
+    """Nodes of a plane of symmetry, the axis of its normal or None, and its unit normal.
 
     Raises
     ------
     ValueError
         The surface is not plane.
     """
-    places = body.points[body.nodes(symmetry.surface)]
+    nodes = body.nodes(symmetry.surface)
+    places = body.points[nodes]
     centre = places.mean(axis=0)
     # The normal is the direction in which the positions differ least.
     _, _, directions = np.linalg.svd(places - centre, full_matrices=False)
@@ -106,7 +107,7 @@ def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
     spread = np.ptp(places, axis=0)
     axis = int(np.argmin(spread))
     if spread[axis] <= _FLAT * size:
-        return axis, np.eye(body.dim)[axis]
+        return nodes, axis, np.eye(body.dim)[axis]
     n = directions[-1]
     off = np.ptp((places - centre) @ n)
     if off > _FLAT * size:
@@ -115,7 +116,7 @@ def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
             f"not plane, its nodes lie up to {off:g} apart along the normal "
             f"({', '.join(f'{x:.3g}' for x in n)}): choose a plane surface"
         )
-    return None, np.asarray(n, np.float64)
+    return nodes, None, np.asarray(n, np.float64)
 
 
 def surface(

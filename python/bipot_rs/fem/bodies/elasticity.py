@@ -106,16 +106,17 @@ def dofs_of(nodes: Ints, dim: int) -> Ints:
     return (dim * nodes[:, None] + np.arange(dim)).ravel()
 
 
-def surface_stiffness(body: Body, surface: str, density: Floats) -> CsrMatrix:
+def surface_stiffness(body: Body, points: Quadrature, density: Floats) -> CsrMatrix:
     """``∫ φ_i k φ_j`` over a surface, in the form of `stiffness`, bitwise symmetric.
 
     Parameters
     ----------
+    body, points
+        The body, and the points of one of its surfaces.
     density
-        Stiffness per area k, symmetric, at the points of ``body.surface(surface)``:
-        ``(d, d, facets, points)`` [N/m³].
+        Stiffness per area k, symmetric, at these points: ``(d, d, facets, points)``
+        [N/m³].
     """
-    points = body.surface(surface)
     phi, weights = points.phi, body.depth * points.weights
     parts, dim = len(points.corners), body.dim
     values = np.empty((parts, len(phi), len(phi), dim, dim))

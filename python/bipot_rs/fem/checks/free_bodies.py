@@ -12,7 +12,6 @@ from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.fem.assembly.assembly import Assembly
-from bipot_rs.fem.bodies.body import body_index
 from bipot_rs.fem.bodies.boundary import Spring, spring_stiffness
 from bipot_rs.obstacle.protocol import length
 
@@ -34,7 +33,7 @@ def describe_free_bodies(model: Assembly, *, rough: bool = False) -> Iterator[st
     supports = _list_supports(model, modes)
     # Bodies without contact to a rigid obstacle.
     alone = set(range(len(model.bodies))) - {
-        body_index(model.bodies, contact.body)
+        model.numbered[contact.body].index
         for contact in model.contacts
         if contact.against is None
     }
@@ -108,25 +107,21 @@ def _list_bare(model: Assembly) -> list[int]:
         held[model.inclined.normals.tocoo().row] = True
     for remote in model.remotes:
         if remote.components or remote.rotations:
-            held[model.offset[body_index(model.bodies, remote.body)]] = True
-    sprung = {body_index(model.bodies, spring.body) for spring in model.springs}
+            held[model.numbered[remote.body].first] = True
+    sprung = {spring.body for spring in model.springs}
     return [
-        b
-        for b, body in enumerate(model.bodies)
-        if b not in sprung
-        and not held[model.offset[b] : model.offset[b] + body.points.size].any()
+        numbered.index
+        for numbered in model.numbered.values()
+        if numbered.body.name not in sprung and not held[numbered.span].any()
     ]
 
 
 def _measure_springs(model: Assembly, spring: Spring, modes: Floats) -> Floats:
     """Forces of a spring by rigid motions, scaled to size 1."""
-    b = body_index(model.bodies, spring.body)
-    body = model.bodies[b]
-    first = model.offset[b]
-    stiffness = spring_stiffness(body, spring)
+    numbered = model.numbered[spring.body]
+    stiffness = spring_stiffness(numbered.body, spring)
     largest = float(np.abs(stiffness.data).max(initial=0.0))
-    own = modes[first : first + body.points.size]
-    forces = np.asarray(stiffness @ own, np.float64)
+    forces = np.asarray(stiffness @ modes[numbered.span], np.float64)
     return forces / largest if largest else 0.0 * forces
 
 

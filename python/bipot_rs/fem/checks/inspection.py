@@ -16,7 +16,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import list_components
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.checks.free_bodies import describe_free_bodies, has_friction
-from bipot_rs.fem.contact.surfaces import outward
+from bipot_rs.fem.contact.surfaces import ContactSurface
 from bipot_rs.fem.tuning import (
     LARGE_LOAD,
     LEAST_IN_PASCAL,
@@ -112,9 +112,9 @@ def _facing_away(model: Assembly) -> Iterator[str]:
         here = at[model.contact_dofs[at, 0] >= 0]
         if contact.against is not None or not here.size:
             continue
-        index = [body.name for body in model.bodies].index(contact.body)
-        node = (model.contact_dofs[here, 0] - model.offset[index]) // model.dim
-        out = outward(model.bodies[index], contact.surface)[node]
+        numbered = model.numbered[contact.body]
+        node = numbered.nodes_at(model.contact_dofs[here, 0])
+        out = ContactSurface(numbered.body, contact.surface).normals[node]
         if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
             yield (
                 f"surface {contact.surface!r} of body {contact.body!r} faces away from "

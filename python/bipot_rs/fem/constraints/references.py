@@ -23,7 +23,8 @@ from bipot_rs._lib.messages import instead
 from bipot_rs._lib.rigid_motions import rigid_motions
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.bodies.body import Body, Box, body_index
+from bipot_rs.fem.bodies.body import Body, Box
+from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.constraints.ties import Relations
 from bipot_rs.fem.contact.contact import Contact, Floating, rigid_obstacle
 
@@ -97,6 +98,8 @@ class Reference:
         Prescribed translations and rotations (numbers of axes), except those that are zero.
     idle : (k, rotations)
         Rotations that move no node of the set: those about the line of its nodes.
+    whole
+        Name of the body whose nodes all belong to the set, or None.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Reference:
     components: tuple[int, ...]
     rotations: tuple[int, ...]
     idle: Floats = field(repr=False)
+    whole: str | None = None
 
     @property
     def nodes(self) -> int:
@@ -175,8 +179,7 @@ class Reference:
 
 
 def make_references(
-    bodies: Sequence[Body],
-    offset: Sequence[int],
+    bodies: NumberedBodies,
     contacts: Sequence[Contact],
     remotes: Sequence[Remote],
 ) -> tuple[tuple[Reference, ...], list[Relations]]:
@@ -187,8 +190,7 @@ def make_references(
     ValueError
         Names that repeat or do not exist, wrong components, a set without nodes.
     """
-    dim = bodies[0].dim
-    first = sum(body.points.size for body in bodies)
+    dim, first = bodies.dim, bodies.n
     found: list[Reference] = []
     relations: list[Relations] = []
     for floating in floatings(contacts, dim):
@@ -212,7 +214,7 @@ def make_references(
         _check(remote, dim)
         if remote.distributed:
             continue
-        own, relation = _rigid(bodies, offset, remote, first)
+        own, relation = _rigid(bodies, remote, first)
         found.append(own)
         relations += relation
         first += 2 * dim
@@ -295,14 +297,10 @@ def set_of(body: Body, remote: Remote) -> tuple[Ints, Floats]:
     return nodes, point
 
 
-def rigid_bodies(bodies: Sequence[Body], remotes: Sequence[Remote]) -> set[str]:
-    """Names of the bodies whose nodes all belong to one rigid set."""
-    found = set()
-    for remote in remotes:
-        body = bodies[body_index(bodies, remote.body)]
-        if not remote.distributed and len(set_of(body, remote)[0]) == len(body.points):
-            found.add(body.name)
-    return found
+def with_points(points: Floats, references: Sequence[Reference]) -> Floats:
+    """Positions of the nodes and of the reference nodes after them."""
+    own = [one.point[None] for one in references for _ in range(one.nodes)]
+    return np.concatenate([points, *own])
 
 
 def rotations(arms: Floats) -> Floats:
@@ -388,11 +386,11 @@ def _refuse_far(remote: Remote, extent: float, reach: float) -> None:
 
 
 def _rigid(
-    bodies: Sequence[Body], offset: Sequence[int], remote: Remote, first: int
+    bodies: NumberedBodies, remote: Remote, first: int
 ) -> tuple[Reference, list[Relations]]:
     """The reference point of a rigid set, and its relations."""
-    b = body_index(bodies, remote.body)
-    body, d = bodies[b], bodies[b].dim
+    numbered, d = bodies[remote.body], bodies.dim
+    body = numbered.body
     nodes, point = set_of(body, remote)
     arms = body.points[nodes] - point
     reach = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
@@ -407,9 +405,8 @@ def _rigid(
     )
     idle = V[size <= _FLAT * np.sqrt(len(nodes))]
     moves, turns = first + np.arange(d), first + d + np.arange(turning)
-    own = offset[b] + d * nodes[:, None] + np.arange(d)
     dofs = np.empty((len(nodes), d, 2 + turning), np.int64)
-    dofs[:, :, 0], dofs[:, :, 1], dofs[:, :, 2:] = own, moves, turns
+    dofs[:, :, 0], dofs[:, :, 1], dofs[:, :, 2:] = numbered.dofs[nodes], moves, turns
     coefficients = np.empty(dofs.shape)
     coefficients[:, :, 0], coefficients[:, :, 1] = 1.0, -1.0
     coefficients[:, :, 2:] = -fields
@@ -432,5 +429,6 @@ def _rigid(
         components=tuple(remote.components),
         rotations=tuple(remote.rotations),
         idle=idle,
+        whole=body.name if len(nodes) == len(body.points) else None,
     )
     return made, relations

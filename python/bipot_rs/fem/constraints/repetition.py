@@ -17,7 +17,7 @@ from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, integer
 from bipot_rs.contact.law.frames import frames
-from bipot_rs.fem.bodies.body import Body, body_index
+from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.constraints.ties import Relations
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.matching import nearest_points
@@ -109,9 +109,7 @@ class Images:
         return Relations(dofs.reshape(-1, 1 + d), values.reshape(-1, 1 + d))
 
 
-def find_images(
-    bodies: Sequence[Body], offset: Sequence[int], repetition: Repetition
-) -> Images:
+def find_images(bodies: NumberedBodies, repetition: Repetition) -> Images:
     """Find the image of each node.
 
     Raises
@@ -120,8 +118,8 @@ def find_images(
         Names that do not exist, a wrong axis or number, cuts whose nodes do not match.
     """
     (own, here), (other, there) = repetition.on, repetition.onto
-    b, o = body_index(bodies, own), body_index(bodies, other)
-    first, second = bodies[b].nodes(here), bodies[o].nodes(there)
+    near, far = bodies[own], bodies[other]
+    first, second = near.body.nodes(here), far.body.nodes(there)
     what = f"{own}.{here} and {other}.{there}"
     if isinstance(repetition, Periodic) and repetition.on == repetition.onto:
         raise ValueError(
@@ -132,10 +130,10 @@ def find_images(
             f"surfaces {what} repeat each other, but have {len(first)} and {len(second)} "
             "nodes: mesh both in the same way"
         )
-    x, y = bodies[b].points[first], bodies[o].points[second]
-    size = float(np.ptp(bodies[b].points, axis=0).max())
+    x, y = near.body.points[first], far.body.points[second]
+    size = float(np.ptp(near.body.points, axis=0).max())
     tried = []
-    for turn, moved in _motions(repetition, x, y, bodies[b].dim, what):
+    for turn, moved in _motions(repetition, x, y, bodies.dim, what):
         match = nearest_points(moved, y)
         off = np.linalg.norm(moved - y[match], axis=1)
         tried.append((float(off.max()), turn, match, int(np.argmax(off))))
@@ -146,8 +144,7 @@ def find_images(
             f"{place(x[worst])} is {off_by:g} from the nearest node: check the axis and "
             "the number of sectors, and mesh both cuts in the same way"
         )
-    dim = bodies[b].dim
-    on, onto = offset[b] + dim * first, offset[o] + dim * second[match]
+    on, onto = near.dofs[first, 0], far.dofs[second[match], 0]
     return Images(on, onto, turn, what, size)
 
 

@@ -108,6 +108,11 @@ def check_contact(contact: Contact, dim: int) -> None:
             f"obstacle of the contact on {contact.surface!r} is {shown(contact.obstacle)}, "
             "expected an obstacle of bipot_rs.obstacle, or an object with closest(points)"
         )
+    if contact.against is not None and contact.against[0] == contact.body:
+        raise ValueError(
+            f"body {contact.body!r} is in contact with itself: against must name another "
+            "body"
+        )
     if contact.motion is not None and contact.against is not None:
         raise ValueError(
             f"motion of the contact on {contact.surface!r} was given, but "

@@ -7,23 +7,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.contact.contact import Contact, rigid_obstacle
-from bipot_rs.fem.contact.surfaces import facets_of, outward, split_clearance
-from bipot_rs.mortar.facet_mesh import FacetMesh, surface
+from bipot_rs.fem.contact.surfaces import ContactSurface, split_clearance
+from bipot_rs.mortar.facet_mesh import FacetMesh
 from bipot_rs.obstacle.motion import Approach, Motion, approach
+from bipot_rs.obstacle.protocol import Obstacle
 
 if TYPE_CHECKING:
     from bipot_rs.mortar.integrals import Weights
 
 
 def follow_obstacle(
-    body: Body, contact: Contact, motion: Motion | None, nodes: Ints, since: int = 0
+    side: ContactSurface,
+    contact: Contact,
+    motion: Motion | None,
+    nodes: Ints,
+    since: int = 0,
 ) -> Approach:
     """Normals, gaps with clearance, and drag at contact nodes, in the states of a motion.
 
     Parameters
     ----------
+    side
+        The surface of the contact.
     motion
         Instead of that of the contact.
     nodes
@@ -32,15 +38,16 @@ def follow_obstacle(
         The first state, as in `approach`.
     """
     if contact.pairing != "match":
-        return weigh_obstacle(body, contact, motion, since)[2]
-    met = _approach_nodes(body, contact, motion, nodes, since)
-    smooth, nodal = split_clearance(contact, body)
-    clearance = smooth(body.points[nodes]) + nodal[nodes]
+        return weigh_obstacle(side, contact, motion, since)[2]
+    obstacle = rigid_obstacle(contact, side.body.dim)
+    met = _approach_nodes(side, obstacle, motion, nodes, since)
+    smooth, nodal = split_clearance(contact, side)
+    clearance = smooth(side.body.points[nodes]) + nodal[nodes]
     return met._replace(distance=met.distance + clearance)
 
 
 def weigh_obstacle(
-    body: Body, contact: Contact, motion: Motion | None, since: int = 0
+    side: ContactSurface, contact: Contact, motion: Motion | None, since: int = 0
 ) -> tuple[FacetMesh, Weights, Approach]:
     """Weighted means of gap and drag over a surface, and normals at its contact nodes."""
     from bipot_rs.mortar.pairs import weigh_surface
@@ -50,8 +57,8 @@ def weigh_obstacle(
             f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' for a rigid "
             "obstacle"
         )
-    obstacle = rigid_obstacle(contact, body.dim)
-    smooth, nodal = split_clearance(contact, body)
+    obstacle = rigid_obstacle(contact, side.body.dim)
+    smooth, nodal = split_clearance(contact, side)
     states = 1 if motion is None else 1 + motion.steps - since
 
     def fields(places: Floats) -> Floats:
@@ -61,24 +68,25 @@ def weigh_obstacle(
         drag = met.drag[1:].transpose(1, 0, 2).reshape(len(places), -1)
         return np.column_stack([apart, drag])
 
-    name = f"{contact.body}.{contact.surface}"
-    slave = surface(f"points of {name}", body.points, name, facets_of(contact, body))
+    slave = side.mesh()
     found = weigh_surface(slave, fields)
-    met = _approach_nodes(body, contact, motion, found.node, since)
+    met = _approach_nodes(side, obstacle, motion, found.node, since)
     drag = np.zeros_like(met.drag)
-    means = found.clearance[states:].reshape(states - 1, body.dim, len(found.node))
+    means = found.clearance[states:].reshape(states - 1, slave.dim, len(found.node))
     drag[1:] = means.transpose(0, 2, 1)
     gap = found.clearance[:states] + found.slave @ nodal
     return slave, found, Approach(met.normal, gap, drag)
 
 
 def _approach_nodes(
-    body: Body, contact: Contact, motion: Motion | None, nodes: Ints, since: int
+    side: ContactSurface,
+    obstacle: Obstacle,
+    motion: Motion | None,
+    nodes: Ints,
+    since: int,
 ) -> Approach:
-    obstacle, facing = rigid_obstacle(contact, body.dim), outward(body, contact.surface)
+    points, outward = side.body.points[nodes], side.normals[nodes]
     try:
-        return approach(obstacle, motion, body.points[nodes], facing[nodes], since)
+        return approach(obstacle, motion, points, outward, since)
     except ValueError as error:
-        raise ValueError(
-            f"obstacle of the contact on {contact.surface!r}: {error}"
-        ) from None
+        raise ValueError(f"obstacle of the contact on {side.name!r}: {error}") from None

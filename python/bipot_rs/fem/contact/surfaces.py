@@ -3,61 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.bodies.body import Body, Quadrature
+from bipot_rs.fem.bodies.body import Body, Box, Quadrature
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.mortar.facet_mesh import turned_outward
+from bipot_rs.mortar.facet_mesh import FacetMesh, surface, turned_outward
 
 
-def outward(body: Body, surface: str) -> Floats:
-    """Outward normals at all nodes ``(nodes, d)``, times area; zero off the surface."""
-    return nodal_normals(body.surface(surface))
+@dataclass(frozen=True)
+class ContactSurface:
+    """A named surface of a body, with what contacts need of it.
 
+    Attributes
+    ----------
+    body, name
+        The body and its surface.
+    within
+        Ranges of coordinates that select nodes.
+    """
 
-def nodal_normals(facets: Quadrature) -> Floats:
-    """Outward normals at the nodes of a surface ``(nodes, d)``, times area."""
-    normal = np.asarray(facets.normals)
-    nodal = np.stack([facets.moment(component) for component in normal], axis=1)
-    # A component of rounding size on a coordinate plane would couple B to
-    # displacements that the contact does not feel.
-    small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
-    return np.where(np.abs(nodal) <= small, 0.0, nodal)
+    body: Body
+    name: str
+    within: Box | None = None
 
+    @cached_property
+    def nodes(self) -> Ints:
+        """Nodes in the ranges, ascending."""
+        return self.body.nodes(self.name, self.within)
 
-def facets_outward(body: Body, surface: str) -> Ints:
-    """Facets of a surface, numbered so that their normals point outwards."""
-    facets = body.surface(surface)
-    normals = np.asarray(facets.normals).mean(axis=2).T
-    return turned_outward(body.points, facets.corners, normals)
+    @cached_property
+    def facets(self) -> Quadrature:
+        """Quadrature on all facets."""
+        return self.body.surface(self.name)
 
-
-def facets_of(contact: Contact, body: Body) -> Ints:
-    """Facets of a surface, outward, whose nodes are all within ``contact.within``."""
-    facets = facets_outward(body, contact.surface)
-    if contact.within is None:
-        return facets
-    nodes = body.nodes(contact.surface, contact.within)
-    facets = facets[np.isin(facets, nodes).all(axis=1)]
-    if not len(facets):
-        raise ValueError(
-            f"contact on {contact.surface!r} has no facets: within contains all nodes of "
-            "none of them"
+    @cached_property
+    def normals(self) -> Floats:
+        """Outward normals at all nodes of the body, times area; zero off the surface."""
+        nodal = np.stack(
+            [self.facets.moment(n) for n in np.asarray(self.facets.normals)], axis=1
         )
-    return facets
+        # A component of rounding size on a coordinate plane would couple B to
+        # displacements that the contact does not feel.
+        small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
+        return np.where(np.abs(nodal) <= small, 0.0, nodal)
+
+    @cached_property
+    def outward(self) -> Ints:
+        """Facets whose nodes are all in the ranges, with normals that point outwards."""
+        normals = np.asarray(self.facets.normals).mean(axis=2).T
+        facets = turned_outward(self.body.points, self.facets.corners, normals)
+        if self.within is None:
+            return facets
+        facets = facets[np.isin(facets, self.nodes).all(axis=1)]
+        if not len(facets):
+            raise ValueError(
+                f"contact on {self.name!r} has no facets: within contains all nodes of "
+                "none of them"
+            )
+        return facets
+
+    def mesh(self) -> FacetMesh:
+        """These facets, for the contact of meshes that do not match."""
+        name = f"{self.body.name}.{self.name}"
+        return surface(f"points of {name}", self.body.points, name, self.outward)
 
 
-def refuse_negative_areas(body: Body, surface: str) -> None:
+def refuse_negative_areas(side: ContactSurface) -> None:
     """Refuse faces where a constant pressure gives no positive force at the corners."""
-    facet = body.kind.facet
+    facet = side.body.kind.facet
     if not facet.lumps:
         face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[facet.vtk]
         none = "no force" if facet.vtk == "triangle6" else "a negative force"
         raise ValueError(
-            f"contact on {surface!r} of body {body.name!r} is at the nodes of faces {face}, "
+            f"contact on {side.name!r} of body {side.body.name!r} is at the nodes of faces {face}, "
             f"where a constant pressure gives the corners {none}: use "
             'pairing="mortar", cells of first order, or hexahedra of 27 nodes'
         )
@@ -76,12 +99,11 @@ def evaluate_clearance(contact: Contact, points: Floats) -> Floats:
 
 
 def split_clearance(
-    contact: Contact, body: Body
+    contact: Contact, side: ContactSurface
 ) -> tuple[Callable[[Floats], Floats], Floats]:
     """Clearance as a function of the position plus values at nodes; one of them is zero."""
-    nodal = np.zeros(len(body.points))
+    nodal = np.zeros(len(side.body.points))
     if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
         return lambda places: evaluate_clearance(contact, places), nodal
-    nodes = body.nodes(contact.surface, contact.within)
-    nodal[nodes] = evaluate_clearance(contact, body.points[nodes])
+    nodal[side.nodes] = evaluate_clearance(contact, side.body.points[side.nodes])
     return lambda places: np.zeros(len(places)), nodal

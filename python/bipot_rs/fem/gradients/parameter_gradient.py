@@ -23,10 +23,11 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import MovingGaps
-from bipot_rs.fem.bodies.body import Body, body_index
+from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.boundary import Spring
 from bipot_rs.fem.bodies.loads import Load
 from bipot_rs.fem.bodies.materials import Material, elasticity
+from bipot_rs.fem.bodies.numbering import NumberedBodies
 from bipot_rs.fem.bodies.stress_recovery import (
     initial_strain,
     internal_forces,
@@ -58,7 +59,7 @@ class _Assembled(Protocol):
     @property
     def springs(self) -> tuple[Spring, ...]: ...
     @property
-    def offset(self) -> tuple[int, ...]: ...
+    def numbered(self) -> NumberedBodies: ...
     @property
     def contact_dofs(self) -> Ints: ...
     @property
@@ -146,7 +147,7 @@ class ParameterGradient:
             # The planes take the part of every force that is normal to them.
             self._lambda = self._lambda @ model.inclined.within
         self._loads = [(load, load.of_steps(steps)) for load in loads]
-        self._owners = [body_index(model.bodies, load.body) for load in loads]
+        self._owners = [model.numbered[load.body].index for load in loads]
 
     @cached_property
     def _integrals(self) -> list[_Integrals]:
@@ -200,8 +201,8 @@ class ParameterGradient:
 
     def _of_body(self, b: int, field: Floats) -> Floats:
         """Part ``(nodes, d)`` of a field ``(n,)``."""
-        body, first = self._model.bodies[b], self._model.offset[b]
-        return field[first : first + body.points.size].reshape(-1, body.dim)
+        span = self._model.numbered[self._model.bodies[b].name].span
+        return field[span].reshape(-1, self._model.dim)
 
     def _isotropic(self, name: str) -> None:
         for body in self._model.bodies:
@@ -318,8 +319,8 @@ class ParameterGradient:
         return [self._spring(spring) for spring in self._model.springs]
 
     def _spring(self, spring: Spring) -> dict[str, float | Floats]:
-        b = body_index(self._model.bodies, spring.body)
-        body = self._model.bodies[b]
+        numbered = self._model.numbered[spring.body]
+        body, b = numbered.body, numbered.index
         points = body.surface(spring.surface)
         weights, normals = body.depth * points.weights, np.asarray(points.normals)
         each, normal = np.zeros(body.dim), 0.0
@@ -486,13 +487,14 @@ class ParameterGradient:
     def _add_contact(self, found: Floats, meets: Meets, at: Ints) -> None:
         """Add the derivative of the contacts ``at`` of one surface to that of the nodes."""
         model, contact = self._model, meets.contact
-        own, opposite = model.contact_dofs[at].T // model.dim
+        numbered, first_dofs = model.numbered[contact.body], model.contact_dofs[at]
+        own, opposite = first_dofs.T // model.dim
         if contact.against is None:
             np.add.at(found, own, meets.at_rigid())
             return
-        b = body_index(model.bodies, contact.body)
-        body, first = model.bodies[b], model.offset[b] // model.dim
-        ours, theirs = of_matching(meets, body, own - first, model.nodes[opposite])
+        nodes, first = numbered.nodes_at(first_dofs[:, 0]), numbered.first // model.dim
+        partners = model.nodes[opposite]
+        ours, theirs = of_matching(meets, numbered.body, nodes, partners)
         found[first : first + len(ours)] += ours
         np.add.at(found, opposite, theirs)
 

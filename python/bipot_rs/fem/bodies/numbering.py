@@ -1,0 +1,93 @@
+"""The bodies of a model by name, with their degrees of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bipot_rs._lib.types import Ints
+from bipot_rs.fem.bodies.body import Body
+
+
+@dataclass(frozen=True)
+class NumberedBody:
+    """A body with the degrees of freedom ``first + dim * node + component``.
+
+    Attributes
+    ----------
+    body
+        The body.
+    index
+        Its index in the model.
+    first
+        Its first degree of freedom.
+    """
+
+    body: Body
+    index: int
+    first: int
+
+    @property
+    def span(self) -> slice:
+        """All its degrees of freedom."""
+        return slice(self.first, self.first + self.body.points.size)
+
+    @cached_property
+    def dofs(self) -> Ints:
+        """Degrees of freedom of each node, ``(nodes, d)``."""
+        n, d = self.body.points.size, self.body.dim
+        return self.first + np.arange(n).reshape(-1, d)
+
+    def nodes_at(self, first: Ints) -> Ints:
+        """Nodes with these first degrees of freedom ``(m,)``."""
+        return (first - self.first) // self.body.dim
+
+
+class NumberedBodies(dict[str, NumberedBody]):
+    """The bodies of a model by their names, in their order."""
+
+    def __missing__(self, name: str) -> NumberedBody:
+        raise ValueError(f"there is no body {name!r}, expected one of {list(self)}")
+
+    def __repr__(self) -> str:
+        return repr(self.first_dofs)
+
+    @property
+    def first_dofs(self) -> dict[str, int]:
+        """First degree of freedom of each body, by name."""
+        return {name: numbered.first for name, numbered in self.items()}
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return next(iter(self.values())).body.dim
+
+    @property
+    def n(self) -> int:
+        """Number of degrees of freedom of all bodies."""
+        return sum(numbered.body.points.size for numbered in self.values())
+
+
+def number_bodies(bodies: Sequence[Body]) -> NumberedBodies:
+    """Number the degrees of freedom, body after body.
+
+    Raises
+    ------
+    ValueError
+        There is no body, names repeat, or dimensions differ.
+    """
+    if not bodies:
+        raise ValueError("bodies is empty, expected at least one")
+    if len({body.dim for body in bodies}) > 1:
+        raise ValueError("bodies mix two and three dimensions")
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names):
+        raise ValueError(f"names of bodies repeat: {names}")
+    numbered, first = NumberedBodies(), 0
+    for index, body in enumerate(bodies):
+        numbered[body.name] = NumberedBody(body, index, first)
+        first += body.points.size
+    return numbered
