@@ -75,7 +75,8 @@ BOUND_RTOL = 0.01
 SIDES_COMPARED, SIDES_TRIED = 256, 4096
 # Iterations of the active set from one start; a handful are usual.
 SIDE_ITERATIONS = 100
-# Openings below this part of the largest one may be on a border: their W is formed too.
+# Openings below this part of the largest displacement or gap may be on a border: their W is
+# formed too.
 NEARLY_CLOSED = 1e-6
 # Bytes of the compliance and of the factored systems that a result keeps for further
 # derivatives. Half and twice: larger or smaller paths are linearised again each time.

@@ -8,14 +8,14 @@ here as they are: they only add such vectors and hand them over.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, Floats, PetscMat, PetscVec, Vectors
+from bipot_rs._lib.types import Bools, Floats, Ints, PetscMat, PetscVec, Vectors
 from bipot_rs.contact.errors import NotConvergedError
 from bipot_rs.contact.results.derivatives import (
     Cotangents,
@@ -23,6 +23,7 @@ from bipot_rs.contact.results.derivatives import (
     Gradient,
     Tangent,
 )
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.displacements import Stalled
 from bipot_rs.contact.sensitivity.gradient import Backward
 from bipot_rs.contact.sensitivity.laws import Laws
@@ -34,6 +35,7 @@ from bipot_rs.contact.sensitivity.model import (
     check_cotangent,
     reshape_gap_gradient,
 )
+from bipot_rs.contact.sensitivity.response import sum_work
 from bipot_rs.contact.sensitivity.tangent import Forward
 from bipot_rs.petsc.agreement import check_same, do_together
 from bipot_rs.petsc.engine import PetscEngine
@@ -119,6 +121,20 @@ class DistributedResponse:
             for _, moved, _, y in states
         ]
         return np.stack([u.array_r for u in vectors])
+
+    def measure_work(self, steps: Sequence[Step], _fixed: Ints) -> Iterator[float]:
+        """Work of loads and prescribed displacements of each step, without cancellation."""
+        operator = self._operator
+        for step in steps:
+            own = sum_work(
+                step.load.array_r,  # type: ignore[union-attr]
+                step.displacement.array_r,  # type: ignore[attr-defined]
+                operator.fixed,
+                lambda y: (
+                    _multiply(operator, operator.K, operator.make_vector(y)).array_r
+                ),
+            )
+            yield float(operator.comm.allreduce(own))
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,7 @@ def compare(found: dict[str, Any], result: bp.Result, given: dict[str, Any]) -> 
     tangent = result.jvp(K=given["dK"], **along)
     for name in ("reaction", "relative_displacement", "slip", "displacement"):
         assert mpi.changed(found[name], getattr(tangent, name)) <= CLOSE, name
+    np.testing.assert_array_equal(found["one_sided"], tangent.one_sided)
     gradient = result.vjp(**by)
     for name in ("gap", "mu", "load"):
         assert mpi.changed(found[f"by_{name}"], getattr(gradient, name)) <= CLOSE, name
@@ -113,3 +114,28 @@ def test_bodies_that_contact_or_springs_hold(model: Any, tmp_path: Path) -> None
 def test_joined_bodies_by_mortar(tmp_path: Path) -> None:
     known, prescribed = two_blocks.arrays(10.0, 3, 4)
     both(tmp_path, 2, known, prescribed=prescribed)
+
+
+def test_contacts_that_just_touch(tmp_path: Path) -> None:
+    """A block that is moved by its clearance: all contacts are on a border."""
+    known, path = mpi.of_model(pressed(4, dim=2))
+    pressing = path["prescribed"][:1]
+    clearance = np.abs(pressing).max()
+    known["gap"] = np.full(len(known["gap"]), clearance)
+    result = mpi.solve_directly(known, prescribed=pressing)
+    assert result.jvp().one_sided.all()
+    # The relative displacement is rounding: there is nothing that the changes could be
+    # relative to.
+    given = directions(known, result, seed=0)
+    along = clearance * np.random.default_rng(0).normal(size=pressing.shape)
+    given = {
+        name: value if name == "dK" else np.zeros_like(value)
+        for name, value in given.items()
+    } | {"along_prescribed": along}
+    found = mpi.run(
+        tmp_path, "derivatives", 2, **known, prescribed=pressing, **given, d=2
+    )
+    tangent = result.jvp(prescribed=along, K=given["dK"])
+    assert found["one_sided"].all()
+    assert tangent.reaction.any()
+    assert mpi.changed(found["reaction"], tangent.reaction) <= CLOSE

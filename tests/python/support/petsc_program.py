@@ -138,6 +138,7 @@ def derivatives(given: Given) -> Given:
         "reaction": tangent.reaction,
         "relative_displacement": tangent.relative_displacement,
         "slip": tangent.slip,
+        "one_sided": tangent.one_sided,
         "by_gap": gradient.gap,
         "by_mu": gradient.mu,
         "by_prescribed": gradient.prescribed,

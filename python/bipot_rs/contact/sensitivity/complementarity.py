@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,8 +33,26 @@ _SAME = 1e-6
 # Singular values below this share of the largest one are rounding.
 _RANK = 1e-13
 
-# A side of a border contact, and a direction of slip.
-Side = tuple[int, Floats]
+
+@dataclass(frozen=True)
+class Side:
+    """A side of a border contact.
+
+    Attributes
+    ----------
+    status
+        `Status` on this side.
+    direction
+        Of its slip.
+    slip, normal
+        Of a contact that rests: ``‖D ds‖`` and ``dr_n``, between which the direction of the
+        slip is linearised. With the values here the direction is kept.
+    """
+
+    status: int
+    direction: Floats
+    slip: float = 1.0
+    normal: float = 0.0
 
 
 class BorderProblem:
@@ -96,7 +115,7 @@ class BorderProblem:
         dr, da = self.base[0].copy(), self.base[1]
         for amount, (by_dr, by_da) in zip(amounts, self.columns, strict=True):
             dr, da = dr + amount * by_dr, da + amount * by_da
-        opens = [side == Status.OPEN for side, _ in self._choose_sides(amounts)]
+        opens = [side.status == Status.OPEN for side in self._choose_sides(amounts)]
         dr[self.at[opens]] = 0.0
         return dr, da
 
@@ -143,20 +162,21 @@ class BorderProblem:
         p = self.direction[self.at[j]]
         if not self.resting[j]:
             first = Status.STICK if self.yielding[j] else Status.OPEN
-            return [(int(first), p), (int(Status.SLIP), p)]
-        ends = [(int(Status.OPEN), p), (int(Status.STICK), p)]
+            return [Side(int(first), p), Side(int(Status.SLIP), p)]
+        ends = [Side(int(Status.OPEN), p), Side(int(Status.STICK), p)]
         ways = [np.eye(self.d - 1)[0], -np.eye(self.d - 1)[0]]
-        return ends + [(int(Status.SLIP), way) for way in ways]
+        return ends + [Side(int(Status.SLIP), way) for way in ways]
 
     def _make_matrix(self, sides: list[Side]) -> tuple[Floats, Floats]:
         """The equations of ``z`` with each border contact on one side."""
-        side = np.array([s for s, _ in sides])
-        p = np.stack([p for _, p in sides])
-        d, of = self.d, self.of.friction[self.at]
+        side = np.array([s.status for s in sides])
+        p = np.stack([s.direction for s in sides])
+        # At rest a change of the friction has no effect.
+        d, of = self.d, self.of.friction[self.at] * ~self.resting[:, None]
         by_r = np.tile(np.eye(d), (len(sides), 1, 1))  # open: dr = 0
         by_v, by_change = np.zeros_like(by_r), np.zeros((len(sides), d))
         laws = linearise_laws(
-            self._move_to_borders(p), side, p, self.linear.movable[self.at]
+            self._move_to_borders(sides, p), side, p, self.linear.movable[self.at]
         )
         by_r[laws.contacts], by_v[laws.contacts] = laws.by_r, laws.by_v
         by_change[laws.contacts] = np.einsum(
@@ -174,13 +194,14 @@ class BorderProblem:
         scale = np.where(scale > 0, scale, 1.0)
         return matrix / scale[:, None], (by_change - moved).ravel() / scale
 
-    def _move_to_borders(self, p: Floats) -> Point:
+    def _move_to_borders(self, sides: list[Side], p: Floats) -> Point:
         """The border contacts, exactly on their borders and about to slip along ``p``."""
         point, at = self.point, self.at
         D = point.friction[at]
         reaction = np.where(self.yielding[:, None], point.reaction[at], 0.0)
-        # At rest the length of the slip has no effect.
-        begins = p / np.where(D > 0, D, 1.0) * self.resting[:, None]
+        reaction[self.resting, 0] = np.array([s.normal for s in sides])[self.resting]
+        far = self.resting * np.array([s.slip for s in sides])
+        begins = p / np.where(D > 0, D, 1.0) * far[:, None]
         slip = np.where(
             self.yielding[:, None] | self.resting[:, None], begins, point.slip[at]
         )
@@ -211,23 +232,25 @@ class BorderProblem:
         for j, i in enumerate(self.at):
             w, p = self.spring[self.d * j], self.direction[i]
             D = self.point.friction[i]
-            side = Status.SLIP
+            # D² w and w dr_n have the units of the slip D s.
+            spring = w * float(D.max()) ** 2
+            side, slip, normal = Status.SLIP, 1.0, 0.0
             if self.yielding[j]:
                 slides = float(p @ (D * dv[j, 1:]))
-                # D² w and w dr_n have the units of the slip D s.
-                if w * float(D.max()) ** 2 * self._find_excess(j, dr[j]) >= slides:
+                if spring * self._find_excess(j, dr[j]) >= slides:
                     side = Status.STICK
             elif w * dr[j, 0] <= dv[j, 0]:
                 side = Status.OPEN
             elif self.resting[j]:
-                pushed = w * dr[j] - dv[j]
-                along = pushed[1:] / D
+                normal = float(dr[j, 0] - dv[j, 0] / w)
+                along = spring * dr[j, 1:] / D - D * dv[j, 1:]
                 far = float(np.linalg.norm(along))
-                if far <= pushed[0]:
+                slip = far - spring * normal
+                if slip <= 0:
                     side = Status.STICK
-                elif far > 0:
+                else:
                     p = (-along / far).astype(np.float64)
-            chosen.append((int(side), p))
+            chosen.append(Side(int(side), p, slip, normal))
         return chosen
 
     def _iterate(self) -> Floats | None:
@@ -250,7 +273,7 @@ class BorderProblem:
         for side in (Status.STICK, Status.SLIP, Status.OPEN):
             chosen = []
             for sides in self.sides:
-                those_on_side = [s for s in sides if s[0] == side]
+                those_on_side = [s for s in sides if s.status == side]
                 chosen.append((those_on_side or sides)[0])
             z = self._solve_sides(chosen)
             if z is not None:

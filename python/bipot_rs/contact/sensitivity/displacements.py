@@ -7,14 +7,16 @@ has the displacements among its unknowns, and nothing of it is factored.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.types import Bools, CsrMatrix, Floats
+from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
+from bipot_rs.contact.results.solution import Step
 from bipot_rs.contact.sensitivity.laws import Laws
-from bipot_rs.contact.sensitivity.response import make_matrix
+from bipot_rs.contact.sensitivity.response import make_matrix, measure_work
 
 
 class Stalled(Exception):
@@ -99,3 +101,7 @@ class DisplacementResponse:
             for _, moved, _, y in states
         ]
         return np.stack(by_step)
+
+    def measure_work(self, steps: Sequence[Step], fixed: Ints) -> Iterator[float]:
+        """As `PathResponse`."""
+        return measure_work(self.stiffness(), steps, fixed)

@@ -12,7 +12,7 @@ from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Status
 from bipot_rs.contact.results.derivatives import LOST
 from bipot_rs.contact.results.solution import Step
-from bipot_rs.contact.sensitivity.borders import find_borders
+from bipot_rs.contact.sensitivity.borders import Terms, find_borders
 from bipot_rs.contact.sensitivity.displacements import DisplacementResponse
 from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import LinearisedStep
@@ -75,6 +75,14 @@ class LinearPath:
             )
             for step in steps
         ]
+        # v, B u and the gap: two of them may cancel.
+        gap = np.asarray(contacts["gap"])
+        self._moved = [
+            _measure_terms(
+                step.relative_displacement, gap if step.gap is None else step.gap
+            )
+            for step in steps
+        ]
         self.has_factor = True
         self.response = response or self._make_response(iterative)
         order = 0
@@ -83,9 +91,17 @@ class LinearPath:
         self.kept = 8 * order**2 * (1 + len(steps)) <= tuning.KEPT_BYTES
         self._linear: dict[int, LinearisedStep] = {}
         compliance = self.response.diagonal.mean(axis=1)
+        # Without a factor the displacements are not known.
+        work = (
+            self.response.measure_work(steps, model.fixed)
+            if self.has_factor
+            else iter([0.0] * len(steps))
+        )
         self.borders = [
-            find_borders(point, compliance, step.tolerance)
-            for point, step in zip(self.points, steps, strict=True)
+            find_borders(point, compliance, step.tolerance, Terms(moved, done))
+            for point, step, moved, done in zip(
+                self.points, steps, self._moved, work, strict=True
+            )
         ]
 
     def _make_response(self, iterative: bool) -> PathResponse:
@@ -104,8 +120,8 @@ class LinearPath:
     def _list_closed(self) -> Ints:
         """Contacts that close, or nearly do, in some step."""
         closed = np.zeros(self.shape[0], bool)
-        for point in self.points:
-            near = tuning.NEARLY_CLOSED * np.abs(point.opening).max(initial=0.0)
+        for point, moved in zip(self.points, self._moved, strict=True):
+            near = tuning.NEARLY_CLOSED * moved.max(initial=0.0)
             closed |= (point.status != Status.OPEN) | (point.opening <= near)
         return np.flatnonzero(closed)
 
@@ -122,3 +138,11 @@ class LinearPath:
         if self.kept:
             self._linear[k] = step
         return step
+
+
+def _measure_terms(v: Floats, gap: Floats) -> Floats:
+    """Size of ``B u`` and of the gap at each contact, ``(n_c,)``."""
+    offset = np.zeros_like(v)
+    offset[:, : 1 if gap.ndim == 1 else None] = gap if gap.ndim == 2 else gap[:, None]
+    moved: Floats = np.linalg.norm(np.abs(v - offset) + np.abs(offset), axis=1)
+    return moved

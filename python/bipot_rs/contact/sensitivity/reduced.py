@@ -12,7 +12,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.results.derivatives import ReducedGradient, ReducedTangent
-from bipot_rs.contact.sensitivity.borders import find_borders
+from bipot_rs.contact.sensitivity.borders import Terms, find_borders
 from bipot_rs.contact.sensitivity.directional import differentiate_step
 from bipot_rs.contact.sensitivity.laws import Point
 from bipot_rs.contact.sensitivity.linear import LinearisedStep, StepChange
@@ -64,10 +64,15 @@ class ReducedModel:
         status = solution.status.astype(np.int64)
         point = Point(r, v[:, 0], v[:, 1:], status, friction)
         response = ReducedResponse(self.core, self.W, r.shape, self.modes)
-        compliance = response.diagonal.mean(axis=1)
-        return LinearisedStep(
-            response, point, find_borders(point, compliance, solution.tolerance)
+        rigid = solution.rigid_motion
+        moved = response.moved(
+            r, np.zeros(self.modes.shape[1]) if rigid is None else rigid
         )
+        # q and W r + R a.
+        terms = Terms(np.linalg.norm(np.abs(v - moved) + np.abs(moved), axis=1))
+        compliance = response.diagonal.mean(axis=1)
+        borders = find_borders(point, compliance, solution.tolerance, terms)
+        return LinearisedStep(response, point, borders)
 
     def jvp(
         self,

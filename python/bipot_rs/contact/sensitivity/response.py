@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Integers, Ints
+from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NotDifferentiableError
+from bipot_rs.contact.results.solution import Computed, Step, recover_displacements
 from bipot_rs.contact.sensitivity.laws import Laws
 
 # Below this multiple of the rounding error of a sum of as many terms as unknowns, the
@@ -76,6 +79,9 @@ class PathResponse(ContactResponse, Protocol):
     ) -> Floats:
         """``u`` of loads, prescribed displacements, reactions and rigid motions."""
 
+    def measure_work(self, steps: Sequence[Step], fixed: Ints, /) -> Iterator[float]:
+        """Work of loads and prescribed displacements of each step, without cancellation."""
+
 
 @dataclass(frozen=True)
 class System:
@@ -134,6 +140,31 @@ def make_matrix(start: Integers, column: Integers, values: Floats) -> CsrMatrix:
     n = len(start) - 1
     matrix: CsrMatrix = csr_array((values, column, start), shape=(n, n))
     return matrix
+
+
+def measure_work(
+    stiffness: CsrMatrix, steps: Sequence[Step], fixed: Ints
+) -> Iterator[float]:
+    """As `PathResponse.measure_work`, of displacements that are not kept."""
+    for first in range(0, len(steps), tuning.DISPLACEMENTS_TOGETHER):
+        block = [
+            replace(step, computed=Computed(step.computed.displacement))
+            for step in steps[first : first + tuning.DISPLACEMENTS_TOGETHER]
+        ]
+        recover_displacements(block)
+        for step in block:
+            u = step.displacement
+            yield sum_work(np.asarray(step.load), u, fixed, lambda y: stiffness @ y)
+
+
+def sum_work(
+    load: Floats, u: Floats, fixed: Ints, multiply: Callable[[Floats], Floats]
+) -> float:
+    """``Σ |f u|`` over free, ``Σ |u (K u_free)|`` over prescribed degrees of freedom."""
+    free = u.copy()
+    free[fixed] = 0.0
+    held = u[fixed] * multiply(free)[fixed]
+    return float(np.abs(load * free).sum() + np.abs(held).sum())
 
 
 def _join(rows: Floats, rest: Floats) -> Floats:
@@ -210,6 +241,10 @@ class CondensedResponse:
             for f, u, r, a in states
         ]
         return self.core.displacements(by_step)
+
+    def measure_work(self, steps: Sequence[Step], fixed: Ints) -> Iterator[float]:
+        """As `PathResponse`."""
+        return measure_work(self.stiffness(), steps, fixed)
 
     def _take_members(self, reaction: Floats) -> Floats:
         return np.ascontiguousarray(reaction[self.members])
