@@ -223,7 +223,7 @@ impl Bodies {
         for (body, share) in self.list.iter().zip(surface.shares.iter()) {
             let condensed = body.condense(&force.values, force.known);
             share.add_free_displacement(body, &condensed, v.as_flattened_mut());
-            load.extend(body.rigid_load(&force.load));
+            load.extend(body.rigid_load(&force.load, &force.values));
         }
         load
     }

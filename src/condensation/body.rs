@@ -228,16 +228,28 @@ impl Body {
 
     /// `e = Zᵀ f` of a load on all degrees of freedom. It is equal to `Rᵀ f_c`, because
     /// `K Z = 0`, without the rounding of a soft interior. Prescribed displacements do no work
-    /// on rigid motions.
+    /// on rigid motions, but `force`, which contains theirs, deforms the body.
+    ///
+    /// Work within its rounding error is zero: no reaction must balance it.
     #[must_use]
-    pub fn rigid_load(&self, load: &[f64]) -> Vec<f64> {
+    pub fn rigid_load(&self, load: &[f64], force: &[f64]) -> Vec<f64> {
+        /// If the deformation amplifies no rounding, work above this share of its largest
+        /// possible value is above its error: 16 ε [`DIGITS`], and a thousand for the interior.
+        const CLEAR: f64 = 1e-6;
         if self.motions() == 0 {
             return Vec::new();
         }
-        let own: Vec<f64> = self.dofs().iter().map(|&i| load[i]).collect();
+        let of_body = |values: &[f64]| -> Vec<f64> {
+            let dofs = self.dofs().iter();
+            dofs.map(|&i| values[i]).collect()
+        };
+        let (load, size) = (
+            of_body(load),
+            of_body(force).iter().map(|f| f.abs()).sum::<f64>(),
+        );
         let of_motion = |motion: &Vec<f64>| {
-            let work = compensated::dot(motion, &own).value();
-            let terms: f64 = motion.iter().zip(&own).map(|(m, f)| (m * f).abs()).sum();
+            let work = compensated::dot(motion, &load).value();
+            let terms: f64 = motion.iter().zip(&load).map(|(m, f)| (m * f).abs()).sum();
             // Loads that balance each other leave only rounding.
             if work.abs() <= 16.0 * f64::EPSILON * terms {
                 0.0
@@ -245,7 +257,23 @@ impl Body {
                 work
             }
         };
-        self.contact.motions.whole.iter().map(of_motion).collect()
+        let motions = &self.contact.motions.whole;
+        let mut work: Vec<f64> = motions.iter().map(of_motion).collect();
+        let is_clear = |(motion, work): (&Vec<f64>, &f64)| {
+            let largest = motion.iter().fold(0.0_f64, |m, z| m.max(z.abs()));
+            let amplified = self.contact.amplification > DIGITS;
+            *work == 0.0 || (!amplified && work.abs() > CLEAR * largest * size)
+        };
+        if !motions.iter().zip(&work).all(is_clear)
+            && let Ok(rounding) = self.load_rounding(force)
+        {
+            for (work, error) in work.iter_mut().zip(rounding) {
+                if work.abs() <= error {
+                    *work = 0.0;
+                }
+            }
+        }
+        work
     }
 
     /// `(S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.

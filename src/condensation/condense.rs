@@ -400,12 +400,57 @@ impl<const D: usize> Condensed<D> {
                 q[i][0] = 0.0;
             }
         }
-        let load = self.bodies.free_displacement(&self.surface, &force, &mut q);
+        let work = self.bodies.free_displacement(&self.surface, &force, &mut q);
+        if work.iter().all(|&e| e == 0.0) {
+            self.close_what_touches(load, prescribed, &mut q);
+        }
+        let load = work;
         let modes = self.modes();
         Ok(FreePart {
             q,
             rigid: Rigid { modes, load },
         })
+    }
+
+    /// Sets a free displacement `q_n` to zero that is the rounding error of a sum which cancels,
+    /// as where heating closes a gap exactly, if no contact penetrates by more.
+    ///
+    /// Reactions would else be determined by rounding alone, and their scale, that of η, too.
+    fn close_what_touches(&self, load: &[f64], prescribed: &[f64], q: &mut [[f64; D]]) {
+        /// Only for a smaller share of the displacements is the rounding computed.
+        const NEAR: f64 = 1e-8;
+        let deepest = q.iter().fold(0.0_f64, |m, v| m.max(-v[0]));
+        let moved = q.iter().zip(&self.surface.gap);
+        let size = moved.fold(0.0_f64, |m, (q, g)| {
+            m.max(g[0].abs()).max((q[0] - g[0]).abs())
+        });
+        if deepest == 0.0 || deepest > NEAR * size {
+            return;
+        }
+        let state = Loaded {
+            load,
+            prescribed,
+            reaction: &vec![[0.0; D]; q.len()],
+            rigid: &vec![0.0; self.bodies.motions().len()],
+        };
+        let rounding = self
+            .displacement(state)
+            .and_then(|u| self.bodies.stiffness_rounding(&self.surface, &u));
+        let Ok(rounding) = rounding else { return };
+        // One sample: the largest of a body holds for all its contacts.
+        let mut error = vec![0.0; q.len()];
+        for share in self.surface.shares.iter() {
+            let rows = share.rows.iter().filter(|row| row.row % D == 0);
+            let contacts: Vec<usize> = rows.map(|row| row.row / D).collect();
+            let of_body = contacts.iter().map(|&i| rounding[i][0].abs());
+            let largest = of_body.fold(0.0, f64::max);
+            contacts.iter().for_each(|&i| error[i] += largest);
+        }
+        for (v, error) in q.iter_mut().zip(&error) {
+            if v[0].abs() <= 16.0 * error {
+                v[0] = 0.0;
+            }
+        }
     }
 
     /// As [`Bodies::displacement`].

@@ -192,20 +192,10 @@ impl<const D: usize> LoadPath<D> {
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
         if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
-            // Loads that balance each other leave rounding, which no reaction must balance.
+            // The combination of work on several motions has the rounding of each.
             reduced.load_rounding = problem.bodies().load_rounding(load, prescribed)?;
             if !existence::works(&reduced, &solution.free_motion) {
-                let rounding = reduced.load_rounding;
-                let mut free = problem.free_part(load, prescribed)?;
-                let q = incremental(&free.q, self.state.as_ref());
-                for (e, &least) in free.rigid.load.iter_mut().zip(&rounding) {
-                    if e.abs() <= least {
-                        *e = 0.0;
-                    }
-                }
-                reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
-                reduced.load_rounding = rounding;
-                solution = solver::solve(&reduced, settings, &start, stop)?;
+                solution.outcome = Outcome::Stalled;
             }
         }
         let doubtful = problem.stats().amplification > DIGITS;
