@@ -95,7 +95,6 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
         that change on a facet, or opposite quadrilaterals split along different diagonals.
     """
     dim = model.dim
-    names = [body.name for body in model.bodies]
     first: list[tuple[int, Ints, Ints]] = []
     second: list[tuple[int, Ints, Ints]] = []
     for group, contact in enumerate(model.contacts):
@@ -105,21 +104,21 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
                 "discretisation error needs facets that match, pairing='match'"
             )
         mine = np.flatnonzero(model.group == group)
-        owner = names.index(contact.body)
-        cells = bodies[owner]
+        numbered = model.numbered[contact.body]
+        owner, cells = numbered.index, bodies[numbered.index]
         of_node = np.full(len(cells.points), -1)
-        of_node[(model.contact_dofs[mine, 0] - model.offset[owner]) // dim] = mine
-        facets = model.bodies[owner].facets(contact.surface)
+        of_node[numbered.nodes_at(model.contact_dofs[mine, 0])] = mine
+        facets = numbered.body.facets(contact.surface)
         at = of_node[cells.facets[facets]]
         whole = (at >= 0).all(axis=1)
         first.append((owner, facets[whole], at[whole]))
         if contact.against is None:
             continue
-        obstacle = names.index(contact.against[0])
-        other = bodies[obstacle]
+        numbered = model.numbered[contact.against[0]]
+        obstacle, other = numbered.index, bodies[numbered.index]
         of_node = np.full(len(other.points), -1)
-        of_node[(model.contact_dofs[mine, 1] - model.offset[obstacle]) // dim] = mine
-        facets = model.bodies[obstacle].facets(contact.against[1])
+        of_node[numbered.nodes_at(model.contact_dofs[mine, 1])] = mine
+        facets = numbered.body.facets(contact.against[1])
         theirs = of_node[other.facets[facets]]
         number_of_facet = {tuple(sorted(c)): i for i, c in enumerate(theirs.tolist())}
         match = [number_of_facet.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]

@@ -206,11 +206,10 @@ def cell_fields(
     """
     if means is None:
         means = [MeanStress(body) for body in model.bodies]
-    ends = [*model.offset[1:], model.nodes.size]
     tensors = np.concatenate(
         [
-            mean(displacement[first:end], space=True)
-            for mean, first, end in zip(means, model.offset, ends, strict=True)
+            mean(displacement[numbered.span], space=True)
+            for mean, numbered in zip(means, model.numbered.values(), strict=True)
         ]
     )
     if at_rest is not None:

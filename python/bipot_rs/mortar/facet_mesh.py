@@ -107,10 +107,16 @@ class FacetMesh:
         total = np.zeros_like(self.points)
         weighted = self.whole[:, :, None] * self.normals[:, None]
         np.add.at(total, self.corners.ravel(), weighted.reshape(-1, self.dim))
-        # A component of rounding size on a coordinate plane would couple B to
-        # displacements that the contact does not feel.
-        small = 1e-14 * np.abs(total).max(axis=1, keepdims=True)
-        return np.where(np.abs(total) <= small, 0.0, total)
+        return drop_rounding(total)
+
+
+def drop_rounding(normals: Floats) -> Floats:
+    """Normals ``(n, d)`` with zero for components of rounding size.
+
+    On a coordinate plane they would couple B to displacements that the contact does not feel.
+    """
+    small = 1e-14 * np.abs(normals).max(axis=1, keepdims=True)
+    return np.where(np.abs(normals) <= small, 0.0, normals)
 
 
 def bases(normals: Floats) -> Floats:

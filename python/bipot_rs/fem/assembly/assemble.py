@@ -105,8 +105,8 @@ def assemble(
 
     inclined = make_planes(planes, fixed, nodes)
     if inclined is not None:
-        met = _turn_tangents(met, contacts, inclined)
-        bare = turn_operator(met.frame, met.frame_of_rows, B)
+        frame_of_rows, met = met.frame, _turn_tangents(met, contacts, inclined)
+        bare = turn_operator(met.frame, frame_of_rows, B)
         B = inclined.relative(bare)
     points_of, relations = make_references(numbered, contacts, remotes)
     relations += [cut.relations() for cut in cuts]
@@ -195,7 +195,6 @@ class _Contacts:
     area: Floats
     points: Floats
     frame: Floats
-    frame_of_rows: Floats
     dofs: Ints
     group: Ints
 
@@ -213,14 +212,13 @@ def _stack(
     mu = pairs.reshape(-1, 2)[group]
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
-    no_dofs, frame = np.zeros((0, 2), np.int64), stacked("frame", dim, dim)
+    no_dofs = np.zeros((0, 2), np.int64)
     return _Contacts(
         gap=stacked("gap"),
         mu=mu,
         area=stacked("area"),
         points=stacked("points", dim),
-        frame=frame,
-        frame_of_rows=frame,
+        frame=stacked("frame", dim, dim),
         dofs=np.concatenate([no_dofs, *(m.dofs for m in meetings)]),
         group=group,
     )

@@ -225,18 +225,17 @@ def _describe_motions(
             own[at * per_body : (at + 1) * per_body] = amounts[
                 at * per_body : (at + 1) * per_body
             ]
-            first = model.offset[b]
-            field = (modes @ own)[first : first + model.bodies[b].points.size]
-            field = field.reshape(-1, d)
+            numbered = model.numbered[model.bodies[b].name]
+            field = (modes @ own)[numbered.span].reshape(-1, d)
             if length(field).max() <= _FREE:
                 continue
             words_of = rigid_motion_names.describe_motion(
                 field / length(field).max(),
                 np.zeros(len(field)),
-                points=model.bodies[b].points,
+                points=numbered.body.points,
                 frame=np.tile(np.eye(d), (len(field), 1, 1)),
             )
-            whose = f" of body {model.bodies[b].name!r}" if len(members) > 1 else ""
+            whose = f" of body {numbered.body.name!r}" if len(members) > 1 else ""
             parts.append(words_of + whose)
         words.append(" with ".join(parts))
     return words

@@ -218,9 +218,9 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         # What a rigid set passes on to supports of its nodes does not load the body.
         every = every.copy()
         every[:, model.fixed] = 0.0
-    for body, first in zip(model.bodies, model.offset, strict=True):
+    for numbered in model.numbered.values():
+        body, own = numbered.body, every[:, numbered.span]
         young = _stiffest(body.material)
-        own = every[:, first : first + body.points.size]
         forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
         section = float(np.prod(sides)) * body.depth

@@ -11,7 +11,6 @@ from bipot_rs.contact.law.frames import frames, turn_frames
 from bipot_rs.contact.path.moving_gaps import MovingGaps
 from bipot_rs.fem.contact.contact import Contact
 from bipot_rs.fem.contact.meeting import Meeting
-from bipot_rs.obstacle.motion import Approach
 
 
 def gaps_of_steps(
@@ -40,23 +39,17 @@ def gaps_of_steps(
         first += len(one.gap)
         moved = one.moved
         if moved is None:
-            moved = at_rest(one.gap, own, steps[0])
-            bases = np.broadcast_to(own, (steps[0], *own.shape))
+            shape = steps[0], *own.shape
+            gap, bases = (
+                np.broadcast_to(one.gap, shape[:2]),
+                np.broadcast_to(own, shape),
+            )
+            parts.append((gap, bases, np.zeros(shape[:3])))
         else:
             bases = frames_of_steps(contact, own, moved.normal, turned)
-        parts.append((moved.distance, bases, moved.drag))
+            parts.append((moved.distance, bases, moved.drag))
     return MovingGaps(
         *(np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    )
-
-
-def at_rest(gap: Floats, frame: Floats, steps: int) -> Approach:
-    """An obstacle that stays where it is for some steps."""
-    shape = (steps, *frame[:, 0].shape)
-    return Approach(
-        np.broadcast_to(frame[:, 0], shape),
-        np.broadcast_to(gap, shape[:2]),
-        np.zeros(shape),
     )
 
 

@@ -12,7 +12,7 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.bodies.body import Body, Box, Quadrature
 from bipot_rs.fem.contact.contact import Contact
-from bipot_rs.mortar.facet_mesh import FacetMesh, surface, turned_outward
+from bipot_rs.mortar.facet_mesh import FacetMesh, drop_rounding, surface, turned_outward
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,9 @@ class ContactSurface:
     @cached_property
     def normals(self) -> Floats:
         """Outward normals at all nodes of the body, times area; zero off the surface."""
-        nodal = np.stack(
-            [self.facets.moment(n) for n in np.asarray(self.facets.normals)], axis=1
-        )
-        # A component of rounding size on a coordinate plane would couple B to
-        # displacements that the contact does not feel.
-        small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
-        return np.where(np.abs(nodal) <= small, 0.0, nodal)
+        components = np.asarray(self.facets.normals)
+        nodal = np.stack([self.facets.moment(n) for n in components], axis=1)
+        return drop_rounding(nodal)
 
     @cached_property
     def outward(self) -> Ints:
