@@ -219,8 +219,10 @@ def test_one_contact_branches_table() -> None:
             listed.setdefault(key, []).append((row["status"].rstrip("+-"), values))
     assert len(listed) > 40
     for (mu, f_t), rows in listed.items():
-        found = analytic.one_contact_branches([[2.0, 0.5], [0.5, 1.0]], [-1.0, f_t], mu)
-        key_of = sorted((b.status, [*b.displacement, *b.reaction]) for b in found)
+        branches = analytic.one_contact_branches(
+            [[2.0, 0.5], [0.5, 1.0]], [-1.0, f_t], mu
+        )
+        key_of = sorted((b.status, [*b.displacement, *b.reaction]) for b in branches)
         assert [s for s, _ in key_of] == [s for s, _ in sorted(rows)], (mu, f_t)
         for (_, got), (_, want) in zip(key_of, sorted(rows), strict=True):
             assert got == pytest.approx(want, rel=PRINTED, abs=PRINTED)
@@ -233,9 +235,12 @@ def test_one_contact_branches_satisfy_the_law() -> None:
         k = root @ root.T + 0.1 * np.eye(2)
         k[1, 0] = k[0, 1]
         load, mu = rng.normal(size=2) * 3, float(rng.exponential())
-        found = analytic.one_contact_branches(k, load, mu)
-        assert len(found) in (1, 3)  # # odd, except at limits, which have measure zero
-        for branch in found:
+        branches = analytic.one_contact_branches(k, load, mu)
+        assert len(branches) in (
+            1,
+            3,
+        )  # # odd, except at limits, which have measure zero
+        for branch in branches:
             u, r = np.array(branch.displacement), np.array(branch.reaction)
             # Two unknowns by Cramer's rule: the condition of k times ε.
             size = (
@@ -395,12 +400,12 @@ def test_every_closed_form_is_called_here() -> None:
 
 @pytest.mark.parametrize("name", CLOSED_FORMS)
 def test_wrong_arguments_are_named(name: str) -> None:
-    function, known = getattr(analytic, name), CLOSED_FORMS[name]
-    function(**known)
-    for argument in known:
+    function, arguments = getattr(analytic, name), CLOSED_FORMS[name]
+    function(**arguments)
+    for argument in arguments:
         for bad in (math.nan, -math.inf, "much", 1j, [[[1.0], [2.0, 3.0]]], {}, True):
             with pytest.raises((ValueError, TypeError), match=rf"\b{argument}\b"):
-                function(**known | {argument: bad})
+                function(**arguments | {argument: bad})
 
 
 @settings(max_examples=300, derandomize=True)
@@ -409,13 +414,13 @@ def test_wrong_arguments_are_named(name: str) -> None:
     exponents=st.lists(st.integers(-320, 308), min_size=6, max_size=6),
 )
 def test_closed_forms_return_numbers_or_raise(name: str, exponents: list[int]) -> None:
-    known = CLOSED_FORMS[name]
-    given = {
+    arguments = CLOSED_FORMS[name]
+    forms = {
         key: value * 10.0**exponent if isinstance(value, float) else value
-        for (key, value), exponent in zip(known.items(), exponents, strict=False)
+        for (key, value), exponent in zip(arguments.items(), exponents, strict=False)
     }
     try:
-        answer = getattr(analytic, name)(**given)
+        answer = getattr(analytic, name)(**forms)
     except ValueError:
         return
     flat = answer if name == "one_contact_branches" else np.atleast_1d(answer)

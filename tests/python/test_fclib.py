@@ -33,19 +33,19 @@ def as_dense(matrix: Any) -> Array:
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_read_as_it_is(name: str) -> None:
-    known, problem = FILES[name], fclib.read(path(name))
-    group = f"fclib_{known.form}"
+    facts, problem = FILES[name], fclib.read(path(name))
+    group = f"fclib_{facts.form}"
     with h5py.File(path(name)) as file:
         vectors = {k: v[:] for k, v in file[group]["vectors"].items()}
-        letters = "W" if known.form == "local" else "MH"
+        letters = "W" if facts.form == "local" else "MH"
         matrices = {k: dense(file[group], k) for k in letters}
     if isinstance(problem, fclib.GlobalProblem):
-        assert known.form == "global"
-        assert as_dense(problem.M).shape == (known.n, known.n)
-        assert problem.w.shape == (known.contacts, known.d)
+        assert facts.form == "global"
+        assert as_dense(problem.M).shape == (facts.n, facts.n)
+        assert problem.w.shape == (facts.contacts, facts.d)
     else:
-        assert known.form == "local"
-        assert problem.q.shape == (known.contacts, known.d)
+        assert facts.form == "local"
+        assert problem.q.shape == (facts.contacts, facts.d)
         assert problem.rigid is None
     for letter, matrix in matrices.items():
         ours = getattr(problem, letter)
@@ -89,11 +89,11 @@ def test_writing_a_file_twice_gives_the_same_bytes(name: str, tmp_path: Path) ->
 
 
 def test_solutions_guesses_and_info() -> None:
-    found = fclib.read_solution(path("box_stacks_i0122_82"))
-    assert found is not None
-    assert found.u.shape == found.r.shape == (82, 3)
-    assert found.v is not None
-    assert found.v.shape == (450,)
+    answer = fclib.read_solution(path("box_stacks_i0122_82"))
+    assert answer is not None
+    assert answer.u.shape == answer.r.shape == (82, 3)
+    assert answer.v is not None
+    assert answer.v.shape == (450,)
     (guess,) = fclib.read_guesses(path("box_stacks_i0122_82"))
     assert guess.r.shape == (82, 3)
     assert fclib.read_info(path("box_stacks_i0122_82"))["title"] == "Box_stacks"
@@ -144,9 +144,9 @@ def test_matrices_come_back_bit_for_bit(data: st.DataObject) -> None:
     before = parts(matrix)
     with h5py.File("a", "w", driver="core", backing_store=False) as file:
         fclib._write_matrix(file.create_group("W"), matrix)
-        found = fclib._File(file, 10**6).matrix("/W")
-    assert parts(found) == before == parts(matrix)
-    assert found.shape == matrix.shape
+        matrix_read = fclib._File(file, 10**6).matrix("/W")
+    assert parts(matrix_read) == before == parts(matrix)
+    assert matrix_read.shape == matrix.shape
 
 
 @settings(max_examples=25)
@@ -182,17 +182,17 @@ def test_problems_come_back_bit_for_bit(
         stored = fclib.Vectors(u, r, vector(n))
         names = ("f", "w", "mu")
     fclib.write(target, problem, stored, guesses=[stored, stored], info={"title": "µ"})
-    found = fclib.read(target)
-    assert type(found) is type(problem)
+    read_back = fclib.read(target)
+    assert type(read_back) is type(problem)
     for name in names:
-        assert getattr(found, name).tobytes() == getattr(problem, name).tobytes()
-        assert getattr(found, name).shape == getattr(problem, name).shape
+        assert getattr(read_back, name).tobytes() == getattr(problem, name).tobytes()
+        assert getattr(read_back, name).shape == getattr(problem, name).shape
     for name in ("W",) if len(names) == 2 else ("M", "H"):
-        assert parts(getattr(found, name)) == parts(getattr(problem, name))
+        assert parts(getattr(read_back, name)) == parts(getattr(problem, name))
     answer = fclib.read_solution(target)
     assert answer is not None
-    for known in (answer, *fclib.read_guesses(target)):
-        for given_, back in zip(stored, known, strict=True):
+    for vectors in (answer, *fclib.read_guesses(target)):
+        for given_, back in zip(stored, vectors, strict=True):
             assert (given_ is None) == (back is None)
             assert given_ is None or given_.tobytes() == back.tobytes()
     assert len(fclib.read_guesses(target)) == 2
@@ -203,11 +203,11 @@ def test_a_dense_matrix_is_written_whole(tmp_path: Path) -> None:
     problem = pressed.square()
     assert isinstance(problem.W, np.ndarray)
     fclib.write(tmp_path / "a.hdf5", problem)
-    found = fclib.read(tmp_path / "a.hdf5")
-    assert isinstance(found, bp.ReducedProblem)
-    assert found.W.format == "csr"
-    assert found.W.nnz == problem.W.size
-    assert found.W.toarray().tobytes() == problem.W.tobytes()
+    read_back = fclib.read(tmp_path / "a.hdf5")
+    assert isinstance(read_back, bp.ReducedProblem)
+    assert read_back.W.format == "csr"
+    assert read_back.W.nnz == problem.W.size
+    assert read_back.W.toarray().tobytes() == problem.W.tobytes()
 
 
 @pytest.mark.parametrize("make", [pressed.square, pressed.cube, pressed.free])
@@ -217,29 +217,29 @@ def test_problems_are_written_with_solutions(
     problem, target = make(), tmp_path / "a.hdf5"
     solution = problem.solve(tol=1e-12)
     fclib.write(target, problem, solution)
-    found, stored = fclib.read(target), fclib.read_solution(target)
-    assert isinstance(found, bp.ReducedProblem)
+    read_back, stored = fclib.read(target), fclib.read_solution(target)
+    assert isinstance(read_back, bp.ReducedProblem)
     assert stored is not None
     assert stored.r.tobytes() == solution.reaction.tobytes()
     assert stored.u.tobytes() == solution.relative_displacement.tobytes()
     # The same numbers in the same order.
-    eta = found.residual(stored.r, stored.multiplier)
+    eta = read_back.residual(stored.r, stored.multiplier)
     assert eta == problem.residual(solution.reaction, solution.rigid_motion) <= 1e-12
     if problem.rigid is None:
         assert stored.multiplier is None
     else:
-        assert found.rigid is not None
+        assert read_back.rigid is not None
         assert stored.multiplier is not None
-        for ours, theirs in zip(problem.rigid, found.rigid, strict=True):
+        for ours, theirs in zip(problem.rigid, read_back.rigid, strict=True):
             assert np.array_equal(ours, theirs)
         # The format's two equations, Vᵀ r + R λ + s = 0 and u = W r + V λ + q.
-        V, s = found.rigid
+        V, s = read_back.rigid
         force = V.T @ stored.r.ravel() + s
         # Residual of 1e-12 in an orthonormal basis; R has few columns of order one.
         assert np.abs(force).max() <= 1e-11 * np.abs(s).max()
-        u = found.W @ stored.r.ravel() + V @ stored.multiplier + found.q.ravel()
+        u = read_back.W @ stored.r.ravel() + V @ stored.multiplier + read_back.q.ravel()
         # Rounding of sums of the size of the free motion.
-        size = np.abs(V @ stored.multiplier).max() + np.abs(found.q).max()
+        size = np.abs(V @ stored.multiplier).max() + np.abs(read_back.q).max()
         assert np.abs(u - stored.u.ravel()).max() <= 1e-12 * size
     info = fclib.read_info(target)
     assert info["title"] == "a"
@@ -291,7 +291,7 @@ def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
     assert [p.name for p in written] == [f"way-000{k}.hdf5" for k in range(3)]
     slip = np.zeros((len(body.gap), 1))
     for step, file in zip(result, written, strict=True):
-        found, stored = fclib.read(file), fclib.read_solution(file)
+        read_back, stored = fclib.read(file), fclib.read_solution(file)
         assert stored is not None
         # v of the file is that of the step: its tangential part is the slip of the step.
         np.testing.assert_array_equal(stored.u[:, 1:], step.slip)
@@ -299,11 +299,11 @@ def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
         # Increments of the path add up to its total, to a few roundings.
         total = step.relative_displacement[:, 1:]
         assert np.abs(slip - total).max() <= 1e-15 * np.abs(result.slip).max()
-        answer = found.solve(tol=1e-12)
+        answer = read_back.solve(tol=1e-12)
         # The path is checked with K and the file with W; they differ by ε times cond(S).
         size = np.abs(step.reaction).max()
         assert np.abs(answer.reaction - step.reaction).max() <= 1e-9 * size
-        assert found.residual(stored.r) <= 1e-11
+        assert read_back.residual(stored.r) <= 1e-11
     assert fclib.read_info(written[1])["title"] == "way, step 2 of 3"
     # From the second step on the files are the same.
     again = problem.solve(prescribed=np.array(moved[1:]), start=result[0], tol=1e-12)
@@ -515,18 +515,20 @@ def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
         put("/fclib_local/vectors/s", [2.0]),
     )
     R = "/fclib_local/R"
-    said = said_of("nespheres_10", several(V, s), tmp_path)
-    assert "/fclib_local/R is missing" in said
-    said = said_of("nespheres_10", several(V, matrix_of(R, 1, 1, [])), tmp_path)
-    assert "/fclib_local/vectors/s is missing" in said
-    said = said_of("nespheres_10", several(V, s, matrix_of(R, 1, 1, [1.0])), tmp_path)
-    assert "/fclib_local/R is not zero" in said
-    said = said_of("nespheres_10", several(V, s, matrix_of(R, 2, 2, [])), tmp_path)
-    assert "/fclib_local/R is (2, 2), expected (1, 1)" in said
+    message = said_of("nespheres_10", several(V, s), tmp_path)
+    assert "/fclib_local/R is missing" in message
+    message = said_of("nespheres_10", several(V, matrix_of(R, 1, 1, [])), tmp_path)
+    assert "/fclib_local/vectors/s is missing" in message
+    message = said_of(
+        "nespheres_10", several(V, s, matrix_of(R, 1, 1, [1.0])), tmp_path
+    )
+    assert "/fclib_local/R is not zero" in message
+    message = said_of("nespheres_10", several(V, s, matrix_of(R, 2, 2, [])), tmp_path)
+    assert "/fclib_local/R is (2, 2), expected (1, 1)" in message
     G = matrix_of("/fclib_global/G", 54, 1, [1.0])
     b = put("/fclib_global/vectors/b", [0.0])
-    said = said_of("rods_2_3c", several(G, b), tmp_path)
-    assert "/fclib_global/G is not empty" in said
+    message = said_of("rods_2_3c", several(G, b), tmp_path)
+    assert "/fclib_global/G is not empty" in message
     # An empty entry counts as absent.
     target = tmp_path / "a.hdf5"
     shutil.copyfile(path("rods_2_3c"), target)
@@ -537,11 +539,11 @@ def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
     shutil.copyfile(path("nespheres_10"), target)
     with h5py.File(target, "r+") as file:
         several(V, s, matrix_of(R, 1, 1, []))(file)
-    found = fclib.read(target)
-    assert isinstance(found, bp.ReducedProblem)
-    assert found.rigid is not None
-    assert found.rigid[0][0, 0] == 1.0
-    np.testing.assert_array_equal(found.rigid[1], [2.0])
+    read_back = fclib.read(target)
+    assert isinstance(read_back, bp.ReducedProblem)
+    assert read_back.rigid is not None
+    assert read_back.rigid[0][0, 0] == 1.0
+    np.testing.assert_array_equal(read_back.rigid[1], [2.0])
 
 
 @pytest.mark.parametrize(
@@ -579,8 +581,8 @@ def test_out_of_range_numbers_are_refused(tmp_path: Path) -> None:
     """Valid numbers that are refused as a problem: the message still has the path."""
     large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
     small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
-    said = said_of("nespheres_10", several(large, small), tmp_path)
-    assert "W and q cannot be scaled" in said
+    message = said_of("nespheres_10", several(large, small), tmp_path)
+    assert "W and q cannot be scaled" in message
 
 
 def test_paths_that_are_not_files(tmp_path: Path) -> None:

@@ -125,14 +125,21 @@ class BodySeries:
             self._series = Series(path, model.nodes, model.cells, units=units)
             return
         chosen = list(zip(model.bodies, part.cells, strict=True))
-        self._means = [MeanStress(body, own) for body, own in chosen]
+        self._means = [
+            MeanStress(body, cells_of_part) for body, cells_of_part in chosen
+        ]
         firsts = np.cumsum([0] + [body.mesh.nelements for body in model.bodies])
         self._cells = np.concatenate(
-            [own + first for own, first in zip(part.cells, firsts, strict=False)]
+            [
+                cells_of_part + first
+                for cells_of_part, first in zip(part.cells, firsts, strict=False)
+            ]
         )
         cells = [
-            (kind, corners[own])
-            for (kind, corners), own in zip(model.cells, part.cells, strict=True)
+            (kind, corners[cells_of_part])
+            for (kind, corners), cells_of_part in zip(
+                model.cells, part.cells, strict=True
+            )
         ]
         touched = np.zeros(len(model.nodes), np.bool_)
         for _, corners in cells:
@@ -156,13 +163,13 @@ class BodySeries:
         instant: Mapping[str, float] | None = None,
     ) -> None:
         """Write the next step; ``at_rest`` and ``more`` are of all cells of all bodies."""
-        model, own = self._model, self._cells
+        model, cells_of_part = self._model, self._cells
         fields = model.in_step(step).fields(
             step.displacement, step.reaction, step.status
         )
-        rest = None if at_rest is None else at_rest[own]
+        rest = None if at_rest is None else at_rest[cells_of_part]
         in_cells = cell_fields(model, step.displacement, rest, self._means) | {
-            name: field[own] for name, field in (more or {}).items()
+            name: field[cells_of_part] for name, field in (more or {}).items()
         }
         chosen = {name: field[self._nodes] for name, field in fields.items()}
         self._series.add(chosen | dict(instant or {}), in_cells)

@@ -29,10 +29,10 @@ def contacts_on(model: Assembly, name: str) -> Ints:
     ValueError
         No contact is on it; the message lists the surfaces with contacts.
     """
-    known = contacts_by_surface(model)
-    if name not in known:
-        raise ValueError(f"there is no contact on {name!r}{instead(name, known)}")
-    return known[name]
+    names = contacts_by_surface(model)
+    if name not in names:
+        raise ValueError(f"there is no contact on {name!r}{instead(name, names)}")
+    return names[name]
 
 
 def contact_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
@@ -64,8 +64,8 @@ def support_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
     ]
     prescribed = [
         dofs.ravel()
-        for dofs, known in zip(model.support_dofs, names, strict=True)
-        if known == name
+        for dofs, surface_name in zip(model.support_dofs, names, strict=True)
+        if surface_name == name
     ]
     if not prescribed:
         raise ValueError(

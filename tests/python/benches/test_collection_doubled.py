@@ -26,11 +26,11 @@ def drawn(seed: int, n: int = 40) -> Pair:
 @pytest.mark.parametrize("seed", range(4))
 def test_products_and_sums_have_twice_the_digits(seed: int) -> None:
     a, b = drawn(seed), drawn(100 + seed)
-    for found, x, y in zip(exact(times(a, b)), exact(a), exact(b), strict=True):
-        assert abs(found - x * y) <= 8 * UNIT * abs(x * y)
-    for found, x, y in zip(exact(add(a, b)), exact(a), exact(b), strict=True):
+    for computed, x, y in zip(exact(times(a, b)), exact(a), exact(b), strict=True):
+        assert abs(computed - x * y) <= 8 * UNIT * abs(x * y)
+    for computed, x, y in zip(exact(add(a, b)), exact(a), exact(b), strict=True):
         # A sum that cancels keeps the digits of its terms.
-        assert abs(found - x - y) <= 4 * UNIT * (abs(x) + abs(y))
+        assert abs(computed - x - y) <= 4 * UNIT * (abs(x) + abs(y))
     assert exact(minus(a)) == [-x for x in exact(a)]
 
 
@@ -41,8 +41,8 @@ def test_a_product_with_a_matrix_that_cancels(seed: int) -> None:
     whole[7] = 0.0  # a row without entries
     A, x = sparse.csr_array(whole), drawn(seed)
     numbers = exact(x)
-    for i, found in enumerate(exact(product(A, x))):
+    for i, computed in enumerate(exact(product(A, x))):
         terms = [Fraction(whole[i, j]) * numbers[j] for j in range(40)]
-        assert abs(found - sum(terms)) <= 100 * UNIT * sum(map(abs, terms))
+        assert abs(computed - sum(terms)) <= 100 * UNIT * sum(map(abs, terms))
     empty = product(sparse.csr_array((3, 0)), exactly(np.zeros(0)))
     assert exact(empty) == [0, 0, 0]

@@ -65,41 +65,45 @@ def test_stored_files_are_those_of_the_generator(written: Path) -> None:
     assert sum(path.stat().st_size for path in DATA.iterdir()) < 300_000
     assert len(stored) == 15
     for path in stored:
-        known, new = bp.fclib.read(path), bp.fclib.read(written / path.name)
+        problem_stored, new = bp.fclib.read(path), bp.fclib.read(written / path.name)
         # Conditions are below 1e3, entries are rounded to 1e-16.
         np.testing.assert_allclose(
-            known.q, new.q, rtol=0, atol=1e-13 * np.abs(known.q).max()
+            problem_stored.q, new.q, rtol=0, atol=1e-13 * np.abs(problem_stored.q).max()
         )
-        one, two = (bp.fclib.read_solution(p) for p in (path, written / path.name))
-        if one is None:
+        stored_answer, two = (
+            bp.fclib.read_solution(p) for p in (path, written / path.name)
+        )
+        if stored_answer is None:
             assert two is None
             continue
-        largest = np.abs(one.r).max()
+        largest = np.abs(stored_answer.r).max()
         if not path.name.startswith("none"):
-            np.testing.assert_allclose(one.r, two.r, rtol=0, atol=1e-12 * largest)
+            np.testing.assert_allclose(
+                stored_answer.r, two.r, rtol=0, atol=1e-12 * largest
+            )
 
 
 @pytest.mark.parametrize("folder", ["stored", "written"])
 def test_the_check_passes(folder: str, written: Path) -> None:
-    found = check(DATA if folder == "stored" else written)
-    assert found
-    assert [one for one in found if one.faults] == []
+    checked_files = check(DATA if folder == "stored" else written)
+    assert checked_files
+    assert [checked_file for checked_file in checked_files if checked_file.faults] == []
     # Numbers are rounded to 1.1e-16; conditions are below 100.
-    assert max(one.error for one in found) <= 1e-14
+    assert max(checked_file.error for checked_file in checked_files) <= 1e-14
 
 
 def test_every_solver_answer_is_near_a_reference(written: Path) -> None:
     for row in manifest.read(written):
         problem = bp.fclib.read(written / row.file)
         solution = problem.solve(tol=1e-12)
-        known = bp.fclib.read_solution(written / row.file)
-        if known is None:
+        stored_answer = bp.fclib.read_solution(written / row.file)
+        if stored_answer is None:
             assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM
             continue
-        answers = [known, *bp.fclib.read_guesses(written / row.file)]
+        answers = [stored_answer, *bp.fclib.read_guesses(written / row.file)]
         if row.determined == "u":
             continue
-        size = max(np.abs(known.r).max(), 1e-300)
+        size = max(np.abs(stored_answer.r).max(), 1e-300)
         # The tolerance times the condition of W, below 1e3.
         assert (
             min(np.abs(solution.reaction - a.r).max() for a in answers) <= 1e-9 * size
@@ -184,17 +188,17 @@ WRONG = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_reference_is_found(case: str, written: Path, tmp_path: Path) -> None:
-    name, change, said = WRONG[case]
+    name, change, expected_words = WRONG[case]
     rows = manifest.read(written)
-    own = [row for row in rows if row.path == name.partition("-")[0]]
-    manifest.write(tmp_path, own)
-    for row in own:
+    rows_of_path = [row for row in rows if row.path == name.partition("-")[0]]
+    manifest.write(tmp_path, rows_of_path)
+    for row in rows_of_path:
         shutil.copy(written / row.file, tmp_path)
     with h5py.File(tmp_path / f"{name}.hdf5", "r+") as file:
         change(file)
-    wrong = [one for one in check(tmp_path) if one.faults]
-    assert [one.file for one in wrong] == [f"{name}.hdf5"]
-    assert said in "; ".join(wrong[0].faults)
+    wrong = [checked_file for checked_file in check(tmp_path) if checked_file.faults]
+    assert [checked_file.file for checked_file in wrong] == [f"{name}.hdf5"]
+    assert expected_words in "; ".join(wrong[0].faults)
 
 
 @pytest.mark.slow
@@ -203,7 +207,11 @@ def test_a_damaged_file_is_a_fault(written: Path, tmp_path: Path) -> None:
     shutil.copytree(written, folder)
     (folder / "block_2d_3-0004.hdf5").write_bytes(b"not HDF5")
     (folder / "block_2d_3-0005.hdf5").unlink()
-    wrong = {one.file: one.faults for one in check(folder) if one.faults}
+    wrong = {
+        checked_file.file: checked_file.faults
+        for checked_file in check(folder)
+        if checked_file.faults
+    }
     assert set(wrong) == {"block_2d_3-0004.hdf5", "block_2d_3-0005.hdf5"}
     assert "cannot be read as HDF5" in wrong["block_2d_3-0004.hdf5"][0]
 
@@ -238,9 +246,12 @@ def test_the_rules_are_on_the_site_and_in_the_folder(written: Path) -> None:
         assert f"\n| {name} | {entry.family} | {entry.about} |\n" in page
     stored = (DATA / "README.md").read_text(encoding="utf-8")
     assert stored == rules.page(manifest.read(DATA))
-    own = (written / "README.md").read_text(encoding="utf-8")
-    assert own.endswith(FILES + "\n" + RULES)
-    assert "| several_2d_3 | several answers | 2 | 3 | 3 | 1 to 3 | local |" in own
+    text_of_page = (written / "README.md").read_text(encoding="utf-8")
+    assert text_of_page.endswith(FILES + "\n" + RULES)
+    assert (
+        "| several_2d_3 | several answers | 2 | 3 | 3 | 1 to 3 | local |"
+        in text_of_page
+    )
 
 
 def test_a_path_without_its_answer_is_an_error() -> None:

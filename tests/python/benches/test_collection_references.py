@@ -27,19 +27,19 @@ def test_one_sliding_contact_in_space_has_a_closed_form() -> None:
     # r_n = -q_n / w, and the friction is against q_t, along (3, 4) / 5.
     W, q = np.diag([0.5, 0.25, 0.25]), np.array([[-1.0, 3.0, 4.0]])
     near = np.array([[2.1, -0.4, -0.7]])
-    found = reference(W, q, 0.5, near, [bp.Status.SLIP])
+    refined = reference(W, q, 0.5, near, [bp.Status.SLIP])
     # Exact binary numbers, except for the thirds and fifths, which are rounded once.
-    np.testing.assert_array_equal(found.r, [[2.0, -0.6, -0.8]])
-    np.testing.assert_array_equal(found.u, [[0.0, 2.85, 3.8]])
-    assert found.correction <= CONVERGED
+    np.testing.assert_array_equal(refined.r, [[2.0, -0.6, -0.8]])
+    np.testing.assert_array_equal(refined.u, [[0.0, 2.85, 3.8]])
+    assert refined.correction <= CONVERGED
 
 
 @pytest.mark.parametrize("start", [bp.Status.OPEN, bp.Status.STICK])
 def test_wrong_statuses_are_changed(start: bp.Status) -> None:
     W, q = np.diag([0.5, 0.25, 0.25]), np.array([[-1.0, 3.0, 4.0]])
-    found = reference(W, q, 0.5, np.array([[2.0, -0.6, -0.8]]), [start])
-    assert found.status.tolist() == [bp.Status.SLIP]
-    np.testing.assert_array_equal(found.r, [[2.0, -0.6, -0.8]])
+    refined = reference(W, q, 0.5, np.array([[2.0, -0.6, -0.8]]), [start])
+    assert refined.status.tolist() == [bp.Status.SLIP]
+    np.testing.assert_array_equal(refined.r, [[2.0, -0.6, -0.8]])
 
 
 def test_sliding_in_the_plane_is_rounded_from_exact_fractions() -> None:
@@ -50,7 +50,7 @@ def test_sliding_in_the_plane_is_rounded_from_exact_fractions() -> None:
     q, mu = np.array([[-1.0, 0.9], [-0.5, -1.5]]), 0.25
     near = bp.ReducedProblem(W, q, mu).solve(tol=1e-6)
     assert near.status.tolist() == [bp.Status.SLIP, bp.Status.SLIP]
-    found = refine(
+    refined = refine(
         system(bp.ReducedProblem(W, q, mu)), near.reaction, np.zeros(0), near.status
     )
     # r_t = -mu sign(u_t) r_n turns u_n = 0 into two equations for r_n.
@@ -67,7 +67,7 @@ def test_sliding_in_the_plane_is_rounded_from_exact_fractions() -> None:
     expected = [
         [float(x), float(s * x)] for x, s in zip((first, second), t, strict=True)
     ]
-    np.testing.assert_array_equal(found.r, expected)
+    np.testing.assert_array_equal(refined.r, expected)
 
 
 def test_without_statuses_near_there_is_no_reference() -> None:
@@ -93,22 +93,22 @@ def test_an_independent_program_agrees(name: str) -> None:
     """The reference of the benches: other equations, statuses by projection, longdouble."""
     compared = 0
     for step in steps(PATHS[name].make()):
-        (own,), problem = step.answers, step.problem
-        status = own.status
+        (answer,), problem = step.answers, step.problem
+        status = answer.status
         other = reference_solution.refine(
             Problem(name, np.asarray(problem.W), problem.q, problem.mu, problem.rigid),
-            own.r * (1 + 1e-9),
-            own.y if problem.rigid else None,
+            answer.r * (1 + 1e-9),
+            answer.y if problem.rigid else None,
             status,
         )
         if not (status != bp.Status.OPEN).any():
-            np.testing.assert_array_equal(own.r, 0.0)
+            np.testing.assert_array_equal(answer.r, 0.0)
             continue
         assert other.trusted
         # The other program stops at corrections of 1e-15.
-        size = np.abs(own.r).max()
+        size = np.abs(answer.r).max()
         np.testing.assert_allclose(
-            own.r, other.r.astype(float), rtol=0, atol=2e-15 * size
+            answer.r, other.r.astype(float), rtol=0, atol=2e-15 * size
         )
         compared += 1
     assert compared >= 4
@@ -121,22 +121,22 @@ def test_a_path_is_that_of_the_whole_problem() -> None:
         path.K, path.B, gap=path.gap, mu=path.mu, fixed=path.fixed
     )
     result = whole.solve(path.load, path.prescribed, tol=1e-12)
-    for step, known in zip(steps(path), result, strict=True):
-        (own,) = step.answers
+    for step, step_of_path in zip(steps(path), result, strict=True):
+        (answer,) = step.answers
         # The tolerance of the solver times the condition of W, below 100.
-        size = 1e-10 * np.abs(own.r).max()
-        np.testing.assert_allclose(own.r, known.reaction, rtol=0, atol=size)
-        np.testing.assert_array_equal(own.status, known.status)
+        size = 1e-10 * np.abs(answer.r).max()
+        np.testing.assert_allclose(answer.r, step_of_path.reaction, rtol=0, atol=size)
+        np.testing.assert_array_equal(answer.status, step_of_path.status)
 
 
 def test_the_global_form_is_the_same_problem() -> None:
     path = PATHS["block_3d_9_release"].make()
     other = replace(path, form="global")
-    for one, two in zip(steps(path), steps(other), strict=True):
+    for own_step, two in zip(steps(path), steps(other), strict=True):
         # W of the local form is rounded; its condition is below 100.
-        size = 1e-13 * max(np.abs(one.answers[0].r).max(), 1e-300)
+        size = 1e-13 * max(np.abs(own_step.answers[0].r).max(), 1e-300)
         np.testing.assert_allclose(
-            one.answers[0].r, two.answers[0].r, rtol=0, atol=size
+            own_step.answers[0].r, two.answers[0].r, rtol=0, atol=size
         )
 
 
@@ -181,8 +181,8 @@ def test_frames_of_each_step_are_those_of_the_load_path() -> None:
     assert expected[1].status.min() < bp.Status.STICK
     # η is 1e-13; the errors are larger by the condition of the contacts.
     size, shift = np.abs(expected.reaction).max(), np.abs(expected.slip).max()
-    for found, step in zip(steps(path), expected, strict=True):
-        answer = found.answers[0]
+    for step_with_frames, step in zip(steps(path), expected, strict=True):
+        answer = step_with_frames.answers[0]
         assert np.abs(answer.r - step.reaction).max() <= 1e-11 * size
         assert np.abs(answer.u[:, 1:] - step.slip).max() <= 1e-11 * shift
 
@@ -208,5 +208,7 @@ SMALL = [name for name in PATHS if contacts(name) <= 300]
 )
 @pytest.mark.slow_variants("block_2d_129_strong")
 def test_the_first_steps_of_a_path_have_references(name: str) -> None:
-    found = [step for step, _ in zip(steps(PATHS[name].make()), range(3), strict=False)]
-    assert all(step.answers or step.proof is not None for step in found)
+    first_steps = [
+        step for step, _ in zip(steps(PATHS[name].make()), range(3), strict=False)
+    ]
+    assert all(step.answers or step.proof is not None for step in first_steps)

@@ -14,18 +14,18 @@ DATA = ROOT / "tests" / "data" / "collection"
 
 @pytest.fixture(scope="module")
 def lines() -> list[dict[str, object]]:
-    found = []
+    lines_measured = []
     for row in manifest.read(DATA):
         methods = ["auto", "pivoting"]
-        found += load_paths.measure(DATA / row.file, row, methods, None, 10.0)
-    return found
+        lines_measured += load_paths.measure(DATA / row.file, row, methods, None, 10.0)
+    return lines_measured
 
 
 def test_auto_solves_the_stored_files(lines: list[dict[str, object]]) -> None:
-    own = [line for line in lines if line["program"] == "auto"]
-    assert len(own) == 3 * 15
-    assert all(line["solved"] for line in own)
-    for line in own:
+    lines_of_auto = [line for line in lines if line["program"] == "auto"]
+    assert len(lines_of_auto) == 3 * 15
+    assert all(line["solved"] for line in lines_of_auto)
+    for line in lines_of_auto:
         # η times the condition of W, below 1e3; without an answer there is no error.
         assert line["error"] <= 1e3 * line["target"]
 
@@ -34,12 +34,12 @@ def test_a_path_costs_the_sum_of_its_files(lines: list[dict[str, object]]) -> No
     work = load_paths.costs(lines, 1e-8, "work")["auto"]
     paths = list(dict.fromkeys(line["path"] for line in lines))
     for path, total in zip(paths, work, strict=True):
-        own = [
+        seconds_of_files = [
             line["work"]
             for line in lines
             if (line["path"], line["program"], line["target"]) == (path, "auto", 1e-8)
         ]
-        assert total == sum(own)
+        assert total == sum(seconds_of_files)
 
 
 def test_what_is_not_accepted_is_not_solved(lines: list[dict[str, object]]) -> None:
@@ -59,8 +59,8 @@ def test_one_unsolved_file_costs_the_path(lines: list[dict[str, object]]) -> Non
     for line in changed:
         if line["file"] == "block_2d_3-0001.hdf5":
             line["solved"] = False
-    found = load_paths.costs(changed, 1e-8, "seconds")["auto"]
-    assert np.isinf(found).sum() == 1
+    costs_of_auto = load_paths.costs(changed, 1e-8, "seconds")["auto"]
+    assert np.isinf(costs_of_auto).sum() == 1
 
 
 @pytest.mark.slow

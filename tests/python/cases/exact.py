@@ -83,12 +83,14 @@ def a2() -> list[Row]:
 
 def listed() -> dict[tuple[float, float], list[list[float]]]:
     """Every solution of one contact: (u_n, u_t, r_n, r_t) by (μ, f_t)."""
-    found: dict[tuple[float, float], list[list[float]]] = {}
+    branches: dict[tuple[float, float], list[list[float]]] = {}
     with (DATA / "one_contact_branches.csv").open() as file:
         for row in csv.DictReader(file):
             values = [float(row[name]) for name in ("u_n", "u_t", "r_n", "r_t")]
-            found.setdefault((float(row["mu"]), float(row["f_t"])), []).append(values)
-    return found
+            branches.setdefault((float(row["mu"]), float(row["f_t"])), []).append(
+                values
+            )
+    return branches
 
 
 def nearest(result: Any, branches: list[list[float]]) -> tuple[list[float], Array]:

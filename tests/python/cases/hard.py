@@ -264,7 +264,7 @@ def h14() -> list[Row]:
 def h15() -> list[Row]:
     """Rotation, renumbering."""
     problem = cube()
-    one = problem.solve(tol=TOL)
+    solution = problem.solve(tol=TOL)
     n = len(problem.q)
     order = np.random.default_rng(5).permutation(n)
     rows = (3 * order[:, None] + np.arange(3)).ravel()
@@ -286,11 +286,11 @@ def h15() -> list[Row]:
         exact(
             "r, contacts renumbered",
             source,
-            one.reaction[order],
+            solution.reaction[order],
             other.solve(tol=TOL).reaction,
             1e-10,
         ),
-        exact("r, tangents turned", source, one.reaction, back, 1e-10),
+        exact("r, tangents turned", source, solution.reaction, back, 1e-10),
     ]
 
 
@@ -333,24 +333,24 @@ def many() -> dict[str, float]:
     done = subprocess.run(
         [sys.executable, script, "100000"], check=True, capture_output=True, text=True
     )
-    found: dict[str, float] = json.loads(done.stdout)
-    return found
+    figures: dict[str, float] = json.loads(done.stdout)
+    return figures
 
 
 def h18() -> list[Row]:
     """Many candidates, few active."""
-    found = many()
+    figures = many()
     # A dense W takes (2e5)² doubles, 3.2e11 bytes; this is 1/300 of it.
-    small = found["bytes"] < 1e9
+    small = figures["bytes"] < 1e9
     return [
-        same("contacts of 100,000 candidates", CLOSED, "10", str(found["contacts"])),
-        exact("largest error of r", CLOSED, 0.0, found["reaction"], 1e-10),
-        exact("largest error of u", CLOSED, 0.0, found["displacement"], 1e-10),
+        same("contacts of 100,000 candidates", CLOSED, "10", str(figures["contacts"])),
+        exact("largest error of r", CLOSED, 0.0, figures["reaction"], 1e-10),
+        exact("largest error of u", CLOSED, 0.0, figures["displacement"], 1e-10),
         same(
             "peak memory",
             "320 GB for a dense W",
             "under 1 GB",
-            "under 1 GB" if small else f"{found['bytes']:.2g} B",
+            "under 1 GB" if small else f"{figures['bytes']:.2g} B",
         ),
     ]
 

@@ -66,8 +66,11 @@ def line(
 def a7(fine: bool = False) -> list[Refinement]:
     """A rigid cylinder on a half-plane, without friction."""
     sizes, source = SIZES + FINE * fine, "Hertz, [J85, ch. 4]"
-    found = [line(h) for h in sizes]
-    profiles, widths = [f[0] for f in found], [(1.0, f[1]) for f in found]
+    lines_by_size = [line(h) for h in sizes]
+    profiles, widths = (
+        [f[0] for f in lines_by_size],
+        [(1.0, f[1]) for f in lines_by_size],
+    )
     axis = [p.on_axis(0) for p in profiles]
     return [
         # The axis depends on the edges only through their mean.
@@ -168,14 +171,14 @@ def closed_share(mu: float, beta: float) -> float:
 def a13(fine: bool = False) -> list[Refinement]:
     """A flat punch, at rest without friction and sliding with μ = 1/2."""
     sizes, source = SIZES + FINE * fine, "[J85, ch. 2]"
-    found = []
+    rows_by_size = []
     for mu, what in ((0.0, "at rest"), (0.5, "sliding")):
         runs = [punch(h, mu) for h in sizes]
         share = [
             (closed_share(mu, beta), within_08(x, r[:, 0])) for x, _, r, beta in runs
         ]
         # The singular edges are resolved to one cell, which acts like a wider punch.
-        found.append(
+        rows_by_size.append(
             refine(
                 f"share of the force in abs(x) < 0.8a, {what}",
                 source,
@@ -190,7 +193,7 @@ def a13(fine: bool = False) -> list[Refinement]:
                 (2 * np.arctan(mu * beta) / np.pi, float(r[:, 0] @ x / r[:, 0].sum()))
                 for x, _, r, beta in runs
             ]
-            found.append(
+            rows_by_size.append(
                 refine(
                     "centre of pressure, sliding",
                     source,
@@ -200,7 +203,7 @@ def a13(fine: bool = False) -> list[Refinement]:
                     within=0.02,
                 )
             )
-    return found
+    return rows_by_size
 
 
 CASES = {"a7": a7, "a9": a9, "a13": a13}

@@ -278,16 +278,17 @@ def p6() -> list[Row]:
     # Levels so small that only the squares of displacements differ.
     small = np.array([0.01, 0.02])
     linear = pressed_ring.pressed(6, 40, 0.0, small).reaction[:, :, 0].sum(axis=1)
-    exactly = np.array([one.force for one in ring_large.pressed(6, 40, small)])
+    exactly = np.array([figure.force for figure in ring_large.pressed(6, 40, small)])
     differences = linear / exactly - 1
     coarse, middle, fine = (ring(n, 0.4) for n in LAYERS)
-    forces = [one.reaction[:2, :, 0].sum(axis=1) for one in (middle, fine)]
+    forces = [figure.reaction[:2, :, 0].sum(axis=1) for figure in (middle, fine)]
     series = [pressed_ring.side_by_series(fine.angle, r) for r in fine.reaction]
     errors = [
         np.linalg.norm(
-            one.side[1] - pressed_ring.side_by_series(one.angle, one.reaction[1])
+            figure.side[1]
+            - pressed_ring.side_by_series(figure.angle, figure.reaction[1])
         )
-        for one in (coarse, middle, fine)
+        for figure in (coarse, middle, fine)
     ]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     return [
@@ -296,14 +297,14 @@ def p6() -> list[Row]:
             "u_x of the side, large displacements [cm]",
             RING,
             RING_SIDE,
-            [one.side for one in large[1::2]],
+            [figure.side for figure in large[1::2]],
             1e-9,
         ),
         exact(
             "forces on the outer circle, large displacements [N/cm]",
             RING,
             RING_SUM,
-            [one.outside for one in large],
+            [figure.outside for figure in large],
             1e-9,
         ),
         # Their difference is that of the theories, 0.25 %.

@@ -80,8 +80,8 @@ def sphere(h: float) -> tuple[Profile, float, float, float]:
 def a8(fine: bool = False) -> list[Refinement]:
     """A rigid sphere on a half-space, without friction."""
     sizes, source = SIZES + FINE * fine, "Hertz, [J85, (4.22)–(4.24)]"
-    found = [sphere(h) for h in sizes]
-    profiles, forces = [f[0] for f in found], [f[1:3] for f in found]
+    spheres = [sphere(h) for h in sizes]
+    profiles, forces = [f[0] for f in spheres], [f[1:3] for f in spheres]
     axis = [p.on_axis(0) for p in profiles]
     return [
         refine("force for the approach", source, sizes, forces, order=1.8, within=2e-3),
@@ -132,8 +132,8 @@ def sheared(h: float, nu: float, mu: float = 0.3) -> tuple[Profile, float, float
 def a10(fine: bool = False) -> list[Refinement]:
     """Equal spheres with ν = 0, pressed and then sheared."""
     sizes, source = SIZES + FINE * fine, "Mindlin, [J85, ch. 7]"
-    found = [sheared(h, 0.0) for h in sizes]
-    profiles, forces = [f[0] for f in found], [f[1:] for f in found]
+    shears = [sheared(h, 0.0) for h in sizes]
+    profiles, forces = [f[0] for f in shears], [f[1:] for f in shears]
     axis = [p.on_axis(1) for p in profiles]
     return [
         refine("force for the shift", source, sizes, forces, order=1.8, within=2e-3),

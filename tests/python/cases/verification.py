@@ -176,8 +176,8 @@ def page(*, fine: bool) -> str:
     refined = [
         [i.upper(), *row]
         for i, case in sorted(approached.items(), key=lambda pair: int(pair[0][1:]))
-        for one in case(fine)
-        for row in one.rows()
+        for section in case(fine)
+        for row in section.rows()
     ]
     head = ["case", "quantity", "source", "h/a", "expected", "computed"]
     sections = [

@@ -84,8 +84,8 @@ def test_an_exception_ends_the_work_in_the_calling_thread() -> None:
 
 
 def test_no_function() -> None:
-    given = bar_problem()[0]
-    assert given.stats["flops"] >= 0
+    problem = bar_problem()[0]
+    assert problem.stats["flops"] >= 0
     with pytest.raises(TypeError, match="on_forecast is 3, expected a function"):
         bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3, on_forecast=3)
 

@@ -50,11 +50,11 @@ def said(command: list[str], status: int, out: str, err: str) -> str:
             return ""
         # A sweep prints the messages of failed rows below its table.
         first = [*err.splitlines(), *(["bipot: " + out] if "\nrow 1: " in out else [])]
-        assert any(one.startswith("bipot: ") and len(one) > 20 for one in first), (
+        assert any(line.startswith("bipot: ") and len(line) > 20 for line in first), (
             command
         )
         return err
-    lines = [json.loads(one) for one in out.splitlines()]
+    lines = [json.loads(line) for line in out.splitlines()]
     assert lines, command
     if status:
         assert len(lines[-1]["message"]) > 10
@@ -80,10 +80,12 @@ def test_all_commands_over_faulty_scenes(
     count = 0
     step = every if isinstance(every, int) else every.get(name, 4)
     for scene in list(faulty(tmp_path, roller()))[::step]:
-        given = [word for setting in scene.settings for word in ("--set", setting)]
+        options_of_scene = [
+            word for setting in scene.settings for word in ("--set", setting)
+        ]
         if name == "sweep" and any("=" not in setting for setting in scene.settings):
-            given = []
-        command = COMMANDS[name](scene, given)
+            options_of_scene = []
+        command = COMMANDS[name](scene, options_of_scene)
         statuses = set()
         for more in ([], ["--json"]) if name in JSON else ([],):
             status, out, err = bipot(*command, *more)
@@ -92,8 +94,10 @@ def test_all_commands_over_faulty_scenes(
         assert len(statuses) == 1, command
         (status,) = statuses
         if name in ("run", "check"):
-            known = name == "run" or scene.name.removesuffix(".toml") not in SOLVED_ONLY
-            assert status == (scene.status if known else 0), (command, out, err)
+            is_read = (
+                name == "run" or scene.name.removesuffix(".toml") not in SOLVED_ONLY
+            )
+            assert status == (scene.status if is_read else 0), (command, out, err)
         elif name not in MAY_PASS and name != "sweep":
             assert status == 2, command
         count += 1
@@ -109,20 +113,20 @@ def test_check_of_floating_bodies(name: str, model: bp.Model, bipot: Bipot) -> N
     """The message is that of a run, and the sizes are reported too."""
     model.to_toml("it.toml")
     status, out, err = bipot("check", "it.toml")
-    found = json.loads(bipot("check", "it.toml", "--json")[1])
+    report = json.loads(bipot("check", "it.toml", "--json")[1])
     ran = json.loads(bipot("run", "it.toml", "--json")[1].splitlines()[-1])
-    assert found["dofs"] == ran["dofs"] > 0
-    assert found["contacts"] == ran["contacts"] > 0
-    assert (found["steps"], found["bodies"]) == (1, len(model.to_dict()["body"]))
+    assert report["dofs"] == ran["dofs"] > 0
+    assert report["contacts"] == ran["contacts"] > 0
+    assert (report["steps"], report["bodies"]) == (1, len(model.to_dict()["body"]))
     if name in SOLVED_ONLY:
-        assert (status, found["ok"]) == (0, True)
+        assert (status, report["ok"]) == (0, True)
         return
-    assert (status, found["ok"]) == (1, False)
-    assert f"{found['dofs']} degrees of freedom" in out
-    assert found["message"] in err
-    assert found["message"] == ran["message"].partition(" (load steps")[0]
-    assert found["message"] not in found["remarks"]
-    assert "can move freely" in found["message"]
+    assert (status, report["ok"]) == (1, False)
+    assert f"{report['dofs']} degrees of freedom" in out
+    assert report["message"] in err
+    assert report["message"] == ran["message"].partition(" (load steps")[0]
+    assert report["message"] not in report["remarks"]
+    assert "can move freely" in report["message"]
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar", "nodes"])
@@ -211,12 +215,12 @@ def test_displacements_that_cannot_be_found(
     m.contact("block.bottom", plane=FLOOR, mu=0.3)
     m.path(go=[0.0, 1.0, 2.0])
     m.to_toml("it.toml")
-    found = direct.DirectRecovery.recover
+    original = direct.DirectRecovery.recover
 
     def lost(self: Any, steps: Any) -> Any:
         if any(step.prescribed.max() > 0.015 for step in steps):
             raise bp.NotConvergedError("the compliance W has too few digits")
-        return found(self, steps)
+        return original(self, steps)
 
     monkeypatch.setattr(direct.DirectRecovery, "recover", lost)
     status, out, err = bipot("run", "it.toml", "--json")
@@ -230,6 +234,6 @@ def test_displacements_that_cannot_be_found(
 
 
 def test_checking_keeps_its_figures() -> None:
-    found = checking.check("two_blocks", ["mesh.n=2"])
-    assert found["floating"] is None
-    assert found["forecast"]["seconds"] >= 0
+    report = checking.check("two_blocks", ["mesh.n=2"])
+    assert report["floating"] is None
+    assert report["forecast"]["seconds"] >= 0

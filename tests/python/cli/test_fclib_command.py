@@ -65,9 +65,9 @@ def test_all_files_are_solved_and_reported() -> None:
     assert run.stderr == ""
     told = rows(run.stdout)
     assert [row["file"] for row in told] == files
-    for row, known in zip(told, FILES.values(), strict=True):
+    for row, facts in zip(told, FILES.values(), strict=True):
         assert list(row)[: len(KEYS)] == KEYS
-        assert (row["contacts"], row["dim"]) == (known.contacts, known.d)
+        assert (row["contacts"], row["dim"]) == (facts.contacts, facts.d)
         assert row["outcome"] == "converged"
         # The default of tol; the rounding floor of these files is below it.
         assert 0 <= row["residual"] <= 1e-10
@@ -98,12 +98,12 @@ def test_each_unsolved_file_has_a_message(tmp_path: Path, stuck: str) -> None:
     fclib.write(slow, pressed.cube())
     short = ("--method", "uzawa", "--tol", "1e-12", "--max-seconds", "1e-9")
     run = bipot(GOOD, stuck, slow, *short, status=3)
-    said = [line for line in run.stderr.splitlines() if GOOD not in line]
-    assert len(said) == 2
-    assert said[0].startswith(f"bipot: {stuck}: ")
-    assert said[1].startswith(f"bipot: {slow}: ")
-    assert "no solution exists" in said[0]
-    assert "max_seconds" in said[1]
+    messages = [line for line in run.stderr.splitlines() if GOOD not in line]
+    assert len(messages) == 2
+    assert messages[0].startswith(f"bipot: {stuck}: ")
+    assert messages[1].startswith(f"bipot: {slow}: ")
+    assert "no solution exists" in messages[0]
+    assert "max_seconds" in messages[1]
     assert bipot("--json", stuck, slow, *short, status=3).stderr == ""
 
 

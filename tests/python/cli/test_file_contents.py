@@ -38,13 +38,13 @@ def two_blocks() -> bp.Model:
 
 def tree(group: h5py.Group) -> dict[str, h5py.Dataset]:
     """All datasets of a group and of the groups in it, by path."""
-    found: dict[str, h5py.Dataset] = {}
+    datasets: dict[str, h5py.Dataset] = {}
     group.visititems(
-        lambda path, one: found.update(
+        lambda path, one: datasets.update(
             {path: one} if isinstance(one, h5py.Dataset) else {}
         )
     )
-    return found
+    return datasets
 
 
 def units_of(grid: meshio.Mesh) -> dict[str, str]:
@@ -107,29 +107,37 @@ def test_values_of_all_writers_agree(folder: Path, tmp_path: Path) -> None:
 def test_fields_follow_from_the_promised_datasets(folder: Path) -> None:
     """Global components by a rotation of one contact after the other."""
     with h5py.File(folder / "result.h5") as file:
-        known = {name: data[()] for name, data in file["contacts"].items()}
+        contact_arrays = {name: data[()] for name, data in file["contacts"].items()}
         for k, step in enumerate(file["steps"].values()):
-            found = {name: data[k] for name, data in file["fields"].items()}
+            fields_of_step = {name: data[k] for name, data in file["fields"].items()}
             r, v, slip = (
                 step[n][()] for n in ("reaction", "relative_displacement", "slip")
             )
-            np.testing.assert_array_equal(found["reaction_local"], r)
-            np.testing.assert_array_equal(found["relative_displacement_local"], v)
-            np.testing.assert_array_equal(found["slip_local"], slip)
-            np.testing.assert_array_equal(found["gap"], v[:, 0])
-            np.testing.assert_array_equal(found["status"], step["status"][()])
-            np.testing.assert_array_equal(found["normal"], known["normal"])
-            for c, axes in enumerate(known["frame"]):
+            np.testing.assert_array_equal(fields_of_step["reaction_local"], r)
+            np.testing.assert_array_equal(
+                fields_of_step["relative_displacement_local"], v
+            )
+            np.testing.assert_array_equal(fields_of_step["slip_local"], slip)
+            np.testing.assert_array_equal(fields_of_step["gap"], v[:, 0])
+            np.testing.assert_array_equal(fields_of_step["status"], step["status"][()])
+            np.testing.assert_array_equal(
+                fields_of_step["normal"], contact_arrays["normal"]
+            )
+            for c, axes in enumerate(contact_arrays["frame"]):
                 size = np.abs(r).max()
                 # Sums of three products: some units of rounding.
                 close = {"rtol": 1e-14, "atol": 1e-14 * size}
-                np.testing.assert_allclose(found["force"][c], axes.T @ r[c], **close)
                 np.testing.assert_allclose(
-                    found["traction"][c] * known["area"][c], axes.T @ r[c], **close
+                    fields_of_step["force"][c], axes.T @ r[c], **close
                 )
-                np.testing.assert_allclose(axes[1:] @ found["slip"][c], slip[c],
+                np.testing.assert_allclose(
+                    fields_of_step["traction"][c] * contact_arrays["area"][c],
+                    axes.T @ r[c],
+                    **close,
+                )
+                np.testing.assert_allclose(axes[1:] @ fields_of_step["slip"][c], slip[c],
                                            atol=1e-14 * np.abs(slip).max())  # fmt: skip
-            pressed = found["pressure"] * known["area"]
+            pressed = fields_of_step["pressure"] * contact_arrays["area"]
             np.testing.assert_allclose(pressed, r[:, 0], rtol=1e-14)
 
 
@@ -144,9 +152,9 @@ def test_mesh_of_a_result(folder: Path) -> None:
         np.testing.assert_array_equal(nodes, bodies.points)
         np.testing.assert_array_equal(u[dofs], bodies.point_data["displacement"])
         blocks = list(mesh["cells"].values())
-        assert [one.attrs["body"] for one in blocks] == ["upper", "lower"]
-        assert {one.attrs["kind"] for one in blocks} == {bodies.cells[0].type}
-        corners = np.concatenate([one[()] for one in blocks])
+        assert [block.attrs["body"] for block in blocks] == ["upper", "lower"]
+        assert {block.attrs["kind"] for block in blocks} == {bodies.cells[0].type}
+        corners = np.concatenate([block[()] for block in blocks])
         np.testing.assert_array_equal(corners, bodies.cells[0].data)
         on = mesh["contact_nodes"][()]
         np.testing.assert_array_equal(nodes[on], file["contacts/x"][()])
@@ -165,10 +173,10 @@ def test_units_and_axes_of_a_run(folder: Path) -> None:
     units = {"length": "mm", "force": "N", "stress": "MPa"}
     with h5py.File(folder / "result.h5") as file:
         for name, data in file["fields"].items():
-            known = FIELDS[name]
-            assert data.attrs["meaning"] == known.meaning
-            assert data.attrs.get("units") == units.get(known.dimension)
-            assert data.attrs.get("frame", "") == known.axes
+            quantity = FIELDS[name]
+            assert data.attrs["meaning"] == quantity.meaning
+            assert data.attrs.get("units") == units.get(quantity.dimension)
+            assert data.attrs.get("frame", "") == quantity.axes
         step = file["steps/0000"]
         for name, unit in (
             ("reaction", "N"),
@@ -273,11 +281,11 @@ def test_a_model_in_python_saves_what_the_command_does(
     result.write(tmp_path / "a.pvd")
     result.save(tmp_path / "a.h5")
     assert times(tmp_path / "a.pvd") == [0.0, 1.0]
-    with h5py.File(tmp_path / "a.h5") as one, h5py.File(folder / "result.h5") as two:
-        same(meshio.read(tmp_path / "a_0001.vtu"), one, 1)
+    with h5py.File(tmp_path / "a.h5") as saved, h5py.File(folder / "result.h5") as two:
+        same(meshio.read(tmp_path / "a_0001.vtu"), saved, 1)
         for name in ("fields", "mesh"):
-            assert list(tree(one[name])) == list(tree(two[name]))
-            for path, data in tree(one[name]).items():
+            assert list(tree(saved[name])) == list(tree(two[name]))
+            for path, data in tree(saved[name]).items():
                 np.testing.assert_array_equal(data[()], two[name][path][()])
                 assert dict(data.attrs) == dict(two[name][path].attrs)
     # Arrays alone have contacts, and no nodes.
@@ -297,12 +305,12 @@ def test_files_of_an_earlier_version_load(name: str, tmp_path: Path) -> None:
         assert set(file) == {"contacts", "steps"}
         assert not file["steps/0001/reaction"].attrs
         reaction = [step["reaction"][()] for step in file["steps"].values()]
-    found = bp.load(DATA / "results" / name)
-    np.testing.assert_array_equal(found.reaction, reaction)
-    assert found.success
-    assert found.mesh is None
+    loaded = bp.load(DATA / "results" / name)
+    np.testing.assert_array_equal(loaded.reaction, reaction)
+    assert loaded.success
+    assert loaded.mesh is None
     # Written again, the file has what can be known.
-    found.save(tmp_path / "a.h5")
+    loaded.save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         np.testing.assert_array_equal(file["fields/reaction_local"][()], reaction)
         assert file["fields/reaction_local"].attrs["units"] == "N"
@@ -314,17 +322,17 @@ def test_files_of_an_earlier_version_load(name: str, tmp_path: Path) -> None:
         "displacement",
         "relative_displacement",
     ):
-        np.testing.assert_array_equal(getattr(again, field), getattr(found, field))
+        np.testing.assert_array_equal(getattr(again, field), getattr(loaded, field))
 
 
 def test_the_earlier_file_of_arrays_has_the_values_by_hand() -> None:
     """Two springs of 1000 N/m, a point that sticks and then slips with μ = 0.3."""
-    found = bp.load(DATA / "results" / "arrays.h5")
+    loaded = bp.load(DATA / "results" / "arrays.h5")
     exact = [[[10.0, -2.0]], [[10.0, -3.0]]]
     # Numbers of a file, solved to a residual of 1e-10.
-    np.testing.assert_allclose(found.reaction, exact, rtol=1e-9)
-    np.testing.assert_allclose(found.slip[1], [[0.002]], rtol=1e-9)
-    assert found.units == {"length": "m", "force": "N", "stress": "Pa"}
+    np.testing.assert_allclose(loaded.reaction, exact, rtol=1e-9)
+    np.testing.assert_allclose(loaded.slip[1], [[0.002]], rtol=1e-9)
+    assert loaded.units == {"length": "m", "force": "N", "stress": "Pa"}
 
 
 @pytest.mark.parametrize(
@@ -364,8 +372,8 @@ def test_a_result_without_contacts(tmp_path: Path) -> None:
     result.write(tmp_path / "a.pvd")
     result.save(tmp_path / "a.h5")
     # meshio refuses files without points.
-    found = json.loads(bipot("info", "a.pvd", "--json", cwd=tmp_path).stdout)
-    assert (found["steps"], found["points"], found["fields"]) == (1, 0, {})
+    report = json.loads(bipot("info", "a.pvd", "--json", cwd=tmp_path).stdout)
+    assert (report["steps"], report["points"], report["fields"]) == (1, 0, {})
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["fields/reaction_local"].shape == (1, 0, 2)
     assert len(bp.load(tmp_path / "a.h5")) == 1
@@ -374,27 +382,31 @@ def test_a_result_without_contacts(tmp_path: Path) -> None:
 def test_info_of_files_for_paraview(folder: Path) -> None:
     def told(name: str) -> tuple[list[str], dict[str, Any]]:
         out = bipot("info", name, cwd=folder).stdout.splitlines()
-        found = json.loads(bipot("info", name, "--json", cwd=folder).stdout)
-        return out, found
+        report = json.loads(bipot("info", name, "--json", cwd=folder).stdout)
+        return out, report
 
-    out, found = told("contact.pvd")
+    out, report = told("contact.pvd")
     assert out[0] == "contact.pvd: a series of 2 steps for ParaView, time 0 to 1"
-    assert (found["kind"], found["steps"], found["times"]) == ("series", 2, [0.0, 1.0])
-    assert (found["points"], found["cells"]) == (25, {"quad": 16})
-    assert set(found["fields"]) == set(NAMES)
+    assert (report["kind"], report["steps"], report["times"]) == (
+        "series",
+        2,
+        [0.0, 1.0],
+    )
+    assert (report["points"], report["cells"]) == (25, {"quad": 16})
+    assert set(report["fields"]) == set(NAMES)
     grid = meshio.read(folder / "contact_0001.vtu")
     force = np.linalg.norm(grid.point_data["force"], axis=1)
-    about = found["fields"]["force"]
+    about = report["fields"]["force"]
     assert (about["low"], about["high"]) == (force.min(), force.max())
     assert (about["units"], about["components"], about["of"]) == ("N", 3, "points")
     span = f"vector of length {force.min():.4g} to {force.max():.4g} N"
     assert any(line.split("force", 1)[-1].strip() == span for line in out)
-    out, found = told("result_0000.vtu")
+    out, report = told("result_0000.vtu")
     assert out[0] == "result_0000.vtu: one step for ParaView"
-    assert (found["kind"], found["load"], found["time"]) == ("step", 0.0, 1.0)
-    assert found["cells"] == {"hexahedron": 64}
-    assert found["fields"]["stress"]["components"] == 6
-    assert found["fields"]["stress"]["of"] == "cells"
+    assert (report["kind"], report["load"], report["time"]) == ("step", 0.0, 1.0)
+    assert report["cells"] == {"hexahedron": 64}
+    assert report["fields"]["stress"]["components"] == 6
+    assert report["fields"]["stress"]["of"] == "cells"
 
 
 def test_info_of_broken_files_for_paraview(folder: Path, tmp_path: Path) -> None:
@@ -426,23 +438,23 @@ def test_info_of_parts(tmp_path: Path) -> None:
     counts = [int(body.mesh.nelements) for body in case.model.bodies]
     for k in range(3):
         # Part 2 has no cells, as of a rank that owns no first node of a cell.
-        own = [np.arange(k if k < 2 else count, count, 2) for count in counts]
-        part = paraview.Part(k, 3, own)
+        cells_of_part = [np.arange(k if k < 2 else count, count, 2) for count in counts]
+        part = paraview.Part(k, 3, cells_of_part)
         series = paraview.BodySeries(tmp_path / "it.pvd", case.model, part)
         for step in result:
             series.add(step)
         series.end()
     paraview.write_bodies(tmp_path / "whole.pvd", case.model, result)
-    found = [
+    reports = [
         json.loads(bipot("info", name, "--json", cwd=tmp_path).stdout)
         for name in ("it_0001.pvtu", "it.pvd", "whole.pvd")
     ]
-    for one in found:
-        assert one["cells"] == {"hexahedron": sum(counts)}
-        assert one["fields"].keys() == found[2]["fields"].keys()
-        for name, field in one["fields"].items():
+    for report in reports:
+        assert report["cells"] == {"hexahedron": sum(counts)}
+        assert report["fields"].keys() == reports[2]["fields"].keys()
+        for name, field in report["fields"].items():
             # Means of stresses of some cells differ in rounding.
-            expected = found[2]["fields"][name]["high"]
+            expected = reports[2]["fields"][name]["high"]
             assert field["high"] == pytest.approx(expected, rel=1e-12)
 
 

@@ -36,12 +36,12 @@ def test_a_shipped_scene_runs_and_its_files_agree(name: str, tmp_path: Path) -> 
         rounding = 1e-12 * (np.linalg.norm(local, axis=1).sum() + 1e-300)
         assert np.abs(pressed - local[:, 0]).max() <= rounding
         assert np.array_equal(local[:, :d], step.reaction)
-        total = sum(one["normal_force"] for one in told["forces"].values())
+        total = sum(resultant["normal_force"] for resultant in told["forces"].values())
         assert abs(pressed.sum() - total) <= rounding
         with h5py.File(here / RESULT) as file:
             u = file[f"/steps/{k:04d}/displacement"][...]
         moved = body.point_data["displacement"]
-        own = u[: moved.shape[0] * d].reshape(-1, d)
-        assert np.array_equal(moved[:, :d], own)
+        nodal = u[: moved.shape[0] * d].reshape(-1, d)
+        assert np.array_equal(moved[:, :d], nodal)
     told = bipot("info", str(here / RESULT), "--json", cwd=tmp_path).stdout
     assert json.loads(told)["steps"] == len(steps)

@@ -255,7 +255,7 @@ def one_contact(folder: Path) -> tuple[str, ...]:
 
 def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
     command = one_contact(tmp_path)
-    for name, said in (
+    for name, reason in (
         ("steps.csv", "files written before: result.h5"),
         (
             "displacements.csv",
@@ -275,9 +275,9 @@ def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
         )
         run = bipot_with(fault, f"bipot_rs.{at}", *command, cwd=tmp_path)
         assert run.returncode == 2
-        assert run.stderr.splitlines()[-1].endswith(f"; {said}"), run.stderr
+        assert run.stderr.splitlines()[-1].endswith(f"; {reason}"), run.stderr
         last = bipot_with(fault, f"bipot_rs.{at}", *command, "--json", cwd=tmp_path)
-        assert json.loads(last.stdout.splitlines()[-1])["message"].endswith(said)
+        assert json.loads(last.stdout.splitlines()[-1])["message"].endswith(reason)
 
 
 @pytest.mark.parametrize("name", ["run", "solve"])

@@ -138,15 +138,15 @@ def test_answers_are_those_of_the_direct_engine(name: str, tmp_path: Path) -> No
     )
     done = bipot(3, *run, *PETSC, cwd=tmp_path)
     assert done.status == 0, done.errors
-    one, several = (
+    single, several = (
         bp.load(tmp_path / "one" / RESULT),
         bp.load(tmp_path / "here" / RESULT),
     )
-    assert np.array_equal(several.status, one.status)
+    assert np.array_equal(several.status, single.status)
     for array in ("reaction", "relative_displacement", "displacement"):
-        assert changed(getattr(several, array), getattr(one, array)) <= CLOSE, array
+        assert changed(getattr(several, array), getattr(single, array)) <= CLOSE, array
     assert several.success
-    for key, value in one.contacts.items():
+    for key, value in single.contacts.items():
         np.testing.assert_array_equal(several.contacts[key], value)
 
 
@@ -167,12 +167,12 @@ def test_shipped_scenes(name: str, more: tuple[str, ...], tmp_path: Path) -> Non
     )
     done = bipot(2, *run, *PETSC, cwd=tmp_path)
     assert done.status == 0, done.output + done.errors
-    one, several = (
+    single, several = (
         bp.load(tmp_path / "one" / RESULT),
         bp.load(tmp_path / "here" / RESULT),
     )
-    assert np.array_equal(several.status, one.status)
-    assert changed(several.reaction, one.reaction) <= CLOSE
+    assert np.array_equal(several.status, single.status)
+    assert changed(several.reaction, single.reaction) <= CLOSE
 
 
 def test_a_small_scene_is_factored_on_the_first_rank(
@@ -235,10 +235,10 @@ def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
         whole = meshio.read(tmp_path / "one" / f"result_{k:04d}.vtu")
         listing = ET.parse(here / name).getroot()
         assert listing.attrib["type"] == "PUnstructuredGrid"
-        pieces = [one.attrib["Source"] for one in listing.iter("Piece")]
+        pieces = [entry.attrib["Source"] for entry in listing.iter("Piece")]
         assert len(pieces) == 3
-        found = [meshio.read(here / piece) for piece in pieces]
-        for piece in found:
+        pieces_read = [meshio.read(here / piece) for piece in pieces]
+        for piece in pieces_read:
             assert piece.field_data.keys() == {"load", "time", "units"}
             for about, value in whole.field_data.items():
                 np.testing.assert_array_equal(piece.field_data[about], value)
@@ -248,14 +248,14 @@ def test_parts_for_paraview_are_the_bodies(tmp_path: Path) -> None:
         assert {a["Name"] for a in of_cells} == set(whole.cell_data)
         for piece in pieces:
             # Types and numbers of components are those of the listing.
-            own = ET.parse(here / piece).getroot()
+            tree = ET.parse(here / piece).getroot()
             for place, listed in (("PointData", of_points), ("CellData", of_cells)):
-                arrays = [a.attrib for a in own.find(f".//{place}")]
+                arrays = [a.attrib for a in tree.find(f".//{place}")]
                 for mine, theirs in zip(arrays, listed, strict=True):
                     assert {key: mine[key] for key in theirs} == theirs
-        assert sum(map(cells, found)) == cells(whole)
-        assert all(cells(piece) for piece in found)
-        compare(whole, found)
+        assert sum(map(cells, pieces_read)) == cells(whole)
+        assert all(cells(piece) for piece in pieces_read)
+        compare(whole, pieces_read)
 
 
 def cells(mesh: meshio.Mesh) -> int:
@@ -271,20 +271,20 @@ def centres(mesh: meshio.Mesh) -> np.ndarray:
 def compare(whole: meshio.Mesh, pieces: list[meshio.Mesh]) -> None:
     """Fields by position; two bodies may have nodes in one place, with other fields."""
     for name, field in whole.cell_data.items():
-        known = by_place(centres(whole), np.concatenate(field))
+        values_at_places = by_place(centres(whole), np.concatenate(field))
         for piece in pieces:
             for place, value in zip(
                 centres(piece), np.concatenate(piece.cell_data[name]), strict=True
             ):
-                expected = known[key(place)]
+                expected = values_at_places[key(place)]
                 scale = np.abs(np.concatenate(field)).max()
                 assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
     for name, field in whole.point_data.items():
-        known = by_place(whole.points, field)
+        values_at_places = by_place(whole.points, field)
         scale = max(float(np.abs(field).max()), 1e-300)
         for piece in pieces:
             for place, value in zip(piece.points, piece.point_data[name], strict=True):
-                expected = known[key(place)]
+                expected = values_at_places[key(place)]
                 assert min(np.abs(value - e).max() for e in expected) <= 1e-8 * scale
 
 
@@ -293,10 +293,10 @@ def key(place: np.ndarray) -> tuple[float, ...]:
 
 
 def by_place(places: np.ndarray, values: np.ndarray) -> dict[tuple[float, ...], list]:
-    found: dict[tuple[float, ...], list] = {}
+    values_at_places: dict[tuple[float, ...], list] = {}
     for place, value in zip(places, values, strict=True):
-        found.setdefault(key(place), []).append(value)
-    return found
+        values_at_places.setdefault(key(place), []).append(value)
+    return values_at_places
 
 
 def test_json_is_printed_once(tmp_path: Path) -> None:
@@ -334,9 +334,9 @@ def three(path: Path, at: int) -> None:
 
     If that is not rank 0, then rank 0 may have kept the fourth step already.
     """
-    found = bp.load(path)
-    assert len(found) in ({3} if at == 0 else {3, 4})
-    assert not found.success
+    loaded = bp.load(path)
+    assert len(loaded) in ({3} if at == 0 else {3, 4})
+    assert not loaded.success
 
 
 def soon(done: Run, status: int, *words: str) -> None:
@@ -460,9 +460,9 @@ def test_a_full_disk_under_the_result(tmp_path: Path) -> None:
     """The file keeps the steps before, whole."""
     done = bipot(2, *LONG, cwd=tmp_path, fault=FULL_RESULT, at=0)
     soon(done, 2, "rank 0 of 2", "cannot write")
-    found = bp.load(tmp_path / "here" / RESULT)
-    assert len(found) == 2
-    assert not found.success
+    loaded = bp.load(tmp_path / "here" / RESULT)
+    assert len(loaded) == 2
+    assert not loaded.success
 
 
 @pytest.mark.parametrize("rank", [0, 1])
@@ -520,9 +520,9 @@ def test_an_error_of_one_rank_while_others_wait_in_petsc(
     assert "2 load steps complete" in last["message"]
     assert not last["success"]
     assert [line["step"] for line in steps] == [0, 1]
-    found = bp.load(tmp_path / "here" / RESULT)
-    assert len(found) == 2
-    assert not found.success
+    loaded = bp.load(tmp_path / "here" / RESULT)
+    assert len(loaded) == 2
+    assert not loaded.success
 
 
 @pytest.mark.slow
@@ -578,10 +578,10 @@ def test_resume_gives_the_result_of_one_run(tmp_path: Path) -> None:
     done = bipot(3, *other, "--resume", cwd=tmp_path)
     assert done.status == 0, done.errors
     assert re.search("continuing after [34] load steps", done.errors)
-    found = bp.load(tmp_path / "there" / RESULT)
-    assert np.array_equal(found.status, whole.status)
-    assert changed(found.reaction, whole.reaction) <= CLOSE
-    assert changed(found.displacement, whole.displacement) <= CLOSE
+    loaded = bp.load(tmp_path / "there" / RESULT)
+    assert np.array_equal(loaded.status, whole.status)
+    assert changed(loaded.reaction, whole.reaction) <= CLOSE
+    assert changed(loaded.displacement, whole.displacement) <= CLOSE
     assert (tmp_path / "there" / "result_0005.pvtu").exists()
     ended = bipot(2, *other, "--resume", "--json", cwd=tmp_path)
     assert ended.status == 0

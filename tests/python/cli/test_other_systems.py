@@ -14,9 +14,9 @@ from bipot_rs.cli.study.worker_pool import Workers
 
 
 def test_memory_that_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = installed()
-    assert known is not None
-    assert known > 2**28
+    bytes_installed = installed()
+    assert bytes_installed is not None
+    assert bytes_installed > 2**28
     monkeypatch.setattr("sys.platform", "win32")
     assert installed() is None
 

@@ -34,7 +34,8 @@ def made(
             if mu != "0.4":
                 size = n if isinstance(n, int) else 1
                 row |= {
-                    f"max_pressure of {one}": float(mu) * size for one in surfaces
+                    f"max_pressure of {surface}": float(mu) * size
+                    for surface in surfaces
                 } | {"seconds": 0.5, "steps": 2}
             done[len(done)] = row
     write(folder / "sweep.csv", ["mesh.n", "contact.0.mu"], done)
@@ -45,15 +46,15 @@ def made(
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The axes of every picture of a study."""
-    found: list[Any] = []
+    drawn_axes: list[Any] = []
     original = bipot_rs.plots.study.study
 
     def study(*arguments: Any, **more: Any) -> Any:
-        found.append(original(*arguments, **more))
-        return found[-1]
+        drawn_axes.append(original(*arguments, **more))
+        return drawn_axes[-1]
 
     monkeypatch.setattr(bipot_rs.plots.study, "study", study)
-    return found
+    return drawn_axes
 
 
 # Marks of solved rows, a mark for each series.
@@ -124,7 +125,7 @@ def test_figures_over_figures_are_not_connected(bipot: Bipot, drawn: list[Any]) 
     assert bipot("plot", "here", "--x", "max_pressure", "--y", "seconds")[0] == 0
     (ax,) = drawn
     # The key with the most values does not divide the rows.
-    assert [len(one) for one in points(ax, SOLVED)] == [2, 2]
+    assert [len(series) for series in points(ax, SOLVED)] == [2, 2]
     assert {line.get_linestyle() for line in ax.get_lines()} == {"None"}
     assert ax.get_ylabel() == "time [s]"
 

@@ -149,8 +149,10 @@ def resumed_to_the_same_files(scene: str, cwd: Path) -> None:
     row = "bipot_rs.contact.results.tables:make_row"
     assert bipot_with(fault, row, *run, "here", cwd=cwd).returncode == 130
     assert bipot(*run, "here", "--resume", cwd=cwd).returncode == 0
-    found, expected = (content(cwd / at / "result.h5") for at in ("here", "whole"))
-    assert found == expected
+    resumed_content, expected = (
+        content(cwd / at / "result.h5") for at in ("here", "whole")
+    )
+    assert resumed_content == expected
 
 
 def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) -> None:

@@ -163,10 +163,10 @@ def test_forgotten_supports_are_named(tmp_path: Path) -> None:
     pull += 'x = { value = 1.0, amplitude = "drag" }\n'
     (tmp_path / "two.toml").write_text(held + pull + contact + path)
     run = bipot("run", "two.toml", cwd=tmp_path, status=1)
-    said = (
+    message = (
         "bodies 'upper' and 'lower' can move freely and have no support and no spring"
     )
-    assert f"bipot: {said}" in run.stderr
+    assert f"bipot: {message}" in run.stderr
     assert "degree of freedom" not in run.stderr
 
 

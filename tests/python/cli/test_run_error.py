@@ -39,8 +39,8 @@ def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
             assert total == pytest.approx(cells.sum() + contacts.sum(), rel=1e-12)
             assert step.attrs["error_relative"] == float(row["error"])
             mesh = meshio.read(out / f"result_000{k}.vtu")
-            (own,) = mesh.cell_data["error"]
-            np.testing.assert_array_equal(own, cells)
+            (error_of_cells,) = mesh.cell_data["error"]
+            np.testing.assert_array_equal(error_of_cells, cells)
             # Six equal tetrahedra per cube.
             (density,) = mesh.cell_data["error_density"]
             np.testing.assert_allclose(density * 1e6 / 48, cells, rtol=1e-12)
@@ -70,8 +70,10 @@ def test_json_and_resume(tmp_path: Path) -> None:
         *path, "--set=contact.0.mu=0.0", "--error", "--resume", "--out=a", cwd=tmp_path
     )
     with h5py.File(whole) as file:
-        found = [file[f"steps/000{k}"].attrs["error_relative"] for k in range(3)]
-    assert found == [step["error"] for step in steps]
+        errors_of_steps = [
+            file[f"steps/000{k}"].attrs["error_relative"] for k in range(3)
+        ]
+    assert errors_of_steps == [step["error"] for step in steps]
 
 
 def test_no_error_where_none_can_be_estimated(tmp_path: Path) -> None:

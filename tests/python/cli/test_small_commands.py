@@ -44,8 +44,8 @@ def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
     assert written.startswith("#:schema ./bipot-scene.schema.json\n")
     status, out, _ = bipot("check", "mine.toml", "--json")
     assert status == 0
-    found = json.loads(out)
-    assert found["remarks"] == []
+    report = json.loads(out)
+    assert report["remarks"] == []
     status, out, _ = bipot("run", "mine.toml")
     assert status == 0
     # First all contacts stick, later some slip.
@@ -75,12 +75,12 @@ def test_new_overwrites_nothing(bipot: Any) -> None:
 def test_check_forecasts_a_run(bipot: Any) -> None:
     status, out, err = bipot("check", "sheared_cube", *SMALL, "--json")
     assert (status, err) == (0, "")
-    found = json.loads(out)
-    assert (found["dofs"], found["contacts"], found["steps"]) == (375, 25, 2)
+    report = json.loads(out)
+    assert (report["dofs"], report["contacts"], report["steps"]) == (375, 25, 2)
     scene = read("sheared_cube", ["mesh.n=4"])
     stats = assemble(scene, bodies(scene)).model.problem().stats
     for name in ("n_contact_dofs", "nnz_factor", "flops", "bytes_factor", "bytes_peak"):
-        assert found["forecast"][name] == stats[name]
+        assert report["forecast"][name] == stats[name]
     # Nothing was solved, nothing was written.
     assert list(Path().iterdir()) == []
     status, out, _ = bipot("check", "sheared_cube", *SMALL)
@@ -110,9 +110,9 @@ def test_check_reports_all_mistakes(bipot: Any) -> None:
     assert "contact.0.mu: should be greater than or equal to 0" in err
     status, out, err = bipot("check", "sheared_cube", *settings, "--json")
     assert (status, err) == (2, "")
-    found = json.loads(out)
-    assert (found["command"], found["ok"]) == ("check", False)
-    assert "contact.0.mu" in found["message"]
+    report = json.loads(out)
+    assert (report["command"], report["ok"]) == ("check", False)
+    assert "contact.0.mu" in report["message"]
 
 
 @pytest.mark.parametrize(
@@ -158,10 +158,10 @@ def test_info(bipot: Any) -> None:
         assert status == 0
         assert len(out.splitlines()) <= 10
         assert "a result of sheared_cube, complete" in out
-    found = json.loads(bipot("info", "out/sheared_cube", "--json")[1])
-    assert (found["kind"], found["contacts"], found["steps"]) == ("result", 25, 2)
-    assert sum(found["last"].values()) == 25
-    assert 0 < found["residual"] <= found["tol"] == 1e-12
+    report = json.loads(bipot("info", "out/sheared_cube", "--json")[1])
+    assert (report["kind"], report["contacts"], report["steps"]) == ("result", 25, 2)
+    assert sum(report["last"].values()) == 25
+    assert 0 < report["residual"] <= report["tol"] == 1e-12
     for name in shipped():
         status, out, _ = bipot("info", name)
         assert status == 0
@@ -186,9 +186,9 @@ def test_info_of_unreadable_paths(name: str, message: str, bipot: Any) -> None:
     status, out, err = bipot("info", name)
     assert (status, out) == (2, "")
     assert message in err
-    found = json.loads(bipot("info", name, "--json")[1])
-    assert found["ok"] is False
-    assert message in found["message"]
+    report = json.loads(bipot("info", name, "--json")[1])
+    assert report["ok"] is False
+    assert message in report["message"]
 
 
 def test_info_of_arrays_without_displacements(bipot: Any) -> None:
@@ -243,9 +243,9 @@ def test_info_of_meshes(bipot: Any, repository: Path) -> None:
     assert "surfaces  foot (20 facets), top (20 facets)" in out
     shipped_one = repository / "docs" / "tutorials" / "pad_on_block.msh"
     assert 'use it    mesh = "pad.inp" in a scene' in out
-    found = json.loads(bipot("info", str(shipped_one), "--json")[1])
-    assert (found["kind"], found["dim"], found["mistake"]) == ("mesh", 2, "")
-    assert {"pad", "block"} <= set(found["volumes"])
+    report = json.loads(bipot("info", str(shipped_one), "--json")[1])
+    assert (report["kind"], report["dim"], report["mistake"]) == ("mesh", 2, "")
+    assert {"pad", "block"} <= set(report["volumes"])
     out = bipot("info", str(shipped_one))[1]
     assert re.search(
         r'mesh = \{ file = "pad_on_block.msh", group = "(pad|block)" \}', out
@@ -260,8 +260,8 @@ def test_info_of_meshes(bipot: Any, repository: Path) -> None:
         "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
         "vertex 0 2 0\nendloop\nendfacet\nendsolid t\n"
     )
-    found = json.loads(bipot("info", "tool.stl", "--json")[1])
-    assert (found["kind"], found["cells"]) == ("surface", {"triangle": 1})
+    report = json.loads(bipot("info", "tool.stl", "--json")[1])
+    assert (report["kind"], report["cells"]) == ("surface", {"triangle": 1})
 
 
 def test_new_with_a_mesh_overwrites_neither(bipot: Any) -> None:
@@ -408,10 +408,11 @@ def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:
             place = place[part]
         return wrong(value, place, whole)
     if "anyOf" in rule or "oneOf" in rule:
-        found = [
-            wrong(value, one, whole) for one in rule.get("anyOf", rule.get("oneOf"))
+        faults = [
+            wrong(value, rule_of_kind, whole)
+            for rule_of_kind in rule.get("anyOf", rule.get("oneOf"))
         ]
-        return "" if "" in found else "; ".join(found)
+        return "" if "" in faults else "; ".join(faults)
     if "const" in rule and value != rule["const"]:
         return f"{value!r} is not {rule['const']!r}"
     if "enum" in rule and value not in rule["enum"]:
@@ -436,8 +437,10 @@ def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:
     if isinstance(value, list):
         if not rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", 10**9):
             return f"{len(value)} entries"
-        found = [wrong(one, rule.get("items", {}), whole) for one in value]
-        return "; ".join(filter(None, found))
+        faults = [
+            wrong(rule_of_kind, rule.get("items", {}), whole) for rule_of_kind in value
+        ]
+        return "; ".join(filter(None, faults))
     if isinstance(value, int | float) and not isinstance(value, bool):
         if value < rule.get("minimum", -1e300) or value > rule.get("maximum", 1e300):
             return f"{value} is out of range"
@@ -449,18 +452,21 @@ def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:
 
 
 def _wrong_table(value: dict[str, Any], rule: dict[str, Any], whole: Any) -> str:
-    known, more = rule.get("properties", {}), rule.get("additionalProperties", True)
+    rules_of_keys, more = (
+        rule.get("properties", {}),
+        rule.get("additionalProperties", True),
+    )
     missing = set(rule.get("required", ())) - set(value)
-    found = [f"{name} is missing" for name in missing]
-    for name, one in value.items():
-        if name in known:
-            told = wrong(one, known[name], whole)
+    faults = [f"{name} is missing" for name in missing]
+    for name, value_of_key in value.items():
+        if name in rules_of_keys:
+            told = wrong(value_of_key, rules_of_keys[name], whole)
         elif more is False:
             told = "unknown"
         else:
-            told = wrong(one, more, whole) if isinstance(more, dict) else ""
-        found.append(f"{name}: {told}" if told else "")
-    return "; ".join(filter(None, found))
+            told = wrong(value_of_key, more, whole) if isinstance(more, dict) else ""
+        faults.append(f"{name}: {told}" if told else "")
+    return "; ".join(filter(None, faults))
 
 
 def test_schema_takes_what_bipot_takes(bipot: Any, repository: Path) -> None:
@@ -562,9 +568,9 @@ def test_completed_keys_are_keys_of_the_scene() -> None:
             (open_ends if key.endswith(".") else leaves).append(key)
     assert len(leaves) > 30
     for key in leaves:
-        found = str(_error_of(key))
-        assert "unknown key" not in found, key
-        assert "--set" not in found, key
+        message = str(_error_of(key))
+        assert "unknown key" not in message, key
+        assert "--set" not in message, key
 
 
 def _error_of(key: str) -> object:

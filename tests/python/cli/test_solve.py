@@ -30,10 +30,10 @@ def test_files_give_bitwise_the_result_of_arrays(
     run = bipot(*command, "--out", "here", "--tol", "1e-12", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     model = case.model
-    found = bp.load(tmp_path / "here" / "result.h5")
-    assert found.success
+    loaded = bp.load(tmp_path / "here" / "result.h5")
+    assert loaded.success
     if not by_dof:
-        assert found.contacts["x"].tobytes() == model.points.tobytes()
+        assert loaded.contacts["x"].tobytes() == model.points.tobytes()
     options: dict[str, Any] = {
         "gap": model.gap,
         "mu": model.mu,
@@ -52,7 +52,7 @@ def test_files_give_bitwise_the_result_of_arrays(
         "status",
         "displacement",
     ):
-        assert getattr(found, field).tobytes() == getattr(expected, field).tobytes()
+        assert getattr(loaded, field).tobytes() == getattr(expected, field).tobytes()
     for index in ("contact.pvd", "result.pvd"):
         assert (tmp_path / "here" / index).exists() is not by_dof
 
@@ -63,11 +63,11 @@ def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
     command, case = written(tmp_path, "block", form=form)
     run = bipot(*command, "--out", "here", "--tol", "1e-12", "--json", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    found = bp.load(tmp_path / "here" / "result.h5")
+    loaded = bp.load(tmp_path / "here" / "result.h5")
     expected = case.solve(tol=1e-12)
     size = np.abs(expected.reaction).max()
     # η of 1e-12, and the condition of W, some hundreds here.
-    assert np.abs(found.reaction - expected.reaction).max() <= 1e-9 * size
+    assert np.abs(loaded.reaction - expected.reaction).max() <= 1e-9 * size
     *_, last = map(json.loads, run.stdout.splitlines())
     assert (last["dofs"], last["contacts"], last["success"]) == (50, 5, True)
     # Tables by node labels.
@@ -87,7 +87,7 @@ def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
         ("open", "slip", "stick")[s] for s in expected.status[0]
     ]
     assert sum(float(row["f_y"]) for row in rows) == pytest.approx(2000.0, rel=1e-9)
-    assert [float(row["r_n"]) for row in rows] == found.reaction[0, :, 0].tolist()
+    assert [float(row["r_n"]) for row in rows] == loaded.reaction[0, :, 0].tolist()
 
 
 def test_gaps_of_listed_nodes(tmp_path: Path) -> None:
@@ -99,12 +99,14 @@ def test_gaps_of_listed_nodes(tmp_path: Path) -> None:
         "# one that knows its distance, and one that is told it\n"
         "node,other,nx,ny,mu,gap\n7,3,0,2,0.3,\n\n7,3,0,1,0.3,0.125\n"
     )
-    given = matrix_files.read(
+    arrays_read = matrix_files.read(
         tmp_path / "K.mtx", tmp_path / "contacts.csv", tmp_path / "nodes.csv"
     )
-    np.testing.assert_array_equal(given.gap, [0.25, 0.125])
-    np.testing.assert_array_equal(given.B.toarray()[:2], [[0, 1, 0, -1], [1, 0, -1, 0]])
-    assert given.area is None
+    np.testing.assert_array_equal(arrays_read.gap, [0.25, 0.125])
+    np.testing.assert_array_equal(
+        arrays_read.B.toarray()[:2], [[0, 1, 0, -1], [1, 0, -1, 0]]
+    )
+    assert arrays_read.area is None
 
 
 Edit = Callable[[str], str]
@@ -317,8 +319,8 @@ def test_forces_of_the_contact_surface(tmp_path: Path) -> None:
     assert "solved: 1 load step, every residual at most" in run.stdout
     with (tmp_path / "out" / "K" / "steps.csv").open(newline="") as file:
         (step,) = csv.DictReader(file)
-    found = [float(step[f"{k} of contacts"]) for k in FORCES]
-    np.testing.assert_allclose(found, (2.0, 0.4, 0.4), rtol=1e-9)
+    forces = [float(step[f"{k} of contacts"]) for k in FORCES]
+    np.testing.assert_allclose(forces, (2.0, 0.4, 0.4), rtol=1e-9)
 
 
 def test_no_answer_and_floating_bodies(tmp_path: Path) -> None:

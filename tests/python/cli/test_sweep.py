@@ -126,8 +126,8 @@ def write(folder: Path, path: Path) -> None:
 
 
 def test_combinations() -> None:
-    found = rows(["a=1,2"], ["b=0:1:3"])
-    assert [(one["a"], one["b"]) for one in found] == [
+    combinations = rows(["a=1,2"], ["b=0:1:3"])
+    assert [(combination["a"], combination["b"]) for combination in combinations] == [
         *(("1", "0.0"), ("1", "0.5"), ("1", "1.0")),
         *(("2", "0.0"), ("2", "0.5"), ("2", "1.0")),
     ]
@@ -153,22 +153,28 @@ def test_rows_are_those_of_single_runs(
     assert call(list(command)) == 2
     *told, last = map(json.loads, capsys.readouterr().out.splitlines())
     assert (last["rows"], last["solved"]) == (3, 2)
-    assert sorted(one["row"] for one in told) == [0, 1, 2]
-    found = table(tmp_path / "out" / "sheared_cube-sweep")
-    assert [one["outcome"] for one in found] == ["solved", "solved", "bad input"]
-    assert "contact.0.mu: should be greater than or equal to 0" in found[2]["message"]
-    for one in found[:2]:
-        mu = f"contact.0.mu={one['contact.0.mu']}"
+    assert sorted(row_of_table["row"] for row_of_table in told) == [0, 1, 2]
+    table_rows = table(tmp_path / "out" / "sheared_cube-sweep")
+    assert [row_of_table["outcome"] for row_of_table in table_rows] == [
+        "solved",
+        "solved",
+        "bad input",
+    ]
+    assert (
+        "contact.0.mu: should be greater than or equal to 0" in table_rows[2]["message"]
+    )
+    for row_of_table in table_rows[:2]:
+        mu = f"contact.0.mu={row_of_table['contact.0.mu']}"
         call(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
         step = json.loads(capsys.readouterr().out.splitlines()[1])
         for name in ("open", "slip", "stick"):
-            assert int(one[name]) == step[name]
+            assert int(row_of_table[name]) == step[name]
         with Path("out/sheared_cube/steps.csv").open(newline="") as file:
             *_, same = csv.DictReader(file)
         # Bitwise the same with one thread and with several.
         for name in ("tangential_force", "normal_force", "friction_used"):
             key = f"{name} of cube.bottom"
-            assert one[key] == same[key]
+            assert row_of_table[key] == same[key]
 
 
 def test_mistakes_of_all_rows_are_reported_before_any_work(
@@ -236,9 +242,9 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None
     assert run.returncode == 0, run.stderr
     assert f"{len(done)} of 6 rows" in run.stderr
     whole = table(tmp_path / "here")
-    assert [one["row"] for one in whole] == [str(k) for k in range(6)]
+    assert [row_of_table["row"] for row_of_table in whole] == [str(k) for k in range(6)]
     assert whole[: len(done)] == done
-    assert {one["outcome"] for one in whole} == {"solved"}
+    assert {row_of_table["outcome"] for row_of_table in whole} == {"solved"}
     # No row remains; and rows of another scene do not count.
     again = subprocess.run(
         [*command, "--resume", "--tol", "1e-9"],
@@ -266,17 +272,18 @@ def work(k: int) -> Any:
 @pytest.mark.slow
 def test_a_killed_worker_is_reported_and_replaced() -> None:
     with Workers(work, 1) as workers:
-        found = dict(workers.map([(k,) for k in range(6)]))
-    assert sorted(found) == list(range(6))
+        results = dict(workers.map([(k,) for k in range(6)]))
+    assert sorted(results) == list(range(6))
     assert (
-        found[1] == "its process was killed by SIGKILL, probably because memory ran out"
+        results[1]
+        == "its process was killed by SIGKILL, probably because memory ran out"
     )
-    assert found[2] == "RuntimeError: no"
-    assert found[4] == "its process ended with status 7"
+    assert results[2] == "RuntimeError: no"
+    assert results[4] == "its process ended with status 7"
     # A process that is not killed serves the next argument.
-    assert found[3][0] != found[0][0]
-    assert found[5][0] != found[3][0]
-    assert {found[k][1] for k in (0, 3, 5)} == {"1"}
+    assert results[3][0] != results[0][0]
+    assert results[5][0] != results[3][0]
+    assert {results[k][1] for k in (0, 3, 5)} == {"1"}
     assert "BIPOT_NUM_THREADS" not in os.environ or os.environ["BIPOT_NUM_THREADS"]
 
 
@@ -304,9 +311,9 @@ def test_rows_of_another_sweep_are_kept(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     two = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--jobs", "1")
-    one = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
+    sweep_words = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
     assert call(list(two)) == 0
     before = (tmp_path / "here" / "sweep.csv").read_bytes()
-    assert call([*one, "--resume"]) == 0
+    assert call([*sweep_words, "--resume"]) == 0
     assert (tmp_path / "here" / "sweep-before.csv").read_bytes() == before
     assert [row["contact.0.mu"] for row in table(tmp_path / "here")] == ["0.4"]

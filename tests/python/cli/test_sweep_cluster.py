@@ -56,10 +56,10 @@ def test_rows_are_those_of_this_machine(
     names = sorted(p.relative_to("here") for p in Path("here").rglob("result.h5"))
     assert [str(name) for name in names] == [f"rows/{k:04d}/result.h5" for k in (0, 1)]
     for name in names:
-        one, other = content(Path("here") / name), content(Path("there") / name)
+        file_name, other = content(Path("here") / name), content(Path("there") / name)
         # The workers know the scene by its whole path.
-        assert other.pop("@scene") == str(tmp_path / one.pop("@scene"))
-        assert one == other
+        assert other.pop("@scene") == str(tmp_path / file_name.pop("@scene"))
+        assert file_name == other
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_workers_without_memory(
     status, output, _ = bipot("sweep", "sheared_cube", "--set", "mesh.n=2,3", *more)
     assert status == 0
     *rows, last = map(json.loads, output.splitlines())
-    assert sorted(one["row"] for one in rows) == [0, 1]
+    assert sorted(row_of_table["row"] for row_of_table in rows) == [0, 1]
     assert last["solved"] == 2
     errors = bipot("sweep", "sheared_cube", "--set", "mesh.n=2", "--scheduler", plain)[
         2
@@ -88,15 +88,15 @@ def test_a_killed_row_loses_itself_alone(
     address = request.getfixturevalue(which)
     asked = [(number, (3, 4)) for number in (*range(12), 99)]
     with Cluster(address, lambda _: None) as cluster:
-        found = dict(cluster.map(row, asked))
+        results = dict(cluster.map(row, asked))
     died = "its worker died, probably because memory ran out"
-    assert {k: found[k] for k in (3, 4)} == {3: died, 4: died}
-    assert found[12] == "RuntimeError: no"
-    assert [found[k][0] for k in sorted(found) if k not in (3, 4, 12)] == [
+    assert {k: results[k] for k in (3, 4)} == {3: died, 4: died}
+    assert results[12] == "RuntimeError: no"
+    assert [results[k][0] for k in sorted(results) if k not in (3, 4, 12)] == [
         *(0, 1, 2),
         *range(5, 12),
     ]
-    assert sorted(found) == list(range(13))
+    assert sorted(results) == list(range(13))
 
 
 @pytest.mark.slow
@@ -109,18 +109,18 @@ def test_a_result_lost_with_its_worker_is_computed_again(
     def late(self: Cluster) -> list[Any]:
         # All rows end in this time, and the worker dies in the next.
         time.sleep(0.5)
-        found = original(self)
+        result = original(self)
         time.sleep(1.0)
-        return found
+        return result
 
     monkeypatch.setattr(Cluster, "_finished", late)
     asked = [(number, tmp_path) for number in range(4)]
     with Cluster(strict, lambda _: None) as cluster:
         # Less than the row takes the second time.
         monkeypatch.setattr("bipot_rs.cli.study.cluster._CONNECT", 1.0)
-        found = dict(cluster.map(solved_then_killed, asked))
+        result = dict(cluster.map(solved_then_killed, asked))
         monkeypatch.undo()
-    assert found == {number: number for number in range(4)}
+    assert result == {number: number for number in range(4)}
 
 
 @pytest.mark.slow
@@ -128,9 +128,11 @@ def test_a_row_larger_than_any_worker_is_not_waited_for(strict: str) -> None:
     with Cluster(strict, lambda _: None) as cluster:
         assert cluster.declares_memory()
         needs = [MEMORY, 2 * MEMORY, 0.75 * MEMORY, 0.0]
-        found = dict(cluster.map(row, [(k,) for k in range(4)], needs))
-    assert found[1] == "it needs 4 GB of memory, but no worker declares more than 2 GB"
-    assert [found[k][0] for k in (0, 2, 3)] == [0, 2, 3]
+        results = dict(cluster.map(row, [(k,) for k in range(4)], needs))
+    assert (
+        results[1] == "it needs 4 GB of memory, but no worker declares more than 2 GB"
+    )
+    assert [results[k][0] for k in (0, 2, 3)] == [0, 2, 3]
 
 
 @pytest.mark.slow

@@ -36,8 +36,8 @@ def test_a_row_that_fails_at_step_4_keeps_its_three_steps(bipot: Bipot) -> None:
     for row, steps in zip(rows, (1, 3, 5), strict=True):
         force = float(row["tangential_force of block.bottom"])
         assert force == pytest.approx(80 * steps, rel=1e-9)  # 1e-12 is asked for
-        found = [int(row[name]) for name in ("open", "slip", "stick")]
-        assert sum(found) == 7
+        counts = [int(row[name]) for name in ("open", "slip", "stick")]
+        assert sum(counts) == 7
     kept = bp.load("here/rows/0001/result.h5")
     assert (len(kept), kept.success) == (3, False)
     assert rows[1]["message"] == kept.message
@@ -60,8 +60,8 @@ def test_kept_steps_are_those_of_a_single_run_which_can_go_on(bipot: Bipot) -> N
     chosen = ("--set", "contact.0.mu=0.3")
     bipot(*STUDY, *chosen)
     bipot("run", "push.toml", *chosen, "--out", "single")
-    one, other = bp.load("here/rows/0000/result.h5"), bp.load("single/result.h5")
-    assert bits(one, other)
+    resumed, other = bp.load("here/rows/0000/result.h5"), bp.load("single/result.h5")
+    assert bits(resumed, other)
     errors = bipot("run", "push.toml", *chosen, "--out", "here/rows/0000", "--resume")[
         2
     ]
@@ -89,8 +89,11 @@ def test_results_of_all_rows(bipot: Bipot) -> None:
     # A solved row without its file is solved again.
     errors = bipot(*STUDY, *settings, "--results", "--resume")[2]
     assert "1 of 2 rows are already finished" in errors
-    found = [bp.load(f"here/rows/{k:04d}/result.h5") for k in (0, 1)]
-    assert [(len(one), one.success) for one in found] == [(3, False), (5, True)]
+    results = [bp.load(f"here/rows/{k:04d}/result.h5") for k in (0, 1)]
+    assert [(len(result), result.success) for result in results] == [
+        (3, False),
+        (5, True),
+    ]
     errors = bipot(*STUDY, *settings, "--results", "--resume")[2]
     assert "2 of 2 rows are already finished" in errors
 
@@ -115,19 +118,19 @@ def test_a_folder_that_cannot_be_written_costs_no_row(
 ) -> None:
     row = Row(0, str(scene), {"contact.0.mu": "0.3"}, None, None, tmp_path / "absent")
     digest = plan(str(scene), ["contact.0.mu=0.3"], [], None, None).digests[0]
-    found = solve_as(row, digest)
-    assert isinstance(found, dict)
-    assert (found["outcome"], found["steps"]) == ("no answer", 3)
+    refused_row = solve_as(row, digest)
+    assert isinstance(refused_row, dict)
+    assert (refused_row["outcome"], refused_row["steps"]) == ("no answer", 3)
     told = f"; no result.h5: its worker has no folder {tmp_path / 'absent'}"
-    assert found["message"].endswith(told)
+    assert refused_row["message"].endswith(told)
     assert not (tmp_path / "absent").exists()
     # A file stands where the folder of the rows should be.
     (tmp_path / "rows").write_text("")
     blocked = Row(0, str(scene), {"contact.0.mu": "0.3"}, None, None, tmp_path)
-    found = solve_as(blocked, digest)
-    assert isinstance(found, dict)
-    assert found["steps"] == 3
-    assert "; no result.h5: " in found["message"]
+    refused_row = solve_as(blocked, digest)
+    assert isinstance(refused_row, dict)
+    assert refused_row["steps"] == 3
+    assert "; no result.h5: " in refused_row["message"]
 
 
 def test_a_worker_with_another_scene_does_not_solve_it(

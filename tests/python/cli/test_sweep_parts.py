@@ -23,18 +23,18 @@ STUDY = (
 
 def files(folder: Path) -> dict[str, Any]:
     """Everything in a folder but parts, and times."""
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
         if path.is_dir() or name.parts[0].startswith("part-"):
             continue
         if path.name == "sweep.csv":
-            found[str(name)] = (path.read_text().splitlines()[0], table(folder))
+            contents[str(name)] = (path.read_text().splitlines()[0], table(folder))
         else:
-            found[str(name)] = (
+            contents[str(name)] = (
                 content(path) if path.suffix == ".h5" else path.read_bytes()
             )
-    return found
+    return contents
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,12 @@ def array(tmp_path_factory: pytest.TempPathFactory) -> Path:
     more += [["--out", "parts", "--part", f"{task}/3"] for task in (1, 2, 3)]
     tasks = [
         subprocess.Popen(
-            [*command, *one], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            [*command, *part_words],
+            cwd=cwd,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
         )
-        for one in more
+        for part_words in more
     ]
     for task in tasks:
         output, errors = task.communicate(timeout=120)
@@ -73,16 +76,16 @@ def test_joined_parts_are_the_files_of_one_sweep(
     status, output, errors = bipot("sweep", "--join", "parts")
     assert (status, errors) == (1, "")
     assert "2 of 6 rows solved; the table is parts/sweep.csv" in output
-    one, joined = files(array / "whole"), files(parts)
+    whole_files, joined = files(array / "whole"), files(parts)
     assert sorted(joined) == [
         *(f"rows/{k:04d}/result.h5" for k in range(6)),
         *("sweep.csv", "sweep.json"),
     ]
-    assert joined == one
+    assert joined == whole_files
     # Into another folder, from the folders of the parts in any order.
     names = [f"parts/part-{k}-of-3" for k in (3, 1, 2)]
     assert bipot("sweep", "--join", *names, "--out", "there")[0] == 1
-    assert files(Path("there")) == one
+    assert files(Path("there")) == whole_files
 
 
 @pytest.mark.slow
@@ -100,14 +103,14 @@ def test_parts_divide_the_rows(array: Path) -> None:
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 40])
 def test_no_part_gets_all_large_rows(meshes: int, others: int, count: int) -> None:
     costs = [(10.0**k, 1) for _ in range(others) for k in range(meshes)]
-    found = deal(costs, count)
-    assert sorted(chain(*found)) == list(range(len(costs)))
-    assert all(rows == sorted(rows) for rows in found)
+    dealt = deal(costs, count)
+    assert sorted(chain(*dealt)) == list(range(len(costs)))
+    assert all(rows == sorted(rows) for rows in dealt)
     for mesh in range(meshes):
-        share = [sum(k % meshes == mesh for k in rows) for rows in found]
+        share = [sum(k % meshes == mesh for k in rows) for rows in dealt]
         assert max(share) - min(share) <= 2
         assert max(share) <= -(-others // count) + 1
-    assert max(map(len, found)) - min(map(len, found)) <= 1
+    assert max(map(len, dealt)) - min(map(len, dealt)) <= 1
 
 
 @pytest.mark.parametrize(
@@ -173,9 +176,9 @@ def test_more_parts_than_rows(bipot: Bipot) -> None:
 
 def other_settings(parts: Path) -> str:
     path = parts / "part-2-of-3" / "sweep.json"
-    known = json.loads(path.read_text())
-    known |= {"study": "0", "settings": ["contact.0.mu=0.1,0.3,0.6", "mesh.n=4,6"]}
-    path.write_text(json.dumps(known))
+    record = json.loads(path.read_text())
+    record |= {"study": "0", "settings": ["contact.0.mu=0.1,0.3,0.6", "mesh.n=4,6"]}
+    path.write_text(json.dumps(record))
     return (
         "parts/part-2-of-3 belongs to another study than parts/part-1-of-3: settings "
         "['contact.0.mu=0.1,0.3,0.6', 'mesh.n=4,6'] instead of "
@@ -210,12 +213,12 @@ def same_row_twice(parts: Path) -> str:
 
 
 def row_in_two_parts(parts: Path) -> str:
-    one, two = parts / "part-1-of-3", parts / "part-2-of-3"
-    line = (one / "sweep.csv").read_text().splitlines(True)[1]
+    first_part, two = parts / "part-1-of-3", parts / "part-2-of-3"
+    line = (first_part / "sweep.csv").read_text().splitlines(True)[1]
     (two / "sweep.csv").write_text((two / "sweep.csv").read_text() + line)
-    known = json.loads((two / "sweep.json").read_text())
-    known["rows"].append(int(line[0]))
-    (two / "sweep.json").write_text(json.dumps(known))
+    record = json.loads((two / "sweep.json").read_text())
+    record["rows"].append(int(line[0]))
+    (two / "sweep.json").write_text(json.dumps(record))
     return (
         f"row {int(line[0]) + 1} is both in parts/part-1-of-3 and in parts/part-2-of-3"
     )

@@ -94,33 +94,35 @@ class Recovered:
 
 
 def recovered(body: fem.Body) -> Recovered:
-    one, exact = simplices(body), Exact(body)
+    cells, exact = simplices(body), Exact(body)
     dim = body.dim
-    outside = np.flatnonzero(one.outside)
-    sign = np.ones(len(one.facets))
-    sign[one.facet_of] = one.sign
-    normal = sign[:, None] * one.area / one.size[:, None]
-    traction = np.einsum("faij,fj->fai", exact.stress(one.points[one.facets]), normal)
-    given = np.zeros((len(one.facets), dim, dim))
-    given[outside] = one.linear_moments(outside, traction[outside])
-    known = np.repeat(one.outside[:, None], dim, axis=1)
-    known[body.facets("bottom")] = False
-    f = np.zeros_like(one.points)
-    np.add.at(f, one.facets, given)
-    share = one.volume[:, None] / (dim + 1) * exact.force()
+    outside = np.flatnonzero(cells.outside)
+    sign = np.ones(len(cells.facets))
+    sign[cells.facet_of] = cells.sign
+    normal = sign[:, None] * cells.area / cells.size[:, None]
+    traction = np.einsum(
+        "faij,fj->fai", exact.stress(cells.points[cells.facets]), normal
+    )
+    prescribed_moments = np.zeros((len(cells.facets), dim, dim))
+    prescribed_moments[outside] = cells.linear_moments(outside, traction[outside])
+    prescribed = np.repeat(cells.outside[:, None], dim, axis=1)
+    prescribed[body.facets("bottom")] = False
+    f = np.zeros_like(cells.points)
+    np.add.at(f, cells.facets, prescribed_moments)
+    share = cells.volume[:, None] / (dim + 1) * exact.force()
     for a in range(dim + 1):
-        np.add.at(f, one.corners[:, a], share)
+        np.add.at(f, cells.corners[:, a], share)
     fixed = (dim * body.nodes("bottom")[:, None] + np.arange(dim)).ravel()
     free = np.setdiff1d(np.arange(f.size), fixed)
     u = np.zeros(f.size)
     K = fem.stiffness(body)
     u[free] = spsolve(K[free][:, free].tocsc(), f.ravel()[free])
     u = u.reshape(-1, dim)
-    own = elastic(body.material, strain(one, u))
-    force = np.broadcast_to(exact.force(), (len(one.corners), dim))
-    first = moments(one, own, force, given, known)
-    last = SelfStress(one, body.material, ~known).relax(first, u, own)
-    return Recovered(one, exact, given, known, u, first, last)
+    stresses = elastic(body.material, strain(cells, u))
+    force = np.broadcast_to(exact.force(), (len(cells.corners), dim))
+    first = moments(cells, stresses, force, prescribed_moments, prescribed)
+    last = SelfStress(cells, body.material, ~prescribed).relax(first, u, stresses)
+    return Recovered(cells, exact, prescribed_moments, prescribed, u, first, last)
 
 
 def parts(cells: Simplices) -> Floats:
@@ -137,11 +139,11 @@ CASES = [(2, False), (2, True), (3, False), (3, True)]
 
 @pytest.mark.parametrize(("dim", "turn"), CASES)
 def test_equilibrium_in_every_point(dim: int, turn: bool) -> None:
-    found = recovered(bent(dim, turn=turn))
-    cells = found.cells
+    recovery = recovered(bent(dim, turn=turn))
+    cells = recovery.cells
     sign = np.ones(len(cells.facets))
     sign[cells.facet_of] = cells.sign
-    for tractions in (found.first, found.last):
+    for tractions in (recovery.first, recovery.last):
         hat = johnson_mercier.stress(
             cells.edges, cells.gradients, cells.by_cell(tractions)
         )
@@ -155,16 +157,16 @@ def test_equilibrium_in_every_point(dim: int, turn: bool) -> None:
         matrix = np.concatenate([np.ones((*corners.shape[:-1], 1)), corners], axis=-1)
         slopes = np.linalg.inv(matrix)[:, :, 1:].swapaxes(-1, -2)
         divergence = np.einsum("cpqij,cpqj->cpi", hat, slopes)
-        rest = divergence + found.exact.force()
+        rest = divergence + recovery.exact.force()
         assert np.abs(rest).max() <= digits * size * np.abs(slopes).max()
         # Between the parts of a cell.
         for k, m in combinations(range(dim + 1), 2):
             normal = slopes[:, k, m] / np.linalg.norm(slopes[:, k, m], axis=1)[:, None]
             shared = [a for a in range(dim + 1) if a not in (k, m)]
             for a, b in [*((a, a) for a in shared), (None, None)]:
-                one = hat[:, k, k if a is None else a]
+                first_side = hat[:, k, k if a is None else a]
                 two = hat[:, m, m if b is None else b]
-                jump = np.einsum("cij,cj->ci", one - two, normal)
+                jump = np.einsum("cij,cj->ci", first_side - two, normal)
                 assert np.abs(jump).max() <= digits * size
         # Between cells, and with the outside: tractions at the nodes of facets.
         low = np.full((len(cells.facets), dim, dim), np.inf)
@@ -179,27 +181,27 @@ def test_equilibrium_in_every_point(dim: int, turn: bool) -> None:
         met = low
         outside = np.flatnonzero(cells.outside)
         theirs = cells.linear_moments(outside, sign[outside, None, None] * met[outside])
-        given, known = found.given[outside], found.known[outside]
-        rest = np.where(known[:, None], theirs - given, 0.0)
-        assert np.abs(rest).max() <= digits * np.abs(given).max()
+        moments_given, prescribed = recovery.given[outside], recovery.known[outside]
+        rest = np.where(prescribed[:, None], theirs - moments_given, 0.0)
+        assert np.abs(rest).max() <= digits * np.abs(moments_given).max()
 
 
 @pytest.mark.parametrize(("dim", "turn"), CASES)
 def test_prager_and_synge(dim: int, turn: bool) -> None:
     """``‖σ - σ_h‖² + ‖σ - σ̂‖² = ‖σ̂ - σ_h‖²``, all three integrated exactly."""
     body = bent(dim, turn=turn)
-    found = recovered(body)
-    cells, material = found.cells, body.material
-    own = elastic(material, strain(cells, found.u))[:, None, None]
-    exact = found.exact.stress(parts(cells))
+    recovery = recovered(body)
+    cells, material = recovery.cells, body.material
+    stresses = elastic(material, strain(cells, recovery.u))[:, None, None]
+    exact = recovery.exact.stress(parts(cells))
     last = []
-    for tractions in (found.first, found.last):
+    for tractions in (recovery.first, recovery.last):
         hat = johnson_mercier.stress(
             cells.edges, cells.gradients, cells.by_cell(tractions)
         )
         true, dual, all_of_it = (
             error_energy(cells, material, difference).sum()
-            for difference in (exact - own, exact - hat, hat - own)
+            for difference in (exact - stresses, exact - hat, hat - stresses)
         )
         # Differences of stresses of size 1 to a tenth of them, rounded at 1e-11.
         assert true + dual == pytest.approx(all_of_it, rel=1e-9)
@@ -214,15 +216,17 @@ def test_prager_and_synge(dim: int, turn: bool) -> None:
 def test_the_least_energy_is_reached(dim: int) -> None:
     """No independently computed self-stress reduces the complementary energy."""
     body = bent(dim, n=2)
-    found = recovered(body)
-    cells, material = found.cells, body.material
-    own = elastic(material, strain(cells, found.u))
+    recovery = recovered(body)
+    cells, material = recovery.cells, body.material
+    stresses = elastic(material, strain(cells, recovery.u))
     energies = []
-    functions, m = SelfStress(cells, material, ~found.known), found.first
+    functions, m = SelfStress(cells, material, ~recovery.known), recovery.first
     for _ in range(4):
-        m = functions.relax(m, found.u, own)
+        m = functions.relax(m, recovery.u, stresses)
         hat = johnson_mercier.stress(cells.edges, cells.gradients, cells.by_cell(m))
-        energies.append(error_energy(cells, material, hat - own[:, None, None]).sum())
+        energies.append(
+            error_energy(cells, material, hat - stresses[:, None, None]).sum()
+        )
     # One call ends within a hundredth of its target; in space, within a few hundredths.
     assert energies[0] <= 1.05 * energies[-1]
     assert all(b <= a * (1 + 1e-12) for a, b in pairwise(energies))
@@ -237,8 +241,8 @@ def test_one_stress_for_forces_in_balance(dim: int) -> None:
     inner = np.linalg.inv(edges)
     gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
     volume = abs(np.linalg.det(edges[0])) / (2 if dim == 2 else 6)
-    given = random.normal(size=(dim + 1, dim + 1, dim))
-    given[np.arange(dim + 1), np.arange(dim + 1)] = 0
+    forces = random.normal(size=(dim + 1, dim + 1, dim))
+    forces[np.arange(dim + 1), np.arange(dim + 1)] = 0
     # Remove the torque of the forces about the centre.
     spin = [(i, j) for i in range(dim) for j in range(i)]
     arms = x - x.mean(axis=0)
@@ -254,19 +258,19 @@ def test_one_stress_for_forces_in_balance(dim: int) -> None:
         for k in range(dim + 1):
             for a in set(range(dim + 1)) - {k}:
                 u[k, a, j], u[k, a, i] = arms[a, i], -arms[a, j]
-    given -= np.tensordot(
-        np.linalg.solve(np.array([torque(u) for u in unit]).T, torque(given)), unit, 1
+    forces -= np.tensordot(
+        np.linalg.solve(np.array([torque(u) for u in unit]).T, torque(forces)), unit, 1
     )
-    hat = johnson_mercier.stress(edges, gradients, given[None])[0]
+    hat = johnson_mercier.stress(edges, gradients, forces[None])[0]
     # Its tractions have the prescribed moments.
     for k in range(dim + 1):
         others = [a for a in range(dim + 1) if a != k]
         area = -dim * volume * gradients[0, k]
         traction = np.array([hat[k, a] @ area for a in others])
-        found = (traction + traction.sum(axis=0)) / (dim * (dim + 1))
+        stress_value = (traction + traction.sum(axis=0)) / (dim * (dim + 1))
         # Rounding times the condition of this cell and of the reference.
         np.testing.assert_allclose(
-            found, given[k, others], atol=1e-11 * np.abs(given).max()
+            stress_value, forces[k, others], atol=1e-11 * np.abs(forces).max()
         )
 
 
@@ -329,14 +333,14 @@ def test_self_stresses_span_the_null_space(dim: int, held: str) -> None:
 
 def test_unbalanced_nodal_force_is_refused() -> None:
     body = bent(2)
-    found = recovered(body)
-    cells = found.cells
-    known = found.known.copy()
-    known[body.facets("bottom")] = True
-    own = elastic(body.material, strain(cells, found.u))
-    force = np.broadcast_to(found.exact.force(), (len(cells.corners), 2))
+    recovery = recovered(body)
+    cells = recovery.cells
+    prescribed = recovery.known.copy()
+    prescribed[body.facets("bottom")] = True
+    stresses = elastic(body.material, strain(cells, recovery.u))
+    force = np.broadcast_to(recovery.exact.force(), (len(cells.corners), 2))
     with pytest.raises(ValueError, match=r"no tractions balance .* node at \("):
-        moments(cells, own, force, found.given, known)
+        moments(cells, stresses, force, recovery.given, prescribed)
 
 
 def test_other_cells_are_refused() -> None:

@@ -183,18 +183,18 @@ def test_parts_are_not_negative_and_sum_up(name: str) -> None:
 
 def test_first_order() -> None:
     """In the energy norm h, reduced by the ends of contact to h^0.9 from 4 to 16 cells."""
-    found = [
+    errors = [
         discretisation_error(*bench.solved("pressed_block", [f"mesh.n={n}"])).relative
         for n in (4, 8, 16)
     ]
-    rates = np.log2(np.array(found[:-1]) / found[1:])
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((rates > 0.85) & (rates < 1.1)), rates
 
 
 def test_units_do_not_matter(tmp_path: Path) -> None:
     """For example millimetres and megapascals, or inches and pounds."""
     length, stress = 1 / 25.4, 145.0377
-    one = block(tmp_path)
+    original = block(tmp_path)
     scaled = [
         f"body.block.x.to={2.0 * length}",
         f"body.block.y.to={1.0 * length}",
@@ -209,7 +209,7 @@ def test_units_do_not_matter(tmp_path: Path) -> None:
         discretisation_error(
             case, case.model.problem().solve(case.load, case.prescribed)
         )
-        for case in (one, other)
+        for case in (original, other)
     ]
     # The solver's tolerance, 1e-10, in products.
     np.testing.assert_allclose(
@@ -245,10 +245,10 @@ def test_a_turned_scene_has_the_same_error() -> None:
             [fem.Contact("it", "bottom", 0.3, plane=(np.zeros(3), Q[:, 2]))],
             [fem.Support("it", "top", (0, 1, 2))],
         )
-        given = model.prescribed([Q @ moved])[None]
-        case = scene.Case(model, None, given, np.ones(1))
+        motion = model.prescribed([Q @ moved])[None]
+        case = scene.Case(model, None, motion, np.ones(1))
         errors.append(
-            discretisation_error(case, model.problem().solve(None, given, tol=1e-13))
+            discretisation_error(case, model.problem().solve(None, motion, tol=1e-13))
         )
     # The tangents of the two scenes differ, and so does the rounding of the solver.
     assert errors[1].total == pytest.approx(errors[0].total, rel=1e-8)
@@ -287,15 +287,15 @@ def test_energy_of_the_edge_functions() -> None:
     flat = np.zeros(len(case.model.gap))
     lift = estimator._lift(flat)
     bubbles = next(b for b in lift.bubbles if b.body == 0)
-    one, material = estimator.bodies[0], case.model.bodies[0].material
-    stress = np.zeros((len(one.corners), 3, 3, 2, 2))
-    bubbles.subtract(one, material, stress)
+    cells, material = estimator.bodies[0], case.model.bodies[0].material
+    stress = np.zeros((len(cells.corners), 3, 3, 2, 2))
+    bubbles.subtract(cells, material, stress)
     # In the plane each edge has one cell: the stress of c φ_a φ_b n at its points.
     low = np.sort(bubbles.edges, axis=1)
     for (a, b), vector in zip(low, bubbles.vector, strict=True):
-        cell = int(np.flatnonzero(np.isin(one.corners, [a, b]).sum(axis=1) == 2)[0])
-        local = [int(np.flatnonzero(one.corners[cell] == c)[0]) for c in (a, b)]
-        slopes = one.gradients[cell, local]
+        cell = int(np.flatnonzero(np.isin(cells.corners, [a, b]).sum(axis=1) == 2)[0])
+        local = [int(np.flatnonzero(cells.corners[cell] == c)[0]) for c in (a, b)]
+        slopes = cells.gradients[cell, local]
         for at, phi in ((local[0], (1.0, 0.0)), (local[1], (0.0, 1.0))):
             gradient = np.outer(vector, phi[0] * slopes[1] + phi[1] * slopes[0])
             from bipot_rs.discretisation.simplices import elastic

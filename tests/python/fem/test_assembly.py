@@ -100,33 +100,33 @@ def test_hash_collisions_of_cells_are_detected() -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_surface_integrals_are_those_of_scikit_fem(cell: str) -> None:
-    one = mesh(cell, "bent")
-    body = fem.Body("it", one, fem.Material(1.0, 0.3))
+    meshed = mesh(cell, "bent")
+    body = fem.Body("it", meshed, fem.Material(1.0, 0.3))
     dim, element, _ = CELLS[cell]
 
     def density(x: Floats) -> Floats:
         return x[0] ** 2 + np.sin(3 * x[dim - 1])
 
-    for name, k in product(one.boundaries, range(dim)):
+    for name, k in product(meshed.boundaries, range(dim)):
         ours = body.surface(name)
         assert ours.normals is not None
-        found = ours.moment(density(ours.places) * ours.normals[k])
+        integral = ours.moment(density(ours.places) * ours.normals[k])
         basis = skfem.FacetBasis(
-            one, element(), facets=one.boundaries[name], intorder=2
+            meshed, element(), facets=meshed.boundaries[name], intorder=2
         )
         form = skfem.LinearForm(lambda v, w, k=k: density(w.x) * w.n[k] * v)
         # Sums of at most 16 terms per node, of areas 1/25.
         np.testing.assert_allclose(
-            found, form.assemble(basis), rtol=1e-13, atol=1e-13 / 25
+            integral, form.assemble(basis), rtol=1e-13, atol=1e-13 / 25
         )
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_volume_integrals_are_those_of_scikit_fem(cell: str) -> None:
-    one = mesh(cell, "bent")
+    meshed = mesh(cell, "bent")
     _, element, order = CELLS[cell]
-    ours = fem.Body("it", one, fem.Material(1.0, 0.3)).volume()
-    basis = skfem.Basis(one, element(), intorder=order)
+    ours = fem.Body("it", meshed, fem.Material(1.0, 0.3)).volume()
+    basis = skfem.Basis(meshed, element(), intorder=order)
     form = skfem.LinearForm(lambda v, w: np.exp(w.x[0]) * v)
     # Sums of some 200 positive terms.
     np.testing.assert_allclose(

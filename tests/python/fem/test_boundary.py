@@ -64,8 +64,8 @@ def test_spring_along_the_normal(cell: str) -> None:
     straight = fem.assemble(
         [body], [], springs=[fem.Spring("it", "top", k)]
     ).K.toarray()
-    own = fem.Spring("it", "top", normal=40.0, tangential=3.0)
-    other = fem.assemble([inclined], [], springs=[own]).K
+    spring = fem.Spring("it", "top", normal=40.0, tangential=3.0)
+    other = fem.assemble([inclined], [], springs=[spring]).K
     assert (other != other.T).nnz == 0
     block_of = np.kron(np.eye(len(body.points)), turn)
     back = block_of.T @ other.toarray() @ block_of
@@ -270,7 +270,7 @@ def test_planes_of_symmetry_turn_with_the_body(
         values = model.prescribed([])
         results.append(model.problem().solve(load, values, tol=1e-13))
         models.append(model)
-    (straight, inclined), (one, other) = models, results
+    (straight, inclined), (straight_result, other) = models, results
     assert straight.inclined is None
     assert inclined.inclined is not None
     assert abs(inclined.K - inclined.K.T).max() == 0
@@ -286,8 +286,8 @@ def test_planes_of_symmetry_turn_with_the_body(
     np.testing.assert_allclose(
         force[1], force[0] @ turn.T, rtol=0, atol=10 * close * largest
     )
-    np.testing.assert_array_equal(one.status, other.status)
-    assert {1, 2} <= set(one.status.ravel().tolist())
+    np.testing.assert_array_equal(straight_result.status, other.status)
+    assert {1, 2} <= set(straight_result.status.ravel().tolist())
     fields = [
         m.fields(r.displacement[0], r.reaction[0], r.status[0])
         for m, r in zip(models, results, strict=True)

@@ -90,8 +90,8 @@ def in_long_numbers(body: fem.Body) -> Any:
     n = d * len(body.points)
     K = np.zeros((n, n), dtype=long)
     dofs = (d * body.cells[:, :, None] + np.arange(d)).reshape(len(x), -1)
-    for own, block in zip(dofs, blocks, strict=True):
-        K[np.ix_(own, own)] += block.reshape(len(own), -1)
+    for dofs_of_cell, block in zip(dofs, blocks, strict=True):
+        K[np.ix_(dofs_of_cell, dofs_of_cell)] += block.reshape(len(dofs_of_cell), -1)
     return K
 
 
@@ -216,12 +216,12 @@ def test_the_first_folded_cell_is_named(flat: bool) -> None:
     folded = (determinant.min(axis=0) * determinant.max(axis=0)) <= 0
     cell = int(np.argmax(folded))
     least, most = determinant[:, cell].min(), determinant[:, cell].max()
-    with pytest.raises(ValueError, match="mesh anew there") as found:
+    with pytest.raises(ValueError, match="mesh anew there") as refused:
         fem.stiffness(body)
-    assert str(found.value).startswith(
+    assert str(refused.value).startswith(
         f"cell {cell} of body 'cube' is folded or flat, at ("
     )
-    assert f"is from {least:g} to {most:g}; mesh anew there" in str(found.value)
+    assert f"is from {least:g} to {most:g}; mesh anew there" in str(refused.value)
 
 
 SCRIPT = """
@@ -249,7 +249,7 @@ print(json.dumps([bits.hexdigest(), 1024 * peak / size]))
 def test_bits_do_not_depend_on_threads_and_memory_is_that_of_the_matrix(
     moved: float,
 ) -> None:
-    found = []
+    digests = []
     for threads in (1, 2, 3):
         run = subprocess.run(
             [sys.executable, "-c", SCRIPT, "30", str(moved)],
@@ -258,8 +258,8 @@ def test_bits_do_not_depend_on_threads_and_memory_is_that_of_the_matrix(
             text=True,
             check=True,
         )
-        found.append(json.loads(run.stdout))
-    bits, memory = zip(*found, strict=True)
+        digests.append(json.loads(run.stdout))
+    bits, memory = zip(*digests, strict=True)
     assert len(set(bits)) == 1
     # K itself, the nodes of cells and matrices of a few of them.
     assert max(memory) <= 1.5

@@ -46,9 +46,9 @@ def test_valid_model_gives_no_warning() -> None:
 def test_penetration() -> None:
     tilted = ([0, 0, 0.05], [0.05, 0, 1.0])
     model = fem.assemble([cube()], [on(tilted)])
-    (said,) = inspect(model)
+    (warning,) = inspect(model)
     deepest = 0.05 / np.hypot(0.05, 1)
-    assert said == (
+    assert warning == (
         "12 of the 16 nodes of surface 'bottom' of body 'a' start inside what they may "
         f"touch, the deepest by {deepest:g} at (0, 0, 0), 5 % of the size of the model: "
         "the first step pushes them out; this is right for an interference fit, otherwise "
@@ -63,8 +63,8 @@ def test_penetration() -> None:
 def test_facing_away() -> None:
     floor = ([0, 0, -0.1], [0, 0, 1.0])
     model = fem.assemble([cube()], [on(floor, surface="top")])
-    (said,) = inspect(model)
-    assert said == (
+    (warning,) = inspect(model)
+    assert warning == (
         "surface 'top' of body 'a' faces away from what it may touch, at all of its 16 "
         "nodes: check that the normal of the obstacle points to the body, and that this is "
         "the right surface"
@@ -81,14 +81,14 @@ def test_never_closing() -> None:
     model = fem.assemble([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [top])
     moved = np.tile(-0.05, len(model.fixed))
     assert inspect(model) == []
-    (said,) = inspect(model, prescribed=moved)
-    assert said == (
+    (warning,) = inspect(model, prescribed=moved)
+    assert warning == (
         "surface 'bottom' of body 'a' may never touch: its nearest node, at (0, 0, 0), "
         "stays 0.2 away, and supports move by 0.05 at most"
     )
     assert inspect(model, prescribed=4 * moved) == []
-    (said,) = inspect(model, load=np.full(model.n, 1e-4))
-    assert said.endswith("stays 0.2 away, 20 % of the size of the model")
+    (warning,) = inspect(model, load=np.full(model.n, 1e-4))
+    assert warning.endswith("stays 0.2 away, 20 % of the size of the model")
     # An obstacle that rises closes it.
     rising = fem.Contact(
         "a",
@@ -104,8 +104,8 @@ def test_never_closing() -> None:
 def test_contacts_without_friction_by_supports() -> None:
     side = fem.Support("a", "left", (0, 1))
     model = fem.assemble([cube()], [on()], [side])
-    (said,) = inspect(model)
-    assert said == (
+    (warning,) = inspect(model)
+    assert warning == (
         "4 of the 16 nodes of surface 'bottom' of body 'a' have no friction, mu = 0: "
         "supports prescribe their tangential displacement; remove these components of the "
         "support if friction should act"
@@ -121,8 +121,8 @@ def test_loads_too_large_for_the_stiffness() -> None:
         model = fem.assemble([body], [], [top])
         pull = model.traction("a", "top", np.array([0.0, 0.0, 1.0]))
         loads = np.multiply.outer([0.0, -12.6, 1.0], pull)
-        (said,) = inspect(model, load=loads)
-        assert said == (
+        (warning,) = inspect(model, load=loads)
+        assert warning == (
             "units may be mixed: the loads of body 'a' over its largest section are 12.6, "
             "6 % of its Young's modulus 210, but the theory assumes small strains"
         )
@@ -137,8 +137,8 @@ def test_loads_too_large_for_the_stiffness() -> None:
     plate = fem.Body("a", fem.box([g, 3 * g], "quadrilateral"), thick)
     model = fem.assemble([plate], [], [fem.Support("a", "bottom", (0, 1))])
     side = model.traction("a", "right", np.array([12.6, 0.0]))
-    (said,) = inspect(model, load=side)
-    assert "over its largest section are 12.6," in said
+    (warning,) = inspect(model, load=side)
+    assert "over its largest section are 12.6," in warning
 
 
 def test_unsupported_bodies() -> None:
@@ -147,21 +147,21 @@ def test_unsupported_bodies() -> None:
         "body 'a' can move freely and has no support and no spring: add one"
     ]
     # With a support that leaves motions free, the warning names these motions.
-    (said,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
-    assert said.startswith(
+    (warning,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
+    assert warning.startswith(
         "body 'a' can move freely by translation along y; translation along z; "
         "rotation about"
     )
     # On a frictionless floor it can slide, and turn about the vertical.
-    (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
-    assert said == (
+    (warning,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
+    assert warning == (
         "body 'a' can move freely by translation along x; translation along y; "
         "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a support, "
         "friction or a contact that stops it"
     )
     rail = fem.Support("a", "left", (0, 2))
-    (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)], [rail]))
-    assert said.startswith("body 'a' can move freely by translation along y: add")
+    (warning,) = inspect(fem.assemble([cube()], [on(mu=0.0)], [rail]))
+    assert warning.startswith("body 'a' can move freely by translation along y: add")
 
 
 def test_two_unsupported_bodies_in_contact() -> None:
@@ -169,25 +169,27 @@ def test_two_unsupported_bodies_in_contact() -> None:
     floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
     apart = fem.Support("b", "left", (0,))
     model = fem.assemble([cube(), cube("b", -1.0)], [pair, floor], [apart])
-    (said,) = inspect(model)
-    assert said.startswith("bodies 'a' and 'b' can move freely by translation along y:")
+    (warning,) = inspect(model)
+    assert warning.startswith(
+        "bodies 'a' and 'b' can move freely by translation along y:"
+    )
     both = fem.assemble([cube(), cube("b", -1.0)], [pair])
     assert inspect(both) == [
         "bodies 'a' and 'b' can move freely and have no support and no spring: add one"
     ]
     # A floor holds them along its normal.
     loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
-    (said,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
-    assert "by translation along x of body 'a'" in said
-    assert "no support" not in said
+    (warning,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
+    assert "by translation along x of body 'a'" in warning
+    assert "no support" not in warning
     # Without friction between them, the upper body can slide separately.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     held = fem.Support("b", "left", (0, 1, 2))
     model = fem.assemble([cube(), cube("b", -1.0)], [slick, floor], [held])
-    (said,) = inspect(model)
-    assert "'a' and 'b'" in said
-    assert "of body 'a'" in said
-    assert "of body 'b'" not in said
+    (warning,) = inspect(model)
+    assert "'a' and 'b'" in warning
+    assert "of body 'a'" in warning
+    assert "of body 'b'" not in warning
 
 
 def test_what_contact_alone_can_hold() -> None:
@@ -223,11 +225,12 @@ def test_what_contact_alone_can_hold() -> None:
 )
 def test_units(young: float, size: float, says: str | None) -> None:
     floor = ([0, 0, 0], [0, 0, 1.0])
-    said = inspect(fem.assemble([cube(young=young, size=size)], [on(floor)]))
+    warnings = inspect(fem.assemble([cube(young=young, size=size)], [on(floor)]))
     if says is None:
-        assert said == []
+        assert warnings == []
     else:
-        assert len(said) == 1
+        assert len(warnings) == 1
         assert (
-            f"Young's modulus {young:g} of body 'a' {says}; for lengths in" in said[0]
+            f"Young's modulus {young:g} of body 'a' {says}; for lengths in"
+            in warnings[0]
         )

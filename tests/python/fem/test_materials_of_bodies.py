@@ -34,9 +34,9 @@ def test_orthotropic_compliance_is_that_of_the_constants() -> None:
     for (i, j), strain in strains.items():
         stress = np.zeros((3, 3))
         stress[i, j] = stress[j, i] = 1.0
-        found = np.einsum("ijkl,kl->ij", material.tensor(3), strain)
+        stress_back = np.einsum("ijkl,kl->ij", material.tensor(3), strain)
         # The ratio of the moduli, 300, times rounding.
-        np.testing.assert_allclose(found, stress, atol=1e-13)
+        np.testing.assert_allclose(stress_back, stress, atol=1e-13)
 
 
 @pytest.mark.parametrize("plane_stress", [False, True])
@@ -70,13 +70,13 @@ def test_turning_material_and_mesh_turns_the_stiffness() -> None:
     mesh = fem.box([np.array([0, 0.3, 1.0])] * 3, "tetrahedron")
     bent = type(mesh)(mesh.p + 0.05 * np.sin(7 * mesh.p[::-1]), mesh.t)
     Q = ROTATION
-    one = fem.stiffness(fem.Body("it", bent, fem.Orthotropic(*WOOD)))
+    turned_K = fem.stiffness(fem.Body("it", bent, fem.Orthotropic(*WOOD)))
     turned = type(mesh)(Q.T @ bent.p, bent.t)
     other = fem.stiffness(fem.Body("it", turned, fem.Orthotropic(*WOOD, axes=Q)))
     assert (other != other.T).nnz == 0
     block = np.kron(np.eye(bent.p.shape[1]), Q.T)
     back = block.T @ other.toarray() @ block
-    assert np.abs(back - one.toarray()).max() <= 1e-13 * abs(one).max()
+    assert np.abs(back - turned_K.toarray()).max() <= 1e-13 * abs(turned_K).max()
 
 
 @pytest.mark.parametrize("plane_stress", [False, True])
@@ -92,8 +92,8 @@ def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
         along, aside = along * (1 - n13 * n31), aside - n31 * n23 / E2
         assert n32 == pytest.approx(n23 * E3 / E2)
     strain = along * np.outer(axes[0], axes[0]) + aside * np.outer(axes[1], axes[1])
-    found = np.einsum("ijkl,kl->ij", material.tensor(2), strain)
-    np.testing.assert_allclose(found, np.outer(axes[0], axes[0]), atol=1e-13)
+    stress_back = np.einsum("ijkl,kl->ij", material.tensor(2), strain)
+    np.testing.assert_allclose(stress_back, np.outer(axes[0], axes[0]), atol=1e-13)
     assert n21 < n12
 
 
@@ -119,9 +119,9 @@ def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
     ],
 )
 def test_invalid_materials(change: dict[str, object], said: str) -> None:
-    given = dict(zip(("young", "poisson", "shear"), WOOD, strict=True)) | change
+    constants = dict(zip(("young", "poisson", "shear"), WOOD, strict=True)) | change
     with pytest.raises(ValueError, match=said):
-        fem.Orthotropic(**given)
+        fem.Orthotropic(**constants)
 
 
 def test_poisson_ratio_above_one_is_allowed() -> None:
@@ -175,8 +175,8 @@ def test_two_materials_in_a_row(shape: str, degree: int) -> None:
     x = body.points[:, 0]
     wanted = np.where(x < 1, x, 1 + (x - 1) / 5)
     np.testing.assert_allclose(u.reshape(-1, body.dim)[:, 0], wanted, rtol=1e-11)
-    found = fem.stress(body, u)
-    np.testing.assert_allclose(found - np.outer(pull, pull), 0.0, atol=1e-11)
+    stresses = fem.stress(body, u)
+    np.testing.assert_allclose(stresses - np.outer(pull, pull), 0.0, atol=1e-11)
 
 
 def test_volumes_of_equal_cells_do_not_share_a_matrix() -> None:

@@ -39,19 +39,19 @@ class Product:
     ) -> float:
         loads = self.loads if loads is None else loads
         total = 0.0
-        given = np.zeros((STEPS, len(model.group), model.dim))
-        given[:, :, 0] = model.gap
-        given = given if model.moving is None else model.moving
+        gaps = np.zeros((STEPS, len(model.group), model.dim))
+        gaps[:, :, 0] = model.gap
+        gaps = gaps if model.moving is None else model.moving
         names = [body.name for body in model.bodies]
         for k in range(STEPS):
             f = np.zeros(model.n)
             for load in loads:
                 b = names.index(load.body)
-                own = load.of_steps(STEPS)[k] * load.forces(model.bodies[b])
-                f[model.offset[b] :][: own.size] += own
+                load_forces = load.of_steps(STEPS)[k] * load.forces(model.bodies[b])
+                f[model.offset[b] :][: load_forces.size] += load_forces
             B, r, G = model.B, self.reaction[k].ravel(), self.gap[k].ravel()
             total += self.adjoint[k] @ (f - model.K @ self.u[k] + B.T @ r)
-            total += G @ (B @ self.u[k] + given[k].ravel())
+            total += G @ (B @ self.u[k] + gaps[k].ravel())
         return float(total)
 
     def gradient(self, model: fem.Assembly) -> fem.ParameterGradient:
@@ -127,9 +127,9 @@ def model_of(
         springs += [fem.Spring("one", highest(mesh), normal=0.8, tangential=0.3)]
     contact = contact or {"obstacle": ball(dim)}
     lumps = elements.KINDS[type(mesh)].facet.lumps
-    own = [fem.Contact("one", base, 0.3, **contact)] if lumps else []
+    contacts = [fem.Contact("one", base, 0.3, **contact)] if lumps else []
     body = fem.Body("one", mesh, material or fem.Material(1.3, 0.27, thickness=0.6))
-    return fem.assemble([body], own, springs=springs)
+    return fem.assemble([body], contacts, springs=springs)
 
 
 def meshes() -> list[Any]:
@@ -147,8 +147,8 @@ def test_node_coordinates_in_random_directions(cell: str, degree: int) -> None:
     wanted = slope(
         lambda h: product(model_of(with_points(mesh, mesh.p + h * way))), 1e-4
     )
-    found = np.sum(product.gradient(model).nodes * way.T)
-    assert found == pytest.approx(wanted, rel=CLOSE)
+    derivative = np.sum(product.gradient(model).nodes * way.T)
+    assert derivative == pytest.approx(wanted, rel=CLOSE)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -163,8 +163,8 @@ def test_node_coordinates_of_serendipity_cells(dim: int) -> None:
     wanted = slope(
         lambda h: product(model_of(with_points(mesh, mesh.p + h * way))), 1e-4
     )
-    found = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
-    assert found == pytest.approx(wanted, rel=CLOSE)
+    derivative = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
+    assert derivative == pytest.approx(wanted, rel=CLOSE)
 
 
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
@@ -173,13 +173,13 @@ def test_second_order_of_central_differences(cell: str) -> None:
     mesh = bent(cell, 1)
     product = Product(model_of(mesh), loads_of(mesh))
     way = np.random.default_rng(3).normal(size=mesh.p.shape)
-    found = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
+    derivative = np.sum(product.gradient(model_of(mesh)).nodes * way.T)
 
     def error(h: float) -> float:
         ends = [
             product(model_of(with_points(mesh, mesh.p + s * h * way))) for s in (-1, 1)
         ]
-        return abs((ends[1] - ends[0]) / (2 * h) - found)
+        return abs((ends[1] - ends[0]) / (2 * h) - derivative)
 
     order = np.log2(error(2e-3) / error(1e-3))
     # The next term, h⁴, is 1 % of the error.
@@ -193,15 +193,15 @@ def test_moduli_and_thickness(cell: str, plane_stress: bool) -> None:
     material = fem.Material(1.3, 0.27, plane_stress=plane_stress, thickness=0.6)
     model = model_of(mesh, material)
     product = Product(model, loads_of(mesh))
-    found = product.gradient(model)
+    gradient = product.gradient(model)
     for name in ("young", "poisson", "thickness")[: 3 if CELLS[cell] == 2 else 2]:
 
         def at(h: float, name: str = name) -> float:
             value = getattr(material, name) + h
             return product(model_of(mesh, replace(material, **{name: value})))
 
-        own = getattr(found, name)["one"]
-        assert np.squeeze(own) == pytest.approx(slope(at, 1e-3), rel=CLOSE)
+        derivative = getattr(gradient, name)["one"]
+        assert np.squeeze(derivative) == pytest.approx(slope(at, 1e-3), rel=CLOSE)
 
 
 def test_stiffness_is_proportional_to_young_and_thickness() -> None:
@@ -213,9 +213,9 @@ def test_stiffness_is_proportional_to_young_and_thickness() -> None:
         energy = sum(
             -a @ (model.K @ u) for a, u in zip(product.adjoint, product.u, strict=True)
         )
-        found = np.squeeze(getattr(product.gradient(model), name)["one"])
+        derivative = np.squeeze(getattr(product.gradient(model), name)["one"])
         # Sums of some hundred terms of both signs.
-        assert factor * found == pytest.approx(energy, rel=1e-12)
+        assert factor * derivative == pytest.approx(energy, rel=1e-12)
 
 
 def test_materials_of_volumes() -> None:
@@ -229,9 +229,11 @@ def test_materials_of_volumes() -> None:
         return fem.assemble([fem.Body("one", mesh, parts)], [])
 
     product = Product(at(0.0), [fem.Load("one", strain={"right": np.eye(3)})])
-    found = product.gradient(at(0.0)).poisson["one"]
-    assert found.shape == (2,)
-    assert found[1] == pytest.approx(slope(lambda h: product(at(h)), 1e-4), rel=CLOSE)
+    by_poisson = product.gradient(at(0.0)).poisson["one"]
+    assert by_poisson.shape == (2,)
+    assert by_poisson[1] == pytest.approx(
+        slope(lambda h: product(at(h)), 1e-4), rel=CLOSE
+    )
 
 
 def test_springs_and_initial_strain() -> None:
@@ -239,7 +241,7 @@ def test_springs_and_initial_strain() -> None:
     model = model_of(mesh)
     loads = loads_of(mesh)
     product = Product(model, loads)
-    found = product.gradient(model)
+    gradient = product.gradient(model)
     for i, name, k in (
         (0, "stiffness", 1),
         (1, "normal", None),
@@ -254,24 +256,24 @@ def test_springs_and_initial_strain() -> None:
             springs[i] = replace(springs[i], **{name: plain})
             return product(model_of(mesh, springs=springs))
 
-        own = found.springs[i][name]
-        own = own if k is None else own[k]
+        derivative = gradient.springs[i][name]
+        derivative = derivative if k is None else derivative[k]
         # L is linear in a stiffness: differences have rounding errors alone.
-        assert own == pytest.approx(slope(at, 0.1), rel=1e-9)
+        assert derivative == pytest.approx(slope(at, 0.1), rel=1e-9)
     way = np.array([[0.2, 0.4, 0.1], [0.4, -0.5, 0.3], [0.1, 0.3, 0.7]])
 
     def strained(h: float) -> float:
         added = replace(loads[3], strain=np.asarray(loads[3].strain) + h * way)
         return product(model, [*loads[:3], added])
 
-    own = np.sum(found.initial_strain[3] * way)
-    assert own == pytest.approx(slope(strained, 0.1), rel=1e-9)
-    assert found.initial_strain[:3] == [None] * 3
+    derivative = np.sum(gradient.initial_strain[3] * way)
+    assert derivative == pytest.approx(slope(strained, 0.1), rel=1e-9)
+    assert gradient.initial_strain[:3] == [None] * 3
 
 
 def shifted(shape: Any, by: Any) -> Any:
     if isinstance(shape, obstacle.Union):
-        return obstacle.Union([shifted(one, by) for one in shape.obstacles])
+        return obstacle.Union([shifted(part, by) for part in shape.obstacles])
     name = "point" if hasattr(shape, "point") else "centre"
     return replace(shape, **{name: np.asarray(getattr(shape, name)) + by})
 
@@ -298,9 +300,9 @@ def test_obstacles_and_the_nodes_above_them(name: str, motion: bool) -> None:
     )
 
     def at(h: float, way: Any, by: Any) -> fem.Assembly:
-        own = shifted(shape, h * by)
+        shifted_shape = shifted(shape, h * by)
         moving = with_points(mesh, mesh.p + h * way)
-        return model_of(moving, springs=[], obstacle=own, motion=moved)
+        return model_of(moving, springs=[], obstacle=shifted_shape, motion=moved)
 
     rng = np.random.default_rng(5)
     if motion and name != "plane":
@@ -316,12 +318,12 @@ def test_obstacles_and_the_nodes_above_them(name: str, motion: bool) -> None:
             _ = refused.nodes
         return
     product = Product(at(0.0, 0.0, np.zeros(3)))
-    found = product.gradient(at(0.0, 0.0, np.zeros(3)))
+    gradient = product.gradient(at(0.0, 0.0, np.zeros(3)))
     by, way = rng.normal(size=3), rng.normal(size=mesh.p.shape)
     wanted = slope(lambda h: product(at(h, 0.0, by)), 1e-4)
-    assert found.obstacles[0] @ by == pytest.approx(wanted, rel=CLOSE)
+    assert gradient.obstacles[0] @ by == pytest.approx(wanted, rel=CLOSE)
     wanted = slope(lambda h: product(at(h, way, np.zeros(3))), 1e-4)
-    assert np.sum(found.nodes * way.T) == pytest.approx(wanted, rel=CLOSE)
+    assert np.sum(gradient.nodes * way.T) == pytest.approx(wanted, rel=CLOSE)
 
 
 @pytest.mark.parametrize(
@@ -377,9 +379,9 @@ def test_clearance() -> None:
         return model_of(mesh, springs=[], obstacle=ball(3), clearance=extra)
 
     product = Product(at(0.0))
-    (own,) = product.gradient(at(0.0)).clearance
+    (by_clearance,) = product.gradient(at(0.0)).clearance
     wanted = slope(lambda h: product(at(h)), 0.1)
-    assert own @ np.arange(count) == pytest.approx(wanted, rel=1e-9)
+    assert by_clearance @ np.arange(count) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_what_is_no_derivative_is_refused() -> None:
@@ -397,9 +399,9 @@ def test_what_is_no_derivative_is_refused() -> None:
     turning = obstacle.Motion(rotation=[0.1, 0.2], axis=[0, 1, 0])
     with pytest.raises(ValueError, match="an obstacle turns or curves"):
         _ = of(**flat, motion=turning).obstacles
-    known = obstacle.Distance(lambda x: x[:, 2] + 0.1)
+    plane = obstacle.Distance(lambda x: x[:, 2] + 0.1)
     with pytest.raises(ValueError, match="is a Distance"):
-        _ = of(obstacle=known).obstacles
+        _ = of(obstacle=plane).obstacles
     varying = fem.Load("one", force=lambda x: x)
     with pytest.raises(ValueError, match="varies with the position"):
         _ = of([varying], **flat).nodes
@@ -423,8 +425,8 @@ def test_a_plane_under_mortar_moves_the_gap() -> None:
         return model_of(mesh, springs=[], plane=plane, pairing="mortar")
 
     product = Product(at(0.0))
-    (own,) = product.gradient(at(0.0)).obstacles
-    assert own[2] == pytest.approx(slope(lambda h: product(at(h)), 0.01), rel=1e-9)
+    (by_plane,) = product.gradient(at(0.0)).obstacles
+    assert by_plane[2] == pytest.approx(slope(lambda h: product(at(h)), 0.01), rel=1e-9)
 
 
 def test_reactions_of_a_pressed_block_that_sticks() -> None:
@@ -457,7 +459,7 @@ def test_reactions_of_a_pressed_block_that_sticks() -> None:
     B, n = model.B.toarray(), model.n
     M = np.block([[model.K.toarray(), -B.T], [B, np.zeros((len(B), len(B)))]])
     y = np.linalg.solve(M.T, np.r_[np.zeros(n), weights.ravel()])
-    found = fem.ParameterGradient(
+    gradient = fem.ParameterGradient(
         model,
         adjoint=y[None, :n],
         displacement=[result[0].displacement],
@@ -467,12 +469,12 @@ def test_reactions_of_a_pressed_block_that_sticks() -> None:
     )
     # Differences of solutions: rounding of some 1e-12 over the step.
     wanted = slope(lambda h: value(made(h)), 1e-3)
-    assert np.sum(found.nodes * way.T) == pytest.approx(wanted, rel=1e-7)
+    assert np.sum(gradient.nodes * way.T) == pytest.approx(wanted, rel=1e-7)
     # Small, since the load is given: the rounding of the values is 1e-8 of it.
     wanted = slope(lambda h: value(made(0.0, young=30.0 + h)), 0.1)
-    assert found.young["one"][0] == pytest.approx(wanted, rel=1e-6)
+    assert gradient.young["one"][0] == pytest.approx(wanted, rel=1e-6)
     wanted = slope(lambda h: value(made(0.0, move=h)), 1e-3)
-    assert found.obstacles[0][1] == pytest.approx(wanted, rel=1e-7)
+    assert gradient.obstacles[0][1] == pytest.approx(wanted, rel=1e-7)
 
 
 def test_cells_are_passed_over_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -486,7 +488,7 @@ def test_cells_are_passed_over_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(fem.ParameterGradient, "_gradients", counted)
     model = model_of(bent("triangle", 1))
-    found = Product(model).gradient(model)
-    asked = found.young, found.poisson, found.thickness, found.nodes
-    assert all(one is not None for one in asked)
+    gradient = Product(model).gradient(model)
+    asked = gradient.young, gradient.poisson, gradient.thickness, gradient.nodes
+    assert all(field is not None for field in asked)
     assert passes == [0]

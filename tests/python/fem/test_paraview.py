@@ -48,12 +48,14 @@ def hooke(strain: Floats, *, flat: bool) -> Floats:
 def test_stress_of_an_affine_displacement(cell: str, flat: bool) -> None:
     it = body(cell, flat=flat)
     gradient = np.random.default_rng(1).normal(size=(it.dim, it.dim))
-    found = stress(it, it.points @ gradient.T + 3.0, space=True)
+    stresses = stress(it, it.points @ gradient.T + 3.0, space=True)
     strain = (gradient + gradient.T) / 2
     exact = hooke(strain, flat=flat and it.dim == 2)
     # Differences of coordinates of size 2, over cells of 1/2: a few units of rounding.
     np.testing.assert_allclose(
-        found, np.broadcast_to(exact, found.shape), atol=1e-13 * np.abs(exact).max()
+        stresses,
+        np.broadcast_to(exact, stresses.shape),
+        atol=1e-13 * np.abs(exact).max(),
     )
 
 
@@ -64,11 +66,11 @@ def test_stress_holds_the_forces_of_the_stiffness(cell: str) -> None:
     u = np.random.default_rng(2).normal(size=it.points.shape)
     forces = (fem.stiffness(it) @ u.ravel()).reshape(u.shape)
     volume = it.depth * it.volume().weights.sum(axis=1)
-    found = np.einsum("c,cij->ij", volume, stress(it, u, space=True))[
+    force_sums = np.einsum("c,cij->ij", volume, stress(it, u, space=True))[
         : it.dim, : it.dim
     ]
     exact = forces.T @ it.points
-    np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_allclose(force_sums, exact, atol=1e-12 * np.abs(exact).max())
 
 
 def test_displacement_of_wrong_shape() -> None:
@@ -136,8 +138,12 @@ def test_contacts_on_no_facet_are_points() -> None:
     mesh = fem.box([np.linspace(0, 1, 5), [0, 1]], "quadrilateral")
     it = fem.Body("it", mesh, fem.Material(YOUNG, POISSON))
     part = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]), within={0: (0.2, 0.55)})
-    one = fem.Contact("it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)})
-    model = fem.assemble([it], [part, one], [fem.Support("it", "left", [0, 1])])
+    second_contact = fem.Contact(
+        "it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)}
+    )
+    model = fem.assemble(
+        [it], [part, second_contact], [fem.Support("it", "left", [0, 1])]
+    )
     assert len(model.points) == 3
     (line, ends), (vertex, alone) = contact_surface(model)
     assert (line, vertex) == ("line", "vertex")

@@ -69,7 +69,7 @@ def test_parts_have_the_cells_and_fields_of_the_whole(
         BodySeries(
             tmp_path / "it.pvd",
             model,
-            Part(k, COUNT, [np.flatnonzero(own == k) for own in owner]),
+            Part(k, COUNT, [np.flatnonzero(of_rank == k) for of_rank in owner]),
         )
         for k in range(COUNT)
     ]
@@ -87,13 +87,13 @@ def test_parts_have_the_cells_and_fields_of_the_whole(
         assert names == [f"it_{k:04d}_{part:04d}.vtu" for part in range(COUNT)]
         # Fields of the cells, in the order of the whole: the number of each is known.
         place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
-        found = [read(tmp_path / name) for name in names]
+        pieces = [read(tmp_path / name) for name in names]
         for name, field in expected.cell_data.items():
-            own = stacked([stacked(piece.cell_data[name]) for piece in found])
+            of_rank = stacked([stacked(piece.cell_data[name]) for piece in pieces])
             np.testing.assert_allclose(
-                own[place], stacked(field), rtol=1e-12, atol=1e-15
+                of_rank[place], stacked(field), rtol=1e-12, atol=1e-15
             )
-        for part, piece in enumerate(found):
+        for part, piece in enumerate(pieces):
             assert set(stacked(piece.cell_data["owner"])) == {float(part)}
             for name, field in expected.point_data.items():
                 # Positions of two bodies may agree, and then their fields differ.
@@ -113,22 +113,22 @@ def check(
 ) -> None:
     """Values of a field at nodes of one body that lie off the common plane."""
     d = model.dim
-    known = {
+    fields_at = {
         tuple(np.round(x, 9) + 0.0): value
         for x, value in zip(body.points, field, strict=True)
     }
     common = {tuple(np.round(x, 9) + 0.0) for x in model.points}
     for x, value in zip(piece.points[:, :d], piece.point_data[name], strict=True):
         at = tuple(np.round(x, 9) + 0.0)
-        if at in known and at not in common and x[-1] != 0:
-            np.testing.assert_array_equal(value, known[at])
+        if at in fields_at and at not in common and x[-1] != 0:
+            np.testing.assert_array_equal(value, fields_at[at])
 
 
 def named(piece: Path, listing: Any) -> None:
     """The listing has the names, types and components of the fields of a piece."""
-    own = ET.parse(piece).getroot()
+    root_of_piece = ET.parse(piece).getroot()
     for place in ("PointData", "CellData", "Points"):
-        arrays = [array.attrib for array in own.find(f".//{place}")]
+        arrays = [array.attrib for array in root_of_piece.find(f".//{place}")]
         listed = [array.attrib for array in listing.find(f".//P{place}")]
         assert listed
         for mine, theirs in zip(arrays, listed, strict=True):

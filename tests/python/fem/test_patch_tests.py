@@ -50,12 +50,12 @@ def solve(
 @pytest.mark.parametrize("cell", CELLS)
 def test_patch(cell: str) -> None:
     """A linear displacement on the boundary continues inside, also on distorted cells."""
-    one = body(cell)
-    dim = one.dim
+    meshed = body(cell)
+    dim = meshed.dim
     gradient = np.arange(1.0, 1 + dim * dim).reshape(dim, dim) * 1e-3
-    linear = one.points @ gradient.T
-    fixed = (dim * boundary(one)[:, None] + np.arange(dim)).ravel()
-    K = fem.stiffness(one)
+    linear = meshed.points @ gradient.T
+    fixed = (dim * boundary(meshed)[:, None] + np.arange(dim)).ravel()
+    K = fem.stiffness(meshed)
     u = solve(K, np.zeros(linear.size), fixed, linear.ravel()[fixed])
     # The condition of these few cells, about 1e2, times rounding.
     assert abs(u - linear.ravel()).max() <= 1e-13 * abs(linear).max()
@@ -67,13 +67,13 @@ def test_patch(cell: str) -> None:
     [(True, 210e3), (False, 210e3 / (1 - 0.3**2))],
 )
 def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> None:
-    one = body("quadrilateral", plane_stress=plane_stress, thickness=2.0)
-    x = one.points
+    meshed = body("quadrilateral", plane_stress=plane_stress, thickness=2.0)
+    x = meshed.points
     left = np.flatnonzero(x[:, 0] == 0)
     right = np.flatnonzero(x[:, 0] == 1)
     fixed = np.concatenate([2 * left, 2 * right, [2 * left[0] + 1]])
     value = np.concatenate([0.0 * left, 1e-3 + 0.0 * right, [0.0]])
-    K = fem.stiffness(one)
+    K = fem.stiffness(meshed)
     u = solve(K, np.zeros(x.size), fixed, value)
     # σ = modulus × 1e-3 on a section of 1 × 2.
     assert (K @ u)[2 * right].sum() == pytest.approx(2e-3 * modulus, rel=1e-12)
@@ -81,8 +81,8 @@ def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> No
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_resultants_and_moments_of_loads(cell: str) -> None:
-    one = body(cell, thickness=2.0)
-    model, dim = fem.assemble([one], []), one.dim
+    meshed = body(cell, thickness=2.0)
+    model, dim = fem.assemble([meshed], []), meshed.dim
     depth = 2.0 if dim == 2 else 1.0
     direction = np.array([3.0, -1.0, 2.0])[:dim]
 
@@ -97,7 +97,7 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
     # Shape functions of other nodes are zero on the surface, to rounding.
     size = abs(pull.reshape(-1, dim)).max(axis=1)
     loaded = np.flatnonzero(size > 1e-14 * size.max())
-    np.testing.assert_array_equal(loaded, one.nodes("top"))
+    np.testing.assert_array_equal(loaded, meshed.nodes("top"))
     up = np.eye(dim)[-1]
     np.testing.assert_allclose(
         total(model.pressure("it", "top", 5.0)), -5 * depth * up, atol=1e-12
@@ -109,7 +109,7 @@ def test_resultants_and_moments_of_loads(cell: str) -> None:
     # ∫ x dA = 1/2 and ∫ x² dA = 1/3, of an interpolant exact for linear fields.
     hill = model.traction("it", "top", slope)
     assert total(hill)[-1] == pytest.approx(depth / 2, rel=1e-13)
-    moment = hill.reshape(-1, dim)[:, -1] @ one.points[:, 0]
+    moment = hill.reshape(-1, dim)[:, -1] @ meshed.points[:, 0]
     assert moment == pytest.approx(depth / 3, rel=1e-13)
 
 
@@ -141,11 +141,11 @@ def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
     stiff = (lame_lambda + 2 * lame_mu) * dim * np.pi**2
     errors = []
     for n in sizes:
-        one = body(cell, n, bend=0.0)
-        model = fem.assemble([one], [])
+        meshed = body(cell, n, bend=0.0)
+        model = fem.assemble([meshed], [])
         f = model.body_force("it", lambda x: stiff * answer(x))
-        exact = answer(one.points.T).T.ravel()
-        fixed = (dim * boundary(one)[:, None] + np.arange(dim)).ravel()
+        exact = answer(meshed.points.T).T.ravel()
+        fixed = (dim * boundary(meshed)[:, None] + np.arange(dim)).ravel()
         u = solve(model.K, f, fixed, exact[fixed])
         errors.append(np.sqrt(np.mean((u - exact) ** 2)))
     orders = [np.log2(a / b) for a, b in pairwise(errors)]
@@ -255,12 +255,12 @@ def test_plane_that_is_not_a_coordinate_plane() -> None:
 def test_friction_where_nothing_can_slide() -> None:
     plane = ([0, 0, 0], [0, 0, 1.0])
     contact = fem.Contact("it", "bottom", 0.3, plane=plane)
-    one = body("hexahedron")
-    held = fem.assemble([one], [contact], [fem.Support("it", "left", (0, 1))])
+    meshed = body("hexahedron")
+    held = fem.assemble([meshed], [contact], [fem.Support("it", "left", (0, 1))])
     on_left = held.points[:, 0] == 0
     np.testing.assert_array_equal(held.mu, np.where(on_left, 0.0, 0.3))
     # With one free tangent, friction has a direction to act in.
-    guided = fem.assemble([one], [contact], [fem.Support("it", "left", (0,))])
+    guided = fem.assemble([meshed], [contact], [fem.Support("it", "left", (0,))])
     np.testing.assert_array_equal(guided.mu, 0.3)
     # If only one side of a pair is held, the pair can still slide.
     pair = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))

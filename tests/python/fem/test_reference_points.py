@@ -47,8 +47,8 @@ def test_a_force_equals_the_displacement_that_needs_it(d: int, pairing: str) -> 
     down = np.zeros((1, d))
     down[0, -1], down[0, 0] = -0.01, 0.001
     moved = punched(d, pairing, motion=Motion(down))
-    one = moved.problem().solve(tol=1e-13)
-    force = np.einsum("ck,ckd->d", one.reaction[0], moved.frame)
+    by_motion = moved.problem().solve(tol=1e-13)
+    force = np.einsum("ck,ckd->d", by_motion.reaction[0], moved.frame)
     pushed = punched(d, pairing, floating=Floating("punch", range(d)))
     # Everywhere the obstacle moves with the body, nothing changes.
     u = np.zeros((pushed.n // d, d)) + np.arange(1.0, d + 1)
@@ -58,10 +58,13 @@ def test_a_force_equals_the_displacement_that_needs_it(d: int, pairing: str) -> 
     np.testing.assert_allclose(motion, down, rtol=0, atol=SOLVED * 0.01)
     assert rotation.shape == (1, 0)
     np.testing.assert_allclose(
-        two.reaction, one.reaction, rtol=0, atol=SOLVED * one.reaction.max()
+        two.reaction, by_motion.reaction, rtol=0, atol=SOLVED * by_motion.reaction.max()
     )
     np.testing.assert_allclose(
-        two.displacement[0, : moved.n], one.displacement[0], rtol=0, atol=SOLVED * 0.01
+        two.displacement[0, : moved.n],
+        by_motion.displacement[0],
+        rtol=0,
+        atol=SOLVED * 0.01,
     )
 
 
@@ -89,9 +92,9 @@ def test_a_free_obstacle_balances_its_contacts() -> None:
             total = np.einsum("ck,ckd->d", step.reaction, model.frame)
             np.testing.assert_allclose(total[[0, 2]], [x, -10], rtol=0, atol=1e-10)
         results.append(result)
-    one, two = results
-    np.testing.assert_allclose(two.reaction, one.reaction, rtol=0, atol=1e-9)
-    u = one.displacement
+    first_result, two = results
+    np.testing.assert_allclose(two.reaction, first_result.reaction, rtol=0, atol=1e-9)
+    u = first_result.displacement
     np.testing.assert_allclose(two.displacement, u, rtol=0, atol=1e-9 * np.abs(u).max())
     # A path that continues from a step has the same bits.
     rest = problem.solve(np.array(path[1:]), tol=1e-13, start=two[0])
@@ -101,7 +104,7 @@ def test_a_free_obstacle_balances_its_contacts() -> None:
 
 def test_units_of_reference_points() -> None:
     """Lengths in mm or in m, stress unchanged: displacements as lengths, forces as areas."""
-    found = []
+    scaled_results = []
     for scale in (1.0, 1e3):
         body = block("quadrilateral", size=scale)
         model = punched(2, "match", body, floating=Floating("punch", (1,)))
@@ -113,12 +116,14 @@ def test_units_of_reference_points() -> None:
         f = model.reference_force("grip", [0.2 * scale, -3.0 * scale], 0.1 * scale**2)
         turned = model.problem().solve(f, tol=1e-13)
         assert inspect(model) == []
-        found.append(
-            [one.displacement / scale for one in (pushed, turned)]
-            + [one.reaction / scale for one in (pushed, turned)]
+        scaled_results.append(
+            [result.displacement / scale for result in (pushed, turned)]
+            + [result.reaction / scale for result in (pushed, turned)]
         )
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
+    for result, other in zip(*scaled_results, strict=True):
+        np.testing.assert_allclose(
+            other, result, rtol=0, atol=SOLVED * np.abs(result).max()
+        )
 
 
 @pytest.mark.parametrize("engine", ["direct", "iterative"])
@@ -148,12 +153,12 @@ def test_obstacles_under_a_force_in_other_units_of_stress(engine: str) -> None:
         np.testing.assert_array_equal(other.iterations, plain.iterations)
     for stress in (1e9, 1e12, 1e-9):
         other = solved(stress)
-        for found, wanted in (
+        for computed, wanted in (
             (other.displacement, plain.displacement),
             (other.reaction / stress, plain.reaction),
         ):
             np.testing.assert_allclose(
-                found, wanted, rtol=0, atol=10 * SOLVED * np.abs(wanted).max()
+                computed, wanted, rtol=0, atol=10 * SOLVED * np.abs(wanted).max()
             )
 
 
@@ -164,14 +169,14 @@ def test_another_stiffness_and_a_pickle() -> None:
     model = fem.assemble([body], [floor], remotes=[Remote("grip", "it", "top")])
     f = model.reference_force("grip", [0.1, 0.0, -3.0])
     problem = model.problem()
-    one = problem.solve(f, tol=1e-13)
+    first_result = problem.solve(f, tol=1e-13)
     same = pickle.loads(pickle.dumps(problem)).solve(f, tol=1e-13)
-    np.testing.assert_array_equal(same.displacement, one.displacement)
+    np.testing.assert_array_equal(same.displacement, first_result.displacement)
     problem.update(2 * model.K)
     two = problem.solve(f, tol=1e-13)
-    size = np.abs(one.displacement).max()
+    size = np.abs(first_result.displacement).max()
     np.testing.assert_allclose(
-        2 * two.displacement, one.displacement, rtol=0, atol=SOLVED * size
+        2 * two.displacement, first_result.displacement, rtol=0, atol=SOLVED * size
     )
 
 
@@ -193,8 +198,8 @@ def test_an_obstacle_that_nothing_holds() -> None:
         "it", "top", 0.0, obstacle=contact.obstacle, floating=contact.floating
     )
     slippery = fem.assemble(model.bodies, [bare], model.supports)
-    (said,) = inspect(slippery)
-    assert said == (
+    (warning,) = inspect(slippery)
+    assert warning == (
         "obstacle 'punch' can move freely, and no contact holds it: prescribe its motion, "
         "or add a contact or friction that stops it"
     )
@@ -281,7 +286,7 @@ def test_a_rigid_body_has_no_stiffness(cell: str, stress: float) -> None:
     assert model.K[reference.turns].nnz == 0
     push = np.zeros((2, d))
     push[:, -1] = -5.0 * stress, -8.0 * stress
-    f = [model.reference_force("grip", one) for one in push]
+    f = [model.reference_force("grip", push_of_way) for push_of_way in push]
     result = model.problem().solve(f, tol=1e-13)
     force = np.einsum("skc,kcd->sd", result.reaction, model.frame)
     np.testing.assert_allclose(force[:, -1], -push[:, -1], rtol=SOLVED)
@@ -318,7 +323,7 @@ def test_a_rigid_body_on_soft_springs(soft: float) -> None:
 
 def test_numbering_of_a_rigid_set() -> None:
     """Renumbered nodes of the mesh, the same displacements."""
-    found = []
+    results = []
     for seed in (None, 3):
         mesh = block("triangle").mesh
         order = np.arange(mesh.p.shape[1])
@@ -341,11 +346,13 @@ def test_numbering_of_a_rigid_set() -> None:
         f = model.reference_force("grip", [0.1, -4.0], 0.2)
         result = model.problem().solve(f, tol=1e-13)
         u = result.displacement[0]
-        found.append(
+        results.append(
             (u[: model.nodes.size].reshape(-1, 2)[place], u[model.nodes.size :])
         )
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(other, one, rtol=0, atol=SOLVED * np.abs(one).max())
+    for plain_row, other in zip(*results, strict=True):
+        np.testing.assert_allclose(
+            other, plain_row, rtol=0, atol=SOLVED * np.abs(plain_row).max()
+        )
 
 
 def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
@@ -355,11 +362,11 @@ def test_supports_on_nodes_of_a_rigid_set_hold_it() -> None:
     model = fem.assemble(
         [body],
         [],
-        [Support("it", "top", own, at=x) for x, own in corners],
+        [Support("it", "top", components, at=x) for x, components in corners],
         remotes=[Remote("grip", "it", "top")],
     )
-    (said,) = inspect(model)
-    assert said == (
+    (warning,) = inspect(model)
+    assert warning == (
         "supports on nodes of the rigid set 'grip' determine 6 of the 6 components of its "
         "motion: loads at its point act on these supports; exclude the nodes by within if "
         "the set should move"
@@ -461,20 +468,25 @@ def test_a_distant_point_keeps_digits_or_is_refused(d: int) -> None:
 
     for held in ({}, {"rotations": turning}):
         turn = None if held else moment(1e3)
-        wanted, found = solved(0.0, force, **held), solved(1e3, force, turn, **held)
+        wanted, far_solution = (
+            solved(0.0, force, **held),
+            solved(1e3, force, turn, **held),
+        )
         # The square of the distance, times rounding and the condition of the block.
         np.testing.assert_allclose(
-            found, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max()
+            far_solution, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max()
         )
     with pytest.raises(ValueError, match=r"which extend over .*; choose a point near"):
         solved(1e5, force, moment(1e5))
     # Translation alone, and rotation alone about a distant point, are well determined.
     wanted = solved(0.0, force, rotations=turning)
-    found = solved(1e5, force, rotations=turning)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    far_solution = solved(1e5, force, rotations=turning)
+    np.testing.assert_allclose(
+        far_solution, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max()
+    )
     down = force * np.eye(d)[-1]
     wanted = solved(0.0, down, components=range(d - 1), rotations=turning)
-    found = solved(
+    far_solution = solved(
         1e5,
         np.zeros(d),
         moment(1e5) * (np.eye(3)[1] if d == 3 else 1),
@@ -482,7 +494,9 @@ def test_a_distant_point_keeps_digits_or_is_refused(d: int) -> None:
         rotations=[0, 2] if d == 3 else [],
     )
     # The set turns by its height over the distance.
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        far_solution, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max()
+    )
 
 
 def test_nodes_on_a_line_have_no_arm_about_it() -> None:
@@ -524,15 +538,15 @@ def test_nodes_inside_a_body_are_held() -> None:
     assert len(held.fixed) == 18
     inside = Support("it", None, (0,), within={0: (0.5, 0.5), 1: (0.2, 0.6)})
     at = Support("it", None, (0, 1), at=[0.3, 0.45])
-    one = fem.assemble([body], [], [inside, at])
-    assert {tuple(x) for x in one.nodes[one.fixed // 2]} == {
+    supported = fem.assemble([body], [], [inside, at])
+    assert {tuple(x) for x in supported.nodes[supported.fixed // 2]} == {
         (0.5, 0.25),
         (0.5, 0.5),
         (0.25, 0.5),
     }
-    values = one.prescribed([[0.2], [0.1, -0.1]])
-    u = one.problem().solve(None, values).displacement[0].reshape(-1, 2)
-    near = int(np.argmin(np.linalg.norm(one.nodes - [0.25, 0.5], axis=1)))
+    values = supported.prescribed([[0.2], [0.1, -0.1]])
+    u = supported.problem().solve(None, values).displacement[0].reshape(-1, 2)
+    near = int(np.argmin(np.linalg.norm(supported.nodes - [0.25, 0.5], axis=1)))
     np.testing.assert_array_equal(u[near], [0.1, -0.1])
 
 

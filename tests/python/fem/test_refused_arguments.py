@@ -37,8 +37,13 @@ def test_finite_elements() -> None:
     plane = ([0.0, 0.0], [0.0, 1.0])
 
     def contact(**changed: Any) -> Any:
-        known = {"body": "block", "surface": "bottom", "mu": 0.3, "plane": plane}
-        return fem.assemble([body], [fem.Contact(**known | changed)])
+        contact_arguments = {
+            "body": "block",
+            "surface": "bottom",
+            "mu": 0.3,
+            "plane": plane,
+        }
+        return fem.assemble([body], [fem.Contact(**contact_arguments | changed)])
 
     contact()
     for bad in (math.nan, -1.0, "rough", 1j, None, [0.3]):

@@ -40,9 +40,9 @@ def compared(one: fem.Assembly, part: Any, whole: fem.Assembly, full: Any) -> No
     apart, at = cKDTree(whole.points).query(one.points)
     assert apart.max() < 1e-12
     wanted = np.einsum("ck,ckd->cd", full.traction[-1], whole.frame)[at]
-    found = np.einsum("ck,ckd->cd", part.traction[-1], one.frame)
+    traction = np.einsum("ck,ckd->cd", part.traction[-1], one.frame)
     np.testing.assert_allclose(
-        found, wanted, rtol=0, atol=100 * SOLVED * np.abs(wanted).max()
+        traction, wanted, rtol=0, atol=100 * SOLVED * np.abs(wanted).max()
     )
     fields = one.fields(part.displacement[-1], part.reaction[-1], part.status[-1])
     every = whole.fields(full.displacement[-1], full.reaction[-1], full.status[-1])
@@ -84,19 +84,19 @@ def test_quarter_of_a_twisted_pad(engine: str) -> None:
     four = two | {"left": [0.0, -1.5, 0.0], "front": [1.5, 0.0, 0.0]}
     whole = fem.assemble([pad(3, False)], contact)
     cut = Cyclic(("pad", "front"), ("pad", "left"), 4, axis=[0, 0, 3.0])
-    one = fem.assemble([pad(3, True)], contact, repetitions=[cut])
-    assert one.area.sum() == pytest.approx(1.0, rel=1e-14)
+    quarter = fem.assemble([pad(3, True)], contact, repetitions=[cut])
+    assert quarter.area.sum() == pytest.approx(1.0, rel=1e-14)
     path = (0.3, 1.0, 0.2)
     full = whole.problem(engine="direct").solve(
         [load(whole, four, x) for x in path], tol=1e-13
     )
-    problem = one.problem(engine=engine)
-    part = problem.solve([load(one, two, x) for x in path], tol=1e-13)
+    problem = quarter.problem(engine=engine)
+    part = problem.solve([load(quarter, two, x) for x in path], tol=1e-13)
     assert (full.status[1] == 1).any()
-    compared(one, part, whole, full)
-    assert inspect(one, prescribed=np.zeros(len(one.fixed))) == []
+    compared(quarter, part, whole, full)
+    assert inspect(quarter, prescribed=np.zeros(len(quarter.fixed))) == []
     rest = problem.solve(
-        [load(one, two, x) for x in path[1:]], tol=1e-13, start=part[0]
+        [load(quarter, two, x) for x in path[1:]], tol=1e-13, start=part[0]
     )
     np.testing.assert_array_equal(rest.displacement, part.displacement[1:])
 
@@ -156,11 +156,11 @@ def test_sector_of_a_shrink_fit() -> None:
     def twist(model: fem.Assembly) -> Floats:
         return model.traction("rim", "outer", lambda x: 0.04 * np.stack([-x[1], x[0]]))
 
-    whole, one = made(1), made(6)
+    whole, sector = made(1), made(6)
     full = whole.problem().solve([0 * twist(whole), twist(whole)], tol=1e-13)
-    part = one.problem().solve([0 * twist(one), twist(one)], tol=1e-13)
+    part = sector.problem().solve([0 * twist(sector), twist(sector)], tol=1e-13)
     assert (full.status[1] != 0).all()
-    compared(one, part, whole, full)
+    compared(sector, part, whole, full)
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
@@ -185,16 +185,16 @@ def test_one_period_of_two(pairing: str) -> None:
         return model, f + model.traction("it", "top", [0.9, 0.0])
 
     whole, f2 = made(2)
-    one, f1 = made(1)
+    period, f1 = made(1)
     full = whole.problem().solve(f2, tol=1e-13)
-    part = one.problem().solve(f1, tol=1e-13)
+    part = period.problem().solve(f1, tol=1e-13)
     assert len(np.unique(full.status)) > 1
     if pairing == "match":
-        compared(one, part, whole, full)
-    d = 2 * len(one.nodes)
+        compared(period, part, whole, full)
+    d = 2 * len(period.nodes)
     # A reaction on a cut of mortar contacts is shared by its two halves.
     assert part.reaction[0, :, 0].sum() == pytest.approx(5.0, rel=SOLVED)
-    _, at = cKDTree(whole.nodes).query(one.nodes)
+    _, at = cKDTree(whole.nodes).query(period.nodes)
     u = full.displacement[0].reshape(-1, 2)[at].ravel()
     np.testing.assert_allclose(
         part.displacement[0, :d], u, rtol=0, atol=SOLVED * np.abs(u).max()
@@ -237,14 +237,14 @@ def test_half_a_turn_about_an_axis_in_the_surface_of_the_cut() -> None:
         return model, model.problem().solve(f, tol=1e-13)
 
     cut = Cyclic(("pad", "front"), ("pad", "front"), 2, axis=[0, 0, 1])
-    one, part = solved(np.linspace(0, 1, 4), cut)
-    assert one.area.sum() == pytest.approx(2.0, rel=1e-14)
+    half_model, part = solved(np.linspace(0, 1, 4), cut)
+    assert half_model.area.sum() == pytest.approx(2.0, rel=1e-14)
     whole, full = solved(side)
     assert len(np.unique(full.status)) > 1
-    compared(one, part, whole, full)
+    compared(half_model, part, whole, full)
     on = ("pad", "left")
     with pytest.raises(ValueError, match="are the same: name its two cuts"):
-        fem.assemble(one.bodies, floor, repetitions=[Periodic(on, on)])
+        fem.assemble(half_model.bodies, floor, repetitions=[Periodic(on, on)])
 
 
 def test_an_obstacle_under_a_force_moves_along_the_axis_alone() -> None:
@@ -252,17 +252,18 @@ def test_an_obstacle_under_a_force_moves_along_the_axis_alone() -> None:
     floor = Plane([0, 0, 0], [0, 0, 1])
     sides = [fem.Floating("floor", (2,)), fem.Floating("floor", (0, 2))]
     low, aside = (
-        [Contact("pad", "bottom", 0.3, obstacle=floor, floating=one)] for one in sides
+        [Contact("pad", "bottom", 0.3, obstacle=floor, floating=quarter)]
+        for quarter in sides
     )
     held = [Support("pad", "top", (0, 1, 2))]
     whole = fem.assemble([pad(2, False)], aside, held)
     cut = Cyclic(("pad", "front"), ("pad", "left"), 4, axis=[0, 0, 1])
-    one = fem.assemble([pad(2, True)], low, held, repetitions=[cut])
-    f = one.reference_force("floor", [0, 0, 5.0])
-    part = one.problem().solve(f, tol=1e-13)
+    quarter = fem.assemble([pad(2, True)], low, held, repetitions=[cut])
+    f = quarter.reference_force("floor", [0, 0, 5.0])
+    part = quarter.problem().solve(f, tol=1e-13)
     f = whole.reference_force("floor", [0, 0, 20.0])
     full = whole.problem().solve(f, tol=1e-13)
-    compared(one, part, whole, full)
+    compared(quarter, part, whole, full)
     shift, _ = whole.reference_motion("floor", full.displacement[0])
     np.testing.assert_allclose(shift[0], 0, atol=SOLVED * shift[2])
     with pytest.raises(

@@ -55,10 +55,12 @@ def test_warning_of_a_rotation_gives_its_angle(dim: int, size: float) -> None:
     x = np.zeros((len(model.nodes), 3))
     x[:, :dim] = model.nodes
     unit = np.cross(axial, x)[:, :dim]
-    (said,) = review(model, [step(model), step(model, 0.06 * unit)])
+    (warning,) = review(model, [step(model), step(model, 0.06 * unit)])
     # 0.06 rad are 3.44 degrees.
-    assert said.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
-    assert f"in load step 2 of 2, above 0.05 in {4**dim} of its {4**dim} cells" in said
+    assert warning.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
+    assert (
+        f"in load step 2 of 2, above 0.05 in {4**dim} of its {4**dim} cells" in warning
+    )
     assert review(model, [step(model, 0.04 * unit)]) == []
 
 
@@ -70,8 +72,8 @@ def test_warning_of_a_strain_gives_its_size(dim: int) -> None:
     turn = np.eye(dim)
     turn[:2, :2] = [[c, -s], [s, c]]
     strain = turn @ np.diag([0.02, -0.07, 0.0][:dim]) @ turn.T
-    (said,) = review(model, [step(model, model.nodes @ strain)])
-    assert said.startswith("strains up to 7 % of body 'a' at (")
+    (warning,) = review(model, [step(model, model.nodes @ strain)])
+    assert warning.startswith("strains up to 7 % of body 'a' at (")
     assert review(model, [step(model, 0.7 * model.nodes @ strain)]) == []
 
 
@@ -79,9 +81,9 @@ def test_warning_names_the_worst_load_step() -> None:
     model = built(2)
     turn = model.nodes @ np.array([[0.0, -1.0], [1.0, 0.0]])
     path = [step(model, a * turn) for a in (0.01, 0.3, 0.1)]
-    (said,) = review(model, path)
-    assert "0.3 rad" in said
-    assert "in load step 2 of 3" in said
+    (warning,) = review(model, path)
+    assert "0.3 rad" in warning
+    assert "in load step 2 of 3" in warning
 
 
 def test_sliding_is_relative_to_the_distance_of_contacts() -> None:
@@ -89,9 +91,9 @@ def test_sliding_is_relative_to_the_distance_of_contacts() -> None:
     v = np.zeros((5, 2))
     v[3, 1] = -0.6  # # nodes are 0.25 apart
     pair = built(2, against=("b", "top"))
-    (said,) = review(pair, [step(pair, v=v), step(pair)])
-    assert said.startswith("contacts of a.bottom slide by up to 0.6 from where they")
-    assert "in load step 1 of 2, 2.4 times their distance" in said
+    (warning,) = review(pair, [step(pair, v=v), step(pair)])
+    assert warning.startswith("contacts of a.bottom slide by up to 0.6 from where they")
+    assert "in load step 1 of 2, 2.4 times their distance" in warning
     # An open contact may slide any distance.
     assert review(pair, [step(pair, v=v, pressed=[1, 1, 1, 0, 1]), step(pair)]) == []
     assert review(pair, [step(pair, v=0.4 * v)]) == []
@@ -104,8 +106,8 @@ def test_sliding_is_relative_to_the_distance_of_contacts() -> None:
 def test_warning_of_a_narrow_contact_zone() -> None:
     model = built(2)
     for pressed, nodes in (([0, 1, 1, 1, 0], "3 nodes"), ([0, 0, 1, 0, 0], "1 node")):
-        (said,) = review(model, [step(model, pressed=pressed)])
-        assert f"the contact zone of a.bottom is {nodes} across" in said
+        (warning,) = review(model, [step(model, pressed=pressed)])
+        assert f"the contact zone of a.bottom is {nodes} across" in warning
     # In the last load step; if all or none of a surface touches, the mesh limits nothing.
     narrow = step(model, pressed=[0, 0, 1, 0, 0])
     assert review(model, [narrow, step(model)]) == []
@@ -151,10 +153,10 @@ def test_model_reports_sliding_distance() -> None:
     m.support("block.top", x=m.times(0.3, "go"), y=m.times(-0.1, "go"))
     m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=2.0)
     m.path(go=[0.1, 1.0])
-    said = m.solve().remarks()
+    warnings = m.solve().remarks()
     # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
-    assert [one.split()[0] for one in said[:2]] == ["rotations", "strains"]
-    assert all("in load step 2 of 2" in one for one in said)
+    assert [warning.split()[0] for warning in warnings[:2]] == ["rotations", "strains"]
+    assert all("in load step 2 of 2" in warning for warning in warnings)
 
 
 def test_a_continued_path_counts_load_steps_from_its_start() -> None:
@@ -188,8 +190,8 @@ def test_warning_of_a_body_pushed_away() -> None:
     assert review(model, [step(model)]) == []
     # Without load it does not move.
     assert review(model, [step(model), step(model, pressed=0)]) == []
-    (said,) = review(model, [step(model), away])
-    assert said == (
+    (warning,) = review(model, [step(model), away])
+    assert warning == (
         "body 'b' has no support and no spring, and at the end no contact holds it: it "
         "was pushed away, or a support is missing"
     )

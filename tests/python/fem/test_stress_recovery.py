@@ -34,7 +34,7 @@ def test_linear_displacement_has_the_stress_of_hooke(
     material = fem.Material(YOUNG, POISSON, plane_stress=plane_stress)
     body = fem.Body("it", mesh(cell, degree), material)
     gradient = 1e-3 * np.random.default_rng(1).uniform(-1, 1, (d, d))
-    found = stress_recovery.stress(body, body.points @ gradient.T, space=True)
+    stresses = stress_recovery.stress(body, body.points @ gradient.T, space=True)
     strain = np.zeros((3, 3))
     strain[:d, :d] = 0.5 * (gradient + gradient.T)
     if d == 2 and plane_stress:
@@ -46,11 +46,11 @@ def test_linear_displacement_has_the_stress_of_hooke(
     wanted = 3 * bulk * mean + 2 * G * (strain - mean)
     # Gradients on cells of size 1/3 lose a digit of the displacement.
     np.testing.assert_allclose(
-        found, np.broadcast_to(wanted, found.shape), atol=1e-12 * YOUNG * 1e-3
+        stresses, np.broadcast_to(wanted, stresses.shape), atol=1e-12 * YOUNG * 1e-3
     )
     np.testing.assert_array_equal(
         stress_recovery.stress(body, (body.points @ gradient.T).ravel()),
-        found[:, :d, :d],
+        stresses[:, :d, :d],
     )
 
 
@@ -73,11 +73,11 @@ def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> No
     weights = body.volume().weights
     wanted = np.einsum("abcq,cq->cab", at_points, weights)
     wanted /= weights.sum(axis=1)[:, None, None]
-    found = stress_recovery.stress(body, u, heat, space=True)
+    stresses = stress_recovery.stress(body, u, heat, space=True)
     # Sums of 27 points of 27 nodes in another order.
     atol = 1e-12 * np.abs(at_points).max()
-    np.testing.assert_allclose(found, wanted, atol=atol, rtol=0)
-    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
+    np.testing.assert_allclose(stresses, wanted, atol=atol, rtol=0)
+    np.testing.assert_array_equal(stresses, stresses.swapaxes(1, 2))
 
 
 def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Floats]:
@@ -105,7 +105,7 @@ def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Float
 @pytest.mark.parametrize("material", ["plane strain", "plane stress", "wood"])
 def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> None:
     d = CELLS[cell]
-    one = {
+    heat_by_volume = {
         "plane strain": fem.Material(YOUNG, POISSON, thickness=0.3),
         "plane stress": fem.Material(YOUNG, POISSON, plane_stress=True),
         "wood": fem.Orthotropic(
@@ -116,22 +116,22 @@ def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> 
             plane_stress=d == 2,
         ),
     }[material]
-    body = fem.Body("it", mesh(cell, degree), one)
+    body = fem.Body("it", mesh(cell, degree), heat_by_volume)
     alpha = (5e-6, 30e-6, 40e-6) if material == "wood" else ALPHA
-    heat = fem.thermal(alpha, HEAT, axes=one.directions)
-    u, found = free(body, heat)
-    own = np.asarray(heat)[:d, :d].copy()
+    heat = fem.thermal(alpha, HEAT, axes=heat_by_volume.directions)
+    u, stresses = free(body, heat)
+    heat_strain = np.asarray(heat)[:d, :d].copy()
     out = np.zeros((3, 3))
     if d == 2 and material == "plane strain":
         # Expansion that the plane prevents becomes in-plane expansion and stress.
-        own *= 1 + POISSON
+        heat_strain *= 1 + POISSON
         out[2, 2] = -YOUNG * ALPHA * HEAT
     # Condition of the mesh, 1e3, times rounding of the strain times the modulus.
     scale = YOUNG * ALPHA * HEAT
     np.testing.assert_allclose(
-        found, np.broadcast_to(out, found.shape), atol=1e-10 * scale
+        stresses, np.broadcast_to(out, stresses.shape), atol=1e-10 * scale
     )
-    grown = u - u[0] - (body.points - body.points[0]) @ own.T
+    grown = u - u[0] - (body.points - body.points[0]) @ heat_strain.T
     # Up to a rotation, whose gradient is skew.
     gradient = np.linalg.lstsq(body.points - body.points[0], grown, rcond=None)[0]
     np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-10 * ALPHA * HEAT)
@@ -143,8 +143,8 @@ def test_second_order_bends_without_stress_in_a_linear_temperature() -> None:
         "it", mesh("tetrahedron", 2, bent=0.0), fem.Material(YOUNG, POISSON)
     )
     heat = fem.thermal(ALPHA, lambda x: HEAT * (1 + x[0] - 2 * x[2]))
-    _, found = free(body, heat)
-    np.testing.assert_allclose(found, 0.0, atol=1e-10 * YOUNG * ALPHA * HEAT)
+    _, stresses = free(body, heat)
+    np.testing.assert_allclose(stresses, 0.0, atol=1e-10 * YOUNG * ALPHA * HEAT)
     # Linear elements cannot bend in this way: their error is discretisation, not rounding.
     coarse = fem.Body(
         "it", mesh("tetrahedron", 1, bent=0.0), fem.Material(YOUNG, POISSON)
@@ -166,7 +166,7 @@ def test_clamped_bar_heated(cell: str) -> None:
     f = model.initial_strain("it", heat)
     K = model.K.tocsc()
     u[gone] = spsolve(K[gone][:, gone], f[gone])
-    found = stress_recovery.stress(body, u, heat, space=True)
+    stresses = stress_recovery.stress(body, u, heat, space=True)
     wanted = np.zeros((3, 3))
     along = -YOUNG * ALPHA * HEAT
     if d == 2:  # held along x and z: σ_x = σ_z = -E α ΔT/(1 - ν)
@@ -174,7 +174,7 @@ def test_clamped_bar_heated(cell: str) -> None:
         wanted[2, 2] = along
     wanted[0, 0] = along
     np.testing.assert_allclose(
-        found, np.broadcast_to(wanted, found.shape), atol=1e-10 * abs(along)
+        stresses, np.broadcast_to(wanted, stresses.shape), atol=1e-10 * abs(along)
     )
     # The resultant of the reactions at the walls is the stress times the area.
     pull = (K @ u - f).reshape(-1, d)[body.nodes("left"), 0].sum()
@@ -198,10 +198,12 @@ def test_heat_of_one_volume_only() -> None:
     u[gone] = spsolve(
         model.K.tocsc()[gone][:, gone], model.initial_strain("it", heat)[gone]
     )
-    found = stress_recovery.stress(body, u, heat)
+    stresses = stress_recovery.stress(body, u, heat)
     wanted = np.diag([-YOUNG * ALPHA * HEAT / 2, 0.0])
     np.testing.assert_allclose(
-        found, np.broadcast_to(wanted, found.shape), atol=1e-11 * YOUNG * ALPHA * HEAT
+        stresses,
+        np.broadcast_to(wanted, stresses.shape),
+        atol=1e-11 * YOUNG * ALPHA * HEAT,
     )
 
 

@@ -39,35 +39,35 @@ def random_relations(seed: int) -> tuple[list[Relations], NDArray[Any], Floats]:
 def test_the_columns_span_the_null_space(seed: int) -> None:
     blocks, fixed, C = random_relations(seed)
     n = C.shape[1]
-    found = make_ties(blocks, fixed, np.zeros((n // 2, 2)))
-    T = found.within.toarray()
+    tied = make_ties(blocks, fixed, np.zeros((n // 2, 2)))
+    T = tied.within.toarray()
     # Relations between prescribed values alone are not part of T.
     inside = np.vstack([C, np.zeros((0, n))])
-    given = found.given.toarray()
-    assert not np.isin(found.dependent, fixed).any()
-    assert not T[:, found.dependent].any()
+    relations = tied.given.toarray()
+    assert not np.isin(tied.dependent, fixed).any()
+    assert not T[:, tied.dependent].any()
     # Entries are sums of a few products of size 1, over pivots of at least a tenth.
     np.testing.assert_allclose(T @ T, T, rtol=0, atol=1e-11 * np.abs(T).max())
     wanted = null_space(inside)
-    allowed = T @ null_space(np.vstack([given, np.eye(n)[found.dependent]]))
+    allowed = T @ null_space(np.vstack([relations, np.eye(n)[tied.dependent]]))
     assert allowed.shape == wanted.shape
     assert subspace_angles(allowed, wanted).max() < 1e-9
 
 
 def test_no_relations_change_nothing() -> None:
-    found = make_ties([], np.array([1]), np.zeros((3, 2)))
+    tied = make_ties([], np.array([1]), np.zeros((3, 2)))
     K = sparse.csr_array(np.diag(np.arange(1.0, 7.0)))
-    assert (found.stiffness(K) != K).nnz == 0
+    assert (tied.stiffness(K) != K).nnz == 0
     f = np.arange(6.0)
-    assert found.load(f) is f
+    assert tied.load(f) is f
 
 
 def test_loads_that_were_changed_stay_the_same_bits() -> None:
     blocks, fixed, C = random_relations(0)
-    found = make_ties(blocks, fixed, np.zeros((12, 2)))
+    tied = make_ties(blocks, fixed, np.zeros((12, 2)))
     f = np.random.default_rng(1).normal(size=C.shape[1])
-    once = found.load(f)
-    assert found.load(once) is once
+    once = tied.load(f)
+    assert tied.load(once) is once
 
 
 def test_a_node_on_an_inclined_plane_is_refused() -> None:

@@ -134,21 +134,21 @@ def test_temporary_copies_are_removed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_every_text_is_read_without_the_mark(repository: Path) -> None:
     # These read files of the package or the system, which have no mark.
-    own = {"new.py", "versions.py", "memory.py", "peak_memory.py"}
-    found = []
+    exempt_files = {"new.py", "versions.py", "memory.py", "peak_memory.py"}
+    places_found = []
     for file in (repository / "python" / "bipot_rs").rglob("*.py"):
-        if file.name in own:
+        if file.name in exempt_files:
             continue
         for node in ast.walk(ast.parse(file.read_text())):
             if not isinstance(node, ast.Call) or not isinstance(
                 node.func, ast.Attribute
             ):
                 continue
-            given = {k.arg: getattr(k.value, "value", None) for k in node.keywords}
+            keywords = {k.arg: getattr(k.value, "value", None) for k in node.keywords}
             mode = [a.value for a in node.args if isinstance(a, ast.Constant)]
             reads = node.func.attr == "read_text" or (
-                node.func.attr == "open" and "encoding" in given and "w" not in mode
+                node.func.attr == "open" and "encoding" in keywords and "w" not in mode
             )
-            if reads and given.get("encoding") != "utf-8-sig":
-                found.append(f"{file.name}:{node.lineno}")
-    assert found == []
+            if reads and keywords.get("encoding") != "utf-8-sig":
+                places_found.append(f"{file.name}:{node.lineno}")
+    assert places_found == []

@@ -33,10 +33,10 @@ def test_unit(dimension: str, units: dict[str, str], name: str | None) -> None:
 
 
 def test_labels_of_a_dataset() -> None:
-    known = Quantity("it", "force", fields.LOCAL)
+    quantity = Quantity("it", "force", fields.LOCAL)
     plain = {"meaning": "it", "dimension": "force", "frame": "local"}
-    assert fields.labels(known, {}) == plain
-    assert fields.labels(known, UNITS) == plain | {"units": "kN"}
+    assert fields.labels(quantity, {}) == plain
+    assert fields.labels(quantity, UNITS) == plain | {"units": "kN"}
     assert fields.labels(Quantity("a number"), UNITS) == {"meaning": "a number"}
 
 
@@ -49,8 +49,8 @@ def test_unit_or_dimension_of_each_field() -> None:
 
 
 def test_components_along_the_axes_of_contacts_are_named_so() -> None:
-    for name, known in FIELDS.items():
-        assert name.endswith("_local") == (known.axes == fields.LOCAL), name
+    for name, quantity in FIELDS.items():
+        assert name.endswith("_local") == (quantity.axes == fields.LOCAL), name
 
 
 @pytest.mark.parametrize(
@@ -59,8 +59,8 @@ def test_components_along_the_axes_of_contacts_are_named_so() -> None:
 def test_the_page_of_names_lists_the_table(table: dict[str, Quantity]) -> None:
     page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
     rows = [
-        f"| `{name}` | {one.meaning} | {one.dimension or '–'} | {one.axes or '–'} |"
-        for name, one in table.items()
+        f"| `{name}` | {quantity.meaning} | {quantity.dimension or '–'} | {quantity.axes or '–'} |"
+        for name, quantity in table.items()
     ]
     # As one block: the page has no rows besides these.
     assert "|---|---|---|---|\n" + "\n".join(rows) + "\n\n" in page
@@ -105,9 +105,9 @@ def test_times_of_a_series(
     ],
 )
 def test_a_wrong_mesh_is_refused(change: dict[str, object], message: str) -> None:
-    given = {"nodes": np.zeros((3, 2)), "dofs": np.arange(6).reshape(3, 2)}
+    arguments = {"nodes": np.zeros((3, 2)), "dofs": np.arange(6).reshape(3, 2)}
     with pytest.raises(ValueError, match=message):
-        ResultMesh(**(given | change))  # type: ignore[arg-type]
+        ResultMesh(**(arguments | change))  # type: ignore[arg-type]
 
 
 def test_displacements_of_nodes_without_some_degrees_of_freedom() -> None:

@@ -38,8 +38,8 @@ def test_both_modes_agree_with_differences(single: bool) -> None:
 
 def test_jacobians_under_jit_and_vmap() -> None:
     def f(load: Any) -> Any:
-        given = (load, *arguments(False)[1:])
-        return bp.jax.solve(Smooth(), *given).slip  # type: ignore[arg-type]
+        values = (load, *arguments(False)[1:])
+        return bp.jax.solve(Smooth(), *values).slip  # type: ignore[arg-type]
 
     load = arguments(False)[0]
     forward, reverse = jax.jacfwd(f)(load), jax.jit(jax.jacrev(f))(load)

@@ -21,20 +21,22 @@ pytestmark = pytest.mark.filterwarnings(
 @pytest.mark.parametrize("single", [True, False])
 def test_gradcheck_in_both_modes(single: bool) -> None:
     problem: Any = smooth_problem.Smooth()
-    given = [
-        torch.tensor(one, dtype=torch.float64, requires_grad=True)
-        for one in smooth_problem.arguments(single)
+    tensors = [
+        torch.tensor(array, dtype=torch.float64, requires_grad=True)
+        for array in smooth_problem.arguments(single)
     ]
     assert torch.autograd.gradcheck(
-        lambda *own: tuple(bp.torch.solve(problem, *own)), given, check_forward_ad=True
+        lambda *own: tuple(bp.torch.solve(problem, *own)),
+        tensors,
+        check_forward_ad=True,
     )
 
 
 def test_a_point_on_springs() -> None:
     """Pressed by P and pulled beyond μ P, its friction is -μ P."""
     problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
-    found = bp.torch.solve(problem, [-10.0, 5.0], mu=0.2)
-    np.testing.assert_allclose(found.reaction[0, 0].numpy(), [10.0, -2.0], rtol=1e-9)
+    solution = bp.torch.solve(problem, [-10.0, 5.0], mu=0.2)
+    np.testing.assert_allclose(solution.reaction[0, 0].numpy(), [10.0, -2.0], rtol=1e-9)
 
 
 def three_contacts() -> bp.ContactProblem:
@@ -51,9 +53,9 @@ def test_gradcheck_of_a_path_with_friction() -> None:
     load = np.zeros((2, 9))
     load[:, [0, 3]] = [-2.0, -3.0]
     load[1, 1:3] = [1.5, 0.7]
-    given = [
-        torch.tensor(one, dtype=torch.float64, requires_grad=True)
-        for one in (load, [0.0, 0.0, 5.0], [0.4, 0.4, 0.4])
+    tensors = [
+        torch.tensor(array, dtype=torch.float64, requires_grad=True)
+        for array in (load, [0.0, 0.0, 5.0], [0.4, 0.4, 0.4])
     ]
 
     def solved(load: Any, gap: Any, mu: Any) -> Any:
@@ -63,7 +65,7 @@ def test_gradcheck_of_a_path_with_friction() -> None:
     assert status.tolist() == [bp.Status.SLIP, bp.Status.STICK, bp.Status.OPEN]
     # η of 1e-10 over the step of 1e-4, and h² times a third derivative.
     assert torch.autograd.gradcheck(
-        solved, given, eps=1e-4, atol=1e-5, rtol=1e-5, check_forward_ad=True
+        solved, tensors, eps=1e-4, atol=1e-5, rtol=1e-5, check_forward_ad=True
     )
 
 
@@ -95,8 +97,8 @@ def test_transforms_of_functions() -> None:
     exact = smooth_problem.MAPS["slip", "load"] * 2 * load.numpy().ravel()
     # A sum of one product each: rounding.
     for jacobian in (torch.func.jacrev, torch.func.jacfwd):
-        found = jacobian(f)(load).numpy().reshape(exact.shape)
-        np.testing.assert_allclose(found, exact, rtol=1e-13)
+        derivative = jacobian(f)(load).numpy().reshape(exact.shape)
+        np.testing.assert_allclose(derivative, exact, rtol=1e-13)
     several = torch.stack([load, 2 * load, -load], dim=1)
     each = torch.stack([f(one) for one in several.unbind(1)])
     np.testing.assert_array_equal(torch.vmap(f, in_dims=1)(several), each)
@@ -112,7 +114,7 @@ def test_second_derivatives_are_refused() -> None:
     load.requires_grad_()
 
     def total(load: Any) -> Any:
-        return sum(one.sum() for one in bp.torch.solve(problem, load, *rest))
+        return sum(field.sum() for field in bp.torch.solve(problem, load, *rest))
 
     (gradient,) = torch.autograd.grad(total(load), [load], create_graph=True)
     with pytest.raises(ValueError, match="second derivatives"):

@@ -105,13 +105,13 @@ def test_import_error_inside_a_library_is_unchanged() -> None:
 
 def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
     """Libraries that an extra installs, including those of the extras it names."""
-    found = set()
+    libraries = set()
     for line in extras[extra]:
         if inner := re.fullmatch(r"bipot-rs\[(.*)\]", line):
-            found |= set().union(*(brought(e, extras) for e in inner[1].split(",")))
+            libraries |= set().union(*(brought(e, extras) for e in inner[1].split(",")))
         else:
-            found.add(re.split(r"[<>=~! ]", line)[0])
-    return found
+            libraries.add(re.split(r"[<>=~! ]", line)[0])
+    return libraries
 
 
 def test_the_extra_all_has_every_library_that_pip_can_install(repository: Path) -> None:
@@ -126,7 +126,7 @@ def test_the_extra_all_has_every_library_that_pip_can_install(repository: Path) 
 def test_named_extras_install_the_missing_library(repository: Path) -> None:
     extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
     extras = extras["project"]["optional-dependencies"]
-    known = {extra: brought(extra, extras) for extra in extras}
+    installed_by = {extra: brought(extra, extras) for extra in extras}
     named = set()
     # `missing`, `library` and separate messages name an extra; the library is named in the
     # same sentence or in the one before.
@@ -136,9 +136,9 @@ def test_named_extras_install_the_missing_library(repository: Path) -> None:
         named |= set(re.findall(r"bipot-rs\[(\w+)\]", text))
         named |= set(re.findall(r"library\(\"\w+\", extra=\"(\w+)\"", text))
         for library, extra in call.findall(text):
-            if library in OPTIONAL and extra in known:
+            if library in OPTIONAL and extra in installed_by:
                 wished = {"skfem": "scikit-fem"}.get(library, library)
-                assert wished in known[extra], (file.name, library, extra)
-    assert {"fem", "viz"} <= named <= set(known)
-    assert "meshio" in known["fem"]
-    assert {"pydantic", "argcomplete", "matplotlib", "h5py"} <= known["cli"]
+                assert wished in installed_by[extra], (file.name, library, extra)
+    assert {"fem", "viz"} <= named <= set(installed_by)
+    assert "meshio" in installed_by["fem"]
+    assert {"pydantic", "argcomplete", "matplotlib", "h5py"} <= installed_by["cli"]

@@ -26,15 +26,15 @@ def shown() -> list[object]:
 
 
 def test_within_twenty_lines() -> None:
-    for one in shown():
-        for text in (repr(one), str(one)):
+    for shown_object in shown():
+        for text in (repr(shown_object), str(shown_object)):
             lines = text.splitlines()
             assert len(lines) <= 20
             # No numbers of a long array: they fill lines even when NumPy cuts them short.
             assert "..." not in text
             assert "array([[" not in text
-        if "\n" in repr(one):
-            assert max(map(len, repr(one).splitlines())) <= 88
+        if "\n" in repr(shown_object):
+            assert max(map(len, repr(shown_object).splitlines())) <= 88
 
 
 def test_shapes_and_counts() -> None:

@@ -33,10 +33,10 @@ def test_arrays_are_those_of_scikit_fem(cell: str) -> None:
     """Also the numbers of nodes, cells and facets: results do not depend on the class."""
     ours, theirs = box_mesh(grids(cell), cell), CLASSES[cell].init_tensor(*grids(cell))
     for name in ARRAYS:
-        found, wanted = getattr(ours, name), getattr(theirs, name)
-        assert found.dtype == wanted.dtype
-        assert found.flags.c_contiguous
-        np.testing.assert_array_equal(found, wanted)
+        attribute, wanted = getattr(ours, name), getattr(theirs, name)
+        assert attribute.dtype == wanted.dtype
+        assert attribute.flags.c_contiguous
+        np.testing.assert_array_equal(attribute, wanted)
     np.testing.assert_array_equal(ours.boundary_facets(), theirs.boundary_facets())
 
 
@@ -57,13 +57,16 @@ def test_topology_of_cells_in_any_order(cell: str) -> None:
 @pytest.mark.parametrize("vtk", OF_VTK)
 def test_reference_tables_are_those_of_scikit_fem(vtk: str) -> None:
     kind = OF_VTK[vtk]
-    for own, element in ((kind, kind.scalar), (kind.facet, kind.facet.element)):
-        wanted = kinds.reference(element, own.order)
-        for found, table in zip(own.reference, wanted, strict=True):
-            assert found.shape == table.shape
-            assert not found.flags.writeable
+    for kind_of_mesh, element in (
+        (kind, kind.scalar),
+        (kind.facet, kind.facet.element),
+    ):
+        wanted = kinds.reference(element, kind_of_mesh.order)
+        for reference_table, table in zip(kind_of_mesh.reference, wanted, strict=True):
+            assert reference_table.shape == table.shape
+            assert not reference_table.flags.writeable
             # One rounding: scikit-fem finds the Gauss points as eigenvalues.
-            np.testing.assert_allclose(found, table, rtol=0, atol=2e-16)
+            np.testing.assert_allclose(reference_table, table, rtol=0, atol=2e-16)
 
 
 def test_named_surfaces_and_other_attributes() -> None:

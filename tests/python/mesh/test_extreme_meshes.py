@@ -102,7 +102,7 @@ def test_hertz_turned_and_in_other_units(kind: str) -> None:
     radius, a = 1.0, 0.1
     near = np.linspace(0, 1.4 * a, 4)
     g = np.concatenate([near, 1.4 * a * 7 ** np.linspace(0, 1, 4)[1:]])
-    found = []
+    results = []
     for turn, unit in (
         (np.eye(3), 1.0),
         (Rotation.random(random_state=3).as_matrix(), 1e6),
@@ -129,8 +129,8 @@ def test_hertz_turned_and_in_other_units(kind: str) -> None:
         result = model.problem().solve(None, model.prescribed([]), tol=1e-12)
         force = np.einsum("cij,ci->j", model.frame, result.reaction[0]) @ turn
         u = result.displacement[0].reshape(-1, 3) @ turn / unit
-        found.append((force, u, result.status[0]))
-    (force, u, status), (other, v, again) = found
+        results.append((force, u, result.status[0]))
+    (force, u, status), (other, v, again) = results
     np.testing.assert_allclose(other, force, rtol=0, atol=1e-9 * abs(force).max())
     np.testing.assert_allclose(v, u, rtol=0, atol=1e-9 * abs(u).max())
     np.testing.assert_array_equal(status, again)
@@ -189,17 +189,17 @@ def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> Non
             push = turn @ np.array([0.3, 0.2, -1.0])
             load = model.traction("it", "top", push)
             answers.append((model, model.problem().solve(load, tol=1e-13)))
-        (model, one), (plain, other) = answers
+        (model, turned_result), (plain, other) = answers
         np.testing.assert_allclose(model.gap, 0, atol=1e-15)
         # A dozen roundings of numbers of size 1.
         np.testing.assert_allclose(model.frame[:, 0], plain.frame[:, 0], atol=1e-14)
         np.testing.assert_allclose(
-            one.displacement,
+            turned_result.displacement,
             other.displacement,
             rtol=0,
             atol=1e-10 * abs(other.displacement).max(),
         )
-        np.testing.assert_array_equal(one.status, other.status)
+        np.testing.assert_array_equal(turned_result.status, other.status)
 
 
 @pytest.mark.parametrize("width", [1 / 3, 0.7])

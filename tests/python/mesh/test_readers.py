@@ -145,11 +145,13 @@ def test_groups_of_gmsh(form: str, bare: str) -> None:
     exact += [(1, (0.5, 0.5)), (2, (1, 0.5)), (1, (1.5, 0.5))]
     for k, (name, (size, middle)) in enumerate(zip(words, exact, strict=True)):
         points = body.surface(name) if k < 3 else body.volume()
-        own = slice(None) if k < 3 else body.volume_cells(name)
-        weights = points.weights[own]
+        cells_of_group = slice(None) if k < 3 else body.volume_cells(name)
+        weights = points.weights[cells_of_group]
         assert weights.sum() == pytest.approx(size, rel=1e-13)
-        found = np.einsum("dpq,pq->d", points.places[:, own], weights) / size
-        np.testing.assert_allclose(found, middle, rtol=0, atol=1e-13)
+        centre = (
+            np.einsum("dpq,pq->d", points.places[:, cells_of_group], weights) / size
+        )
+        np.testing.assert_allclose(centre, middle, rtol=0, atol=1e-13)
 
 
 def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
@@ -303,8 +305,8 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
     mesh = fem.read_mesh(path)
     for k, middle in enumerate(MIDDLES[kind]):
         (facet,) = mesh.boundaries[f"F{k}"]
-        found = mesh.p[:, mesh.facets[:, facet]].mean(axis=1)
-        np.testing.assert_allclose(found, middle, atol=1e-15)
+        centre = mesh.p[:, mesh.facets[:, facet]].mean(axis=1)
+        np.testing.assert_allclose(centre, middle, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -532,7 +534,7 @@ def test_damaged_text_gives_a_message(name: str, tmp_path: Path) -> None:
     random = np.random.default_rng(len(name))
     whole = (DATA / name).read_bytes()
     path = tmp_path / name
-    said = []
+    messages = []
     for _ in range(25):
         text = bytearray(whole)
         at, size = random.integers(len(text)), random.integers(1, 40)
@@ -547,9 +549,9 @@ def test_damaged_text_gives_a_message(name: str, tmp_path: Path) -> None:
         try:
             fem.read_mesh(path)
         except ValueError as error:
-            said.append(str(error))
-    assert said
-    assert all(name in message for message in said)
+            messages.append(str(error))
+    assert messages
+    assert all(name in message for message in messages)
 
 
 def test_cells_of_no_group_among_others() -> None:

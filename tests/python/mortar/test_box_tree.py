@@ -38,10 +38,12 @@ def random_boxes(rng: np.random.Generator) -> tuple[Array, Array, Ints]:
 
 
 def pairs(boxes: tuple[Array, Array, Ints]) -> set[tuple[int, int]]:
-    found = [
+    pairs_found = [
         np.column_stack(both) for both in box_tree.BoxTree(*boxes).overlapping(*boxes)
     ]
-    listed = [tuple(pair) for pair in np.concatenate([np.zeros((0, 2), int), *found])]
+    listed = [
+        tuple(pair) for pair in np.concatenate([np.zeros((0, 2), int), *pairs_found])
+    ]
     assert len(set(listed)) == len(listed)
     return set(listed)
 
@@ -88,9 +90,12 @@ def test_boxes_compared_grow_as_their_number(d: int, compared: list[int]) -> Non
         low = rng.random((count, d))
         boxes = low, low + wide, np.zeros(count, np.int64)
         compared.clear()
-        found = sum(len(one) for one, _ in box_tree.BoxTree(*boxes).overlapping(*boxes))
+        comparisons = sum(
+            len(first_boxes)
+            for first_boxes, _ in box_tree.BoxTree(*boxes).overlapping(*boxes)
+        )
         # A box meets itself, and others by chance.
-        assert found < 4.0**d * count
+        assert comparisons < 4.0**d * count
         assert max(compared) <= box_tree.AT_ONCE
         per_box.append(sum(compared) / count)
     # One more level of eight children each, for the few nodes that meet a box.

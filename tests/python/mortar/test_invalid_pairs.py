@@ -12,19 +12,19 @@ ONE, OTHER = sheet(4, 2, up=False), sheet(3, 2, up=True)
 
 
 def changed(**parts: Any) -> dict[str, Any]:
-    given = {
+    arrays = {
         "points_slave": ONE[0],
         "facets_slave": ONE[1],
         "points_master": OTHER[0],
         "facets_master": OTHER[1],
     }
-    return {**given, **parts}
+    return {**arrays, **parts}
 
 
 def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
-    found = facets.copy()
-    found[at] = nodes
-    return found
+    changed_facets = facets.copy()
+    changed_facets[at] = nodes
+    return changed_facets
 
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])

@@ -33,14 +33,14 @@ def test_swapping_the_roles_keeps_the_forces(slave: int, master: int) -> None:
     The squares overlap in part; the edge of each cuts facets of the other.
     """
     seed = 10 * slave + master
-    one = sheet(slave, 5, up=False, seed=seed, low=-0.23, high=0.9)
+    slave_sheet = sheet(slave, 5, up=False, seed=seed, low=-0.23, high=0.9)
     other = sheet(master, 4, up=True, seed=seed + 1)
-    *given, Q = tilted(seed, one, other)
-    found, swapped = bp.pairs(*given), bp.pairs(*given[2:], *given[:2])
+    *surfaces, Q = tilted(seed, slave_sheet, other)
+    pairs, swapped = bp.pairs(*surfaces), bp.pairs(*surfaces[2:], *surfaces[:2])
     # Sums over some ten facets, each a sum over some ten intersections: rounding.
-    size = 1e-13 * found.area.max()
-    assert found.area.sum() == pytest.approx(0.9**2, rel=1e-13)
-    for p, q in ((found, swapped), (swapped, found)):
+    size = 1e-13 * pairs.area.max()
+    assert pairs.area.sum() == pytest.approx(0.9**2, rel=1e-13)
+    for p, q in ((pairs, swapped), (swapped, pairs)):
         assert (p.area > 0).all()
         np.testing.assert_allclose(
             p.slave.T @ p.area, q.master.T @ q.area, rtol=0, atol=size
@@ -51,33 +51,33 @@ def test_swapping_the_roles_keeps_the_forces(slave: int, master: int) -> None:
         assert max(abs(p.slave).max(), abs(p.master).max()) < 4
     # Normals from the master towards the slave, which is above.
     np.testing.assert_allclose(
-        found.frame[:, 0], np.tile(Q[:, 2], (len(found.gap), 1)), atol=1e-14
+        pairs.frame[:, 0], np.tile(Q[:, 2], (len(pairs.gap), 1)), atol=1e-14
     )
     # For both bodies moving as one rigid body, forces and moments balance for any reaction.
-    x = np.concatenate([given[0], given[2]])
+    x = np.concatenate([surfaces[0], surfaces[2]])
     for spin in np.eye(3):
-        assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-13
-        assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
+        assert abs(pairs.B @ rigid(x, spin).ravel()).max() < 1e-13
+        assert abs(pairs.B @ np.tile(spin, len(x))).max() < 1e-14
     # Both lie in one plane; coordinates are of size 1.
-    assert abs(found.gap).max() < 1e-14
+    assert abs(pairs.gap).max() < 1e-14
 
 
 @pytest.mark.parametrize("middles", [False, True])
 def test_swapping_the_roles_keeps_the_forces_in_the_plane(middles: bool) -> None:
     random = np.random.default_rng(5)
-    one = line(np.sort(random.uniform(-0.3, 0.8, 9)), up=False, middles=middles)
+    slave_line = line(np.sort(random.uniform(-0.3, 0.8, 9)), up=False, middles=middles)
     other = line(np.sort(np.append(random.uniform(0, 1, 6), [0, 1])), up=True)
     Q = rotation(6, 2)
-    given = (one[0] @ Q.T, one[1], other[0] @ Q.T, other[1])
-    found, swapped = bp.pairs(*given), bp.pairs(*given[2:], *given[:2])
-    for p, q in ((found, swapped), (swapped, found)):
+    surfaces = (slave_line[0] @ Q.T, slave_line[1], other[0] @ Q.T, other[1])
+    pairs, swapped = bp.pairs(*surfaces), bp.pairs(*surfaces[2:], *surfaces[:2])
+    for p, q in ((pairs, swapped), (swapped, pairs)):
         # As above.
         np.testing.assert_allclose(
             p.slave.T @ p.area, q.master.T @ q.area, rtol=0, atol=1e-14
         )
         assert (p.area > 0).all()
-    x = np.concatenate([given[0], given[2]])
-    assert abs(found.B @ rigid(x, np.ones(1)).ravel()).max() < 1e-14
+    x = np.concatenate([surfaces[0], surfaces[2]])
+    assert abs(pairs.B @ rigid(x, np.ones(1)).ravel()).max() < 1e-14
 
 
 def exact_dual(x: Array, cells: NDArray[np.int64], f: Any) -> tuple[Array, Array]:
@@ -95,26 +95,26 @@ def test_weights_are_the_integrals_of_dual_functions() -> None:
     """For a quadratic function, which triangles of six nodes represent exactly."""
     x, cells = sheet(3, 5, up=False, seed=1)
     y, facets = sheet(6, 4, up=True, seed=2)
-    found = bp.pairs(x, cells, y, facets)
+    pairs = bp.pairs(x, cells, y, facets)
 
     def f(p: Any) -> Any:
         return 1 + 2 * p[0] - p[1] + 3 * p[0] * p[1] - 5 * p[1] ** 2
 
     mean, area = exact_dual(x, cells, f)
-    np.testing.assert_array_equal(found.node, np.arange(len(x)))
-    np.testing.assert_allclose(found.area, area, rtol=1e-13)
+    np.testing.assert_array_equal(pairs.node, np.arange(len(x)))
+    np.testing.assert_allclose(pairs.area, area, rtol=1e-13)
     np.testing.assert_allclose(
-        found.master @ f(y.T), mean, rtol=0, atol=1e-13 * abs(mean).max()
+        pairs.master @ f(y.T), mean, rtol=0, atol=1e-13 * abs(mean).max()
     )
     # Dual: one slave node for each row.
-    np.testing.assert_allclose(found.slave.toarray(), np.eye(len(x)), atol=1e-14)
+    np.testing.assert_allclose(pairs.slave.toarray(), np.eye(len(x)), atol=1e-14)
 
 
 def test_weights_by_brute_force_on_quadrilaterals() -> None:
     """Regularly distributed points on both sheets, with shape functions of scikit-fem."""
     x, cells = sheet(4, 2, up=False, seed=3)
     y, facets = sheet(4, 3, up=True, seed=4)
-    found = bp.pairs(x, cells, y, facets)
+    pairs = bp.pairs(x, cells, y, facets)
     m = 200
     line = (np.arange(m) + 0.5) / m
     p = np.stack(np.meshgrid(line, line, indexing="ij")).reshape(2, -1)
@@ -134,17 +134,17 @@ def test_weights_by_brute_force_on_quadrilaterals() -> None:
     expected, area = np.zeros((len(x), len(y))), np.zeros(len(x))
     for k in range(len(cells)):
         here = owner == k
-        nodes, own = slave[:, here][:, 0], N[:, here]
-        D = np.diag(own.sum(axis=1))
-        psi = D @ np.linalg.solve(own @ own.T, own)
+        nodes, shapes_here = slave[:, here][:, 0], N[:, here]
+        D = np.diag(shapes_here.sum(axis=1))
+        psi = D @ np.linalg.solve(shapes_here @ shapes_here.T, shapes_here)
         for j in range(4):
             for i in range(4):
                 np.add.at(expected[nodes[i]], master[j, here], psi[i] * phi[j, here])
         np.add.at(area, nodes, D.diagonal())
     expected /= area[:, None]
     # A sum over points at distance 1/m has an error of about 1/m at the edges of the cells.
-    assert abs(found.master.toarray() - expected).max() < 2 / m
-    assert abs(found.area - area / m**2).max() < 0.2 / m
+    assert abs(pairs.master.toarray() - expected).max() < 2 / m
+    assert abs(pairs.area - area / m**2).max() < 0.2 / m
 
 
 @pytest.mark.parametrize(
@@ -154,13 +154,13 @@ def test_weights_by_brute_force_on_quadrilaterals() -> None:
     [(3, 1e-13), (4, 1e-7)],
 )
 def test_numbering_has_no_effect(nodes: int, within: float) -> None:
-    one, other = (
+    slave_side, other = (
         sheet(nodes, 4, up=False, seed=7, high=0.8),
         sheet(3, 5, up=True, seed=8),
     )
-    found = bp.pairs(*one, *other)
+    pairs = bp.pairs(*slave_side, *other)
     random = np.random.default_rng(9)
-    p, q = random.permutation(len(one[0])), random.permutation(len(other[0]))
+    p, q = random.permutation(len(slave_side[0])), random.permutation(len(other[0]))
 
     def renumbered(x: Array, cells: NDArray[np.int64], order: Any) -> tuple[Array, Any]:
         new = np.empty(len(order), dtype=np.int64)
@@ -168,44 +168,53 @@ def test_numbering_has_no_effect(nodes: int, within: float) -> None:
         shuffled = random.permutation(new[cells])
         return x[order], np.array([np.roll(c, random.integers(4)) for c in shuffled])
 
-    again = bp.pairs(*renumbered(*one, p), *renumbered(*other, q))
-    row = np.searchsorted(found.node, p[again.node])
-    np.testing.assert_array_equal(found.node[row], p[again.node])
+    again = bp.pairs(*renumbered(*slave_side, p), *renumbered(*other, q))
+    row = np.searchsorted(pairs.node, p[again.node])
+    np.testing.assert_array_equal(pairs.node[row], p[again.node])
     for name, order in (("slave", p), ("master", q)):
-        ours = getattr(found, name).toarray()[row][:, order]
+        ours = getattr(pairs, name).toarray()[row][:, order]
         np.testing.assert_allclose(getattr(again, name).toarray(), ours, atol=within)
-    np.testing.assert_allclose(again.area, found.area[row], rtol=1e-13)
+    np.testing.assert_allclose(again.area, pairs.area[row], rtol=1e-13)
 
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
 @pytest.mark.parametrize("unit", [1e-6, 1e3])
 def test_units_and_origin_have_no_effect(unit: float, method: str) -> None:
-    one, other = sheet(4, 4, up=False, seed=7, high=0.8), sheet(4, 5, up=True, seed=8)
-    one[0][:, 2] += 0.125
-    found = bp.pairs(*one, *other, method=method)
+    slave_side, other = (
+        sheet(4, 4, up=False, seed=7, high=0.8),
+        sheet(4, 5, up=True, seed=8),
+    )
+    slave_side[0][:, 2] += 0.125
+    pairs = bp.pairs(*slave_side, *other, method=method)
     shift = 1000 * np.array([1.0, -2.0, 3.0])
-    given = [unit * (x + shift) for x in (one[0], other[0])]
-    again = bp.pairs(given[0], one[1], given[1], other[1], method=method)
-    np.testing.assert_array_equal(again.node, found.node)
+    scaled_points = [unit * (x + shift) for x in (slave_side[0], other[0])]
+    again = bp.pairs(
+        scaled_points[0], slave_side[1], scaled_points[1], other[1], method=method
+    )
+    np.testing.assert_array_equal(again.node, pairs.node)
     # Coordinates have lost four digits, and slivers at the edge are ill-conditioned.
-    np.testing.assert_allclose(again.area, unit**2 * found.area, rtol=1e-9)
-    np.testing.assert_allclose(again.gap, unit * found.gap, rtol=1e-9)
-    assert abs(again.B - found.B).max() < 1e-9
+    np.testing.assert_allclose(again.area, unit**2 * pairs.area, rtol=1e-9)
+    np.testing.assert_allclose(again.gap, unit * pairs.gap, rtol=1e-9)
+    assert abs(again.B - pairs.B).max() < 1e-9
 
 
 def test_numbering_of_degrees_of_freedom_by_the_caller() -> None:
-    one, other = sheet(3, 3, up=False), sheet(3, 2, up=True)
-    found = bp.pairs(*one, *other)
-    n = 3 * (len(one[0]) + len(other[0])) + 5
-    order = np.random.default_rng(1).permutation(n)[: found.B.shape[1]]
+    slave_side, other = sheet(3, 3, up=False), sheet(3, 2, up=True)
+    pairs = bp.pairs(*slave_side, *other)
+    n = 3 * (len(slave_side[0]) + len(other[0])) + 5
+    order = np.random.default_rng(1).permutation(n)[: pairs.B.shape[1]]
     numbers = order.reshape(-1, 3)
-    count = len(one[0])
+    count = len(slave_side[0])
     again = bp.pairs(
-        *one, *other, dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
+        *slave_side,
+        *other,
+        dofs_slave=numbers[:count],
+        dofs_master=numbers[count:],
+        n=n,
     )
-    assert again.B.shape == (found.B.shape[0], n)
-    assert abs(again.B[:, order] - found.B).max() == 0
-    assert again.B.nnz == found.B.nnz
+    assert again.B.shape == (pairs.B.shape[0], n)
+    assert abs(again.B[:, order] - pairs.B).max() == 0
+    assert again.B.nnz == pairs.B.nnz
     np.testing.assert_array_equal(
         pickle.loads(pickle.dumps(again)).B.toarray(), again.B.toarray()
     )
@@ -219,104 +228,104 @@ def test_a_facet_that_is_hardly_covered(nodes: int, shift: float) -> None:
     The whole pressure is transferred, and no displacement is amplified. Without special
     treatment of the edge, weights grow as 1/shift.
     """
-    one = sheet(nodes, 4, up=False, seed=2, bend=0.0)
+    slave_side = sheet(nodes, 4, up=False, seed=2, bend=0.0)
     other = sheet(3, 5, up=True, seed=3, high=0.75 + shift / 4)
-    found = bp.pairs(*one, *other)
-    whole = bp.pairs(*other, *one)  # # fully covered
-    assert max(abs(found.slave).max(), abs(found.master).max()) < 6
+    pairs = bp.pairs(*slave_side, *other)
+    whole = bp.pairs(*other, *slave_side)  # # fully covered
+    assert max(abs(pairs.slave).max(), abs(pairs.master).max()) < 6
     # 1e-14 of a facet counts as nothing; the rest is rounding.
     np.testing.assert_allclose(
-        found.master.T @ found.area, whole.area, rtol=0, atol=1e-12 * whole.area.max()
+        pairs.master.T @ pairs.area, whole.area, rtol=0, atol=1e-12 * whole.area.max()
     )
-    x = np.concatenate([one[0], other[0]])
-    assert abs(found.B @ rigid(x, np.array([1.0, 2.0, 3.0])).ravel()).max() < 1e-12
+    x = np.concatenate([slave_side[0], other[0]])
+    assert abs(pairs.B @ rigid(x, np.array([1.0, 2.0, 3.0])).ravel()).max() < 1e-12
 
 
 @pytest.mark.parametrize("size", [0.5, 1e-2, 1e-5])
 @pytest.mark.parametrize("nodes", KINDS)
 def test_a_punch_smaller_than_a_facet(nodes: int, size: float) -> None:
-    one = sheet(nodes, 1, up=False)
+    slave_side = sheet(nodes, 1, up=False)
     other = sheet(4, 3, up=True, low=0.3, high=0.3 + size)
-    found = bp.pairs(*one, *other)
-    assert len(found.node) >= 1
-    assert found.area.sum() == pytest.approx(size**2, rel=1e-9)
-    assert max(abs(found.slave).max(), abs(found.master).max()) < 10
+    pairs = bp.pairs(*slave_side, *other)
+    assert len(pairs.node) >= 1
+    assert pairs.area.sum() == pytest.approx(size**2, rel=1e-9)
+    assert max(abs(pairs.slave).max(), abs(pairs.master).max()) < 10
     np.testing.assert_allclose(
-        found.master.T @ found.area, bp.pairs(*other, *one).area, rtol=1e-8
+        pairs.master.T @ pairs.area, bp.pairs(*other, *slave_side).area, rtol=1e-8
     )
 
 
 def test_gap_is_that_of_the_positions() -> None:
     for nodes in KINDS:
-        one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
-        one[0][:, 2] += 0.25
+        slave_side, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
+        slave_side[0][:, 2] += 0.25
         for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
-            found = bp.pairs(*one, *other, method=method, clearance=0.5)
-            np.testing.assert_allclose(found.gap, 0.75, rtol=1e-14)
+            pairs = bp.pairs(*slave_side, *other, method=method, clearance=0.5)
+            np.testing.assert_allclose(pairs.gap, 0.75, rtol=1e-14)
             # Dual functions also reproduce a linear clearance at the nodes.
-            found = bp.pairs(
-                *one, *other, method=method, clearance=lambda x: 3 * x[:, 0] - 1
+            pairs = bp.pairs(
+                *slave_side, *other, method=method, clearance=lambda x: 3 * x[:, 0] - 1
             )
-            slope = 3 * found.points[:, 0] - 0.75
+            slope = 3 * pairs.points[:, 0] - 0.75
             # The quadrature error on skewed quadrilaterals, see the module.
             np.testing.assert_allclose(
-                found.gap, slope, atol=1e-6 if nodes != 3 else 1e-13
+                pairs.gap, slope, atol=1e-6 if nodes != 3 else 1e-13
             )
 
 
 @pytest.mark.parametrize("nodes", KINDS)
 def test_clearance_of_nodes(nodes: int) -> None:
     """Values at nodes equal the mean of their interpolation between the nodes."""
-    one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
-    values = np.random.default_rng(0).normal(size=len(one[0]))
+    slave_side, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
+    values = np.random.default_rng(0).normal(size=len(slave_side[0]))
     for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
-        plain = bp.pairs(*one, *other, method=method)
-        found = bp.pairs(*one, *other, method=method, clearance=values)
+        plain = bp.pairs(*slave_side, *other, method=method)
+        pairs = bp.pairs(*slave_side, *other, method=method, clearance=values)
         # The same as a displacement of the slave along the normals that opens the gap.
         opened = np.concatenate([values[:, None] * [0, 0, 1], 0 * other[0]]).ravel()
         moved = plain.gap + (plain.B @ opened)[::3]
-        np.testing.assert_allclose(found.gap, moved, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(pairs.gap, moved, rtol=0, atol=1e-13)
         if method == "nodes":
-            np.testing.assert_array_equal(found.gap - plain.gap, values[found.node])
+            np.testing.assert_array_equal(pairs.gap - plain.gap, values[pairs.node])
 
 
 def test_clearance_in_the_mean() -> None:
     """∫ ψ x² / a = x² - h²/6 for 2 N_1 - N_2 on each side, on segments of length h."""
     x = np.linspace(0, 1, 6)
-    one, other = line(x, up=False), line(np.linspace(0, 1, 4), up=True)
-    found = bp.pairs(*one, *other, clearance=lambda p: p[:, 0] ** 2)
-    np.testing.assert_allclose(found.gap[1:-1], x[1:-1] ** 2 - 0.2**2 / 6, rtol=1e-13)
+    slave_side, other = line(x, up=False), line(np.linspace(0, 1, 4), up=True)
+    pairs = bp.pairs(*slave_side, *other, clearance=lambda p: p[:, 0] ** 2)
+    np.testing.assert_allclose(pairs.gap[1:-1], x[1:-1] ** 2 - 0.2**2 / 6, rtol=1e-13)
 
 
 def test_nodes_fail_the_patch_test() -> None:
     """Three segments on two, by hand: a constant pressure is wrong by 1/9 at each node."""
-    one, other = (
+    slave_side, other = (
         line(np.linspace(0, 1, 4), up=False),
         line(np.linspace(0, 1, 3), up=True),
     )
-    found = bp.pairs(*one, *other, method="nodes")
-    np.testing.assert_allclose(found.area, [1 / 6, 1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
+    pairs = bp.pairs(*slave_side, *other, method="nodes")
+    np.testing.assert_allclose(pairs.area, [1 / 6, 1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
     exact = np.array([1 / 4, 1 / 2, 1 / 4])
-    arrived = found.master.T @ found.area
+    arrived = pairs.master.T @ pairs.area
     np.testing.assert_allclose(arrived / exact - 1, [1 / 9, -1 / 9, 1 / 9], rtol=1e-12)
-    right = bp.pairs(*one, *other)
+    right = bp.pairs(*slave_side, *other)
     np.testing.assert_allclose(right.master.T @ right.area, exact, rtol=1e-14)
 
 
 @pytest.mark.parametrize("master", KINDS)
 @pytest.mark.parametrize("slave", [3, 4])
 def test_nodes_are_in_balance(slave: int, master: int) -> None:
-    one = sheet(slave, 5, up=False, seed=1, low=-0.2, high=0.9)
+    slave_side = sheet(slave, 5, up=False, seed=1, low=-0.2, high=0.9)
     other = sheet(master, 4, up=True, seed=2)
-    *given, _ = tilted(3, one, other)
-    found = bp.pairs(*given, method="nodes")
-    above = ((one[0][:, :2] >= 0) & (one[0][:, :2] <= 1)).all(axis=1)
-    np.testing.assert_array_equal(found.node, np.flatnonzero(above))
-    x = np.concatenate([given[0], given[2]])
+    *surfaces, _ = tilted(3, slave_side, other)
+    pairs = bp.pairs(*surfaces, method="nodes")
+    above = ((slave_side[0][:, :2] >= 0) & (slave_side[0][:, :2] <= 1)).all(axis=1)
+    np.testing.assert_array_equal(pairs.node, np.flatnonzero(above))
+    x = np.concatenate([surfaces[0], surfaces[2]])
     for spin in np.eye(3):
         # One facet each: rounding.
-        assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-14
-        assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
+        assert abs(pairs.B @ rigid(x, spin).ravel()).max() < 1e-14
+        assert abs(pairs.B @ np.tile(spin, len(x))).max() < 1e-14
 
 
 @pytest.mark.parametrize(
@@ -330,24 +339,24 @@ def test_constant_pressure_on_second_order_facets(
     x, cells = sheet(nodes, 1, up=False)
     c = 3 if nodes == 6 else 4
     x, cells = second_order(x[cells[0, :c]], np.arange(c)[None], nodes)
-    found = bp.rigid_pairs(x, cells, lambda p: p[:, 2])
+    pairs = bp.rigid_pairs(x, cells, lambda p: p[:, 2])
     size = 1 / 2 if c == 3 else 1.0
-    np.testing.assert_allclose(found.area, size / c, rtol=1e-14)
+    np.testing.assert_allclose(pairs.area, size / c, rtol=1e-14)
     force = (
-        found.B.T
-        @ np.column_stack([found.area, 0 * found.area, 0 * found.area]).ravel()
+        pairs.B.T
+        @ np.column_stack([pairs.area, 0 * pairs.area, 0 * pairs.area]).ravel()
     )
     expected = np.concatenate(
         [[corner] * c, [middle] * c, [] if centre is None else [centre]]
     )
     np.testing.assert_allclose(force.reshape(-1, 3)[:, 2], size * expected, atol=1e-15)
-    assert found.B.shape == (3 * c, 3 * len(x))
+    assert pairs.B.shape == (3 * c, 3 * len(x))
 
 
 def test_constant_pressure_on_lines_of_three_nodes() -> None:
     x, cells = line(np.array([0.0, 1.0]), up=False, middles=True)
-    found = bp.rigid_pairs(x, cells, lambda p: p[:, 1])
-    force = found.B.T @ np.column_stack([found.area, 0 * found.area]).ravel()
+    pairs = bp.rigid_pairs(x, cells, lambda p: p[:, 1])
+    force = pairs.B.T @ np.column_stack([pairs.area, 0 * pairs.area]).ravel()
     np.testing.assert_allclose(
         force.reshape(-1, 2)[:, 1], [1 / 6, 1 / 6, 2 / 3], rtol=1e-14
     )
@@ -357,14 +366,14 @@ def test_rigid_obstacles() -> None:
     """An inclined plane: its linear gap equals the gap of the nodes."""
     normal = np.array([1.0, 2.0, 2.0]) / 3
     x, cells = sheet(6, 3, up=False, seed=4)
-    found = bp.rigid_pairs(x, cells, lambda p: p @ normal + 0.5, normal=normal)
-    np.testing.assert_allclose(found.gap, found.points @ normal + 0.5, rtol=1e-13)
-    np.testing.assert_allclose(found.frame[:, 0], np.tile(normal, (16, 1)), atol=1e-15)
-    assert found.area.sum() == pytest.approx(1, rel=1e-14)
+    pairs = bp.rigid_pairs(x, cells, lambda p: p @ normal + 0.5, normal=normal)
+    np.testing.assert_allclose(pairs.gap, pairs.points @ normal + 0.5, rtol=1e-13)
+    np.testing.assert_allclose(pairs.frame[:, 0], np.tile(normal, (16, 1)), atol=1e-15)
+    assert pairs.area.sum() == pytest.approx(1, rel=1e-14)
     by_place = bp.rigid_pairs(
         x, cells, lambda p: p @ normal + 0.5, normal=lambda p: 0 * p + normal
     )
-    assert abs(by_place.B - found.B).max() == 0
+    assert abs(by_place.B - pairs.B).max() == 0
 
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
@@ -383,10 +392,10 @@ def test_gaps_between_circles(method: str) -> None:
             np.column_stack([np.arange(len(p) - 1), np.arange(1, len(p))])
             for p in (outer, inner)
         ]
-        found = bp.pairs(outer, up[0][:, ::-1], inner, up[1], method=method)
-        errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
+        pairs = bp.pairs(outer, up[0][:, ::-1], inner, up[1], method=method)
+        errors.append(np.sqrt(np.mean((pairs.gap - 0.1) ** 2)))
         # The normals push the ring away from the disc.
-        np.testing.assert_allclose(found.frame[:, 0], found.points / 1.1, atol=1.1 / n)
+        np.testing.assert_allclose(pairs.frame[:, 0], pairs.points / 1.1, atol=1.1 / n)
     # The position of nodes in opposite facets changes from mesh to mesh.
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
     assert errors[-1] < 1e-3
@@ -408,14 +417,14 @@ def cap(
 def test_gaps_between_spheres(slave: int, master: int) -> None:
     errors = []
     for n in (4, 8, 16):
-        found = bp.pairs(
+        pairs = bp.pairs(
             *cap(slave, n, 1.1, 0.5, up=False),
             *cap(master, round(1.3 * n), 1.0, 0.7, up=True),
         )
-        assert (found.area > 0).all()
-        assert abs(found.master).max() < 3
-        np.testing.assert_allclose(found.master.sum(axis=1), 1, rtol=1e-13)
-        errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
+        assert (pairs.area > 0).all()
+        assert abs(pairs.master).max() < 3
+        np.testing.assert_allclose(pairs.master.sum(axis=1), 1, rtol=1e-13)
+        errors.append(np.sqrt(np.mean((pairs.gap - 0.1) ** 2)))
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
     assert errors[-1] < 5e-4
 
@@ -471,8 +480,8 @@ def test_a_coarse_facet_on_a_fine_mesh(
             slave, master = ((x @ Q.T, f) for x, f in (slave, master))
         boxes.clear()
         clipped.clear()
-        found = bp.pairs(*slave, *master)
-        np.testing.assert_allclose(found.slave.sum(axis=1), 1, rtol=1e-13)
+        pairs = bp.pairs(*slave, *master)
+        np.testing.assert_allclose(pairs.slave.sum(axis=1), 1, rtol=1e-13)
         facets = len(master[1])
         # One comparison with the slave, and eight with neighbours, four of which share an edge;
         # for triangles twelve, three of which share one.
@@ -497,9 +506,9 @@ def test_layers_are_found_among_many_facets() -> None:
                 np.concatenate([facets, [len(x) + np.arange(4)]]),
             )
         aside = np.array([1.01, *below[1:]]) + square
-        found = bp.pairs(
+        pairs = bp.pairs(
             *sheet(4, 1, up=False, low=-3, high=3),
             np.concatenate([x, aside]),
             np.concatenate([facets, [len(x) + np.arange(4)]]),
         )
-        assert found.area.sum() == pytest.approx(1 + size**2, rel=1e-12)
+        assert pairs.area.sum() == pytest.approx(1 + size**2, rel=1e-12)

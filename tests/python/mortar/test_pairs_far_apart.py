@@ -15,11 +15,11 @@ def test_a_pad_over_a_round_surface(method: str, cells: int) -> None:
     pad = np.c_[x, 0 * x]
     ground = np.c_[round_, -2 + np.sqrt(1 - round_**2)]
     lines = np.c_[np.arange(cells), np.arange(1, cells + 1)]
-    found = bp.pairs(pad, lines, ground, lines[:, ::-1], method=method)
-    assert len(found.gap) == cells + 1
+    pairs = bp.pairs(pad, lines, ground, lines[:, ::-1], method=method)
+    assert len(pairs.gap) == cells + 1
     # The sagitta of a facet is h²/8 over the radius, measured along the vertical.
     exact = 2 - np.sqrt(1 - x**2)
-    assert np.abs(found.gap - exact)[1:-1].max() < (1.1 / cells) ** 2
+    assert np.abs(pairs.gap - exact)[1:-1].max() < (1.1 / cells) ** 2
 
 
 def test_layers_under_a_part_of_a_facet() -> None:
@@ -38,5 +38,5 @@ def test_distance_is_along_the_normal(parts: int) -> None:
     x = np.linspace(0, 10, parts + 1)
     lines = [[i + 1, i] for i in range(parts)]
     pad = [[1, 0.61], [1.2, 0.61]]
-    found = bp.pairs(pad, [[0, 1]], np.c_[x, 0.5 * x], lines, distance=0.2)
-    np.testing.assert_allclose(found.gap, [0.11, 0.01], rtol=1e-12)
+    pairs = bp.pairs(pad, [[0, 1]], np.c_[x, 0.5 * x], lines, distance=0.2)
+    np.testing.assert_allclose(pairs.gap, [0.11, 0.01], rtol=1e-12)

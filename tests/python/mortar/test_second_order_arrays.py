@@ -112,7 +112,7 @@ def test_patch(above: str, below: str) -> None:
     dim = up.points.shape[1]
     n = up.K.shape[0] + low.K.shape[0]
     numbers = (up.dofs, low.dofs + up.K.shape[0])
-    found = bp.pairs(
+    pairs = bp.pairs(
         up.points,
         up.facets,
         low.points,
@@ -121,23 +121,27 @@ def test_patch(above: str, below: str) -> None:
         dofs_master=numbers[1],
         n=n,
     )
-    assert found.area.sum() == pytest.approx(1, rel=1e-13)
+    assert pairs.area.sum() == pytest.approx(1, rel=1e-13)
     u = np.zeros(n)
     along, aside = (1 - NU**2, NU * (1 + NU)) if dim == 2 else (1.0, NU)
     ends = []
-    for one, own in zip((up, low), numbers, strict=True):
-        x = one.points
-        u[own[:, :-1]] = P * aside * x[:, :-1]
-        u[own[:, -1]] = -P * along * (x[:, -1] + 1)
-        ends.append(own[x[:, -1] == x[:, -1].max() if one is up else x[:, -1] == -1])
+    for side_body, node_numbers in zip((up, low), numbers, strict=True):
+        x = side_body.points
+        u[node_numbers[:, :-1]] = P * aside * x[:, :-1]
+        u[node_numbers[:, -1]] = -P * along * (x[:, -1] + 1)
+        ends.append(
+            node_numbers[
+                x[:, -1] == x[:, -1].max() if side_body is up else x[:, -1] == -1
+            ]
+        )
     fixed = np.sort(np.concatenate([ends[0][:, :-1].ravel(), ends[1].ravel()]))
     problem = bp.ContactProblem(
         sparse.block_diag([up.K, low.K], format="csr"),
-        found.B,
-        gap=found.gap,
+        pairs.B,
+        gap=pairs.gap,
         mu=MU,
         fixed=fixed,
-        area=found.area,
+        area=pairs.area,
     )
     load = np.concatenate([up.load, np.zeros(low.K.shape[0])])
     result: Any = problem.solve(load, u[fixed], tol=1e-15)

@@ -115,10 +115,10 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
     fields = model.fields(result.displacement[0], result.reaction[0], result.status[0])
     at = body.nodes("bottom")
     whole = fem.Contact("high", "bottom", 0.0, plane=floor, pairing="mortar")
-    one, other = solved([body], [whole])
+    whole_model, other = solved([body], [whole])
     np.testing.assert_allclose(
         (model.B.T @ result.reaction[0].ravel()),
-        one.B.T @ other.reaction[0].ravel(),
+        whole_model.B.T @ other.reaction[0].ravel(),
         atol=10 * PATCH * P,
     )
     assert (fields["contact_status"][at[fields["contact_pressure"][at] > 0]] == 1).all()
@@ -135,7 +135,7 @@ def test_a_sphere_by_mortar(kind: str) -> None:
     ball = ob.Sphere([0.0, 0.0, 2.98], 2.0)
     grid = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.45, 1.0]
     up = (0.0, 0.5, 0.75, 0.88, 0.95, 1.0)
-    found = []
+    forces = []
     for name, pairing in ((kind, "mortar"), ("Q9", "match")):
         body = cube(name, "low", 0.0, grid, up)
         contact = fem.Contact("low", "top", 0.0, obstacle=ball, pairing=pairing)
@@ -147,13 +147,13 @@ def test_a_sphere_by_mortar(kind: str) -> None:
         # It pushes down; the horizontal forces along x and y are equal.
         assert force[2] < 0
         assert force[0] == pytest.approx(force[1], rel=0.05)
-        found.append(-force[2])
-    assert found[0] == pytest.approx(found[1], rel=0.1)
+        forces.append(-force[2])
+    assert forces[0] == pytest.approx(forces[1], rel=0.1)
     # A quarter of Hertz's force on a half-space; the rigid ground five radii below makes it
     # stiffer.
     modulus = analytic.contact_modulus(E, NU)
     hertz = 4 / 3 * modulus * np.sqrt(2.0) * 0.02**1.5 / 4
-    assert hertz < found[0] < 1.4 * hertz
+    assert hertz < forces[0] < 1.4 * hertz
 
 
 @pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
@@ -163,7 +163,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
     way = np.array([[0.0, 0.0, -0.02], [0.01, 0.004, -0.03], [-0.01, 0.0, -0.01]])
     tilted = ob.Plane([0.5, 0.5, 1.0], [0.02, 0.01, -1.0])
     ground = [fem.Support("low", "bottom", (0, 1, 2))]
-    found = []
+    results = []
     for motion in (ob.Motion(way), None):
         contact = fem.Contact(
             "low", "top", 0.3, obstacle=tilted, motion=motion, pairing="mortar"
@@ -171,12 +171,12 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
         model = fem.assemble([body], [contact], ground)
         moved = np.zeros_like(way) if motion else -way
         values = np.array([model.prescribed([one]) for one in moved])
-        found.append(model.problem().solve(None, values, tol=1e-13))
-    assert (found[0].status != 0).any()
+        results.append(model.problem().solve(None, values, tol=1e-13))
+    assert (results[0].status != 0).any()
     # Two solutions with η of 1e-13, for problems whose data differ by rounding.
-    size = np.abs(found[0].reaction).max()
+    size = np.abs(results[0].reaction).max()
     np.testing.assert_allclose(
-        found[0].reaction, found[1].reaction, rtol=0, atol=1e-9 * size
+        results[0].reaction, results[1].reaction, rtol=0, atol=1e-9 * size
     )
 
 
@@ -213,13 +213,13 @@ def test_clearances_at_nodes(kind: str) -> None:
                 model = fem.assemble(bodies, [contact])
                 moved = model.gaps(2) if "motion" in other else None
                 gaps.append((model.gap, moved))
-            (one, first), (two, second) = gaps
+            (first_model, first), (two, second) = gaps
             # No skewed quadrilaterals, so the quadrature is exact to rounding.
-            np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
+            np.testing.assert_allclose(first_model, two, rtol=0, atol=1e-13)
             if first is not None and second is not None:
                 np.testing.assert_allclose(first, second, rtol=0, atol=1e-13)
                 np.testing.assert_allclose(
-                    first[1, :, 0], one + 0.2, rtol=0, atol=1e-13
+                    first[1, :, 0], first_model + 0.2, rtol=0, atol=1e-13
                 )
     contact = fem.Contact(
         "high", "bottom", 0.2, clearance=values[1:], pairing="mortar", obstacle=floor

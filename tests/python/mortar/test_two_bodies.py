@@ -153,9 +153,9 @@ def test_patch_on_an_incline_that_friction_holds(
     n[0], n[-1] = -0.3 * cosine, cosine
     push = P * cosine * (e - cosine * n)
     for side, sign in ((above, 1.0), (~above, -1.0)):
-        found = sign * shear[meets & side]
+        tractions = sign * shear[meets & side]
         np.testing.assert_allclose(
-            found, np.tile(push, (len(found), 1)), atol=1e-11 * P
+            tractions, np.tile(push, (len(tractions), 1)), atol=1e-11 * P
         )
 
 
@@ -458,6 +458,6 @@ def test_functions_that_need_matching_nodes_refuse_others() -> None:
 )
 def test_invalid_pairings(changes: dict[str, Any], message: str) -> None:
     bodies = [block("up", "quadrilateral", 4), block("low", "triangle", 3)]
-    given = {"against": ("low", "top"), "pairing": "mortar", **changes}
+    contact_arguments = {"against": ("low", "top"), "pairing": "mortar", **changes}
     with pytest.raises(ValueError, match=message):
-        fem.assemble(bodies, [fem.Contact("up", "bottom", 0.3, **given)])
+        fem.assemble(bodies, [fem.Contact("up", "bottom", 0.3, **contact_arguments)])

@@ -320,7 +320,10 @@ def test_a_node_in_a_corner_has_two_contacts() -> None:
     body = slab(4)
     floor, wall = ob.Plane([0, -1], [0, 1]), ob.Plane([-0.5, 0], [1, 0])
     pairs = [("bottom", floor), ("left", wall), ("bottom", wall), ("left", floor)]
-    contacts = [fem.Contact("slab", on, 0.0, obstacle=one) for on, one in pairs]
+    contacts = [
+        fem.Contact("slab", on, 0.0, obstacle=surface_obstacle)
+        for on, surface_obstacle in pairs
+    ]
     model = fem.assemble([body], contacts)
     p, q = 3.0, 2.0
     load = model.traction("slab", "top", [0, -p]) + model.traction(
@@ -373,10 +376,12 @@ def test_each_of_two_rollers_presses_where_it_is_nearest() -> None:
     """One union and two separate contacts give the same result."""
     rollers = [ob.Cylinder([-0.25, 0.2], 0.2), ob.Cylinder([0.25, 0.3], 0.3)]
     down = ob.Motion([[0, -0.01]])
-    one = [fem.Contact("slab", "top", 0.3, obstacle=ob.Union(rollers), motion=down)]
+    union_contact = [
+        fem.Contact("slab", "top", 0.3, obstacle=ob.Union(rollers), motion=down)
+    ]
     two = [fem.Contact("slab", "top", 0.3, obstacle=r, motion=down) for r in rollers]
     total = []
-    for contacts in (one, two):
+    for contacts in (union_contact, two):
         model, problem = held(slab(20), contacts)
         result = problem.solve(gap=model.gaps(1), tol=TOL)
         force = np.zeros((model.n // 2, 2))
@@ -424,10 +429,10 @@ def test_discretisation_error_is_bounded_for_planes_only() -> None:
         model, problem = held(body, [contact])
         result = problem.solve(gap=model.gaps(1), tol=TOL)
         case = scene.Case(model, None, np.zeros((1, len(model.fixed))), np.ones(1))
-        found = discretisation_error(case, result)
-        told = "an obstacle whose shape is known only at the nodes" in found.reasons
+        error = discretisation_error(case, result)
+        told = "an obstacle whose shape is known only at the nodes" in error.reasons
         assert told == says
-        assert found.total > 0
+        assert error.total > 0
 
 
 def test_clearance_adds_in_every_step() -> None:

@@ -95,11 +95,11 @@ def compare(seed: int, count: int) -> None:
         except ValueError:  # # a facet without area, by chance
             continue
         points = points_about(rng, x)
-        found = np.abs(surface.closest(points).distance)
+        distance = np.abs(surface.closest(points).distance)
         expected = nearest_of_all(points, x, facets)
         # The same arithmetic for the same facet, or for one equally near to rounding.
         size = np.abs(x).max() + np.abs(points).max(axis=1)
-        assert (np.abs(found - expected) <= 1e-15 * size).all()
+        assert (np.abs(distance - expected) <= 1e-15 * size).all()
 
 
 @pytest.mark.parametrize("at_once", [5, box_tree.AT_ONCE])
@@ -128,11 +128,11 @@ def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None
     points *= off / np.linalg.norm(points, axis=1)[:, None]
     work.nodes.clear()
     work.facets.clear()
-    found = sphere.closest(points)
+    closest = sphere.closest(points)
     # A facet is inscribed: its corners lie within its longest edge over √3 of a point.
     edge = np.linalg.norm(x[facets] - np.roll(x[facets], 1, axis=1), axis=2).max()
     sagitta = 1.01 * edge**2 / 6
-    assert (np.abs(found.distance + 1 - off) <= sagitta).all()
+    assert (np.abs(closest.distance + 1 - off) <= sagitta).all()
     # The distance of a patch of width w is known to w²/8. This gives enough patches to
     # separate distances that differ by `off`, then those in the direction of the point.
     assert sum(work.nodes) <= 20 * nodes
@@ -147,8 +147,8 @@ def test_at_the_centre_memory_stays_bounded(work: Work) -> None:
     sphere = ob.Surface(x, facets)
     work.nodes.clear()
     work.facets.clear()
-    found = sphere.closest(np.zeros((10, 3)))
-    assert np.ptp(found.distance) == 0
+    closest = sphere.closest(np.zeros((10, 3)))
+    assert np.ptp(closest.distance) == 0
     assert max(work.nodes) <= box_tree.AT_ONCE
     assert sum(work.nodes) <= 1.2 * 10 * len(facets)
     assert sum(work.facets) <= 10 * 50

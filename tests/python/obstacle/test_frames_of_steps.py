@@ -58,8 +58,8 @@ PRESSED_AND_MOVED = [[0.0, -DEPTH], [WAY, -DEPTH]]
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
 def test_a_roller_that_will_move_presses_straight_before(pairing: str) -> None:
     """Without friction, the force of step 1 has no component along x, by symmetry."""
-    _, found = rolled(PRESSED_AND_MOVED, pairing=pairing)
-    force = found.resultant
+    _, rolled_result = rolled(PRESSED_AND_MOVED, pairing=pairing)
+    force = rolled_result.resultant
     assert force[0, 1] < -100.0
     # 1e-10: some digits less than the tolerance of the solver.
     assert abs(force[0, 0]) < 1e-10 * abs(force[0, 1])
@@ -84,16 +84,16 @@ def test_turned_as_a_whole_it_is_the_same(pairing: str) -> None:
     turn = np.array([[c, -s], [s, c]])
     ways = [[0.0, -DEPTH], [2.0, -DEPTH], [4.0, -DEPTH]]
     angles = [0.0, -0.02, -0.04]
-    _, found = rolled(ways, angles, 0.3, pairing, turn)
+    _, turned_result = rolled(ways, angles, 0.3, pairing, turn)
     _, plain = rolled(ways, angles, 0.3, pairing)
     assert {0, 1, 2} <= set(plain.status.ravel().tolist())
-    assert np.array_equal(found.status, plain.status)
+    assert np.array_equal(turned_result.status, plain.status)
     size = np.abs(plain.reaction).max()
     np.testing.assert_allclose(
-        found.resultant @ turn, plain.resultant, rtol=0, atol=1e-9 * size
+        turned_result.resultant @ turn, plain.resultant, rtol=0, atol=1e-9 * size
     )
     np.testing.assert_allclose(
-        np.abs(found.slip), np.abs(plain.slip), rtol=0, atol=1e-9 * WAY
+        np.abs(turned_result.slip), np.abs(plain.slip), rtol=0, atol=1e-9 * WAY
     )
 
 
@@ -235,16 +235,16 @@ def test_automatic_steps_are_those_of_the_path_in_parts() -> None:
     """A scene: the frames of a part of a load step depend only on where it ends."""
     automatic = {"first": 0.5, "smallest": 0.1, "largest": 0.5}
     model = roller(automatic=automatic).assemble()
-    found = model.solve(tol=TOL)
-    assert found.s is not None
-    assert len(found.s) == 6
-    assert all(step.frame is not None for step in found)
-    parts = model.sampled(found.s)
+    result = model.solve(tol=TOL)
+    assert result.s is not None
+    assert len(result.s) == 6
+    assert all(step.frame is not None for step in result)
+    parts = model.sampled(result.s)
     assert isinstance(parts.gaps, bp.MovingGaps)
     problem = model.problem()
     again = problem.solve(prescribed=parts.prescribed, gap=parts.gaps, tol=TOL)
-    assert np.array_equal(again.reaction, found.reaction)
-    assert np.array_equal(again.slip, found.slip)
+    assert np.array_equal(again.reaction, result.reaction)
+    assert np.array_equal(again.slip, result.slip)
     # The ends of whole load steps are where the path without parts has them.
     whole = roller().assemble()
     assert isinstance(whole.gaps, bp.MovingGaps)
@@ -304,13 +304,13 @@ def test_planes_of_symmetry_inclined_to_the_axes() -> None:
         )
         return model, model.problem().solve(tol=TOL)
 
-    (_, plain), (model, found) = half(np.eye(2)), half(Q)
+    (_, plain), (model, half_result) = half(np.eye(2)), half(Q)
     assert model.inclined is not None
     size = np.abs(plain.reaction).max()
     np.testing.assert_allclose(
-        found.reaction[:, :, 0], plain.reaction[:, :, 0], rtol=0, atol=1e-9 * size
+        half_result.reaction[:, :, 0], plain.reaction[:, :, 0], rtol=0, atol=1e-9 * size
     )
-    u = found.displacement.reshape(2, -1, 2) @ Q
+    u = half_result.displacement.reshape(2, -1, 2) @ Q
     expected = plain.displacement.reshape(2, -1, 2)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * DEPTH)
 

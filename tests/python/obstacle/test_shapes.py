@@ -91,27 +91,27 @@ def test_properties_of_every_obstacle(name: str) -> None:
 
 
 def test_sphere_and_cylinder_by_hand() -> None:
-    found = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
-    np.testing.assert_allclose(found.distance, [3, -1], rtol=EXACT)
-    np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
-    found = ob.Cylinder([0, 0, 9], 2.0, axis=[0, 0, -3], inside=True).closest(
+    closest = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
+    np.testing.assert_allclose(closest.distance, [3, -1], rtol=EXACT)
+    np.testing.assert_allclose(closest.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
+    closest = ob.Cylinder([0, 0, 9], 2.0, axis=[0, 0, -3], inside=True).closest(
         np.array([[0.0, 1.5, 0], [3, 0, 1e6]])
     )
-    np.testing.assert_allclose(found.distance, [0.5, -1], rtol=EXACT)
-    np.testing.assert_allclose(found.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
+    np.testing.assert_allclose(closest.distance, [0.5, -1], rtol=EXACT)
+    np.testing.assert_allclose(closest.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
 
 
 def test_torus_by_hand() -> None:
     """Above, inside and next to the tube, and at the centre of the ring."""
     x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])
-    found = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
-    np.testing.assert_allclose(found.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
+    closest = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
+    np.testing.assert_allclose(closest.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
     np.testing.assert_allclose(
-        found.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
+        closest.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
     )
     # On the axis all directions across it are equivalent: inwards, and upwards at an angle.
-    np.testing.assert_allclose(found.normal[3:, 2], [0, 0.6], atol=EXACT)
-    np.testing.assert_allclose(found.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
+    np.testing.assert_allclose(closest.normal[3:, 2], [0, 0.6], atol=EXACT)
+    np.testing.assert_allclose(closest.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -145,9 +145,9 @@ def test_corners_and_edges_to_rounding(shape: ob.Surface, dim: int) -> None:
     """Closed form of a box: faces, edges and corners, from inside and outside."""
     random = np.random.default_rng(2)
     x = random.uniform(-1, 2, (2000, dim))
-    found = shape.closest(x)
-    np.testing.assert_allclose(found.distance, box_distance(x), rtol=0, atol=EXACT)
-    assert (found.distance < 0).sum() > 20
+    closest = shape.closest(x)
+    np.testing.assert_allclose(closest.distance, box_distance(x), rtol=0, atol=EXACT)
+    assert (closest.distance < 0).sum() > 20
     # On the corner itself the normal points along the diagonal.
     at = shape.closest(np.ones((1, dim)))
     np.testing.assert_allclose(at.normal, 1 / np.sqrt(dim), rtol=EXACT)
@@ -159,15 +159,15 @@ def test_facets_far_smaller_than_others_are_found() -> None:
     x, faces = icosphere(3)
     x = 0.01 * x + [0.3, 0.3, 0.05]
     ground = np.array([[-5.0, -5, 0], [5, -5, 0], [0, 5, 0]])
-    one = ob.Surface(
+    two_sides = ob.Surface(
         np.concatenate([x, ground]), np.concatenate([faces, [[642, 643, 644]]])
     )
     assert len(x) == 642
     points = np.random.default_rng(0).uniform([0, 0, 0.001], [0.6, 0.6, 0.1], (3000, 3))
     ball = ob.Surface(x, faces).closest(points).distance
     nearest = np.minimum(np.abs(ball), points[:, 2])
-    found = np.abs(one.closest(points).distance)
-    np.testing.assert_allclose(found, nearest, rtol=0, atol=EXACT)
+    distance = np.abs(two_sides.closest(points).distance)
+    np.testing.assert_allclose(distance, nearest, rtol=0, atol=EXACT)
 
 
 def test_closest_points_by_comparing_all() -> None:
@@ -176,16 +176,16 @@ def test_closest_points_by_comparing_all() -> None:
     x, faces = icosphere(1)
     x = x * random.uniform(0.7, 1.3, (len(x), 1))
     points = around(3, 60)
-    found = ob.Surface(x, faces).closest(points)
+    closest = ob.Surface(x, faces).closest(points)
     k = 40
     grid = np.array([(i, j, k - i - j) for i in range(k + 1) for j in range(k + 1 - i)])
     samples = np.einsum("gc,fcd->fgd", grid / k, x[faces]).reshape(-1, 3)
     away = np.linalg.norm(points[:, None] - samples, axis=2).min(axis=1)
     # Any point of a facet has a sample within a side over k, whose distance is larger by
     # the square of that over the distance.
-    assert (np.abs(found.distance) <= away + EXACT).all()
+    assert (np.abs(closest.distance) <= away + EXACT).all()
     side = 1.3 / k
-    assert (away**2 <= found.distance**2 + side**2).all()
+    assert (away**2 <= closest.distance**2 + side**2).all()
     # The sign, by the solid angle of the surface seen from the point: 4π inside, else 0.
     a, b, c = (x[faces][:, i] - points[:, None] for i in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
@@ -193,7 +193,7 @@ def test_closest_points_by_comparing_all() -> None:
     dots = [np.einsum("pfd,pfd->pf", v, w) for v, w in ((a, b), (b, c), (c, a))]
     below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
     angle = 2 * np.arctan2(triple, below).sum(axis=1)
-    assert np.array_equal(found.distance < 0, angle > 2 * np.pi)
+    assert np.array_equal(closest.distance < 0, angle > 2 * np.pi)
 
 
 def test_a_sphere_of_triangles_converges() -> None:
@@ -202,11 +202,11 @@ def test_a_sphere_of_triangles_converges() -> None:
     exact = ob.Sphere([0, 0, 0], 1.0).closest(x)
     errors, angles = [], []
     for halvings in range(1, 5):
-        found = ob.Surface(*icosphere(halvings)).closest(x)
-        errors.append(np.abs(found.distance - exact.distance).max())
-        angles.append(np.abs(found.normal - exact.normal).max())
+        closest = ob.Surface(*icosphere(halvings)).closest(x)
+        errors.append(np.abs(closest.distance - exact.distance).max())
+        angles.append(np.abs(closest.normal - exact.normal).max())
         # Inscribed: every facet lies inside the sphere.
-        assert (found.distance >= exact.distance - EXACT).all()
+        assert (closest.distance >= exact.distance - EXACT).all()
     order = np.log2(np.divide(errors[:-1], errors[1:]))
     # The first meshes are coarse, and the maximum is taken over some points only.
     assert (order > 1.85).all()
@@ -223,16 +223,16 @@ def test_beyond_a_border_is_outside() -> None:
     x = np.array(
         [[0.4, 0.5, -0.1], [1.0, 0.5, -0.1], [1.5, 0.5, -0.1], [0.4, 0.5, 0.2]]
     )
-    found = sheet.closest(x)
+    closest = sheet.closest(x)
     # Below it, exactly below its edge, outside the edge and a little lower, above it.
     np.testing.assert_allclose(
-        found.distance, [-0.1, -0.1, np.hypot(0.5, 0.1), 0.2], rtol=EXACT
+        closest.distance, [-0.1, -0.1, np.hypot(0.5, 0.1), 0.2], rtol=EXACT
     )
-    np.testing.assert_allclose(found.normal[[0, 1, 3]], [[0, 0, 1]] * 3, atol=EXACT)
+    np.testing.assert_allclose(closest.normal[[0, 1, 3]], [[0, 0, 1]] * 3, atol=EXACT)
     line = ob.Surface([[1, 0], [0, 0]], [[0, 1]])
-    found = line.closest(np.array([[0.5, 0.1], [0.5, -0.1], [1.5, -0.1]]))
+    closest = line.closest(np.array([[0.5, 0.1], [0.5, -0.1], [1.5, -0.1]]))
     np.testing.assert_allclose(
-        found.distance, [0.1, -0.1, np.hypot(0.5, 0.1)], rtol=EXACT
+        closest.distance, [0.1, -0.1, np.hypot(0.5, 0.1)], rtol=EXACT
     )
 
 
@@ -284,11 +284,11 @@ def test_a_distance_by_its_formula() -> None:
     plain = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1).closest(x)
     # Fourth order: (3e-3)⁴ with a curvature of 1/0.6, and rounding.
     np.testing.assert_allclose(plain.normal, exact.normal, rtol=0, atol=1e-9)
-    given = ob.Distance(
+    by_formula = ob.Distance(
         lambda x: np.linalg.norm(x, axis=1) - 1,
         lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
     ).closest(x)
-    np.testing.assert_allclose(given.foot, exact.foot, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(by_formula.foot, exact.foot, rtol=0, atol=EXACT)
 
 
 @pytest.mark.parametrize("far", [0.0, 1e6, -3e7])
@@ -298,15 +298,15 @@ def test_a_distance_far_from_the_origin(count: int, far: float) -> None:
     centre = np.full(3, far)
     x = np.random.default_rng(1).normal(size=(count, 3))
     x = centre + x / np.linalg.norm(x, axis=1)[:, None]
-    found = ob.Distance(lambda x: np.linalg.norm(x - centre, axis=1) - 1).closest(x)
+    closest = ob.Distance(lambda x: np.linalg.norm(x - centre, axis=1) - 1).closest(x)
     exact = ob.Sphere(centre, 1.0).closest(x)
     # The digits of coordinates, over a step of about a thousandth, with curvature 1.
     places = np.finfo(float).eps * abs(far)
     np.testing.assert_allclose(
-        found.normal, exact.normal, rtol=0, atol=1e-9 + 4 * places
+        closest.normal, exact.normal, rtol=0, atol=1e-9 + 4 * places
     )
     np.testing.assert_allclose(
-        found.distance, exact.distance, rtol=0, atol=4 * places + EXACT
+        closest.distance, exact.distance, rtol=0, atol=4 * places + EXACT
     )
 
 
@@ -315,19 +315,19 @@ def test_steps_of_a_distance_find_a_small_obstacle() -> None:
     x = np.array([[0.0, 1.0], [1e-4, 0.0], [-8e-5, 6e-5], [1.0, 1.0]])
     pin = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1e-4)
     exact = ob.Cylinder([0, 0], 1e-4).closest(x)
-    found = pin.closest(x)
+    closest = pin.closest(x)
     # Accepted if the length of the gradient is 1 to 1e-6: on a circle, the error of its
     # direction is below the root of that.
-    np.testing.assert_allclose(found.normal, exact.normal, rtol=0, atol=1e-3)
-    assert np.abs(found.distance - exact.distance).max() <= EXACT
+    np.testing.assert_allclose(closest.normal, exact.normal, rtol=0, atol=1e-3)
+    assert np.abs(closest.distance - exact.distance).max() <= EXACT
 
 
 def test_union_takes_the_nearest() -> None:
     floor, ball = ob.Plane([0, 0, 0], [0, 0, 1]), ob.Sphere([0, 0, 1], 0.5)
     x = np.array([[0, 0, 2.0], [3, 0, 0.2], [0, 0, 0.1]])
-    found = ob.Union([floor, ball]).closest(x)
-    np.testing.assert_allclose(found.distance, [0.5, 0.2, 0.1], rtol=EXACT)
-    np.testing.assert_allclose(found.normal, [[0, 0, 1]] * 3, atol=EXACT)
+    closest = ob.Union([floor, ball]).closest(x)
+    np.testing.assert_allclose(closest.distance, [0.5, 0.2, 0.1], rtol=EXACT)
+    np.testing.assert_allclose(closest.normal, [[0, 0, 1]] * 3, atol=EXACT)
 
 
 @pytest.mark.parametrize(
@@ -517,8 +517,8 @@ def test_obstacle_defined_elsewhere() -> None:
     for dim in (2, 3):
         x = around(dim)
         here, there = ob.ask(right, x), ob.Sphere(np.zeros(dim), 1.0).closest(x)
-        for one, other in zip(here, there, strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=EXACT)
+        for own_field, other in zip(here, there, strict=True):
+            np.testing.assert_allclose(own_field, other, rtol=0, atol=EXACT)
 
 
 class Waves:
@@ -595,10 +595,10 @@ def knife(dim: int) -> ob.Surface:
     if dim == 2:
         return ob.Surface([[0, 0], [0, -2]], [[0, 1], [1, 0]])
     x = np.array([(0, y, z) for y in range(3) for z in (0, -1, -2)], float)
-    one = np.array(
+    facets = np.array(
         [t for i in (0, 1, 3, 4) for t in ([i, i + 1, i + 3], [i + 3, i + 1, i + 4])]
     )
-    return ob.Surface(x, np.concatenate([one, one[:, ::-1]]))
+    return ob.Surface(x, np.concatenate([facets, facets[:, ::-1]]))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -609,16 +609,16 @@ def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
     low[0], high[0] = -1, 1
     x = random.uniform(low, high, (300, dim))
     sheet = knife(dim)
-    found = sheet.closest(x)
-    np.testing.assert_allclose(found.distance, np.abs(x[:, 0]), rtol=0, atol=EXACT)
-    np.testing.assert_allclose(found.normal[:, 0], np.sign(x[:, 0]), rtol=EXACT)
+    closest = sheet.closest(x)
+    np.testing.assert_allclose(closest.distance, np.abs(x[:, 0]), rtol=0, atol=EXACT)
+    np.testing.assert_allclose(closest.normal[:, 0], np.sign(x[:, 0]), rtol=EXACT)
     # The nearest point is a node, an edge or a facet.
     middle, end = np.array([0, 1.0, -1])[-dim:], np.array([0, 1.0, 0])[-dim:]
     middle[0] = end[0] = 0
     for place in (middle, end):
         above = place + np.outer([0.5, -0.5, 1e-6, -1e-6], np.eye(dim)[0])
-        found = sheet.closest(above)
-        np.testing.assert_allclose(found.distance, [0.5, 0.5, 1e-6, 1e-6], rtol=1e-9)
+        closest = sheet.closest(above)
+        np.testing.assert_allclose(closest.distance, [0.5, 0.5, 1e-6, 1e-6], rtol=1e-9)
     on = sheet.closest(middle[None])
     assert abs(on.distance[0]) <= EXACT
     np.testing.assert_allclose(np.abs(on.normal[0]), np.eye(dim)[0], atol=EXACT)

@@ -19,9 +19,13 @@ def test_a_block_of_dolfinx(tmp_path: Path) -> None:
     if mpi.missing():
         pytest.skip(f"needs PETSc: {mpi.missing()}")
     modules = "from bipot_rs.petsc.library import load; load(); import dolfinx.fem, ufl"
-    known = mpi.environment()
+    variables = mpi.environment()
     tried = subprocess.run(
-        [PYTHON, "-c", modules], env=known, capture_output=True, text=True, check=False
+        [PYTHON, "-c", modules],
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if tried.returncode:
         pytest.skip("needs DOLFINx (Debian: python3-dolfinx)")
@@ -32,13 +36,15 @@ def test_a_block_of_dolfinx(tmp_path: Path) -> None:
     where += (
         "print(os.path.dirname(petsc4py.__path__[0]), os.environ.get('PETSC_DIR', ''))"
     )
-    found = subprocess.check_output([PYTHON, "-c", where], env=known, text=True).split()
-    known["PYTHONPATH"] += os.pathsep + found[0]
-    known |= {"PETSC_DIR": found[1]} if len(found) > 1 else {}
+    lines_printed = subprocess.check_output(
+        [PYTHON, "-c", where], env=variables, text=True
+    ).split()
+    variables["PYTHONPATH"] += os.pathsep + lines_printed[0]
+    variables |= {"PETSC_DIR": lines_printed[1]} if len(lines_printed) > 1 else {}
     target = tmp_path / "found.npz"
     done = subprocess.run(
         ["mpirun", "-n", "2", PYTHON, "-m", "mpi4py", str(RECIPE), str(target)],
-        env=known,
+        env=variables,
         capture_output=True,
         text=True,
         check=False,

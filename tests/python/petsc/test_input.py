@@ -43,10 +43,10 @@ EXPECTED = {
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    known, prescribed = arrays(3)
-    given = known | {"prescribed": prescribed}
+    arrays_of_block, prescribed = arrays(3)
+    arguments = arrays_of_block | {"prescribed": prescribed}
     folder = tmp_path_factory.mktemp("errors")
-    return dict(json.loads(str(mpi.run(folder, "errors", 2, **given)["said"])))
+    return dict(json.loads(str(mpi.run(folder, "errors", 2, **arguments)["said"])))
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -59,18 +59,18 @@ def test_every_wrong_call_is_listed(said: dict[str, str]) -> None:
 
 
 def test_a_path_in_two_parts(tmp_path: Path) -> None:
-    known, prescribed = arrays(4)
-    found = mpi.run(tmp_path, "path", 2, **known, prescribed=prescribed)
+    arrays_of_block, prescribed = arrays(4)
+    parallel = mpi.run(tmp_path, "path", 2, **arrays_of_block, prescribed=prescribed)
     # The second part starts from the same state and displacements, to the bit.
-    assert np.array_equal(found["whole"], found["parts"])
-    assert np.array_equal(found["slip"], found["slip_parts"])
+    assert np.array_equal(parallel["whole"], parallel["parts"])
+    assert np.array_equal(parallel["slip"], parallel["slip_parts"])
 
 
 def test_contacts_as_a_matrix_of_petsc(tmp_path: Path) -> None:
-    known, prescribed = arrays(4)
-    given = known | {"prescribed": prescribed}
+    arrays_of_block, prescribed = arrays(4)
+    arguments = arrays_of_block | {"prescribed": prescribed}
     scipy, petsc = (
-        mpi.run(tmp_path, task, 2, **given, tol=1e-12)
+        mpi.run(tmp_path, task, 2, **arguments, tol=1e-12)
         for task in ("solve", "with_matrix")
     )
     assert np.array_equal(scipy["reaction"], petsc["reaction"])

@@ -17,12 +17,14 @@ from support import mpi, two_blocks
     ],
 )
 def test_two_blocks(contrast: float, upper: int, lower: int, tmp_path: Path) -> None:
-    known, prescribed = two_blocks.arrays(contrast, upper, lower)
-    given = known | {"prescribed": prescribed, "tol": mpi.TOL}
-    one, two = (mpi.run(tmp_path, "solve", ranks, **given) for ranks in (1, 2))
-    expected = mpi.solve_directly(known, prescribed=prescribed)
-    for found in (one, two):
-        mpi.compare(found, expected)
+    arrays_of_blocks, prescribed = two_blocks.arrays(contrast, upper, lower)
+    arguments = arrays_of_blocks | {"prescribed": prescribed, "tol": mpi.TOL}
+    on_one_rank, two = (
+        mpi.run(tmp_path, "solve", ranks, **arguments) for ranks in (1, 2)
+    )
+    expected = mpi.solve_directly(arrays_of_blocks, prescribed=prescribed)
+    for parallel in (on_one_rank, two):
+        mpi.compare(parallel, expected)
         # Multigrid that is not that of the glued bodies, or no filter, takes over 300.
-        assert mpi.read_stats(found)["krylov"] <= 150
-    assert mpi.changed(two["reaction"], one["reaction"]) <= mpi.SAME
+        assert mpi.read_stats(parallel)["krylov"] <= 150
+    assert mpi.changed(two["reaction"], on_one_rank["reaction"]) <= mpi.SAME

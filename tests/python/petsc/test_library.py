@@ -45,10 +45,10 @@ def test_not_installed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PETSC_DIR", raising=False)
     with pytest.raises(ModuleNotFoundError) as raised:
         library.load()
-    said = str(raised.value)
-    assert f"needs {name}, which is not installed" in said
+    message = str(raised.value)
+    assert f"needs {name}, which is not installed" in message
     for way in ("apt-get install python3-petsc4py", "conda-forge", "bipot-rs[petsc]"):
-        assert way in said
+        assert way in message
 
 
 def test_wrong_petsc_dir(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -59,9 +59,9 @@ def test_wrong_petsc_dir(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     monkeypatch.setattr(library, "list_folders", lambda: ["/opt/good"])
     with pytest.raises(ImportError) as raised:
         library.load()
-    said = str(raised.value)
-    assert str(tmp_path) in said
-    assert "PETSC_DIR=/opt/good" in said
+    message = str(raised.value)
+    assert str(tmp_path) in message
+    assert "PETSC_DIR=/opt/good" in message
 
 
 def test_another_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,5 +78,5 @@ def test_folders_with_real_numbers_come_first(
         library.packages_of(str(tmp_path / name)).mkdir(parents=True)
     (tmp_path / "petsc3.21" / "empty").mkdir(parents=True)
     monkeypatch.setattr(library, "_DEBIAN", tmp_path)
-    found = [str(Path(f).relative_to(tmp_path)) for f in library.list_folders()]
-    assert found == ["petsc3.20/b-real", "petsc3.18/a-real", "petsc3.18/a-complex"]
+    folders = [str(Path(f).relative_to(tmp_path)) for f in library.list_folders()]
+    assert folders == ["petsc3.20/b-real", "petsc3.18/a-real", "petsc3.18/a-complex"]

@@ -13,16 +13,18 @@ from support.pressed_in_space import arrays, pressed
 
 @pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.slow)])
 def test_a_block_in_space(n: int, tmp_path: Path) -> None:
-    known, prescribed = arrays(n)
-    given = known | {"prescribed": prescribed, "tol": mpi.TOL}
-    one, two = (mpi.run(tmp_path, "solve", ranks, **given) for ranks in (1, 2))
-    expected = mpi.solve_directly(known, prescribed=prescribed)
-    mpi.compare(one, expected)
+    arrays_of_block, prescribed = arrays(n)
+    arguments = arrays_of_block | {"prescribed": prescribed, "tol": mpi.TOL}
+    on_one_rank, two = (
+        mpi.run(tmp_path, "solve", ranks, **arguments) for ranks in (1, 2)
+    )
+    expected = mpi.solve_directly(arrays_of_block, prescribed=prescribed)
+    mpi.compare(on_one_rank, expected)
     mpi.compare(two, expected)
     for name in ("reaction", "displacement"):
-        assert mpi.changed(two[name], one[name]) <= mpi.SAME, name
+        assert mpi.changed(two[name], on_one_rank[name]) <= mpi.SAME, name
     # Slips are differences of displacements.
-    apart = np.abs(two["slip"] - one["slip"]).max()
+    apart = np.abs(two["slip"] - on_one_rank["slip"]).max()
     assert apart <= mpi.SAME * np.abs(expected.displacement).max()
     stats = mpi.read_stats(two)
     assert stats["engine"] == "petsc"
@@ -33,45 +35,53 @@ def test_a_block_in_space(n: int, tmp_path: Path) -> None:
 
 
 def test_three_ranks_of_a_plane_body(tmp_path: Path) -> None:
-    known, path = mpi.of_model(pressed(16, dim=2))
-    found = mpi.run(tmp_path, "solve", 3, **known, **path, tol=mpi.TOL, d=2)
-    mpi.compare(found, mpi.solve_directly(known, **path))
+    arrays_of_model, path = mpi.of_model(pressed(16, dim=2))
+    parallel = mpi.run(
+        tmp_path, "solve", 3, **arrays_of_model, **path, tol=mpi.TOL, d=2
+    )
+    mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
 def test_two_friction_coefficients(tmp_path: Path) -> None:
-    known, path = mpi.of_model(pressed(5, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0]))
-    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=mpi.TOL)
-    mpi.compare(found, mpi.solve_directly(known, **path))
+    arrays_of_model, path = mpi.of_model(
+        pressed(5, mu=[0.3, 0.15], axis=[1.0, 0.0, 0.0])
+    )
+    parallel = mpi.run(tmp_path, "solve", 2, **arrays_of_model, **path, tol=mpi.TOL)
+    mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
 @pytest.mark.parametrize("model", [floating, on_springs])
 def test_what_holds_a_body(model: Any, tmp_path: Path) -> None:
     """Contact alone, or springs."""
-    known, path = mpi.of_model(model())
-    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=mpi.TOL)
-    mpi.compare(found, mpi.solve_directly(known, **path))
+    arrays_of_model, path = mpi.of_model(model())
+    parallel = mpi.run(tmp_path, "solve", 2, **arrays_of_model, **path, tol=mpi.TOL)
+    mpi.compare(parallel, mpi.solve_directly(arrays_of_model, **path))
 
 
 def test_without_coordinates(tmp_path: Path) -> None:
-    known, prescribed = arrays(6)
-    expected = mpi.solve_directly(known, prescribed=prescribed)
-    del known["coordinates"]
-    found = mpi.run(tmp_path, "solve", 2, **known, prescribed=prescribed, tol=mpi.TOL)
-    mpi.compare(found, expected)
+    arrays_of_block, prescribed = arrays(6)
+    expected = mpi.solve_directly(arrays_of_block, prescribed=prescribed)
+    del arrays_of_block["coordinates"]
+    parallel = mpi.run(
+        tmp_path, "solve", 2, **arrays_of_block, prescribed=prescribed, tol=mpi.TOL
+    )
+    mpi.compare(parallel, expected)
 
 
 @pytest.mark.parametrize("gather", [0, 10_000])
 def test_a_motion_without_energy(gather: int, tmp_path: Path) -> None:
     """Nothing resists a motion along x: all else is determined."""
-    known, path = mpi.of_model(sliding_freely())
-    expected = mpi.solve_directly(known, **path)
-    found = mpi.run(tmp_path, "solve", 2, **known, **path, tol=mpi.TOL, gather=gather)
-    assert mpi.changed(found["reaction"], expected.reaction) <= mpi.CLOSE
-    assert np.array_equal(found["status"], expected.status)
+    arrays_of_model, path = mpi.of_model(sliding_freely())
+    expected = mpi.solve_directly(arrays_of_model, **path)
+    parallel = mpi.run(
+        tmp_path, "solve", 2, **arrays_of_model, **path, tol=mpi.TOL, gather=gather
+    )
+    assert mpi.changed(parallel["reaction"], expected.reaction) <= mpi.CLOSE
+    assert np.array_equal(parallel["status"], expected.status)
     steps = len(expected)
     u, other = (
-        one.reshape(steps, -1, 3)
-        for one in (found["displacement"], expected.displacement)
+        displacement.reshape(steps, -1, 3)
+        for displacement in (parallel["displacement"], expected.displacement)
     )
     shift = (u - other).mean(axis=1, keepdims=True) * [1.0, 0.0, 0.0]
     assert mpi.changed(u - shift, other) <= mpi.CLOSE

@@ -11,9 +11,9 @@ from support.pressed_in_space import arrays
 
 @pytest.fixture(scope="module")
 def block() -> tuple[dict[str, Any], Any]:
-    known, prescribed = arrays(12)
-    expected = mpi.solve_directly(known, prescribed=prescribed)
-    return known | {"prescribed": prescribed, "tol": mpi.TOL}, expected
+    arrays_of_block, prescribed = arrays(12)
+    expected = mpi.solve_directly(arrays_of_block, prescribed=prescribed)
+    return arrays_of_block | {"prescribed": prescribed, "tol": mpi.TOL}, expected
 
 
 @pytest.mark.parametrize(
@@ -34,10 +34,10 @@ def block() -> tuple[dict[str, Any], Any]:
 def test_options_of_the_user(
     options: str, name: str, replaced: bool, block: Any, tmp_path: Path
 ) -> None:
-    given, expected = block
-    found = mpi.run(tmp_path, "solve", 2, options=options, **given)
-    mpi.compare(found, expected)
-    stats = mpi.read_stats(found)
+    arguments, expected = block
+    parallel = mpi.run(tmp_path, "solve", 2, options=options, **arguments)
+    mpi.compare(parallel, expected)
+    stats = mpi.read_stats(parallel)
     assert stats["preconditioner"] == name
-    said = "jacobi was replaced: it did not converge in 400 iterations"
-    assert (said in stats["engine_reason"]) == replaced
+    reason = "jacobi was replaced: it did not converge in 400 iterations"
+    assert (reason in stats["engine_reason"]) == replaced

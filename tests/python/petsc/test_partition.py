@@ -53,14 +53,14 @@ def test_graph_is_the_pattern_of_the_stiffness(degree: int) -> None:
     off = pattern.row != pattern.col
     wanted = set(zip(pattern.row[off].tolist(), pattern.col[off].tolist(), strict=True))
     nodes = sum(len(body.points) for body in bodies)
-    found: set[tuple[int, int]] = set()
+    edges: set[tuple[int, int]] = set()
     # The ranges of three processes; the second one has nodes of both bodies.
     for first, last in ((0, 50), (50, 80), (80, nodes)):
         indptr, indices = find_neighbours(bodies, first, last)
         assert len(indptr) == last - first + 1
         rows = np.repeat(np.arange(first, last), np.diff(indptr))
-        found |= set(zip(rows.tolist(), indices.tolist(), strict=True))
-    assert found == wanted
+        edges |= set(zip(rows.tolist(), indices.tolist(), strict=True))
+    assert edges == wanted
 
 
 def test_graph_of_no_nodes() -> None:

@@ -50,16 +50,16 @@ class Communicator:
     def Ibarrier(self) -> Request:
         with self.shared.lock:
             self.turns += 1
-            known = self.shared.arrived
-            known[self.turns] = known.get(self.turns, 0) + 1
+            arrived = self.shared.arrived
+            arrived[self.turns] = arrived.get(self.turns, 0) + 1
         return Request(self.shared, self.turns)
 
     def allgather(self, value: Any) -> list[Any]:
         self.shared.values[self.rank] = value
         self.shared.barrier.wait(20)
-        found = list(self.shared.values)
+        values = list(self.shared.values)
         self.shared.barrier.wait(20)
-        return found
+        return values
 
     def bcast(self, value: Any, root: int) -> Any:
         return self.allgather(value)[root]

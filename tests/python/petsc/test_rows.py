@@ -10,10 +10,12 @@ RANKS = 4
 
 
 def test_k_is_never_gathered(tmp_path: Path) -> None:
-    known, prescribed = arrays(12)
-    K, contacts = known["K"], len(known["gap"])
-    found = mpi.run(tmp_path, "rows", RANKS, **known, prescribed=prescribed)
-    ranks = json.loads(str(found["ranks"]))
+    arrays_of_block, prescribed = arrays(12)
+    K, contacts = arrays_of_block["K"], len(arrays_of_block["gap"])
+    parallel = mpi.run(
+        tmp_path, "rows", RANKS, **arrays_of_block, prescribed=prescribed
+    )
+    ranks = json.loads(str(parallel["ranks"]))
     whole = K.data.nbytes
     assert sum(rank["own"] for rank in ranks) == K.shape[0]
     for rank in ranks:

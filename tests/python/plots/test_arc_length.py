@@ -26,20 +26,20 @@ def chords(angle: np.ndarray, radius: float = 3.0) -> np.ndarray:
 @pytest.mark.parametrize(("start", "end"), [(0.2, 2.4), (3.3, 6.0), (0.5, 5.9)])
 def test_an_arc_goes_from_its_end_of_least_x(start: float, end: float) -> None:
     x, angle = arc(start, end, 30)
-    found = places(x, None)
+    line = places(x, None)
     ends = sorted((start, end), key=np.cos)
     exact = np.linspace(*ends, 30)
-    np.testing.assert_allclose(angle[found.order], exact, rtol=1e-12)
+    np.testing.assert_allclose(angle[line.order], exact, rtol=1e-12)
     # Sums of 29 chords of order one.
-    np.testing.assert_allclose(found.s, chords(exact), rtol=0, atol=1e-13)
-    assert found.name == "arc length from the end of least x"
+    np.testing.assert_allclose(line.s, chords(exact), rtol=0, atol=1e-13)
+    assert line.name == "arc length from the end of least x"
 
 
 def test_vertical_arc_ascends() -> None:
     x, _ = arc(-1.0, 1.0, 15)
-    found = places(x, "arc")
-    assert (np.diff(x[found.order, 1]) > 0).all()
-    assert found.name == "arc length from the end of least y"
+    line = places(x, "arc")
+    assert (np.diff(x[line.order, 1]) > 0).all()
+    assert line.name == "arc length from the end of least y"
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -48,25 +48,25 @@ def test_arc_length_of_a_ring_is_counter_clockwise(mirrored: bool) -> None:
     x, angle = arc(0.0, 2 * np.pi * (1 - 1 / count), count)
     if mirrored:
         x, angle = x * [1, -1], -angle % (2 * np.pi)
-    found = places(x, None)
-    assert found.order[0] == found.order[-1]
+    line = places(x, None)
+    assert line.order[0] == line.order[-1]
     np.testing.assert_allclose(
-        angle[found.order[:-1]], 2 * np.pi / count * np.arange(count), atol=1e-12
+        angle[line.order[:-1]], 2 * np.pi / count * np.arange(count), atol=1e-12
     )
     chord = 6 * np.sin(np.pi / count)
-    np.testing.assert_allclose(found.s, chord * np.arange(count + 1), rtol=1e-12)
+    np.testing.assert_allclose(line.s, chord * np.arange(count + 1), rtol=1e-12)
     # Tangents of the circle; the first and the last are equal.
-    tangent = np.stack([-x[found.order, 1], x[found.order, 0]], axis=1) / 3
-    np.testing.assert_allclose(found.towards, tangent, atol=1e-12)
-    assert found.name == "arc length from largest x, counter-clockwise"
+    tangent = np.stack([-x[line.order, 1], x[line.order, 0]], axis=1) / 3
+    np.testing.assert_allclose(line.towards, tangent, atol=1e-12)
+    assert line.name == "arc length from largest x, counter-clockwise"
 
 
 def test_a_ring_without_one_contact_is_open() -> None:
     count = 24
     x, _ = arc(0.0, 2 * np.pi * (1 - 2 / count), count - 1)
-    found = places(x, None)
-    assert found.name.startswith("arc length from the end of least")
-    assert len(found.order) == count - 1
+    line = places(x, None)
+    assert line.name.startswith("arc length from the end of least")
+    assert len(line.order) == count - 1
 
 
 def test_a_graded_ring_is_closed() -> None:
@@ -74,9 +74,9 @@ def test_a_graded_ring_is_closed() -> None:
     step = 1.3 ** np.concatenate([np.arange(8), np.arange(8)[::-1]])
     angle = RANDOM.permutation(2 * np.pi * np.cumsum(step) / step.sum())
     x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    found = places(x, None)
-    assert "counter-clockwise" in found.name
-    around = angle[found.order]
+    line = places(x, None)
+    assert "counter-clockwise" in line.name
+    around = angle[line.order]
     assert np.sum(np.diff(around) < 0) == 1  # # where the angle starts again
 
 
@@ -85,9 +85,9 @@ def test_two_sides_of_a_corner_are_one_chain() -> None:
     low = np.minimum(s, 3.0)
     x = np.stack([low, s - low], axis=1)
     order = RANDOM.permutation(len(x))
-    found = places(x[order], None)
-    np.testing.assert_allclose(found.s, s, atol=1e-14)
-    np.testing.assert_array_equal(order[found.order], np.arange(len(x)))
+    line = places(x[order], None)
+    np.testing.assert_allclose(line.s, s, atol=1e-14)
+    np.testing.assert_array_equal(order[line.order], np.arange(len(x)))
 
 
 @pytest.mark.parametrize(
@@ -105,32 +105,32 @@ def test_straight_lines_have_their_coordinate(
 ) -> None:
     t = RANDOM.permutation(np.arange(9.0))
     x = np.array([0.25, 2.0]) + t[:, None] * np.array(direction)
-    found = places(x, None)
-    assert found.name == name
+    line = places(x, None)
+    assert line.name == name
     size = np.linalg.norm(direction)
-    np.testing.assert_allclose(np.diff(found.s), size, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(line.s), size, rtol=1e-12)
     if name in "xy":
-        np.testing.assert_array_equal(found.s, np.sort(x[:, "xy".index(name)]))
+        np.testing.assert_array_equal(line.s, np.sort(x[:, "xy".index(name)]))
 
 
 def test_rotation_and_scaling_keep_the_line() -> None:
     x, _ = arc(0.3, 2.0, 20)
-    one = places(x, "arc")
+    line = places(x, "arc")
     turn = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
     in_space = 1e6 * np.column_stack([x, np.zeros(len(x))]) @ turn.T
     other = places(in_space, "arc")
-    steps = 1e6 * np.diff(one.s)
+    steps = 1e6 * np.diff(line.s)
     np.testing.assert_allclose(np.diff(other.s), steps, rtol=1e-9)
     order = list(other.order)
-    assert order in (list(one.order), list(one.order[::-1]))
+    assert order in (list(line.order), list(line.order[::-1]))
 
 
 def test_arc_length_of_a_ring_in_3d() -> None:
     x, angle = arc(0.0, 2 * np.pi * 0.95, 20)
     # In the plane of y and z; counter-clockwise, seen from +x, goes from y to z.
-    found = places(np.column_stack([np.full(20, 7.0), x]), "arc")
-    np.testing.assert_allclose(np.diff(angle[found.order[:-1]]), np.pi / 10, rtol=1e-9)
-    assert found.name == ("arc length from largest y, counter-clockwise seen from +x")
+    line = places(np.column_stack([np.full(20, 7.0), x]), "arc")
+    np.testing.assert_allclose(np.diff(angle[line.order[:-1]]), np.pi / 10, rtol=1e-9)
+    assert line.name == ("arc length from largest y, counter-clockwise seen from +x")
 
 
 def test_surface_is_refused_as_a_line() -> None:

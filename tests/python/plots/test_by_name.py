@@ -75,11 +75,11 @@ def test_pictures_by_name_are_those_of_the_functions(solid: Any) -> None:
         ax = solid.plot(name)
         assert ax.get_title("left") == direct.get_title("left")
         assert len(ax.collections) == len(direct.collections)
-        for one, other in zip(ax.collections, direct.collections, strict=True):
-            for values in (one.get_array(), other.get_array()):
-                assert (values is None) is (one.get_array() is None)
-            if one.get_array() is not None:
-                np.testing.assert_array_equal(one.get_array(), other.get_array())
+        for collection, other in zip(ax.collections, direct.collections, strict=True):
+            for values in (collection.get_array(), other.get_array()):
+                assert (values is None) is (collection.get_array() is None)
+            if collection.get_array() is not None:
+                np.testing.assert_array_equal(collection.get_array(), other.get_array())
 
 
 def test_facets_are_drawn_without_the_model(solid: Any, tmp_path: Path) -> None:
@@ -88,12 +88,12 @@ def test_facets_are_drawn_without_the_model(solid: Any, tmp_path: Path) -> None:
     again = bp.load(tmp_path / "a.h5")
     for name in ("pressure_3d", "slip_3d"):
         alone, whole = again.plot(name), solid.plot(name)
-        one, other = (
+        by_name, other = (
             next(c for c in ax.collections if c.get_array() is not None)
             for ax in (alone, whole)
         )
-        np.testing.assert_array_equal(one.get_array(), other.get_array())
-        assert len(one.get_array()) == 9
+        np.testing.assert_array_equal(by_name.get_array(), other.get_array())
+        assert len(by_name.get_array()) == 9
     with pytest.raises(ValueError, match="the mesh of the result is not known"):
         again.plot("deformed")
     again.plot("deformed", model=solid.case)
@@ -150,8 +150,8 @@ def test_a_gif_has_a_frame_for_each_step(
     with Image.open(file) as read:
         assert (read.format, read.n_frames) == ("GIF", 3)
         assert read.info["duration"] == 200
-    said = [ax.get_legend().get_title().get_text() for ax in seen]
-    assert said == [f"load step {k} of 3" for k in (1, 2, 3)]
+    titles = [ax.get_legend().get_title().get_text() for ax in seen]
+    assert titles == [f"load step {k} of 3" for k in (1, 2, 3)]
     # One vertical axis shows the values of all steps.
     (low, high), *others = (ax.get_ylim() for ax in seen)
     assert others == [(low, high)] * 2
@@ -173,10 +173,13 @@ def test_frames_have_the_same_colours(
     solid.animate(tmp_path / "a.gif", kind, dpi=30)
     ranges = [bars(ax)[0].get_clim() for ax in seen]
     assert len(set(ranges)) == 1
-    own = [bars(solid.plot(kind, step=k))[0].get_clim() for k in (0, 1)]
-    assert ranges[0] == (min(a for a, _ in own), max(b for _, b in own))
+    limits_of_steps = [bars(solid.plot(kind, step=k))[0].get_clim() for k in (0, 1)]
+    assert ranges[0] == (
+        min(a for a, _ in limits_of_steps),
+        max(b for _, b in limits_of_steps),
+    )
     # Steps differ, so that this is no accident.
-    assert len(set(own)) == 2
+    assert len(set(limits_of_steps)) == 2
     for name in ("xlim", "ylim", *(["zlim"] if seen[0].name == "3d" else [])):
         assert len({getattr(ax, f"get_{name}")() for ax in seen}) == 1
 
@@ -190,9 +193,9 @@ def test_frames_of_bodies_show_growing_displacements(
     from matplotlib.quiver import Quiver
 
     flat.animate(tmp_path / "a.gif", "deformed", dpi=30)
-    said = {ax.get_title("left").split(",")[0] for ax in seen}
-    assert len(said) == 1
-    factor = float(said.pop().removeprefix("displacements × "))
+    subtitles = {ax.get_title("left").split(",")[0] for ax in seen}
+    assert len(subtitles) == 1
+    factor = float(subtitles.pop().removeprefix("displacements × "))
     model = flat.case.model
     for k, ax in enumerate(seen):
         cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)

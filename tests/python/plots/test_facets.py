@@ -47,11 +47,13 @@ def test_the_picture_of_a_run_has_facets(tmp_path: Any, monkeypatch: Any) -> Non
 
     model = bowl(4, "hexahedron")
     solved = model.problem().solve(prescribed=model.prescribed([[0.0, 0.0, -0.1]]))
-    known = solved.contacts | surface_labels(model)
+    arrays_known = solved.contacts | surface_labels(model)
     kept: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
     for without in ((), ("facets",)):
-        contacts = {name: known[name] for name in known if name not in without}
+        contacts = {
+            name: arrays_known[name] for name in arrays_known if name not in without
+        }
         result = bp.Result(
             solved.steps,
             contacts=contacts,
@@ -87,34 +89,34 @@ def surfaces(nodes: int) -> Any:
 
 @pytest.mark.parametrize("nodes", [4, 6])
 def test_mortar_surfaces_know_their_facets(nodes: int) -> None:
-    found, at, down = surfaces(nodes)
-    kept = triangles.check_facets(found.facets, len(found.points))
+    pairs, at, down = surfaces(nodes)
+    kept = triangles.check_facets(pairs.facets, len(pairs.points))
     corners = 4 if nodes == 4 else 3
     np.testing.assert_array_equal(
-        found.points[kept[:, :corners]], at[down[:, :corners]]
+        pairs.points[kept[:, :corners]], at[down[:, :corners]]
     )
-    n = found.B.shape[1]
+    n = pairs.B.shape[1]
     result = bp.ContactProblem(
-        np.eye(n), found.B, gap=found.gap - 0.2, mu=0.3, points=found.points,
-        frame=found.frame, area=found.area,
+        np.eye(n), pairs.B, gap=pairs.gap - 0.2, mu=0.3, points=pairs.points,
+        frame=pairs.frame, area=pairs.area,
     ).solve()  # fmt: skip
-    ax = plots.surface3d(result, contacts=found)
+    ax = plots.surface3d(result, contacts=pairs)
     image = next(c for c in ax.collections if c.get_array() is not None)
     assert len(image.get_array()) == len(down)
-    result.contacts["facets"] = found.facets
+    result.contacts["facets"] = pairs.facets
     again = result.plot("pressure_3d")
     same = next(c for c in again.collections if c.get_array() is not None)
     np.testing.assert_array_equal(same.get_array(), image.get_array())
 
 
 def test_contacts_on_no_facet_are_dots() -> None:
-    found, *_ = surfaces(4)
-    n = found.B.shape[1]
+    model, *_ = surfaces(4)
+    n = model.B.shape[1]
     result = bp.ContactProblem(
-        np.eye(n), found.B, gap=found.gap - 0.2, mu=0.3, points=found.points,
-        frame=found.frame, area=found.area,
+        np.eye(n), model.B, gap=model.gap - 0.2, mu=0.3, points=model.points,
+        frame=model.frame, area=model.area,
     ).solve()  # fmt: skip
-    result.contacts["facets"] = found.facets[:1]
+    result.contacts["facets"] = model.facets[:1]
     left_out = 9 - 4
     for ax in (result.plot("pressure_3d"), result.plot("pressure_map")):
         dots = [

@@ -94,8 +94,8 @@ def drawn_lines(ax: Any) -> dict[str, Any]:
 def arrows_of(ax: Any) -> Any:
     from matplotlib.quiver import Quiver
 
-    (found,) = (it for it in ax.collections if isinstance(it, Quiver))
-    return found
+    (quiver,) = (it for it in ax.collections if isinstance(it, Quiver))
+    return quiver
 
 
 def test_examples_of_the_docstrings() -> None:
@@ -110,11 +110,11 @@ def test_tractions_are_those_of_the_result(line: Any) -> None:
     assert ax.get_ylabel() == "traction [MPa]"
     order = np.argsort(model.points[:, 0])
     traction = result.traction[-1][order]
-    found = drawn_lines(ax)
-    np.testing.assert_array_equal(found["pressure"][:, 0], model.points[order, 0])
-    np.testing.assert_array_equal(found["pressure"][:, 1], traction[:, 0])
-    np.testing.assert_array_equal(found["shear"][:, 1], traction[:, 1])
-    np.testing.assert_array_equal(found["±μ × pressure"][:, 1], 0.3 * traction[:, 0])
+    curves = drawn_lines(ax)
+    np.testing.assert_array_equal(curves["pressure"][:, 0], model.points[order, 0])
+    np.testing.assert_array_equal(curves["pressure"][:, 1], traction[:, 0])
+    np.testing.assert_array_equal(curves["shear"][:, 1], traction[:, 1])
+    np.testing.assert_array_equal(curves["±μ × pressure"][:, 1], 0.3 * traction[:, 0])
     (strip,) = (c for c in ax.collections if c.get_array() is not None)
     np.testing.assert_array_equal(strip.get_array(), result.status[-1][order])
     texts = [t.get_text() for t in ax.get_legend().get_texts()]
@@ -206,9 +206,9 @@ def test_zones_over_the_path(line: Any) -> None:
         ax.collections[0].get_array().reshape(len(result), -1), result.status[:, order]
     )
     assert ax.get_ylabel() == "load step"
-    one = plots.status_map(result, step=0)
+    axes_of_step = plots.status_map(result, step=0)
     np.testing.assert_array_equal(
-        np.ravel(one.collections[0].get_array()), result.status[0][order]
+        np.ravel(axes_of_step.collections[0].get_array()), result.status[0][order]
     )
 
 
@@ -320,9 +320,9 @@ def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
     kept = area > 0
     x = np.column_stack([stretch * at[kept, 0], at[kept, 1], np.zeros(kept.sum())])
     q = np.tile([-1.0, 0.0, 0.0], (len(x), 1))
-    found = bp.ReducedProblem(np.eye(3 * len(x)), q, 0.3).solve()
+    solution = bp.ReducedProblem(np.eye(3 * len(x)), q, 0.3).solve()
     frame = np.tile(np.roll(np.eye(3), 1, axis=0), (len(x), 1, 1))
-    return found, {"x": x, "area": area[kept], "frame": frame}
+    return solution, {"x": x, "area": area[kept], "frame": frame}
 
 
 @pytest.mark.parametrize("areas", [True, False])
@@ -331,16 +331,16 @@ def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
 @pytest.mark.slow_variants("True-3.0-True")
 def test_only_holes_are_blank(stretch: float, hole: bool, areas: bool) -> None:
     """Without facets, by the areas of the contacts, or by the points alone."""
-    found, contacts = sheet(stretch, hole)
+    solution, contacts = sheet(stretch, hole)
     if not areas:
         del contacts["area"]
-    blank = np.isnan(shown(plots.surface_map(found, contacts=contacts))).mean()
+    blank = np.isnan(shown(plots.surface_map(solution, contacts=contacts))).mean()
     # At the hole, a quarter of the surface, the corners may be cut off; without areas,
     # half of it.
     least, most = ((0.2 if areas else 0.12), 0.25) if hole else (0.0, 0.0)
     # The rim of the hole, half the length of the sheet, is a pixel wide.
     assert least - 0.01 * hole <= blank <= most + 0.01 * hole
-    same = np.isnan(shown(plots.status_map(found, contacts=contacts))).mean()
+    same = np.isnan(shown(plots.status_map(solution, contacts=contacts))).mean()
     assert same == blank
 
 
@@ -354,12 +354,12 @@ def graded() -> tuple[bp.Solution, dict[str, Any]]:
     rim = (np.abs(u - 0.5) == 0.5) | (np.abs(v - 0.5) == 0.5)
     pressure = np.where(rim, 10.0, 1 - 0.5 * (u**2 + v**2))
     q = np.stack([-pressure * area, 0 * u, 0 * u], axis=1)
-    found = bp.ReducedProblem(sparse.eye_array(3 * len(u)), q, 0.3).solve()
+    solution = bp.ReducedProblem(sparse.eye_array(3 * len(u)), q, 0.3).solve()
     first = (31 * np.arange(30)[:, None] + np.arange(30)).ravel()
     facets = first[:, None] + [0, 1, 32, 31]
     frame = np.tile(np.roll(np.eye(3), 1, axis=0), (len(u), 1, 1))
     x = np.column_stack([u, v, 0 * u])
-    return found, {"x": x, "area": area, "frame": frame, "facets": facets}
+    return solution, {"x": x, "area": area, "frame": frame, "facets": facets}
 
 
 def colours_of(ax: Any) -> Any:
@@ -378,20 +378,22 @@ def colours_of(ax: Any) -> Any:
 @pytest.mark.slow
 def test_maps_of_graded_cells_are_whole_and_in_the_colours_of_the_bar() -> None:
     """Cells of an aspect ratio up to 111, with facets, with areas, and without both."""
-    found, contacts = graded()
+    solution, contacts = graded()
     ratio = np.ptp(np.diff(np.unique(contacts["x"][:, 0])))
     assert ratio > 100 * np.diff(np.unique(contacts["x"][:, 0])).min()
     for left_out in ((), ("facets",), ("facets", "area")):
-        known = {k: v for k, v in contacts.items() if k not in left_out}
-        ax = plots.surface_map(found, contacts=known)
+        arrays_left = {k: v for k, v in contacts.items() if k not in left_out}
+        ax = plots.surface_map(solution, contacts=arrays_left)
         assert not np.isnan(shown(ax)).any()
-        assert not np.isnan(shown(plots.status_map(found, contacts=known))).any()
+        assert not np.isnan(
+            shown(plots.status_map(solution, contacts=arrays_left))
+        ).any()
         (image,) = ax.images
         bar = np.unique(image.cmap(np.arange(256), bytes=True)[:, :3], axis=0)
         drawn = colours_of(ax)
         assert len(drawn) > 50
         assert (drawn[:, None] == bar).all(axis=2).any(axis=1).all()
-        if "area" in known:
+        if "area" in arrays_left:
             # The pressure of 10 at the edges, on 0.4 % of the area, is beyond the bar.
             assert 0.95 < image.get_clim()[1] <= 1.0
 
@@ -417,18 +419,18 @@ def test_facets_of_every_kind_are_drawn_whole(nodes: int) -> None:
     pixels = raster.Raster.around(at)
     facet = triangles.split(triangles.check_facets(np.arange(nodes)[None], nodes))
     image = pixels.interpolate(at, facet, at @ [1.0, 2.0])
-    known = ~np.isnan(image)
+    inside = ~np.isnan(image)
     exact = pixels.places @ [1.0, 2.0]
-    np.testing.assert_allclose(image[known], exact[known], rtol=1e-12)
+    np.testing.assert_allclose(image[inside], exact[inside], rtol=1e-12)
     whole = 1.0 if nodes not in (3, 6) else 0.5
     # Along the slanted edge a row may miss a pixel.
-    assert known.mean() == pytest.approx(whole, abs=1 / 300)
+    assert inside.mean() == pytest.approx(whole, abs=1 / 300)
 
 
 def test_a_part_of_the_facets_has_new_numbers() -> None:
     facets = triangles.check_facets([[0, 1, 4, 3], [1, 2, 4, -1]], 5)
-    own = triangles.part(facets, np.array([4, 2, 1]), 5)
-    np.testing.assert_array_equal(own, [[2, 1, 0, -1]])
+    facets_of_part = triangles.part(facets, np.array([4, 2, 1]), 5)
+    np.testing.assert_array_equal(facets_of_part, [[2, 1, 0, -1]])
     np.testing.assert_array_equal(triangles.alone(facets[1:], 5), [0, 3])
 
 
@@ -460,8 +462,8 @@ def test_deformed_bodies(line: Any, near: float | None) -> None:
     upper = von_mises(stress(model.bodies[0], u[:half], space=True))
     np.testing.assert_array_equal(cells.get_array()[: len(upper)], upper)
     longest = np.linalg.norm(result[-1].reaction, axis=1).max()
-    said = f"displacements × 3, forces up to {longest:.3g} N, load step 2 of 2"
-    assert ax.get_title("left") == said
+    title = f"displacements × 3, forces up to {longest:.3g} N, load step 2 of 2"
+    assert ax.get_title("left") == title
     # Arrows end at contact nodes and add up to a part of the contact force.
     arrows = arrows_of(ax)
     tips = places[model.contact_dofs[:, 0] // 2]
@@ -500,28 +502,28 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(obstacle: str) -> None:
         # A piece for each facet; its first two corners are at its contacts.
         (line,) = (facets for kind, facets in contact_surface(model) if kind == "line")
         assert len(line) == 20
-        found = np.empty_like(model.points)
+        points_at_facets = np.empty_like(model.points)
         for path, facet in zip(bands.get_paths(), line, strict=True):
-            found[facet] = path.vertices[:2]
-        return found
+            points_at_facets[facet] = path.vertices[:2]
+        return points_at_facets
 
     if obstacle == "rests":
         # Closest points of the nodes lie on the circle.
         at = edge(0, 1.0) - [-0.2, -4.0]
         np.testing.assert_allclose(np.linalg.norm(at, axis=1), 4.0, rtol=1e-14)
     for step, scale in ((0, 3.0), (1, 7.0)):
-        found = result[step]
+        points_at_facets = result[step]
         nodes = model.contact_dofs[:, 0] // 2
-        u = found.displacement[: model.nodes.size].reshape(-1, 2)
+        u = points_at_facets.displacement[: model.nodes.size].reshape(-1, 2)
         drawn = model.nodes[nodes] + scale * u[nodes]
-        normal = model.in_step(found).frame[:, 0]
+        normal = model.in_step(points_at_facets).frame[:, 0]
         apart = np.einsum("cd,cd->c", normal, drawn - edge(step, scale))
         # Its distance from the body is the gap of the open contacts, up to rounding of
         # coordinates of size 4.
         np.testing.assert_allclose(
-            apart, scale * found.relative_displacement[:, 0], atol=1e-14
+            apart, scale * points_at_facets.relative_displacement[:, 0], atol=1e-14
         )
-        assert (found.status > 0).any()
+        assert (points_at_facets.status > 0).any()
 
 
 def test_boundary_of_bodies_in_3d_is_drawn(cube: Any) -> None:
@@ -564,11 +566,13 @@ def test_skin_and_edges_of_a_box() -> None:
 
 def test_resultants_and_shares(cycle: Any) -> None:
     _, result = cycle
-    found = drawn_lines(plots.resultants(result))
+    curves = drawn_lines(plots.resultants(result))
     total = result.resultant
-    np.testing.assert_allclose(found["normal"][:, 1], total[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(curves["normal"][:, 1], total[:, 2], rtol=1e-12)
     size = np.abs(total).max()
-    np.testing.assert_allclose(found["tangential"][:, 1], total[:, 0], atol=1e-6 * size)
+    np.testing.assert_allclose(
+        curves["tangential"][:, 1], total[:, 0], atol=1e-6 * size
+    )
     ax = plots.status_shares(result)
     heights = np.array([bar.get_height() for bar in ax.patches]).reshape(3, -1)
     for k, row in zip((2, 1, 0), heights, strict=True):
@@ -615,8 +619,8 @@ def test_friction_limit_far_above_the_force_is_a_text(tow: float, seen: bool) ->
     result = bp.solve(1e3 * np.eye(2), np.eye(2), loads, gap=[0.0], mu=0.5)
     ax = plots.force_displacement(result, [0.0, 1.0], units=UNITS)
     assert ("±Σ μ × normal" in drawn_lines(ax)) is seen
-    said = "" if seen else "friction could hold up to 5 N"
-    assert ax.get_title("left") == said
+    title = "" if seen else "friction could hold up to 5 N"
+    assert ax.get_title("left") == title
 
 
 def test_the_loop_of_the_contact_itself(cycle: Any) -> None:
@@ -630,11 +634,11 @@ def test_the_loop_of_the_contact_itself(cycle: Any) -> None:
 
 def test_convergence(cycle: Any) -> None:
     _, result = cycle
-    one = plots.convergence(result[1])
-    found = drawn_lines(one)
-    np.testing.assert_array_equal(found["residual"], result[1].history)
-    assert found["held to"][0, 1] == result[1].tolerance
-    assert one.get_yscale() == "log"
+    axes = plots.convergence(result[1])
+    curves = drawn_lines(axes)
+    np.testing.assert_array_equal(curves["residual"], result[1].history)
+    assert curves["held to"][0, 1] == result[1].tolerance
+    assert axes.get_yscale() == "log"
     every = drawn_lines(plots.convergence(result))
     np.testing.assert_array_equal(every["step 3"], result[2].history)
     np.testing.assert_array_equal(
@@ -781,8 +785,8 @@ def test_a_band_of_reactions() -> None:
     ax = plots.reaction_band([ranges[0], free], contacts={"x": SUPPORTS})
     top = ax.get_lines()[0].get_ydata()
     # A quarter of what is finite beyond it.
-    found = max(ranges[0].largest, free.found)
-    np.testing.assert_allclose(top, [0.5, 1.25 * found])
+    largest = max(ranges[0].largest, free.found)
+    np.testing.assert_allclose(top, [0.5, 1.25 * largest])
     few = plots.reaction_band(ranges, contacts={"x": SUPPORTS}, where=[0, 2])
     assert few.get_lines()[0].get_xdata().tolist() == [0, 2]
     with pytest.raises(TypeError, match="ranges"):
@@ -894,10 +898,10 @@ def test_overlaps_are_seen() -> None:
     ax.text(0.5, 0.1, "one")
     ax.text(0.5, 0.1, "other")
     ax.set_title("far\n" * 20)
-    found = overlaps(figure)
-    assert "legend over 'it'" in found
-    assert "'one' over 'other'" in found
-    assert any(said.endswith("beyond the rim") for said in found)
+    overlapping = overlaps(figure)
+    assert "legend over 'it'" in overlapping
+    assert "'one' over 'other'" in overlapping
+    assert any(overlap.endswith("beyond the rim") for overlap in overlapping)
 
 
 def test_given_axes_are_used(line: Any, cube: Any) -> None:
@@ -978,9 +982,9 @@ def test_wrong_bodies_are_named(line: Any, cube: Any) -> None:
     with pytest.raises(ValueError, match="backend is 'gl'"):
         plots.surface3d(*cube, backend="gl")
     two = np.random.default_rng(0).uniform(size=(64, 3))
-    known = {"x": two, "frame": cube[0].frame}
+    wrong_contacts = {"x": two, "frame": cube[0].frame}
     with pytest.raises(ValueError, match="more than one plane"):
-        plots.surface_map(cube[1], contacts=known)
+        plots.surface_map(cube[1], contacts=wrong_contacts)
 
 
 def test_units_are_kept_in_the_file(line: Any, tmp_path: Path) -> None:

@@ -41,9 +41,12 @@ def path_of(known: dict[str, Any], steps: list[dict[str, Any]]) -> bp.Result:
     solved = bp.solve(
         np.eye(n * d), np.eye(n * d), np.zeros(n * d), gap=np.ones(n), mu=0.3
     )[0]
-    fields = [{key: one[key] for key in ("reaction", "status")} for one in steps]
+    fields = [
+        {key: fields_of_step[key] for key in ("reaction", "status")}
+        for fields_of_step in steps
+    ]
     return bp.Result(
-        [replace(solved, **one) for one in fields],
+        [replace(solved, **fields_of_step) for fields_of_step in fields],
         contacts=known,
         shape=(n, d),
         success=True,

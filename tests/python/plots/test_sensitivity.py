@@ -47,8 +47,12 @@ def row() -> Any:
 
 
 def rings(ax: Any) -> Any:
-    found = [it for it in ax.collections if isinstance(it, PathCollection)]
-    return np.concatenate([it.get_offsets() for it in found]) if found else None
+    collections = [it for it in ax.collections if isinstance(it, PathCollection)]
+    return (
+        np.concatenate([it.get_offsets() for it in collections])
+        if collections
+        else None
+    )
 
 
 def test_a_line_shows_the_derivative_of_each_contact(row: Any) -> None:

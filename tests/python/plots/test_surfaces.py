@@ -81,9 +81,9 @@ def test_each_surface_has_its_lines(clamped: Any) -> None:
     assert labels(ax)[:2] == ["pad.bottom", "pad.top"]
     assert ax.get_xlabel() == "x [mm]"
     for k, name in enumerate(("pad.bottom", "pad.top")):
-        own = clamped.contacts_of(name)
-        x = clamped.contacts["x"][own, 0]
-        order = own[np.argsort(x)]
+        contacts_there = clamped.contacts_of(name)
+        x = clamped.contacts["x"][contacts_there, 0]
+        order = contacts_there[np.argsort(x)]
         (solid, *_), (dashed, *_) = (of_colour(ax, k, ls) for ls in ("-", "--"))
         np.testing.assert_array_equal(solid[0], np.sort(x))
         np.testing.assert_array_equal(solid[1], clamped.traction[-1][order, 0])
@@ -110,8 +110,8 @@ def test_pictures_of_two_surfaces_can_be_read(
     ax = draw(clamped)
     assert overlaps(ax.figure) == []
     if draw is not plots.deformed:
-        said = [t.get_text() for t in ax.texts]
-        told = said if draw is plots.status_map else labels(ax)
+        texts = [t.get_text() for t in ax.texts]
+        told = texts if draw is plots.status_map else labels(ax)
         assert {"pad.bottom", "pad.top"} <= set(told)
 
 
@@ -121,8 +121,8 @@ def test_zones_of_two_surfaces_are_apart(clamped: Any) -> None:
     ax = plots.status_map(clamped)
     low, high = (it for it in ax.collections if isinstance(it, QuadMesh))
     for image, name in ((low, "pad.bottom"), (high, "pad.top")):
-        own = clamped.contacts_of(name)
-        order = own[np.argsort(clamped.contacts["x"][own, 0])]
+        contacts_there = clamped.contacts_of(name)
+        order = contacts_there[np.argsort(clamped.contacts["x"][contacts_there, 0])]
         np.testing.assert_array_equal(image.get_array(), clamped.status[:, order])
     ends = [np.asarray(image.get_coordinates())[..., 1] for image in (low, high)]
     assert ends[0].max() < ends[1].min()
@@ -132,9 +132,9 @@ def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
     """A clamp presses from both sides: the sum is zero, each force is not."""
     ax = plots.resultants(clamped)
     for k, name in enumerate(("pad.bottom", "pad.top")):
-        own = clamped.contacts_of(name)
+        contacts_there = clamped.contacts_of(name)
         ((_, press),) = of_colour(ax, k, "-")
-        total = clamped.reaction[:, own, 0].sum(axis=1)
+        total = clamped.reaction[:, contacts_there, 0].sum(axis=1)
         np.testing.assert_allclose(press, total, rtol=1e-12)
         assert (press > 1000).all()
     # The sum of both is the pull: 60 MPa on a height of 10 mm, of unit thickness.
@@ -204,12 +204,12 @@ def test_shear_around_a_ring_has_one_sign(ring: Any) -> None:
 
 
 def test_title_names_the_step(clamped: Any) -> None:
-    for step, said in ((0, "load step 1 of 3"), (-1, "load step 3 of 3")):
+    for step, expected_title in ((0, "load step 1 of 3"), (-1, "load step 3 of 3")):
         for draw in (plots.tractions, plots.slip, plots.status_map):
             legend = draw(clamped, step=step).get_legend()
-            assert legend.get_title().get_text() == said
+            assert legend.get_title().get_text() == expected_title
         title = plots.deformed(clamped, step=step).get_title("left")
-        assert title.endswith(said)
+        assert title.endswith(expected_title)
     # With a single step the title needs no step number.
     alone = plots.tractions(clamped[0], contacts=clamped.contacts)
     assert alone.get_legend().get_title().get_text() == ""
@@ -238,8 +238,8 @@ def test_bodies_from_model_case_or_result() -> None:
     case = made.assemble()
     expected = {-1: 210.0, 0: 105.0}
     for step, stress in expected.items():
-        for given in (made, case, result, result.case.model):
-            ax = plots.deformed(given, result, step=step)
+        for source in (made, case, result, result.case.model):
+            ax = plots.deformed(source, result, step=step)
             from matplotlib.collections import PolyCollection
 
             cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)
@@ -300,7 +300,7 @@ def test_quantity_that_is_zero_everywhere() -> None:
     x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
     n = len(x)
     frame = fem.frames(np.tile([0.0, 0, 1], (n, 1)))
-    for load, quantity, said in (
+    for load, quantity, expected_text in (
         ([-1.0, 0.0, 0.0], "gap", "all contacts are closed"),
         ([-1.0, 0.1, 0.0], "slip", "no slip in the step"),
         ([1.0, 0.0, 0.0], "pressure", "all contacts are open"),
@@ -316,7 +316,7 @@ def test_quantity_that_is_zero_everywhere() -> None:
             area=np.ones(n),
         )
         ax = plots.surface_map(result, quantity)
-        assert [t.get_text() for t in ax.texts] == [said]
+        assert [t.get_text() for t in ax.texts] == [expected_text]
         assert not ax.child_axes
 
 
@@ -340,7 +340,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
         assert (status, out, err) == (0, "a.png\n", "")
         drawn.add(Path("a.png").read_bytes())
     assert len(drawn) == 7
-    for more, said in (
+    for more, expected_text in (
         (("--contact", "pad.tob"), "there is no contact on 'pad.tob', expected one of"),
         (("--along", "w"), "--along is 'w', expected x, y, z or arc"),
         (
@@ -363,7 +363,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     ):
         status, out, err = bipot("plot", folder, *more)
         assert (status, out) == (2, "")
-        assert said in " ".join(err.split())
+        assert expected_text in " ".join(err.split())
     Path("clamp.toml").rename("moved.toml")
     status, _, err = bipot("plot", folder, "--kind", "deformed")
     assert status == 2
@@ -389,7 +389,7 @@ def test_the_command_draws_the_contact_zone_and_animations(bipot: Any) -> None:
         with Image.open("a.gif") as read:
             assert read.n_frames == 3
     assert len(drawn) == 5
-    for more, said in (
+    for more, expected_text in (
         (("--kind", "slip", "--near", "1"), "--near cannot be used with --kind slip"),
         ((*body, "--near", "0"), "near is 0.0, expected a positive number"),
         ((*body, "--scale", "-1"), "scale is -1.0, expected a positive number"),
@@ -401,19 +401,19 @@ def test_the_command_draws_the_contact_zone_and_animations(bipot: Any) -> None:
     ):
         status, out, err = bipot("plot", "out/clamp", *more)
         assert (status, out) == (2, "")
-        assert said in " ".join(err.split())
+        assert expected_text in " ".join(err.split())
     assert not Path("b.gif").exists()
 
 
 def test_result_of_arrays_has_no_names(bipot: Any) -> None:
     bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3).save("a.h5")
-    for more, said in (
+    for more, expected_text in (
         (("--kind", "deformed"), "a.h5 is not the result of a scene, so that its mesh"),
         (("--contact", "a.b"), "--contact is 'a.b', but a.h5 has no names of surfaces"),
     ):
         status, out, err = bipot("plot", "a.h5", *more)
         assert (status, out) == (2, "")
-        assert said in " ".join(err.split())
+        assert expected_text in " ".join(err.split())
 
 
 def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:

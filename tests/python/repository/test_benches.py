@@ -65,9 +65,9 @@ def test_fitted_constants_are_found_and_changed() -> None:
 def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
     """Each table of a page is between two markers that its program names."""
     text = (repository / page).read_text(encoding="utf-8")
-    found = re.findall(r"<!-- (.*), written by (\S+) -->", text)
-    assert found
-    for name, program in found:
+    marks = re.findall(r"<!-- (.*), written by (\S+) -->", text)
+    assert marks
+    for name, program in marks:
         assert "\nnew\n" in tables.replaced(text, name, "new")
         assert f'"{name}"' in (repository / program).read_text("utf-8")
 
@@ -171,11 +171,11 @@ def test_a_peer_without_its_package_names_it(repository: Path) -> None:
 
 
 def test_a_row_of_iterations_counts_those_of_the_iterative_engine() -> None:
-    one = iterations.row("two blocks", "small", iterations.blocks(6, 6, 10.0))
-    assert one["solved by"] == "iterative"
-    assert one["residual"] <= iterations.TOL
-    assert 0 < one["steps"] < one["Krylov"]
-    assert one["contacts"] == 49
+    row = iterations.row("two blocks", "small", iterations.blocks(6, 6, 10.0))
+    assert row["solved by"] == "iterative"
+    assert row["residual"] <= iterations.TOL
+    assert 0 < row["steps"] < row["Krylov"]
+    assert row["contacts"] == 49
 
 
 def test_the_slabs_of_petsc_are_the_system_of_bipot_rs(tmp_path: Path) -> None:
@@ -217,13 +217,13 @@ def test_rows_measured_again_replace_the_old_ones() -> None:
 def test_seconds_of_a_peer_are_predicted_from_its_slope() -> None:
     history = [(100, 1.0, 1), (200, 4.0, 2)]
     # Twice the unknowns took four times as long: sixteen seconds next.
-    for known, scene, seconds in (
+    for recorded_times, scene, seconds in (
         (history, "sheared_cube", 16.0),
         (history[:1], "sheared_cube", 16.0),
         (history[:1], "pressed_block", 8.0),
     ):
-        found = whole_job.predicted(known, 400, scene)
-        assert found == pytest.approx(seconds, rel=1e-12)
+        seconds_predicted = whole_job.predicted(recorded_times, 400, scene)
+        assert seconds_predicted == pytest.approx(seconds, rel=1e-12)
 
 
 def test_csv_files_with_and_without_machine_give_tables() -> None:

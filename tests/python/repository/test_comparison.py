@@ -36,14 +36,14 @@ def test_ratios_of_processes_are_theirs_over_ours() -> None:
         for row in rows
         if whole_job.place(row) == ("pressed_block", 32)
     }
-    (found,) = (
+    (ratio_row,) = (
         numbers
         for what, program, numbers in ratios.whole_jobs()
         if (what, program) == ("whole process, with start and imports", "Siconos")
     )
     expected = process["Siconos"] / process["bipot_rs"]
     assert expected < 1
-    assert found[0] == pytest.approx(expected, rel=1e-14)  # one division
+    assert ratio_row[0] == pytest.approx(expected, rel=1e-14)  # one division
 
 
 def test_what_the_text_says_of_fclib() -> None:
@@ -53,15 +53,15 @@ def test_what_the_text_says_of_fclib() -> None:
             name = row["program"]
             files[name] = files.get(name, 0) + 1
             solved[name] = solved.get(name, 0) + (row["solved"] == "True")
-    (found,) = re.finditer(
+    (sentence_match,) = re.finditer(
         r"bipot_rs solves all (\d+) files; of (\d+), "
         r"Gauss–Seidel of Siconos leaves (\d+) unsolved, and its semismooth Newton (\d+)",
         PROSE,
     )
-    assert int(found[1]) == files["auto"] == solved["auto"]
-    assert int(found[2]) == files["NSGS"] == files["NSN_AC"]
-    assert int(found[3]) == files["NSGS"] - solved["NSGS"]
-    assert int(found[4]) == files["NSN_AC"] - solved["NSN_AC"]
+    assert int(sentence_match[1]) == files["auto"] == solved["auto"]
+    assert int(sentence_match[2]) == files["NSGS"] == files["NSN_AC"]
+    assert int(sentence_match[3]) == files["NSGS"] - solved["NSGS"]
+    assert int(sentence_match[4]) == files["NSN_AC"] - solved["NSN_AC"]
 
 
 def test_what_the_text_says_of_heaps() -> None:

@@ -59,10 +59,10 @@ def same(printed: str, shown: str) -> bool:
         rf"({NUMBER.pattern})" if n % 2 else _words(part)
         for n, part in enumerate(_parts(shown))
     ]
-    found = re.fullmatch("".join(gaps), " ".join(printed.split()), re.DOTALL)
-    return found is not None and all(
+    match = re.fullmatch("".join(gaps), " ".join(printed.split()), re.DOTALL)
+    return match is not None and all(
         abs(float(there) - float(here)) <= 2 * _unit(here)
-        for there, here in zip(found.groups(), _parts(shown)[1::2], strict=True)
+        for there, here in zip(match.groups(), _parts(shown)[1::2], strict=True)
     )
 
 
@@ -98,7 +98,7 @@ def broken_links(page: Path) -> list[str]:
     """Links of a page to missing files, or to missing headings of the page itself."""
     text = page.read_text(encoding="utf-8")
     prose = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
-    found = []
+    broken = []
     for match in LINK.finditer(prose):
         target = match[1] or match[2]
         if re.match(r"[a-z]+:", target):
@@ -110,8 +110,8 @@ def broken_links(page: Path) -> list[str]:
             and there.suffix == ".md"
             and anchor not in anchors(there.read_text(encoding="utf-8"))
         ):
-            found.append(target)
-    return found
+            broken.append(target)
+    return broken
 
 
 def run(page: Path) -> dict[str, Any]:
@@ -235,15 +235,15 @@ EXCERPT = re.compile(r"^```py\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 def test_excerpts_of_examples_are_verbatim() -> None:
     """Blocks that need a program which may be missing here are lines of an example."""
-    found = 0
+    excerpts = 0
     for page in PAGES:
         text = page.read_text("utf-8")
         names = re.findall(r"\((?:\.\./)*(examples/\w+\.py)\)", text)
         sources = [(ROOT / name).read_text("utf-8") for name in names]
         for excerpt in EXCERPT.findall(text):
             assert any(excerpt in source for source in sources), f"{page}: {excerpt}"
-            found += 1
-    assert found >= 6
+            excerpts += 1
+    assert excerpts >= 6
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
@@ -294,7 +294,7 @@ TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 def in_toctrees(docs: Path) -> list[str]:
     """Every page in the lists of a page, as a path below the folder without suffix."""
-    found = []
+    listed = []
     for page in sorted(docs.rglob("*.md")):
         for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
             lines = [line.strip() for line in tree.splitlines()]
@@ -302,8 +302,8 @@ def in_toctrees(docs: Path) -> list[str]:
             # `Title <name>`, or the name alone.
             names = [re.sub(r".*<(.*)>", r"\1", name) for name in names]
             paths = [(page.parent / name).relative_to(docs) for name in names]
-            found += [path.as_posix() for path in paths]
-    return found
+            listed += [path.as_posix() for path in paths]
+    return listed
 
 
 def test_every_page_is_in_one_toctree() -> None:
@@ -390,9 +390,9 @@ def test_examples_of_docstrings(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found = doctest.testmod(importlib.import_module(f"bipot_rs.{module}"))
-    assert found.failed == 0
-    assert found.attempted or module.rpartition(".")[2] not in (
+    outcome = doctest.testmod(importlib.import_module(f"bipot_rs.{module}"))
+    assert outcome.failed == 0
+    assert outcome.attempted or module.rpartition(".")[2] not in (
         "projection",
         "one_call",
         "problem",
@@ -421,5 +421,5 @@ def test_accuracy_is_what_the_readme_says() -> None:
     cases = runpy.run_path(str(ROOT / "examples" / "accuracy.py"))["CASES"]
     bounds = {name: float(bound) for name, bound in rows("How right")}
     assert set(bounds) == set(cases)
-    found = {name: case() for name, case in cases.items()}
-    assert {n: e for n, e in found.items() if not e <= bounds[n]} == {}
+    errors = {name: case() for name, case in cases.items()}
+    assert {n: e for n, e in errors.items() if not e <= bounds[n]} == {}

@@ -74,9 +74,9 @@ def loaded(code: str, folder: Path) -> set[str]:
 def test_loads_only_what_it_uses(
     code: str, used: tuple[str, ...], tmp_path: Path
 ) -> None:
-    found = loaded(code, tmp_path)
-    assert "bipot_rs" in found
-    assert {name for name in HEAVY if name in found} == set(used)
+    modules = loaded(code, tmp_path)
+    assert "bipot_rs" in modules
+    assert {name for name in HEAVY if name in modules} == set(used)
 
 
 @pytest.mark.slow
@@ -95,9 +95,9 @@ LEAST = "import numpy, scipy.sparse"
 
 
 def test_help_loads_no_more_modules_than_sparse_matrices(tmp_path: Path) -> None:
-    found = loaded(COMMAND.format(["--help"]), tmp_path)
-    assert not {"numpy", "bipot_rs._core"} & found
-    assert len(found) <= len(loaded(LEAST, tmp_path))
+    modules = loaded(COMMAND.format(["--help"]), tmp_path)
+    assert not {"numpy", "bipot_rs._core"} & modules
+    assert len(modules) <= len(loaded(LEAST, tmp_path))
 
 
 @pytest.mark.slow

@@ -68,8 +68,8 @@ def upward(layer: str, text: str) -> list[str]:
 @pytest.mark.parametrize("layer", RUST)
 def test_a_layer_of_rust_uses_only_those_below_it(layer: str) -> None:
     files = [*(SOURCE / layer).rglob("*.rs"), *SOURCE.glob(f"{layer}.rs")]
-    found = {path.name: upward(layer, code(path)) for path in files}
-    assert {name: used for name, used in found.items() if used} == {}
+    imports_upward = {path.name: upward(layer, code(path)) for path in files}
+    assert {name: used for name, used in imports_upward.items() if used} == {}
 
 
 def test_every_module_of_rust_has_its_place_in_the_order() -> None:
@@ -114,14 +114,14 @@ def test_the_package_itself_is_imported_by_nobody() -> None:
 
 
 def test_few_modules_name_a_library() -> None:
-    found = [
+    naming = [
         f"{path.relative_to(PACKAGE).as_posix()}: {module}"
         for path in PACKAGE.rglob("*.py")
         for module, _ in imports(path.read_text(encoding="utf-8"))
         if (allowed := PYTHON_NAMES.get(module.partition(".")[0]))
         and path.relative_to(PACKAGE).as_posix() not in allowed
     ]
-    assert found == []
+    assert naming == []
 
 
 def test_picture_of_the_layers_is_up_to_date() -> None:

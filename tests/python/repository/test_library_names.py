@@ -36,16 +36,16 @@ def imports(tree: ast.AST) -> Iterator[tuple[str, str]]:
 def names(text: str) -> set[str]:
     """Full names of NumPy and SciPy in a source text, such as ``numpy.linalg.norm``."""
     tree = ast.parse(text)
-    known = dict(imports(tree))
-    found = set(known.values())
+    imported = dict(imports(tree))
+    names_used = set(imported.values())
     for node in ast.walk(tree):
         parts, inner = [], node
         while isinstance(inner, ast.Attribute):
             parts.append(inner.attr)
             inner = inner.value
-        if parts and isinstance(inner, ast.Name) and inner.id in known:
-            found.add(".".join([known[inner.id], *reversed(parts)]))
-    return found
+        if parts and isinstance(inner, ast.Name) and inner.id in imported:
+            names_used.add(".".join([imported[inner.id], *reversed(parts)]))
+    return names_used
 
 
 def exists(name: str) -> bool:

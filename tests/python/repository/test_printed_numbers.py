@@ -55,8 +55,8 @@ def rows(page: str, name: str) -> list[list[str]]:
 
 
 def row(table: Sequence[Sequence[str]], *head: str) -> list[str]:
-    (found,) = (list(r) for r in table if tuple(r[: len(head)]) == head)
-    return found
+    (matching_row,) = (list(r) for r in table if tuple(r[: len(head)]) == head)
+    return matching_row
 
 
 def same(shown: str, fresh: str, share: float, least: float = 0.0) -> bool:

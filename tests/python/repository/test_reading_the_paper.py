@@ -29,12 +29,12 @@ def rows() -> list[list[str]]:
 
 def numbers(text: str) -> list[int]:
     """Numbers of a list with ranges, as ``(8), (11)–(13)`` or ``79-81``."""
-    found: list[int] = []
+    equations: list[int] = []
     for first, last in re.findall(
         r"\(?(\d+)[a-c]?\)?(?:\s*[–-]\s*\(?(\d+)[a-c]?\)?)?", text
     ):
-        found += range(int(first), int(last or first) + 1)
-    return found
+        equations += range(int(first), int(last or first) + 1)
+    return equations
 
 
 def named(name: str) -> Any:
@@ -45,18 +45,18 @@ def named(name: str) -> Any:
     parts = whole.split(".")
     for k in range(len(parts), 0, -1):
         try:
-            found: Any = importlib.import_module(".".join(parts[:k]))
+            target: Any = importlib.import_module(".".join(parts[:k]))
         except ModuleNotFoundError:
             continue
         for part in parts[k:]:
-            found = getattr(found, part)
-        return found
+            target = getattr(target, part)
+        return target
     raise AttributeError(name)
 
 
 def test_every_equation_of_the_paper_is_in_one_row() -> None:
-    found = [number for row in rows() for number in numbers(row[0])]
-    assert sorted(found) == list(range(1, LAST + 1))
+    equations = [number for row in rows() for number in numbers(row[0])]
+    assert sorted(equations) == list(range(1, LAST + 1))
 
 
 def test_every_equation_that_the_code_cites_has_a_function() -> None:

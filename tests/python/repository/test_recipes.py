@@ -62,9 +62,9 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     plane = {"point": [0, 0], "normal": [0, 1]}
     flat.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
     flat.path(drag=[0.0, 1.0])
-    own = flat.solve().contact_force("block.bottom")
+    own_force = flat.solve().contact_force("block.bottom")
     # Normals rotate by x/R, 0.04 at the open ends of the bar, 0.02 where it is closed.
-    np.testing.assert_allclose(force[:, 1], own[:, 1], rtol=0.02)
+    np.testing.assert_allclose(force[:, 1], own_force[:, 1], rtol=0.02)
     space["main"]()
     assert "residual" in capsys.readouterr().out
 
@@ -145,12 +145,12 @@ def test_another_program(name: str, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "step 1" in done.stdout
-    found = np.load(tmp_path / "found.npz")
+    arrays_of_run = np.load(tmp_path / "found.npz")
     scene = read("sheared_cube", ["mesh.n=6"])
     case = assemble(scene, bodies(scene))
-    own = case.solve(tol=1e-12)
-    reference = by_place(case.model.points, own.reaction)
-    theirs = by_place(found["x"], found["reaction"])
+    own_result = case.solve(tol=1e-12)
+    reference = by_place(case.model.points, own_result.reaction)
+    theirs = by_place(arrays_of_run["x"], arrays_of_run["reaction"])
     # Two assemblies of one element with exact quadrature; η of 1e-10, and the condition of
     # W, some hundreds.
     assert np.abs(theirs - reference).max() <= 1e-7 * np.abs(reference).max()

@@ -45,14 +45,14 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Build:
     folder = tmp_path_factory.mktemp("dist")
 
     def build(kind: str) -> Path:
-        known = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
-        if not known:
+        wheels = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
+        if not wheels:
             release = ["--release", "--locked"] if kind == "build" else []
             command = [sys.executable, "-m", "maturin", kind, *release, "-o", folder]
             subprocess.run(command, cwd=root, check=True, capture_output=True)
-            known = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
-        (one,) = known
-        return one
+            wheels = sorted(folder.glob("*.whl" if kind == "build" else "*.tar.gz"))
+        (wheel,) = wheels
+        return wheel
 
     return build
 
@@ -78,8 +78,8 @@ def test_the_wheel_solves_with_numpy_and_scipy_alone(
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    said, versions = done.stdout.splitlines()
-    assert "pip install 'bipot-rs[io]'" in said
+    message, versions = done.stdout.splitlines()
+    assert "pip install 'bipot-rs[io]'" in message
     assert versions.endswith("release build not installed not installed")
 
 

@@ -76,6 +76,8 @@ def test_a_scene_with_the_engine_in_python(tmp_path: Path) -> None:
     scene = read("sheared_cube", ["mesh.n=2", "solver.engine=petsc"])
     with pytest.raises(ValueError, match="solves scenes by bipot run, under mpirun"):
         assemble(scene, bodies(scene)).solve()
-    found = bipot("check", "sheared_cube", "--set", "solver.engine=petsc", cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
-    assert "petsc" in found.stdout
+    checked = bipot(
+        "check", "sheared_cube", "--set", "solver.engine=petsc", cwd=tmp_path
+    )
+    assert checked.returncode == 0, checked.stderr
+    assert "petsc" in checked.stdout

@@ -30,16 +30,16 @@ def steps(path: Any) -> Iterator[dict[str, Any]]:
 
 def missing(command: str) -> list[str]:
     """Targets of make, files, and commands of .ci/release.py that do not exist."""
-    found = [f"make {t}" for t in re.findall(r"\bmake ([\w-]+)", command)]
-    found = [named for named in found if named.removeprefix("make ") not in TARGETS]
+    targets = [f"make {t}" for t in re.findall(r"\bmake ([\w-]+)", command)]
+    targets = [named for named in targets if named.removeprefix("make ") not in TARGETS]
     for word in command.split():
         path = word.strip("\"'")
         if "/" in path and not path.startswith(("out/", "$")) and "://" not in path:
-            found += [] if (ROOT / path).exists() else [path]
+            targets += [] if (ROOT / path).exists() else [path]
     source = (ROOT / ".ci" / "release.py").read_text(encoding="utf-8")
     for name in re.findall(r"release\.py (\w+)", command):
-        found += [] if f'case ["{name}"' in source else [f"release.py {name}"]
-    return found
+        targets += [] if f'case ["{name}"' in source else [f"release.py {name}"]
+    return targets
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
@@ -55,7 +55,7 @@ def test_three_systems_and_two_pythons() -> None:
     systems = {"linux-x86_64", "linux-aarch64", "macos-x86_64", "macos-arm64"}
     assert set(matrix["system"]) == systems | {"windows-x86_64"}
     assert matrix["include"] == built
-    assert {one["system"] for one in built} == set(matrix["system"])
+    assert {build_row["system"] for build_row in built} == set(matrix["system"])
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert f'requires-python = ">={matrix["python"][0]}"' in text
 

@@ -163,12 +163,12 @@ def _refusals(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
-                found = read(copy)
+                scene_read = read(copy)
         except (OSError, ValueError) as error:
             refused += 1
             words = str(error)
         else:
-            words = "read" if same(found) else ""
+            words = "read" if same(scene_read) else ""
         assert words, f"copy {number}: an error without words, or another content"
         assert "\n" not in words, f"copy {number}: {words}"
     return refused

@@ -68,8 +68,8 @@ def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
         "sine": np.sin(2 * np.pi * (t - 1) / 7),
         None: np.interp(t, [1, 2, 3], ends),
     }[amplitude.wave]
-    found = evaluate_amplitude(amplitude, t, 3)
-    np.testing.assert_allclose(found, exact, rtol=1e-15, atol=1e-15)
+    amplitudes = evaluate_amplitude(amplitude, t, 3)
+    np.testing.assert_allclose(amplitudes, exact, rtol=1e-15, atol=1e-15)
 
 
 def test_failed_path_reports_the_last_solved_load(tmp_path: Path) -> None:
@@ -158,8 +158,8 @@ def test_the_error_of_the_mesh(tmp_path: Path) -> None:
     result = case.solve()
     at = case.sampled(result.s)
     fixed = at.problem().solve(at.load, at.prescribed, tol=1e-12)
-    found = [discretisation_error(case, result, k) for k in range(len(result))]
-    for k, error in enumerate(found):
+    errors = [discretisation_error(case, result, k) for k in range(len(result))]
+    for k, error in enumerate(errors):
         other = discretisation_error(at, fixed, k)
         assert error.cells.tobytes() == other.cells.tobytes()
     command = ["run", "two_blocks", "--error", "--json"]
@@ -168,4 +168,4 @@ def test_the_error_of_the_mesh(tmp_path: Path) -> None:
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     *steps, _ = map(json.loads, run.stdout.splitlines())
-    assert [step["error"] for step in steps] == [error.relative for error in found]
+    assert [step["error"] for step in steps] == [error.relative for error in errors]

@@ -218,8 +218,8 @@ def test_spheres_and_files_are_one_shape(dim: int, tmp_path: Path) -> None:
         "obstacle": {"ball": {"surface": str(tmp_path / "ball.stl")}}
     }
     m._table = table
-    found = m.solve().contact_force("block.top")[0]
-    np.testing.assert_allclose(found, exact, rtol=0, atol=0.1 * np.abs(exact).max())
+    force = m.solve().contact_force("block.top")[0]
+    np.testing.assert_allclose(force, exact, rtol=0, atol=0.1 * np.abs(exact).max())
 
 
 def test_inside_of_a_bore() -> None:
@@ -233,8 +233,8 @@ def test_inside_of_a_bore() -> None:
     for name in ("left", "right", "bottom", "top"):
         m.contact(f"block.{name}", against="bore", mu=0.0)
     m.symmetry("block.left")
-    (said,) = [r for r in m.check() if "start inside" in r][:1]
-    assert "the deepest by 0.000707107 at" in said
+    (remark,) = [r for r in m.check() if "start inside" in r][:1]
+    assert "the deepest by 0.000707107 at" in remark
 
 
 def test_surfaces_by_geometry() -> None:
@@ -295,12 +295,14 @@ def test_orders_of_files(file: str, order: int | None, degree: int) -> None:
         m._table["contact"][0]["plane"] = {"point": [0, 0, 0], "normal": [0, 0, 1]}
     m._table.pop("path")
     (body,) = scene.bodies(m.scene)
-    own = fem.Body("it", fem.read_mesh(MESHES / file), fem.Material(1.0, 0.0))
+    body_of_file = fem.Body("it", fem.read_mesh(MESHES / file), fem.Material(1.0, 0.0))
     assert KINDS[type(body.mesh)].degree == degree
-    assert body.volume().weights.sum() == pytest.approx(own.volume().weights.sum())
-    assert set(body.mesh.boundaries) == set(own.mesh.boundaries)
-    for name in own.mesh.boundaries:
-        both = [b.surface(name).weights.sum() for b in (body, own)]
+    assert body.volume().weights.sum() == pytest.approx(
+        body_of_file.volume().weights.sum()
+    )
+    assert set(body.mesh.boundaries) == set(body_of_file.mesh.boundaries)
+    for name in body_of_file.mesh.boundaries:
+        both = [b.surface(name).weights.sum() for b in (body, body_of_file)]
         assert both[0] == pytest.approx(both[1], rel=1e-13)
 
 
@@ -340,7 +342,7 @@ def test_springs() -> None:
 
 def test_heat_by_volume_and_tensor() -> None:
     """Isotropic heat equals a tensor of equal numbers; all volumes equal the body."""
-    found = []
+    reactions = []
     for tables in (
         [{"on": "part", "expansion": 1e-5, "temperature": 50.0}],
         [{"on": "part", "tensor": np.diag([5e-4] * 3)}],
@@ -353,10 +355,10 @@ def test_heat_by_volume_and_tensor() -> None:
         m._table.pop("strain")
         for table in tables:
             m.strain(**table)
-        found.append(m.solve().reaction)
-    for other in found[1:]:
+        reactions.append(m.solve().reaction)
+    for other in reactions[1:]:
         np.testing.assert_allclose(
-            other, found[0], rtol=0, atol=SOLVED * np.abs(found[0]).max()
+            other, reactions[0], rtol=0, atol=SOLVED * np.abs(reactions[0]).max()
         )
 
 
@@ -547,8 +549,8 @@ def test_a_roller_turns_about_its_own_middle() -> None:
     m.body("block", material="steel", cell="quadrilateral", x=side, y=side)
     m.support("block.bottom", x=0, y=0)
     m.contact("block.top", against="roller", mu=0.3)
-    found = Histories(m.scene).make_motions()["roller"]
-    assert found is not None
-    assert np.asarray(found.about).tolist() == [16.0, 23.0]
-    assert found.degrees
-    assert np.asarray(found.rotation).tolist() == [45.0, 90.0]
+    motion = Histories(m.scene).make_motions()["roller"]
+    assert motion is not None
+    assert np.asarray(motion.about).tolist() == [16.0, 23.0]
+    assert motion.degrees
+    assert np.asarray(motion.rotation).tolist() == [45.0, 90.0]

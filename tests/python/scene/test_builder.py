@@ -327,12 +327,12 @@ def test_interrupted_result_continues(tmp_path: Path) -> None:
 
 
 def test_a_start_from_another_path_is_refused() -> None:
-    one, other = blocks(), blocks(shear=[0.0, 0.5])
+    plain_blocks, other = blocks(), blocks(shear=[0.0, 0.5])
     whole = other.solve()
     with pytest.raises(
         ValueError, match=r"its (load|prescribed) is not that of load step 2"
     ):
-        one.solve(start=whole)
+        plain_blocks.solve(start=whole)
 
 
 def test_the_schema_of_the_scene_is_json() -> None:

@@ -103,8 +103,8 @@ PLAIN = {
 
 
 def tables() -> dict[str, dict[str, Any]]:
-    found = {name: tomllib.loads(text(name)) for name in shipped()}
-    return found | {"whole": tomllib.loads(WHOLE)}
+    tables_by_name = {name: tomllib.loads(text(name)) for name in shipped()}
+    return tables_by_name | {"whole": tomllib.loads(WHOLE)}
 
 
 def changed(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -148,12 +148,12 @@ def test_no_message_is_one_of_pydantic(name: str) -> None:
             raw = error.errors()
         else:
             continue
-        kinds |= {one["type"] for one in raw}
+        kinds |= {error_of_model["type"] for error_of_model in raw}
         told = " ".join(messages(table))
-        for one in raw:
-            assert one["type"] in MESSAGES
-            if one["type"] != "value_error":
-                assert one["msg"] not in told
+        for error_of_model in raw:
+            assert error_of_model["type"] in MESSAGES
+            if error_of_model["type"] != "value_error":
+                assert error_of_model["msg"] not in told
         for word in ("Input", "validation", "items", "dictionary", "instance", "tag"):
             assert word not in told
     if name == "whole":

@@ -178,7 +178,7 @@ def test_mistakes_are_reported_together(said: Any) -> None:
     ],
 )
 def test_nearest(word: str, found: str) -> None:
-    known = ["alpha_beta", "gamma", "x"]
-    assert nearest(word, known) == found
+    names = ["alpha_beta", "gamma", "x"]
+    assert nearest(word, names) == found
     expected = f", did you mean {found!r}?" if found and found != word else ""
-    assert meant(word, known) == expected
+    assert meant(word, names) == expected

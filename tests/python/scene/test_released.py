@@ -15,9 +15,9 @@ def test_the_iterative_engine_solves_without_k() -> None:
     released = case.released(problem)
     assert released.model.K is None
     assert case.model.K is not None
-    found = released.solve(problem)
-    assert np.array_equal(found.reaction, expected.reaction)
-    assert np.array_equal(found.displacement, expected.displacement)
+    result = released.solve(problem)
+    assert np.array_equal(result.reaction, expected.reaction)
+    assert np.array_equal(result.displacement, expected.displacement)
 
 
 def test_what_needs_k_has_it_once_more() -> None:

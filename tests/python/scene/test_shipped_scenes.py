@@ -234,9 +234,9 @@ def test_graded_grid() -> None:
 def test_all_mistakes_are_reported(settings: list[str], problems: list[str]) -> None:
     with pytest.raises(scene.SceneError) as caught:
         scene.read("two_blocks", settings)
-    found = [str(mistake) for mistake in caught.value.mistakes]
-    assert len(found) == len(problems), found
-    for problem, start in zip(found, problems, strict=True):
+    messages = [str(mistake) for mistake in caught.value.mistakes]
+    assert len(messages) == len(problems), messages
+    for problem, start in zip(messages, problems, strict=True):
         assert problem.startswith(start)
         assert problem in str(caught.value)
 
@@ -256,15 +256,15 @@ def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     table["body"]["cube"]["zzz"] = 1
     with pytest.raises(scene.SceneError) as caught:
         scene.check("mine", table)
-    found = [str(mistake) for mistake in caught.value.mistakes]
+    messages = [str(mistake) for mistake in caught.value.mistakes]
     (young,) = (f"material.{name}.young" for name in table["material"])
     for k in (0, 299):
-        assert f"contact.{k}.young: unknown key, did you mean {young}?" in found
+        assert f"contact.{k}.young: unknown key, did you mean {young}?" in messages
         near = (
             "did you mean body.cube.x.cells or body.cube.y.cells or body.cube.z.cells?"
         )
-        assert f"contact.{k}.cells: unknown key, {near}" in found
-        (meant,) = (line for line in found if line.startswith(f"contact.{k}.zzz: "))
+        assert f"contact.{k}.cells: unknown key, {near}" in messages
+        (meant,) = (line for line in messages if line.startswith(f"contact.{k}.zzz: "))
         assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, mu")
 
 
@@ -278,9 +278,9 @@ def test_files_that_are_not_scenes(tmp_path: Path) -> None:
 
 
 def test_a_file_is_read_like_a_shipped_scene(tmp_path: Path) -> None:
-    own = tmp_path / "own.toml"
-    own.write_text(scene.text("sheared_cube"))
-    assert scene.read(str(own)) == scene.read("sheared_cube")
+    own_scene = tmp_path / "own.toml"
+    own_scene.write_text(scene.text("sheared_cube"))
+    assert scene.read(str(own_scene)) == scene.read("sheared_cube")
 
 
 def test_mistakes_found_on_the_mesh() -> None:
@@ -368,12 +368,12 @@ def test_linear_cells_converge_to_the_same_solution() -> None:
 
 
 def test_triangles_of_a_scene_keep_the_given_element() -> None:
-    own = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
+    scene_path = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
     by_mesh = scene.read("pressed_block", ["mesh.element=P1", "mesh.n=2"])
     back = scene.read(
         "pressed_block", ["body.block.cell=triangle", "mesh.n=2", "mesh.element=Q1"]
     )
-    kinds = [scene.bodies(read)[0].kind.of_mesh for read in (own, by_mesh, back)]
+    kinds = [scene.bodies(read)[0].kind.of_mesh for read in (scene_path, by_mesh, back)]
     assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
 
 

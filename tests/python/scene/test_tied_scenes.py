@@ -44,8 +44,8 @@ def block() -> bp.Model:
 
 def test_a_sector_is_a_quarter_of_the_pad() -> None:
     part, whole = pad(False).solve(tol=1e-13), pad(True).solve(tol=1e-13)
-    one, four = part.case.model, whole.case.model
-    _, at = cKDTree(four.nodes).query(one.nodes)
+    sector, four = part.case.model, whole.case.model
+    _, at = cKDTree(four.nodes).query(sector.nodes)
     u = whole.displacement.reshape(len(whole), -1, 3)[:, at]
     v = part.displacement.reshape(len(part), -1, 3)
     np.testing.assert_allclose(v, u, rtol=0, atol=SOLVED * np.abs(u).max())

@@ -81,12 +81,12 @@ def test_suggested_units_are_consistent() -> None:
         sizes = {kind: units.size(kind, name) for kind, name in names.items()}
         assert None not in sizes.values()
         ratio = sizes["stress"] * sizes["length"] ** 2 / sizes["force"]  # type: ignore[operator]
-        said = units.find_inconsistency(names)
-        assert (said is None) is (abs(ratio - 1) < 1e-3)
-        if said is None:
+        message = units.find_inconsistency(names)
+        assert (message is None) is (abs(ratio - 1) < 1e-3)
+        if message is None:
             continue
         wrong += 1
-        _, _, advice = said.partition(": ")
+        _, _, advice = message.partition(": ")
         for kind, quoted in (
             part.split(" = ")
             for part in advice.removesuffix(" would fit")

@@ -26,12 +26,12 @@ FRETTING = (
 
 
 def case_of(*more: str) -> Any:
-    found = read("cattaneo_mindlin", [*FRETTING, *more])
-    return assemble(found, bodies(found))
+    scene_read = read("cattaneo_mindlin", [*FRETTING, *more])
+    return assemble(scene_read, bodies(scene_read))
 
 
 def run(folder: Path, *more: str) -> int:
-    settings = [part for one in FRETTING for part in ("--set", one)]
+    settings = [part for setting in FRETTING for part in ("--set", setting)]
     out = ["--out", str(folder)]
     return int(call(["run", "cattaneo_mindlin", *settings, *out, *more]) or 0)
 
@@ -63,14 +63,14 @@ def test_the_cycle_is_the_end_of_the_path() -> None:
     problem = case.problem()
     wear = case.wear(problem)
     pressed = problem.solve(prescribed=case.prescribed[0], tol=1e-12)
-    own = problem.wear(
+    own_wear = problem.wear(
         prescribed=case.prescribed[1:],
         coefficient=1e-5,
         cycles=60,
         start=pressed,
         tol=1e-12,
     )
-    np.testing.assert_array_equal(wear.depth, own.depth)
+    np.testing.assert_array_equal(wear.depth, own_wear.depth)
     assert wear.depth[-1].max() > 0
 
 

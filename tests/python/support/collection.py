@@ -59,12 +59,12 @@ def dense(file: h5py.File, name: str) -> NDArray[np.float64]:
 
 def datasets(path: Path) -> dict[str, NDArray[np.generic]]:
     """All datasets of a file, by full name."""
-    found = {}
+    arrays = {}
 
     def visit(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
-            found["/" + name] = np.asarray(item[()])
+            arrays["/" + name] = np.asarray(item[()])
 
     with h5py.File(path) as file:
         file.visititems(visit)
-    return found
+    return arrays

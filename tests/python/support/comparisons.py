@@ -31,16 +31,16 @@ def bits(one: Any, other: Any, fields: tuple[str, ...] = FIELDS) -> bool:
 
 def content(path: Path) -> dict[str, Any]:
     """Everything in a result file except times."""
-    found: dict[str, Any] = {}
+    content_by_name: dict[str, Any] = {}
 
     def take(name: str, node: Any) -> None:
         if isinstance(node, h5py.Dataset):
-            found[name] = (node.dtype.str, node.shape, node[()].tobytes())
+            content_by_name[name] = (node.dtype.str, node.shape, node[()].tobytes())
         for key, value in node.attrs.items():
             if key != "seconds":
-                found[f"{name}@{key}"] = value
+                content_by_name[f"{name}@{key}"] = value
 
     with h5py.File(path) as file:
         take("", file)
         file.visititems(take)
-    return found
+    return content_by_name

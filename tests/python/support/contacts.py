@@ -26,5 +26,5 @@ def one_node(
     d = stiffness.shape[0]
     B = sparse.eye_array(d, format="csr")
     # The iterative engine asks for coordinates: this node stands anywhere.
-    known = {"tol": TOL, "coordinates": np.zeros((d, d)), **options}
-    return bp.solve(stiffness, B, np.array(load, float), gap=[gap], mu=mu, **known)
+    arguments = {"tol": TOL, "coordinates": np.zeros((d, d)), **options}
+    return bp.solve(stiffness, B, np.array(load, float), gap=[gap], mu=mu, **arguments)

@@ -51,7 +51,7 @@ def two_workers(folder: Path, *, memory: float = 0, failures: int = 0) -> Iterat
     """Address of a scheduler whose workers each declare ``memory``, if it is not zero."""
     script = folder / "cluster.py"
     script.write_text(_CLUSTER)
-    found = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     process = subprocess.Popen(
         [sys.executable, str(script), str(memory), str(failures)],
         cwd=folder,
@@ -59,7 +59,7 @@ def two_workers(folder: Path, *, memory: float = 0, failures: int = 0) -> Iterat
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, found))},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
     )
     assert process.stdin is not None
     assert process.stdout is not None

@@ -22,13 +22,13 @@ def overlaps(figure: Any) -> list[str]:
     # Asking 3D axes for their ticks moves the ticks.
     canvas.draw()
     texts = [(t.get_text(), _corners(t, renderer)) for t in drawn]
-    found = [
-        f"{one!r} over {other!r}"
-        for (one, a), (other, b) in combinations(texts, 2)
+    overlapping = [
+        f"{first_text!r} over {other!r}"
+        for (first_text, a), (other, b) in combinations(texts, 2)
         if _cover(a, b)
     ]
     rim = figure.bbox.max + _TOUCH
-    found += [
+    overlapping += [
         f"{name!r} beyond the rim"
         for name, box in texts
         if (box < -_TOUCH).any() or (box > rim).any()
@@ -42,8 +42,8 @@ def overlaps(figure: Any) -> list[str]:
                 inside = ax.bbox.padded(1).contains
                 seen = [p for p in path if np.isfinite(p).all() and inside(*p)]
                 if any(box.contains(*point) for point in seen):
-                    found.append(f"legend over {line.get_label()!r}")
-    return found
+                    overlapping.append(f"legend over {line.get_label()!r}")
+    return overlapping
 
 
 def _corners(text: Any, renderer: Any) -> Any:
@@ -65,8 +65,12 @@ def _cover(a: Any, b: Any) -> bool:
     for box in (a, b):
         for side in (box[1] - box[0], box[3] - box[0]):
             across = side / (np.linalg.norm(side) or 1.0)
-            one, other = a @ across, b @ across
-            if min(one.max(), other.max()) - max(one.min(), other.min()) <= _TOUCH:
+            first_shadow, other = a @ across, b @ across
+            if (
+                min(first_shadow.max(), other.max())
+                - max(first_shadow.min(), other.min())
+                <= _TOUCH
+            ):
                 return False
     return True
 

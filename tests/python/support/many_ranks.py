@@ -46,8 +46,12 @@ def missing() -> str:
         capture_output=True,
         text=True,
     )
-    said = done.stderr.strip().splitlines()
-    return "" if done.returncode == 0 else f"no petsc4py: {said[-1] if said else ''}"
+    lines_of_error = done.stderr.strip().splitlines()
+    return (
+        ""
+        if done.returncode == 0
+        else f"no petsc4py: {lines_of_error[-1] if lines_of_error else ''}"
+    )
 
 
 def python() -> str:
@@ -56,8 +60,16 @@ def python() -> str:
 
 
 def environment() -> dict[str, str]:
-    known = {name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"}
-    return LARGE | known | OPEN_MPI | QUIET | {"PYTHONPATH": str(REPOSITORY / "python")}
+    environment_kept = {
+        name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"
+    }
+    return (
+        LARGE
+        | environment_kept
+        | OPEN_MPI
+        | QUIET
+        | {"PYTHONPATH": str(REPOSITORY / "python")}
+    )
 
 
 @dataclass

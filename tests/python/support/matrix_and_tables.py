@@ -69,17 +69,19 @@ def written(
     normal = [f.tolist() for f in 2 * model.frame[:, 0]]
     if by_dof:
         header = "dof_" + " dof_".join(axes)
-        own = [[d + k for k in range(dim)] for d in model.contact_dofs[:, 0]]
+        dofs_of_sides = [[d + k for k in range(dim)] for d in model.contact_dofs[:, 0]]
         if pair:
             header += " other_" + " other_".join(axes)
-            for row, d in zip(own, model.contact_dofs[:, 1], strict=True):
+            for row, d in zip(dofs_of_sides, model.contact_dofs[:, 1], strict=True):
                 row += [d + k for k in range(dim)]
     else:
         arguments += ["--nodes", "nodes.inp"]
         header = "node other" if pair else "node"
-        own = [[label[d // dim] for d in row if d >= 0] for row in model.contact_dofs]
+        dofs_of_sides = [
+            [label[d // dim] for d in row if d >= 0] for row in model.contact_dofs
+        ]
     header += " n" + " n".join(axes) + " mu area gap"
-    rows = zip(own, normal, model.mu, model.area, model.gap, strict=True)
+    rows = zip(dofs_of_sides, normal, model.mu, model.area, model.gap, strict=True)
     table("contacts.csv", header, ([*o, *n, m, a, g] for o, n, m, a, g in rows))
     steps = range(len(case.prescribed))
     if case.load is not None:

@@ -39,12 +39,12 @@ def of_models(name: str) -> bool:
 
 
 def datasets(path: Path) -> dict[str, Any]:
-    found = {}
+    datasets_by_name = {}
 
     def take(name: str, node: Any) -> None:
         if isinstance(node, h5py.Dataset):
-            found[name] = (node.dtype.str, node.shape, node[()].tobytes())
+            datasets_by_name[name] = (node.dtype.str, node.shape, node[()].tobytes())
 
     with h5py.File(path) as file:
         file.visititems(take)
-    return found
+    return datasets_by_name

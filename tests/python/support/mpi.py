@@ -53,7 +53,7 @@ def missing() -> str:
 @functools.cache
 def python() -> str:
     """A Python in which `bipot_rs.petsc.library` finds PETSc."""
-    said = ""
+    reason = ""
     for path in PYTHONS:
         if shutil.which(path) is None:
             continue
@@ -63,8 +63,8 @@ def python() -> str:
         )
         if tried.returncode == 0:
             return path
-        said = (tried.stderr.strip().splitlines() or [""])[-1]
-    raise LookupError(f"petsc4py cannot be imported: {said}")
+        reason = (tried.stderr.strip().splitlines() or [""])[-1]
+    raise LookupError(f"petsc4py cannot be imported: {reason}")
 
 
 @functools.cache
@@ -78,19 +78,21 @@ def _alone() -> Path:
 
 
 def environment() -> dict[str, str]:
-    known = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    known.pop("VIRTUAL_ENV", None)
-    return known | OPEN_MPI | {"PYTHONPATH": str(_alone())}
+    environment_kept = {
+        name: value for name, value in os.environ.items() if name != "PYTHONPATH"
+    }
+    environment_kept.pop("VIRTUAL_ENV", None)
+    return environment_kept | OPEN_MPI | {"PYTHONPATH": str(_alone())}
 
 
 def parts(name: str, matrix: Any) -> dict[str, Any]:
     """A sparse matrix as entries of an npz file."""
-    found = sparse.csr_array(matrix)
+    matrix_copy = sparse.csr_array(matrix)
     return {
-        f"{name}_data": found.data,
-        f"{name}_indices": found.indices,
-        f"{name}_indptr": found.indptr,
-        f"{name}_shape": np.array(found.shape),
+        f"{name}_data": matrix_copy.data,
+        f"{name}_indices": matrix_copy.indices,
+        f"{name}_indptr": matrix_copy.indptr,
+        f"{name}_shape": np.array(matrix_copy.shape),
     }
 
 

@@ -48,8 +48,8 @@ class NumpyEngine:
         return float(np.linalg.norm(e - forces))
 
     def terms(self, y: Array) -> tuple[float, Array]:
-        found = np.abs(self.T.T) @ np.abs(self.K) @ np.abs(self.T) @ np.abs(y)
-        return float(np.linalg.norm(found)), found
+        sizes = np.abs(self.T.T) @ np.abs(self.K) @ np.abs(self.T) @ np.abs(y)
+        return float(np.linalg.norm(sizes)), sizes
 
     def correction(
         self, tangent: _core.ContactTangent, _statuses: Any, e: Array, _tol: float

@@ -120,14 +120,14 @@ def answers(p: Problem, tolerance: float = 1e-10, starts: int = 8) -> Iterator[A
     turn = np.arange(starts) * 2 * np.pi / starts
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     sides = circle if p.d == 3 else np.array([[1.0], [-1.0]])
-    found: list[Array] = []
+    solutions: list[Array] = []
     for status in product((OPEN, SLIP, STICK), repeat=p.n):
         for chosen in product(*(sides if s == SLIP else sides[:1] for s in status)):
             r, a = np.zeros((p.n, p.d)), np.zeros(p.e.size)
             r, a = newton(p, known(p, status, np.array(chosen)), r, a, 3)
             if p.d == 3 and SLIP in status:
                 r, a = newton(p, known(p, status), r, a, 40)
-            new = all(np.abs(r - other).max() > 1e-6 for other in found)
+            new = all(np.abs(r - other).max() > 1e-6 for other in solutions)
             if new and fails(p, r, a) <= tolerance:
-                found.append(r)
+                solutions.append(r)
                 yield p.in_units(r, a, status)

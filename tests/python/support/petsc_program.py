@@ -25,8 +25,8 @@ Given = dict[str, Any]
 
 
 def matrix(given: Given, name: str) -> Any:
-    found = tuple(given[f"{name}_{part}"] for part in ("data", "indices", "indptr"))
-    return sparse.csr_array(found, shape=tuple(given[f"{name}_shape"]))
+    arrays = tuple(given[f"{name}_{part}"] for part in ("data", "indices", "indptr"))
+    return sparse.csr_array(arrays, shape=tuple(given[f"{name}_shape"]))
 
 
 def rows_of(n: int, d: int) -> tuple[int, int]:
@@ -40,10 +40,14 @@ def distributed(given: Given, kind: Any = None) -> Any:
     K = matrix(given, "K")
     d = int(given.get("d", 3))
     first, last = rows_of(K.shape[0], d)
-    own = K[first:last]
+    rows_of_rank = K[first:last]
     size = last - first, K.shape[0]
     made = (PETSc.Mat if kind is None else kind)()
-    csr = own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data
+    csr = (
+        rows_of_rank.indptr.astype(PETSc.IntType),
+        rows_of_rank.indices.astype(PETSc.IntType),
+        rows_of_rank.data,
+    )
     return made.createAIJ((size, size), bsize=d, csr=csr, comm=comm)
 
 
@@ -58,12 +62,12 @@ def problem(given: Given, **other: Any) -> Any:
     K = other.pop("K") if "K" in other else distributed(given)
     B = other.pop("B") if "B" in other else matrix(given, "B")
     first, last = rows_of(matrix(given, "K").shape[0], int(given.get("d", 3)))
-    known = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
+    arguments = {"gap": given["gap"], "mu": given["mu"], "fixed": given.get("fixed")}
     if "gather" in given:
-        known["gather"] = int(given["gather"])
+        arguments["gather"] = int(given["gather"])
     if "coordinates" in given:
-        known["coordinates"] = given["coordinates"][first:last]
-    made = ContactProblem(K, B, **known | other)
+        arguments["coordinates"] = given["coordinates"][first:last]
+    made = ContactProblem(K, B, **arguments | other)
     made.K = K
     return made
 
@@ -74,23 +78,23 @@ def whole(vec: Any) -> Any:
 
 def answer(made: Any, result: Any) -> Given:
     """Arrays of a result; they must be the same on every rank, to the bit."""
-    found = {
+    arrays = {
         name: getattr(result, name)
         for name in ("reaction", "relative_displacement", "slip", "status", "residual")
     }
-    for name, array in found.items():
+    for name, array in arrays.items():
         assert len(set(comm.allgather(array.tobytes()))) == 1, name
-    found["displacement"] = np.array([whole(u) for u in result.displacement])
-    found["iterations"] = result.iterations
-    found["errors"] = np.array([step.error_estimate for step in result])
-    known = {k: v for k, v in made.stats.items() if isinstance(v, (int, float, str))}
-    return found | {"stats": json.dumps(known)}
+    arrays["displacement"] = np.array([whole(u) for u in result.displacement])
+    arrays["iterations"] = result.iterations
+    arrays["errors"] = np.array([step.error_estimate for step in result])
+    stats = {k: v for k, v in made.stats.items() if isinstance(v, (int, float, str))}
+    return arrays | {"stats": json.dumps(stats)}
 
 
 def loads(given: Given, K: Any) -> Any:
     if "load" not in given:
         return None
-    return [vector(K, one) for one in np.atleast_2d(given["load"])]
+    return [vector(K, load_of_step) for load_of_step in np.atleast_2d(given["load"])]
 
 
 def solve(given: Given) -> Given:
@@ -122,19 +126,21 @@ def derivatives(given: Given) -> Given:
         for name in ("prescribed", "gap", "mu")
         if f"along_{name}" in given
     }
-    force = [vector(made.K, one) for one in given["along_load"]]
+    force = [vector(made.K, vector_of_step) for vector_of_step in given["along_load"]]
     tangent = result.jvp(load=force, K=change, **along)
     cotangents = {
         name: given[f"by_{name}"]
         for name in ("reaction", "relative_displacement", "slip")
     }
-    by = [vector(made.K, one) for one in given["by_displacement"]]
+    by = [vector(made.K, vector_of_step) for vector_of_step in given["by_displacement"]]
     gradient = result.vjp(displacement=by, **cotangents)
     pointer, column, values = gradient.K.getValuesCSR()
     n = made.K.getSize()[0]
-    own = sparse.csr_array((values, column, pointer), shape=(len(pointer) - 1, n))
-    stacked = sparse.vstack(comm.allgather(own)).toarray()
-    found = {
+    rows_of_rank = sparse.csr_array(
+        (values, column, pointer), shape=(len(pointer) - 1, n)
+    )
+    stacked = sparse.vstack(comm.allgather(rows_of_rank)).toarray()
+    arrays = {
         "reaction": tangent.reaction,
         "relative_displacement": tangent.relative_displacement,
         "slip": tangent.slip,
@@ -143,14 +149,14 @@ def derivatives(given: Given) -> Given:
         "by_mu": gradient.mu,
         "by_prescribed": gradient.prescribed,
     }
-    for name, array in found.items():
+    for name, array in arrays.items():
         assert len(set(comm.allgather(array.tobytes()))) == 1, name
-    found["displacement"] = np.array([whole(u) for u in tangent.displacement])
-    found["by_load"] = np.array([whole(f) for f in gradient.load])
+    arrays["displacement"] = np.array([whole(u) for u in tangent.displacement])
+    arrays["by_load"] = np.array([whole(f) for f in gradient.load])
     # A gradient has few parts without cotangents of the displacements: another way.
     alone = result.vjp(reaction=given["by_reaction"])
-    found["by_load_of_reaction"] = np.array([whole(f) for f in alone.load])
-    return found | {"by_K": stacked}
+    arrays["by_load_of_reaction"] = np.array([whole(f) for f in alone.load])
+    return arrays | {"by_K": stacked}
 
 
 def _renamed(given: Given, name: str) -> Given:
@@ -160,14 +166,14 @@ def _renamed(given: Given, name: str) -> Given:
 
 def _failure(work: Any) -> str:
     """Kind and message of an error, which all ranks must raise alike."""
-    said = "nothing was raised"
+    text = "nothing was raised"
     try:
         work()
     except Exception as error:  # noqa: BLE001 - the test looks at it
-        said = f"{type(error).__name__}: {error}"
-    everywhere = set(comm.allgather(said))
+        text = f"{type(error).__name__}: {error}"
+    everywhere = set(comm.allgather(text))
     assert len(everywhere) == 1, everywhere
-    return said
+    return text
 
 
 def _wrong(given: Given, K: Any) -> dict[str, Any]:
@@ -219,7 +225,7 @@ def _wrong(given: Given, K: Any) -> dict[str, Any]:
 def errors(given: Given) -> Given:
     """Messages of wrong calls."""
     K = distributed(given)
-    said = {
+    texts = {
         name: _failure(lambda known=known: problem(given, **({"K": K} | known)))
         for name, known in _wrong(given, K).items()
     }
@@ -250,8 +256,8 @@ def errors(given: Given) -> Given:
         "on_step": lambda: made.solve(on_step=3),
         "start": lambda: made.solve(start=3),
     }.items():
-        said[name] = _failure(work)
-    return {"said": json.dumps(said)}
+        texts[name] = _failure(work)
+    return {"said": json.dumps(texts)}
 
 
 def path(given: Given) -> Given:
@@ -283,8 +289,12 @@ def with_matrix(given: Given) -> Given:
     K = distributed(given)
     B = matrix(given, "B")
     first, last = (B.shape[0] * k // comm.size for k in (comm.rank, comm.rank + 1))
-    own = B[first:last]
-    csr = own.indptr.astype(PETSc.IntType), own.indices.astype(PETSc.IntType), own.data
+    rows_of_rank = B[first:last]
+    csr = (
+        rows_of_rank.indptr.astype(PETSc.IntType),
+        rows_of_rank.indices.astype(PETSc.IntType),
+        rows_of_rank.data,
+    )
     size = (last - first, B.shape[0]), K.getSizes()[1]
     held = PETSc.Mat().createAIJ(size, csr=csr, comm=comm)
     low, high = K.getOwnershipRange()
@@ -308,9 +318,9 @@ class Counted(PETSc.Mat):
         self.handed_out += (rows,)
 
     def getValuesCSR(self) -> Any:
-        found = super().getValuesCSR()
-        self._count(len(found[0]) - 1)
-        return found
+        arrays = super().getValuesCSR()
+        self._count(len(arrays[0]) - 1)
+        return arrays
 
     def _refuse(self, *_: Any, **__: Any) -> Any:
         raise AssertionError("K must not be gathered")
@@ -325,14 +335,14 @@ class CountedComm(MPI.Intracomm):
     received = 0
 
     def allgather(self, sendobj: Any) -> Any:
-        found = super().allgather(sendobj)
-        CountedComm.received += sum(len(pickle.dumps(one)) for one in found)
-        return found
+        values = super().allgather(sendobj)
+        CountedComm.received += sum(len(pickle.dumps(value)) for value in values)
+        return values
 
     def bcast(self, obj: Any = None, root: int = 0) -> Any:
-        found = super().bcast(obj, root)
-        CountedComm.received += len(pickle.dumps(found))
-        return found
+        value = super().bcast(obj, root)
+        CountedComm.received += len(pickle.dumps(value))
+        return value
 
     def Allgatherv(self, send: Any, receive: Any) -> None:
         super().Allgatherv(send, receive)
@@ -360,9 +370,9 @@ def rows(given: Given) -> Given:
     made.solve(prescribed=given["prescribed"], tol=1e-10)
     peak = tracemalloc.get_traced_memory()[1]
     stats = made.stats
-    own = K.getLocalSize()[0]
+    rows_of_rank = K.getLocalSize()[0]
     numbers = {
-        "own": own,
+        "own": rows_of_rank,
         "handed_out": max(K.handed_out),
         "received_making": received_making,
         "received": CountedComm.received - received_making,
@@ -383,16 +393,16 @@ def main() -> None:
     task, source, target = sys.argv[1:]
     warnings.simplefilter("error")
     with np.load(source) as file:
-        given = dict(file)
+        data = dict(file)
     try:
-        found = _tasks()[task](given)
+        arrays = _tasks()[task](data)
     except BaseException:  # noqa: BLE001 - the process ends
         # Other ranks wait in a message, and PETSc would wait for them at exit.
         traceback.print_exc()
         sys.stderr.flush()
         comm.Abort(1)
     if comm.rank == 0:
-        np.savez(Path(target), **found)
+        np.savez(Path(target), **arrays)
 
 
 if __name__ == "__main__":

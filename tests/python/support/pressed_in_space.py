@@ -20,8 +20,8 @@ def pressed(
     m.obstacle(
         "table", plane={"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [-1.0]}
     )
-    own = {} if axis is None else {"axis": axis}
-    m.contact("block.top", against="table", mu=mu, **own)
+    direction = {} if axis is None else {"axis": axis}
+    m.contact("block.top", against="table", mu=mu, **direction)
     m = m.with_(support=[])
     last = "xyz"[dim - 1]
     m.support("block.bottom", **dict.fromkeys("xyz"[:dim], 0.0) | _moves(m, last))
@@ -36,5 +36,5 @@ def _moves(m: bp.Model, last: str) -> dict[str, Any]:
 def arrays(n: int = 4, factor: float = 1.0) -> tuple[dict[str, Any], Array]:
     """Arguments of `ContactProblem`, and the prescribed displacements of two steps."""
     case = pressed(n).assemble()
-    known = arguments(case.model)
-    return known | {"K": factor * known["K"]}, case.prescribed
+    arrays_of_model = arguments(case.model)
+    return arrays_of_model | {"K": factor * arrays_of_model["K"]}, case.prescribed

@@ -116,16 +116,16 @@ def random_path(kind: str, d: int, seed: int) -> tuple[Given, Data]:
     per_step = kind == "moving"
     gap = 0.3 * np.abs(rng.normal(size=(contacts, d)))
     gap[:, 1:] = 0.1 * rng.normal(size=(contacts, d - 1))
-    given = Given(B, fixed, gap, per_step, more)
+    path_problem = Given(B, fixed, gap, per_step, more)
     gaps = gap + 0.2 * rng.normal(size=(steps, contacts, d)) if per_step else gap
     load = _loads(rng, kind, B, contacts, d, steps)
     prescribed = 0.5 * rng.normal(size=(steps, len(fixed)))
     data = Data(load, prescribed, gaps, mu, K)
     if kind == "continued":
-        first = given.solve(data)
-        given = replace(given, before=first)
+        first = path_problem.solve(data)
+        path_problem = replace(path_problem, before=first)
         data = replace(data, load=data.load + _loads(rng, kind, B, contacts, d, steps))
-    return given, data
+    return path_problem, data
 
 
 def _friction(rng: np.random.Generator, contacts: int) -> Array:
@@ -247,8 +247,8 @@ def solvable(
     for seed in seeds:
         kind, d = kinds[seed % len(kinds)], 2 + (seed // len(kinds)) % 2
         try:
-            given, data = random_path(kind, d, seed)
-            result = given.solve(data)
+            path_problem, data = random_path(kind, d, seed)
+            result = path_problem.solve(data)
         except bp.BipotError:
             continue
-        yield f"{kind}, d = {d}, seed {seed}", given, data, result, seed
+        yield f"{kind}, d = {d}, seed {seed}", path_problem, data, result, seed

@@ -76,8 +76,8 @@ class Band:
         n, w = self.n, self.w
         x = [np.concatenate([part[self.order], np.zeros(w)]) for part in b]
         for j in range(n):
-            own = x[0][j : j + 1], x[1][j : j + 1]
-            change = times((self.high[j, 1:], self.low[j, 1:]), own)
+            solved_entry = x[0][j : j + 1], x[1][j : j + 1]
+            change = times((self.high[j, 1:], self.low[j, 1:]), solved_entry)
             behind = slice(j + 1, j + 1 + w)
             x[0][behind], x[1][behind] = add(
                 (x[0][behind], x[1][behind]), (-change[0], -change[1])
@@ -101,10 +101,10 @@ class Band:
                     np.concatenate([paired[0], parts[0][odd]]),
                     np.concatenate([paired[1], parts[1][odd]]),
                 )
-            own = slice(j, j + 1)
+            solved_entry = slice(j, j + 1)
             if w:
-                x[0][own], x[1][own] = add(
-                    (x[0][own], x[1][own]), (-parts[0], -parts[1])
+                x[0][solved_entry], x[1][solved_entry] = add(
+                    (x[0][solved_entry], x[1][solved_entry]), (-parts[0], -parts[1])
                 )
         out = np.zeros(n), np.zeros(n)
         out[0][self.order], out[1][self.order] = x[0][:n], x[1][:n]
@@ -159,8 +159,8 @@ def known(model: fem.Assembly, load: Array, result: bp.Result) -> Reference:
     forces = product(K, (u[0][:, None], u[1][:, None]))
     left = add((forces[0][:, 0], forces[1][:, 0]), exactly(-load))[0]
     r = np.zeros(len(status) * d)
-    own = rows[~fixed[B.indices[rows]]]
-    r[own] = B.data[own] * left[B.indices[own]]
+    at_free = rows[~fixed[B.indices[rows]]]
+    r[at_free] = B.data[at_free] * left[B.indices[at_free]]
     loose = np.flatnonzero(~fixed)
     alone = Band(K[loose][:, loose]).solve(exactly(load[loose]))[0]
     return Reference(u[0], r.reshape(-1, d), np.abs(alone).max())

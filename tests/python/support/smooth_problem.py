@@ -58,22 +58,22 @@ class Answer:
         return STEPS
 
     def jvp(self, **along: Any) -> Any:
-        found = {
+        derivatives = {
             out: sum(
                 MAPS[out, k] @ (2 * self.whole[k] * along[k]).ravel() for k in along
             ).reshape(shape)
             for out, shape in SHAPES.items()
         }
-        return SimpleNamespace(**found)
+        return SimpleNamespace(**derivatives)
 
     def vjp(self, **cots: Any) -> Any:
-        found = {
+        derivatives = {
             k: 2
             * v
             * sum(MAPS[o, k].T @ c.ravel() for o, c in cots.items()).reshape(v.shape)
             for k, v in self.whole.items()
         }
-        return SimpleNamespace(**found)
+        return SimpleNamespace(**derivatives)
 
 
 def arguments(single: bool) -> list[Any]:

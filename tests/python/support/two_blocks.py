@@ -20,8 +20,8 @@ def two_blocks(contrast: float = 10.0, upper: int = 8, lower: int = 8) -> bp.Mod
     m.body("high", material="upper", cell=kind, x=above, y=above, z=above)
     m.support("low.bottom", x=0.0, y=0.0, z=0.0)
     m.support("high.top", x=m.times(0.01, "shear"), y=0.0, z=m.times(-0.02, "press"))
-    own = {} if upper == lower else {"pairing": "mortar"}
-    m.contact("high.bottom", against="low.top", mu=0.3, **own)
+    pairing = {} if upper == lower else {"pairing": "mortar"}
+    m.contact("high.bottom", against="low.top", mu=0.3, **pairing)
     m.path(press=[0.6, 1.0], shear=[0.0, 1.0])
     return m
 

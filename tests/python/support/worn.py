@@ -16,8 +16,8 @@ COEFFICIENT = 1e-3
 
 def spring(**changed: Any) -> bp.ContactProblem:
     """A point on two springs, which presses on a wall by 10 N."""
-    given = {"gap": [-0.01], "mu": 0.0, "area": [1e-4]} | changed
-    return bp.ContactProblem(1e3 * np.eye(2), np.eye(2), **given)
+    arguments = {"gap": [-0.01], "mu": 0.0, "area": [1e-4]} | changed
+    return bp.ContactProblem(1e3 * np.eye(2), np.eye(2), **arguments)
 
 
 # Forces that move the point by 4 mm to and fro: 8 mm of slip a load step.
@@ -44,5 +44,5 @@ def pad(d: int = 2, n: int = 8) -> tuple[Any, bp.ContactProblem, np.ndarray]:
 
 def worn_pad(**more: Any) -> Any:
     _, problem, cycle = pad()
-    given = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
-    return problem.wear(prescribed=cycle, **given)
+    arguments = {"coefficient": COEFFICIENT, "cycles": 60, "tol": TOL} | more
+    return problem.wear(prescribed=cycle, **arguments)

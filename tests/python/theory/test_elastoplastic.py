@@ -63,7 +63,7 @@ def textbook(
 @pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
 def test_stress_is_that_of_the_textbook(soil: DruckerPrager) -> None:
     step, strain = drawn(soil)
-    found = step.response(strain)
+    response = step.response(strain)
     expected = [
         textbook(soil, K, G, s, e)
         for K, G, s, e in zip(
@@ -71,13 +71,13 @@ def test_stress_is_that_of_the_textbook(soil: DruckerPrager) -> None:
         )
     ]
     # Rounding of stresses of the order of ten.
-    assert found.stress == pytest.approx(mandel(np.array(expected)), abs=1e-13)
+    assert response.stress == pytest.approx(mandel(np.array(expected)), abs=1e-13)
     # The rest of the strain is elastic.
-    elastic = step.elastic(strain - found.plastic)
-    assert found.stress - step.start == pytest.approx(elastic, abs=1e-13)
+    elastic = step.elastic(strain - response.plastic)
+    assert response.stress - step.start == pytest.approx(elastic, abs=1e-13)
     # All three regimes are among them.
-    flows = np.abs(found.plastic).max(axis=1) > 0
-    level = np.abs(found.stress[:, :3] - soil.apex).max(axis=1)
+    flows = np.abs(response.plastic).max(axis=1) > 0
+    level = np.abs(response.stress[:, :3] - soil.apex).max(axis=1)
     assert min(flows.sum(), (~flows).sum(), (level < 1e-12).sum()) > 10
     assert (flows & (level > 0.1)).sum() > 100
 
@@ -85,19 +85,19 @@ def test_stress_is_that_of_the_textbook(soil: DruckerPrager) -> None:
 @pytest.mark.parametrize("soil", SOILS.values(), ids=SOILS)
 def test_gap_is_zero_on_the_law_and_positive_elsewhere(soil: DruckerPrager) -> None:
     step, strain = drawn(soil)
-    found = step.response(strain)
+    response = step.response(strain)
     # Sums of a dozen rounded energies of the order of ten.
-    law = step.gap(strain, found.plastic, found.stress)
+    law = step.gap(strain, response.plastic, response.stress)
     assert np.abs(law).max() < 5e-14
     rng = np.random.default_rng(6)
     for size in (1e-3, 1.0):
-        other = found.stress + size * rng.normal(size=(N, 6))
+        other = response.stress + size * rng.normal(size=(N, 6))
         other = admissible(soil, other)
         gap = step.bipotential(strain, other) - np.sum(other * strain, axis=1)
         assert gap.min() > -5e-14
         # The gap is at least the energy of the difference, minimised over the flow. It is
         # zero only where the flow makes up for the difference, so the law holds.
-        away = np.linalg.norm(other - found.stress, axis=1) > 0.1 * size
+        away = np.linalg.norm(other - response.stress, axis=1) > 0.1 * size
         assert (gap[away] > 1e-9 * size**2).all()
 
 
@@ -137,13 +137,13 @@ def test_left_dual_is_the_conjugate(soil: DruckerPrager) -> None:
     rng = np.random.default_rng(9)
     stress = admissible(soil, rng.normal(size=(N, 6)))
     # The supremum over strains is attained where the stress is that of the frozen limits.
-    found = step.frozen(strain, step.limit(stress)).stress
-    value = np.sum(found * strain, axis=1) - step.bipotential(strain, stress)
-    dual = step.left_dual(found, stress)
+    response = step.frozen(strain, step.limit(stress)).stress
+    value = np.sum(response * strain, axis=1) - step.bipotential(strain, stress)
+    dual = step.left_dual(response, stress)
     assert dual == pytest.approx(value, abs=1e-12)
     # Fenchel's inequality at other strains.
     other = rng.normal(size=(N, 6))
-    below = np.sum(found * other, axis=1) - step.bipotential(other, stress)
+    below = np.sum(response * other, axis=1) - step.bipotential(other, stress)
     assert (below <= dual + 1e-12).all()
     # On the law the dual is zero: (13a) and (8) are equivalent.
     assert np.abs(step.left_dual(stress, stress)).max() < 1e-13

@@ -36,16 +36,20 @@ def loaded(n: int) -> tuple[ImplicitBody, Array]:
 def errors(n: int, steps: int = 1) -> Array:
     """Relative errors of the displacement inside and of the radial stress, in L²."""
     structure, force = loaded(n)
-    found = structure.solve(PRESSURE * np.linspace(0, 1, steps + 1)[1:, None] * force)
+    steps_solved = structure.solve(
+        PRESSURE * np.linspace(0, 1, steps + 1)[1:, None] * force
+    )
     body = structure.body
     radius = np.linalg.norm(body.points, axis=1)
     outward = body.points / radius[:, None]
-    u = np.sum(found[-1].displacement.reshape(-1, 3) * outward, axis=1)
+    u = np.sum(steps_solved[-1].displacement.reshape(-1, 3) * outward, axis=1)
     exact = SPHERE.displacement(PRESSURE, np.array([SPHERE.inner]))[0]
     moved = u[radius < SPHERE.inner * (1 + 1e-9)].mean() / exact - 1
     places = body.volume().places
     r = np.linalg.norm(places, axis=0)
-    stress = np.einsum("acq,cqab,bcq->cq", places, tensor(found[-1].stress), places)
+    stress = np.einsum(
+        "acq,cqab,bcq->cq", places, tensor(steps_solved[-1].stress), places
+    )
     radial, _ = SPHERE.stress(PRESSURE, r)
     wrong = np.sum(structure.weights * (stress / r**2 - radial) ** 2)
     return np.array(

@@ -54,10 +54,10 @@ def skin(body: fem.Body) -> Array:
 def normal_supports(body: fem.Body, *names: str) -> Array:
     """Degrees of freedom along x, y, .. of the nodes at x = 0, y = 0, .. and of faces."""
     x = body.points
-    found = [body.dim * np.flatnonzero(x[:, k] < 1e-9) + k for k in range(body.dim)] + [
+    dofs = [body.dim * np.flatnonzero(x[:, k] < 1e-9) + k for k in range(body.dim)] + [
         body.dim * body.nodes(name) + body.dim - 1 for name in names
     ]
-    return np.unique(np.concatenate(found))
+    return np.unique(np.concatenate(dofs))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -196,13 +196,13 @@ def pressed(
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_both_methods_agree(cell: str, beta: float) -> None:
     soil = DruckerPrager(0.5, beta, 1.0)
-    structure, found = pressed(soil, cell=cell)
+    structure, results = pressed(soil, cell=cell)
     _, other = pressed(soil, cell=cell, method="displacements")
-    for one, two in zip(found, other, strict=True):
+    for by_newton, two in zip(results, other, strict=True):
         # Gap 1e-10 of an energy, with a factor for the softness of yielding cells.
-        assert two.displacement == pytest.approx(one.displacement, abs=1e-8)
-        assert two.stress == pytest.approx(one.stress, abs=1e-6)
-    yielding = np.abs(found[-1].plastic_strain).max(axis=2) > 0
+        assert two.displacement == pytest.approx(by_newton.displacement, abs=1e-8)
+        assert two.stress == pytest.approx(by_newton.stress, abs=1e-6)
+    yielding = np.abs(results[-1].plastic_strain).max(axis=2) > 0
     assert 0.2 < yielding.mean() < 1.0
     passes = [len(step.history) for step in other]
     # Associated flow is an explicit material: β separates and one pass is enough.
@@ -228,8 +228,8 @@ def test_bifunctional_is_zero_at_the_solution_and_measures_errors() -> None:
         "displacement": end.displacement + error,
     }
     wrong = BodyState(**fields)
-    found = structure.bifunctional(start, wrong, load)
-    assert found == pytest.approx(energy, rel=1e-8)
+    value = structure.bifunctional(start, wrong, load)
+    assert value == pytest.approx(energy, rel=1e-8)
     # A stress outside the criterion has no finite B.
     fields["stress"] = 1.5 * end.stress
     outside = BodyState(**fields)
@@ -298,18 +298,18 @@ def test_units_and_numbering_do_not_matter() -> None:
         pressed(DruckerPrager(0.5, 0.2, 1e6), young=1e6 * E, length=1e3),
         pressed(order=order),
     ]
-    for (other, found), length, unit in zip(
+    for (other, scaled_steps), length, unit in zip(
         changed, (1e3, 1.0), (1e6, 1.0), strict=True
     ):
         key = np.round(other.body.points / length, 9)
-        own = np.round(structure.body.points, 9)
-        where = [int(np.flatnonzero((key == x).all(axis=1))[0]) for x in own]
-        for one, two in zip(steps, found, strict=True):
+        rounded = np.round(structure.body.points, 9)
+        where = [int(np.flatnonzero((key == x).all(axis=1))[0]) for x in rounded]
+        for step, two in zip(steps, scaled_steps, strict=True):
             u = two.displacement.reshape(-1, 2)[where] / length
             # The tolerance of the step; iterations may differ by one at most.
-            assert u.ravel() == pytest.approx(one.displacement, abs=1e-9)
-            assert two.work / (unit * length**2) == pytest.approx(one.work, rel=1e-9)
-            assert abs(two.iterations - one.iterations) <= 1
+            assert u.ravel() == pytest.approx(step.displacement, abs=1e-9)
+            assert two.work / (unit * length**2) == pytest.approx(step.work, rel=1e-9)
+            assert abs(two.iterations - step.iterations) <= 1
 
 
 def test_rotation_of_the_mesh() -> None:
@@ -322,15 +322,17 @@ def test_rotation_of_the_mesh() -> None:
         [np.sin(3 * x[:, 1]), x[:, 0] * x[:, 2], -(x[:, 2] ** 2)], axis=1
     )
     fixed = skin(body)
-    (one,) = ImplicitBody(body, SOIL, fixed).solve(None, moved.ravel()[fixed], tol=TOL)
+    (straight,) = ImplicitBody(body, SOIL, fixed).solve(
+        None, moved.ravel()[fixed], tol=TOL
+    )
     mesh = body.mesh
     turned = body_of(type(mesh)(turn @ mesh.p, mesh.t))
-    given = (moved @ turn.T).ravel()[fixed]
-    (two,) = ImplicitBody(turned, SOIL, fixed).solve(None, given, tol=TOL)
-    assert np.abs(one.plastic_strain).max() > 1e-3
-    u = one.displacement.reshape(-1, 3) @ turn.T
+    prescribed = (moved @ turn.T).ravel()[fixed]
+    (two,) = ImplicitBody(turned, SOIL, fixed).solve(None, prescribed, tol=TOL)
+    assert np.abs(straight.plastic_strain).max() > 1e-3
+    u = straight.displacement.reshape(-1, 3) @ turn.T
     assert two.displacement == pytest.approx(u.ravel(), abs=1e-11)
-    expected = turn @ tensor(one.stress) @ turn.T
+    expected = turn @ tensor(straight.stress) @ turn.T
     assert tensor(two.stress) == pytest.approx(expected, abs=1e-8)
 
 
@@ -344,9 +346,13 @@ def test_initial_stress_in_equilibrium_moves_nothing() -> None:
 
     def at_rest(x: Array) -> Array:
         vertical = 2.0 * (x[1] - 1.0)
-        found = np.zeros((3, 3, *vertical.shape))
-        found[1, 1], found[0, 0], found[2, 2] = vertical, 0.5 * vertical, 0.5 * vertical
-        return found
+        stresses = np.zeros((3, 3, *vertical.shape))
+        stresses[1, 1], stresses[0, 0], stresses[2, 2] = (
+            vertical,
+            0.5 * vertical,
+            0.5 * vertical,
+        )
+        return stresses
 
     (step,) = structure.solve(weight, start=structure.at_rest(at_rest), tol=TOL)
     # Rounding relative to the elastic settlement of the layer, about 0.01.

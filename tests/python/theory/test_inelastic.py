@@ -59,7 +59,7 @@ def given(seed: int) -> Given:
 def enumerated(g: Given) -> list[tuple[Array, Array]]:
     """All solutions: every regime of every bar with every status of every contact."""
     k, h, y, p0 = g.bars.stiffness, g.bars.hardening, g.bars.limit, g.bars.plastic
-    n, found = 8, []
+    n, solutions = 8, []
     for regime in itertools.product((0, 1, -1), repeat=5):
         side = np.array([*regime, 0, 0, 0, 0])
         # N = slope e + shift: elastic, or N - h p = ± N_y with N = k (e - p).
@@ -100,9 +100,9 @@ def enumerated(g: Given) -> list[tuple[Array, Array]]:
                     ok &= abs(r[i, 1]) <= g.mu[i] * r[i, 0] + small
                 else:  # r_t = -what μ r_n, against the slip
                     ok &= what * v[i, 1] >= -small
-            if ok and not any(np.abs(u - other).max() < 1e-9 for other, _ in found):
-                found.append((u, r))
-    return found
+            if ok and not any(np.abs(u - other).max() < 1e-9 for other, _ in solutions):
+                solutions.append((u, r))
+    return solutions
 
 
 @cache
@@ -114,14 +114,14 @@ def solved(seed: int) -> TrussSolution:
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.quick_variants("3")
 def test_plastic_truss_with_friction(seed: int) -> None:
-    g, found = given(seed), solved(seed)
-    assert found.converged
+    g, solution = given(seed), solved(seed)
+    assert solution.converged
     (answer,) = enumerated(g)
     # Solved to 1e-12 of the largest reaction; the condition of the truss is some hundred.
-    assert found.displacement == pytest.approx(answer[0], abs=1e-10)
-    assert found.reaction == pytest.approx(answer[1], abs=1e-10)
+    assert solution.displacement == pytest.approx(answer[0], abs=1e-10)
+    assert solution.reaction == pytest.approx(answer[1], abs=1e-10)
     # (37): every step in u decreases B, to the rounding of energies of order one.
-    B = found.bifunctional
+    B = solution.bifunctional
     assert (B >= -1e-14).all()
     assert (B[1:, 0] <= B[:-1, 1] + 1e-14).all()
     # (38) may increase it, but two passes together decrease it.
@@ -142,11 +142,11 @@ def test_updating_the_stresses_may_raise_the_bifunctional() -> None:
 def test_some_of_these_yield_and_slip() -> None:
     yielded, slid, stuck = 0, 0, 0
     for seed in SEEDS:
-        g, found = given(seed), solved(seed)
-        p = g.bars.yielded(g.C @ found.displacement)
+        g, solution = given(seed), solved(seed)
+        p = g.bars.yielded(g.C @ solution.displacement)
         yielded += (p != g.bars.plastic).any()
-        drag = np.abs(found.reaction[:, 1])
-        limit = g.mu * found.reaction[:, 0]
+        drag = np.abs(solution.reaction[:, 1])
+        limit = g.mu * solution.reaction[:, 0]
         slid += int(((limit > 0) & (drag > 0.999999 * limit)).any())
         stuck += int((drag < 0.99 * limit).any())
     assert yielded >= 4
@@ -199,11 +199,11 @@ def test_in_elastic_bodies_it_equals_the_solution_of_the_solver() -> None:
     elastic = HardeningBars(
         g.bars.stiffness, g.bars.hardening, np.full(9, np.inf), np.zeros(9)
     )
-    found = Truss(elastic, g.C, g.B, g.load, gap=g.gap, mu=g.mu).solve()
+    solution = Truss(elastic, g.C, g.B, g.load, gap=g.gap, mu=g.mu).solve()
     K = g.C.T * elastic.stiffness @ g.C
     result = bp.solve(K, g.B, g.load, gap=g.gap, mu=g.mu, tol=1e-13)
-    assert found.displacement == pytest.approx(result.displacement[0], abs=1e-11)
-    assert found.reaction == pytest.approx(result.reaction[0], abs=1e-11)
+    assert solution.displacement == pytest.approx(result.displacement[0], abs=1e-11)
+    assert solution.reaction == pytest.approx(result.reaction[0], abs=1e-11)
 
 
 def test_wrong_arguments_are_named() -> None:

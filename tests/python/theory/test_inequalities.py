@@ -61,28 +61,28 @@ def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
         v = rng.normal(size=(3, d))
         v_t = np.linalg.norm(v[:, 1:], axis=1)
         # (74): all of ṽ·(t* - t).
-        found = coupled(t, v, mu, size)
+        bound = coupled(t, v, mu, size)
         corrected = v.copy()
         corrected[:, 0] += mu * v_t
         trials = inside(rng, mu, d, size, 4000)
         values = np.sum(corrected * (trials - t), axis=2)
         # Sums of a few products of numbers of order one to ten.
-        assert (values >= -found.residual - 1e-13).all()
-        assert np.sum(corrected * (found.worst - t), axis=1) == pytest.approx(
-            -found.residual, abs=1e-13
+        assert (values >= -bound.residual - 1e-13).all()
+        assert np.sum(corrected * (bound.worst - t), axis=1) == pytest.approx(
+            -bound.residual, abs=1e-13
         )
-        gaps.append((values.min(axis=0) + found.residual).max())
+        gaps.append((values.min(axis=0) + bound.residual).max())
         # (76)-(78): any t_n*, and any t_t* of the disc of t.
-        found = alternated(t, v, mu, size)
+        bound = alternated(t, v, mu, size)
         disc = trials[..., 1:] / np.maximum(trials[..., :1], 1e-300) * t[:, :1]
         values = v[:, 0] * (trials[..., 0] - t[:, 0])
         values += np.sum(v[:, 1:] * (disc - t[:, 1:]), axis=2)
-        assert (values >= -found.residual - 1e-13).all()
+        assert (values >= -bound.residual - 1e-13).all()
         # (75): displacements that do not penetrate, for tractions of any sign.
         pulls = rng.normal(size=(3, d))
         opened = v.copy()
         opened[:, 0] = np.abs(opened[:, 0])
-        found = displacements(pulls, opened, mu, size)
+        bound = displacements(pulls, opened, mu, size)
         moves = rng.normal(size=(4000, 3, d))
         moves *= size / np.linalg.norm(moves[..., 1:], axis=2, keepdims=True)
         moves[..., 0] = size * rng.choice([0.0, 1.0, rng.random()], size=(4000, 3))
@@ -96,7 +96,7 @@ def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
                 - np.linalg.norm(opened[:, 1:], axis=1)
             )
         )
-        assert (values >= -found.residual - 1e-13).all()
+        assert (values >= -bound.residual - 1e-13).all()
     # 4000 directions miss the worst one by their spacing, in space by its square.
     assert max(gaps) < (1e-13 if d == 2 else 1e-2)
 
@@ -124,26 +124,26 @@ def test_the_three_agree_on_pairs(d: int) -> None:
             (t, away, pressed),
             (t, turned, slid),
         ):
-            one = coupled(tractions, moved, mu, size)
+            by_tractions = coupled(tractions, moved, mu, size)
             two = displacements(tractions, moved, mu, size)
             other = alternated(tractions, moved, mu, size)
             # In the cone and without penetration, all three equal the bipotential gap.
             gap = np.sum(tractions * moved, axis=1)
             gap += mu * tractions[:, 0] * np.linalg.norm(moved[:, 1:], axis=1)
-            for found in (one, two, other):
-                assert found.residual == pytest.approx(gap, abs=1e-13)
-                assert (found.residual[off] > 1e-6).all()
+            for worst in (by_tractions, two, other):
+                assert worst.residual == pytest.approx(gap, abs=1e-13)
+                assert (worst.residual[off] > 1e-6).all()
         # (74) and (78) are one residual, with or without penetration.
         deep = v - 0.7 * np.eye(1, d)
-        one, other = coupled(t, deep, mu, size), alternated(t, deep, mu, size)
-        assert one.residual == pytest.approx(other.residual, abs=1e-13)
-        assert (one.residual[deep[:, 0] < 0] > 0).all()
+        by_tractions, other = coupled(t, deep, mu, size), alternated(t, deep, mu, size)
+        assert by_tractions.residual == pytest.approx(other.residual, abs=1e-13)
+        assert (by_tractions.residual[deep[:, 0] < 0] > 0).all()
         # Outside the cone only (75) is violated.
         out = t.copy()
         out[:, 1] += 2 * mu * t[:, 0] + 0.1
         excess = np.linalg.norm(out[:, 1:], axis=1) - mu * t[:, 0]
-        said = displacements(out, v, mu, size).residual
-        assert (said[excess > 1e-3] > 0).all()
+        excess_of_form = displacements(out, v, mu, size).residual
+        assert (excess_of_form[excess > 1e-3] > 0).all()
         for form in (coupled, alternated):
             with pytest.raises(ValueError, match="is outside the friction cone by"):
                 form(out, v, mu, size)
@@ -157,18 +157,18 @@ KINDS = ["held", "graded", "frictionless", "flat", "open"]
 def test_they_hold_at_solutions_only(kind: str, d: int) -> None:
     for seed in range(15):
         rng = np.random.default_rng(seed)
-        given = random_problem(kind, d, seed)
-        solution = given.problem().solve(tol=1e-14)
+        random_data = random_problem(kind, d, seed)
+        solution = random_data.problem().solve(tol=1e-14)
         t, v = solution.reaction, solution.relative_displacement
         # Any start state: increments are differences to the totals.
         t0, offset = rng.normal(size=t.shape), rng.normal(size=t.shape)
         offset[:, 1:] = 0.0
-        response = Response(given.problem(), reaction=t0, offset=offset)
+        response = Response(random_data.problem(), reaction=t0, offset=offset)
         force, length = response.sizes()
         if not length:
             continue  # # no load, so nothing moves
         force, length = 2 * max(force, t.max()), 2 * max(length, np.abs(v).max())
-        one = inequality_74(response, t - t0, force)
+        form_74 = inequality_74(response, t - t0, force)
         held = v.copy()
         held[:, 0] = np.maximum(v[:, 0], 0.0)  # # removes rounding of closed contacts
         two = inequality_75(response, held - offset, length)
@@ -176,20 +176,22 @@ def test_they_hold_at_solutions_only(kind: str, d: int) -> None:
         # In the work units of the bounds; E and E⁻¹ lose digits by the condition of W.
         digits = 1e-12 * (1e4 if kind == "graded" else 1.0)
         extent = force * length * len(t)
-        assert one.total <= digits * extent
+        assert form_74.total <= digits * extent
         assert three.total <= digits * extent
         assert two.total <= 100 * digits * extent
         # Another admissible traction.
-        other, _ = bp.project(t + 0.1 * force * rng.normal(size=t.shape), given.mu)
+        other, _ = bp.project(
+            t + 0.1 * force * rng.normal(size=t.shape), random_data.mu
+        )
         if np.abs(other - t).max() > 1e-3 * force and kind != "graded":
             first = inequality_74(response, other - t0, 2 * force)
             assert first.total > 1e-9 * extent
             last = inequality_78(response, other - t0, 2 * force)
             assert last.residual == pytest.approx(first.residual, abs=1e-12 * extent)
             # The worst field found belongs to the set.
-            bp.project(first.worst, given.mu, base=t0)
+            bp.project(first.worst, random_data.mu, base=t0)
             total = first.worst + t0
-            kept, _ = bp.project(total, given.mu)
+            kept, _ = bp.project(total, random_data.mu)
             assert np.abs(kept - total).max() <= 1e-13 * force
 
 
@@ -197,12 +199,16 @@ def test_operators_are_inverse_and_monotone() -> None:
     rng = np.random.default_rng(8)
     for kind in ("held", "floating"):
         for seed in range(10):
-            given = random_problem(kind, 3, seed)
-            response = Response(given.problem(), offset=rng.normal(size=given.q.shape))
-            a = rng.normal(size=0 if given.rigid is None else len(given.rigid[1]))
-            r = rng.normal(size=given.q.shape)
-            if given.rigid is not None:
-                R, e = given.rigid
+            random_data = random_problem(kind, 3, seed)
+            response = Response(
+                random_data.problem(), offset=rng.normal(size=random_data.q.shape)
+            )
+            a = rng.normal(
+                size=0 if random_data.rigid is None else len(random_data.rigid[1])
+            )
+            r = rng.normal(size=random_data.q.shape)
+            if random_data.rigid is not None:
+                R, e = random_data.rigid
                 r -= (R @ np.linalg.solve(R.T @ R, R.T @ r.ravel() + e)).reshape(
                     r.shape
                 )
@@ -214,11 +220,11 @@ def test_operators_are_inverse_and_monotone() -> None:
             gain, size = np.sum(back * other), np.sum(other**2)
             assert response.inverse_monotonicity is not None
             assert gain >= (response.inverse_monotonicity - 1e-12) * size
-            values, vectors = np.linalg.eigh(given.W)
+            values, vectors = np.linalg.eigh(random_data.W)
             assert response.monotonicity == pytest.approx(values[0], rel=1e-10)
             if kind == "floating":
                 assert response.inverse_monotonicity == 0
-                rigid = (given.rigid[0] @ np.ones(3)).reshape(r.shape)  # type: ignore[index]
+                rigid = (random_data.rigid[0] @ np.ones(3)).reshape(r.shape)  # type: ignore[index]
                 still = response.traction(du + rigid)
                 assert still == pytest.approx(r, abs=1e-11)
                 with pytest.raises(ValueError, match="rigid is missing"):
@@ -267,14 +273,14 @@ def test_every_step_of_a_scene_satisfies_them(name: str, n: int) -> None:
         extent = force * length
         for form in (inequality_74, inequality_78):
             # Each contact to the accuracy of W, whose condition is some thousands.
-            found = form(response, step.reaction - t0, force)
-            assert found.residual.max() <= 1e-11 * extent
+            value = form(response, step.reaction - t0, force)
+            assert value.residual.max() <= 1e-11 * extent
         # (75) for the same pair, with the penetration by rounding removed.
         v = response.displacement(step.reaction - t0) + offset
         v[:, 0] = np.maximum(v[:, 0], 0.0)
         reach = 2 * max(length, np.abs(v).max())
-        found = displacements(step.reaction, v, reduced.mu, reach)
-        assert found.residual.max() <= 1e-11 * force * reach
+        value = displacements(step.reaction, v, reduced.mu, reach)
+        assert value.residual.max() <= 1e-11 * force * reach
         # At other points in the cone they fail.
         half = 0.5 * step.reaction
         assert inequality_74(response, half - t0, force).total > 1e-6 * extent
@@ -284,15 +290,15 @@ def test_prints_of_74_and_78_fail_at_solutions() -> None:
     wrong_74 = wrong_78 = 0
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        given = random_problem("held", 3, seed)
-        solution = given.problem().solve(tol=1e-14)
+        random_data = random_problem("held", 3, seed)
+        solution = random_data.problem().solve(tol=1e-14)
         t, v = solution.reaction, solution.relative_displacement
         # A start on the law: h0 differs from u_n0, and t0 is inside the cone.
         t0 = 0.5 * t
         offset = np.zeros_like(t)
         du, dt = v - offset, t - t0
-        trial = inside(rng, given.mu, 3, 2 * t.max() + 1, 500) - t0
-        first = (v[:, 0] + given.mu * np.linalg.norm(v[:, 1:], axis=1)) * (
+        trial = inside(rng, random_data.mu, 3, 2 * t.max() + 1, 500) - t0
+        first = (v[:, 0] + random_data.mu * np.linalg.norm(v[:, 1:], axis=1)) * (
             trial[..., 0] - dt[:, 0]
         )
         right = first + np.sum(du[:, 1:] * (trial - dt)[..., 1:], axis=2)

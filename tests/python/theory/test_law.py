@@ -34,8 +34,8 @@ ROUNDED = 1e-14
 def relative(
     form: str, law: materials.Coulomb, du: Array, dt: Array, rho: Any
 ) -> Array:
-    found = laws.FORMS[form](law, du, dt, rho)
-    return np.asarray(found / laws.size(law, du, dt, rho))
+    values = laws.FORMS[form](law, du, dt, rho)
+    return np.asarray(values / laws.size(law, du, dt, rho))
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -57,7 +57,7 @@ def test_in_force_off_the_law(form: str, how: str, d: int) -> None:
     for size in (1e-1, 1e-3):
         pairs = off_the_law(rng, 500, d, how, size)
         law, du, dt = as_step(pairs, start_state(rng, 500, d))
-        found = laws.FORMS[form](law, du, dt, RHO)
+        values = laws.FORMS[form](law, du, dt, RHO)
         # The violation has this size in units of FORCE; forces and slips are 0.3 to 3, μ is at
         # least 0.05. Every residual must be at least 0.02 of it, with the cone of μ = 2 and the
         # quotient of (54) included. In (54) the direction of slip counts squared:
@@ -65,10 +65,10 @@ def test_in_force_off_the_law(form: str, how: str, d: int) -> None:
         lack = size
         if form == "(54)" and how == "slips askew" and d == 3:
             lack = 0.1 * size**2
-        assert found.min() >= 0.02 * lack * FORCE
+        assert values.min() >= 0.02 * lack * FORCE
         # No residual is much larger either: all have comparable units.
         whole = 10 * FORCE if how == "slips askew" and d == 2 else 10 * size * FORCE
-        assert found.max() <= whole
+        assert values.max() <= whole
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -84,12 +84,12 @@ def test_all_forms_agree(d: int) -> None:
     t = np.where(wild[:, :1], other.t, pairs.t)
     v = np.where(wild[:, 1:], other.v, pairs.v)
     law, du, dt = as_step(pairs._replace(t=t, v=v), start_state(rng, n, d))
-    found = laws.verdicts(law, du, dt, RHO)
-    assert list(found) == FORMS
-    for name, verdict in found.items():
-        np.testing.assert_array_equal(verdict, found["by case"], err_msg=name)
-    assert 0.2 * n < found["by case"].sum() < 0.8 * n
-    assert found["by case"][~wild.any(axis=1)].all()
+    values = laws.verdicts(law, du, dt, RHO)
+    assert list(values) == FORMS
+    for name, verdict in values.items():
+        np.testing.assert_array_equal(verdict, values["by case"], err_msg=name)
+    assert 0.2 * n < values["by case"].sum() < 0.8 * n
+    assert values["by case"][~wild.any(axis=1)].all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -105,7 +105,7 @@ def test_units_frames_and_start_states_have_no_effect(form: str, d: int) -> None
     )
     start = start_state(rng, n, d)
     law, du, dt = as_step(pairs, start)
-    found = laws.FORMS[form](law, du, dt, RHO)
+    values = laws.FORMS[form](law, du, dt, RHO)
 
     force, metre = 2.0**40, 2.0**-33
     scaled = materials.Start(
@@ -114,7 +114,7 @@ def test_units_frames_and_start_states_have_no_effect(form: str, d: int) -> None
     other = laws.FORMS[form](
         materials.Coulomb(law.mu, scaled), metre * du, force * dt, RHO * force / metre
     )
-    np.testing.assert_array_equal(other, force * found)
+    np.testing.assert_array_equal(other, force * values)
 
     angle = rng.uniform(0, 2 * math.pi)
     turn = np.eye(d)
@@ -127,12 +127,12 @@ def test_units_frames_and_start_states_have_no_effect(form: str, d: int) -> None
         materials.Coulomb(law.mu, turned), du @ turn, dt @ turn, RHO
     )
     size = laws.size(law, du, dt, RHO)
-    assert np.all(np.abs(other - found) <= ROUNDED * size)
+    assert np.all(np.abs(other - values) <= ROUNDED * size)
 
     elsewhere, *step = as_step(pairs, start_state(rng, n, d))
     other = laws.FORMS[form](elsewhere, *step, RHO)
     size = np.maximum(size, laws.size(elsewhere, *step, RHO))
-    assert np.all(np.abs(other - found) <= ROUNDED * size)
+    assert np.all(np.abs(other - values) <= ROUNDED * size)
 
 
 def test_the_law_does_not_depend_on_time() -> None:
@@ -316,8 +316,8 @@ def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
             x2 = ways * rng.normal(size=x.shape)
             x2[:, 0] = opening - np.abs(x2[:, 0])
             wide = slack + 1e-14 * energy_size(law, x2, y2).max()
-            for one, other in ((x2, y2), (x, y2), (x2, y)):
-                assert materials.gap(law, one, other).min() >= -wide
+            for first_pair, other in ((x2, y2), (x, y2), (x2, y)):
+                assert materials.gap(law, first_pair, other).min() >= -wide
             b = law.bipotential
             assert np.all(b(x2, y) - b(x, y) >= ((x2 - x) * y).sum(axis=1) - wide)
             assert np.all(b(x, y2) - b(x, y) >= ((y2 - y) * x).sum(axis=1) - wide)
@@ -416,9 +416,9 @@ def test_normal_and_gap_of_points() -> None:
     obstacle = rng.normal(size=(50, 3)) * LENGTH
     n, h = unit(rng, 50, 3), LENGTH * rng.uniform(0.1, 2, 50)
     body = obstacle + h[:, None] * n
-    found, gap = laws.normal_and_gap(body, obstacle)
+    normals, gap = laws.normal_and_gap(body, obstacle)
     # Differences of numbers of size 3 with length 0.1: one and a half digits are lost.
-    np.testing.assert_allclose(found, n, atol=1e-14)
+    np.testing.assert_allclose(normals, n, atol=1e-14)
     np.testing.assert_allclose(gap, h, rtol=1e-14)
     same, gap = laws.normal_and_gap(body, obstacle, n)
     np.testing.assert_array_equal(same, n)
@@ -426,8 +426,8 @@ def test_normal_and_gap_of_points() -> None:
 
     # Behind the obstacle the printed formula reverses the normal: the gap counts as open.
     behind = obstacle - h[:, None] * n
-    found, gap = laws.normal_and_gap(behind, obstacle)
-    np.testing.assert_allclose(found, -n, atol=1e-14)
+    normals, gap = laws.normal_and_gap(behind, obstacle)
+    np.testing.assert_allclose(normals, -n, atol=1e-14)
     assert gap.min() > 0
     _, gap = laws.normal_and_gap(behind, obstacle, n)
     np.testing.assert_allclose(gap, -h, rtol=1e-14)

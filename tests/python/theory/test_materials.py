@@ -177,12 +177,12 @@ def near(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def test_equal_on_the_law(case: Case) -> None:
-    found = materials.gap(case.material, case.x, case.y)
-    assert np.all(np.abs(found) <= ROUNDED * case.energy)
+    gaps = materials.gap(case.material, case.x, case.y)
+    assert np.all(np.abs(gaps) <= ROUNDED * case.energy)
     # The same for (13a) and (13b).
     for half in (materials.left_gap, materials.right_gap):
-        found = half(case.material, case.x, case.y)
-        assert np.all(np.abs(found) <= ROUNDED * case.energy)
+        gaps = half(case.material, case.x, case.y)
+        assert np.all(np.abs(gaps) <= ROUNDED * case.energy)
 
 
 def test_more_off_the_law(case: Case) -> None:
@@ -190,13 +190,13 @@ def test_more_off_the_law(case: Case) -> None:
     rng = np.random.default_rng(20)
     for _ in range(5):
         x, y = near(case, rng)
-        found = materials.gap(case.material, x, y)
-        assert np.all(found >= -ROUNDED * case.energy)
-        assert np.mean(found > 1e-4 * case.strain * case.stress) > 0.6
+        gaps = materials.gap(case.material, x, y)
+        assert np.all(gaps >= -ROUNDED * case.energy)
+        assert np.mean(gaps > 1e-4 * case.strain * case.stress) > 0.6
         # One argument of a pair on the law, and the other from another pair.
         for mixed in ((case.x, y), (x, case.y)):
-            found = materials.gap(case.material, *mixed)
-            assert np.all(found >= -ROUNDED * case.energy)
+            gaps = materials.gap(case.material, *mixed)
+            assert np.all(gaps >= -ROUNDED * case.energy)
 
 
 def test_halves_of_the_law_are_one(case: Case) -> None:
@@ -205,8 +205,8 @@ def test_halves_of_the_law_are_one(case: Case) -> None:
     x, y = near(case, rng)
     whole = materials.gap(case.material, x, y)
     for half in (materials.left_gap, materials.right_gap):
-        found = half(case.material, x, y)
-        assert np.all(np.abs(found - whole) <= ROUNDED * case.energy)
+        halves = half(case.material, x, y)
+        assert np.all(np.abs(halves - whole) <= ROUNDED * case.energy)
 
 
 def test_convex_in_each_argument(case: Case) -> None:
@@ -418,15 +418,15 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
     left, right = law.left_dual(z, dt), law.right_dual(-du, -dw)
     finite = np.zeros((2, 2), int)
     for k in range(n):
-        one = materials.Start(
+        start_here = materials.Start(
             np.repeat(start.reaction[k : k + 1], len(ways), axis=0),
             np.repeat(start.displacement[k : k + 1], len(ways), axis=0),
             np.repeat(start.gap[k : k + 1], len(ways)),
         )
-        each = materials.Coulomb(mu[k], one)
+        each = materials.Coulomb(mu[k], start_here)
         terms = []
         for reach in (1.0, 3.0):
-            x = minus_increment(one, reach * ways)
+            x = minus_increment(start_here, reach * ways)
             b = each.bipotential(x, np.repeat(dt[k : k + 1], len(ways), axis=0))
             terms.append(x @ z[k] - b)
         # From the vertex on all is linear: a supremum is zero there or infinite.
@@ -440,15 +440,15 @@ def test_duals_of_coulomb_are_the_suprema(d: int) -> None:
 
         cone = unit_cone * np.array([1, *[mu[k]] * (d - 1)]) * FORCE
         m = len(cone)
-        one = materials.Start(
+        start_here = materials.Start(
             np.repeat(start.reaction[k : k + 1], m, axis=0),
             np.repeat(start.displacement[k : k + 1], m, axis=0),
             np.repeat(start.gap[k : k + 1], m),
         )
-        each = materials.Coulomb(mu[k], one)
+        each = materials.Coulomb(mu[k], start_here)
         terms = []
         for reach in (1.0, 3.0):
-            y = reach * cone - one.reaction
+            y = reach * cone - start_here.reaction
             b = each.bipotential(np.repeat(-du[k : k + 1], m, axis=0), y)
             terms.append(y @ -dw[k] - b)
         slope = (terms[1] - terms[0]) / 2
@@ -500,8 +500,8 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
         expected = check_supremum(terms)
         if expected is not None:
             finite[0, int(np.isfinite(expected))] += 1
-            found = float(material.left_dual(z, y))
-            assert found == pytest.approx(expected, abs=1e-13)  # numbers up to ten
+            dual = float(material.left_dual(z, y))
+            assert dual == pytest.approx(expected, abs=1e-13)  # numbers up to ten
 
         top = np.array([apex] * 3 + [0] * 3)
         terms = [
@@ -512,8 +512,8 @@ def test_duals_of_a_soil_are_the_suprema(beta: float) -> None:
         expected = check_supremum(terms)
         if expected is not None:
             finite[1, int(np.isfinite(expected))] += 1
-            found = float(material.right_dual(x, u))
-            assert found == pytest.approx(expected, abs=1e-13)
+            dual = float(material.right_dual(x, u))
+            assert dual == pytest.approx(expected, abs=1e-13)
     assert finite.min() > 10
 
 
@@ -533,7 +533,7 @@ def test_potentials_of_tresca_are_conjugate() -> None:
     limit = FORCE * rng.exponential(size=n)
     law = materials.Tresca(limit, start)
     y = FORCE * rng.normal(size=(n, 2)) - start.reaction
-    found = law.complementary_energy(y)
+    energies = law.complementary_energy(y)
     ways = [(0, 0), (0, 1), (0, -1), (1, 0)]
     terms = np.array(
         [
@@ -547,10 +547,10 @@ def test_potentials_of_tresca_are_conjugate() -> None:
     )
     size = energy_size(materials.Coulomb(limit / FORCE, start), y / RHO, y)
     rises = ((terms[1] - terms[0]) > ROUNDED * size).any(axis=0)
-    np.testing.assert_array_equal(np.isposinf(found), rises)
+    np.testing.assert_array_equal(np.isposinf(energies), rises)
     kept = ~rises
     assert 50 < kept.sum() < n - 50
-    error = np.abs(found - terms[0].max(axis=0))[kept]
+    error = np.abs(energies - terms[0].max(axis=0))[kept]
     assert np.all(error <= ROUNDED * size[kept])
 
 
@@ -695,21 +695,24 @@ def test_units_have_no_effect(kind: str) -> None:
         other = materials.Coulomb(law.mu, start)
     else:
         other = materials.Tresca(force * law.limit, start)
-    one, two = materials.implicit(law), materials.implicit(other)
+    law_of_ours, two = materials.implicit(law), materials.implicit(other)
     pairs = (case.x, case.y), (any_x, any_y), (u, z), (case.x, z), (u, case.y)
     for x, y in pairs:
         np.testing.assert_array_equal(
-            two.bipotential(metre * x, force * y), force * metre * one.bipotential(x, y)
+            two.bipotential(metre * x, force * y),
+            force * metre * law_of_ours.bipotential(x, y),
         )
         np.testing.assert_array_equal(
-            two.left_dual(force * z, force * y), force * metre * one.left_dual(z, y)
+            two.left_dual(force * z, force * y),
+            force * metre * law_of_ours.left_dual(z, y),
         )
         np.testing.assert_array_equal(
-            two.right_dual(metre * x, metre * u), force * metre * one.right_dual(x, u)
+            two.right_dual(metre * x, metre * u),
+            force * metre * law_of_ours.right_dual(x, u),
         )
         np.testing.assert_array_equal(
             two.prox_at(force * y, metre * x, RHO * force / metre),
-            force * one.prox_at(y, x, RHO),
+            force * law_of_ours.prox_at(y, x, RHO),
         )
 
 
@@ -744,25 +747,25 @@ def test_prox_of_the_conjugate() -> None:
     x = rng.normal(size=(200, 3))
     for r in (0.2, 1.0, 3.0):
         # |·| is the conjugate of the indicator of the unit ball, whose prox does not depend on r.
-        found = convex.conjugate_prox(
+        prox = convex.conjugate_prox(
             lambda y, _: convex.project_ball(y, np.ones(len(y))), x, r
         )
-        np.testing.assert_allclose(found, convex.shrink(x, np.full(200, r)), atol=1e-15)
+        np.testing.assert_allclose(prox, convex.shrink(x, np.full(200, r)), atol=1e-15)
         # The nearest vector that is shorter by r, from samples.
-        size = np.linalg.norm(found - x, axis=1) ** 2 / 2 + r * np.linalg.norm(
-            found, axis=1
+        size = np.linalg.norm(prox - x, axis=1) ** 2 / 2 + r * np.linalg.norm(
+            prox, axis=1
         )
         for _ in range(20):
-            z = found + rng.normal(size=x.shape) * 10 ** rng.uniform(-4, 0)
+            z = prox + rng.normal(size=x.shape) * 10 ** rng.uniform(-4, 0)
             other = np.linalg.norm(z - x, axis=1) ** 2 / 2 + r * np.linalg.norm(
                 z, axis=1
             )
             assert np.all(other >= size - 1e-14)
     D = np.diag([1.0, 4.0, 9.0])
     body = materials.LinearElastic(D)
-    found = convex.conjugate_prox(body.prox, x, 0.5)
+    prox = convex.conjugate_prox(body.prox, x, 0.5)
     # prox of r V: (I + r D) y = x.
-    np.testing.assert_allclose(found, x / (1 + 0.5 * np.diag(D)), rtol=1e-14)
+    np.testing.assert_allclose(prox, x / (1 + 0.5 * np.diag(D)), rtol=1e-14)
 
 
 def test_cone_in_five_dimensions() -> None:
@@ -798,15 +801,15 @@ def test_uzawa_of_two_springs() -> None:
     root = rng.normal(size=(3, 3))
     C, free = root @ root.T + np.eye(3), rng.normal(size=3)
     D = np.diag([1.0, 2.0, 5.0])
-    found = materials.uzawa(
+    iterates = materials.uzawa(
         materials.LinearElastic(D), lambda y: free - C @ y, np.zeros(3), 0.1, 400
     )
     # D⁻¹ y = free - C y.
     expected = np.linalg.solve(np.linalg.inv(D) + C, free)
-    np.testing.assert_allclose(found[-1], expected, rtol=1e-12)
+    np.testing.assert_allclose(iterates[-1], expected, rtol=1e-12)
     # One step by hand.
     first = np.linalg.solve(np.eye(3) + 0.1 * np.linalg.inv(D), 0.1 * free)
-    np.testing.assert_allclose(found[1], first, rtol=1e-13)
+    np.testing.assert_allclose(iterates[1], first, rtol=1e-13)
 
 
 def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], Array]:
@@ -822,9 +825,9 @@ def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], A
 def test_uzawa_has_the_solution_as_fixed_point(kind: str, d: int) -> None:
     """(45), (46) with (54), from any start state: the fixed point is the solver's reactions."""
     for seed in range(3):
-        given = random_problem(kind, d, seed)
-        W, q, mu = given.W, given.q, given.mu
-        answer = given.problem().solve(tol=1e-14)
+        random_data = random_problem(kind, d, seed)
+        W, q, mu = random_data.W, random_data.q, random_data.mu
+        answer = random_data.problem().solve(tol=1e-14)
         rng = np.random.default_rng([51, seed])
         start = start_state(rng, len(q), d)
         size = np.linalg.norm(answer.reaction) or 1.0
@@ -837,8 +840,10 @@ def test_uzawa_has_the_solution_as_fixed_point(kind: str, d: int) -> None:
         root = np.sqrt(np.repeat(stiff, d))
         top = np.linalg.eigvalsh(root[:, None] * W * root)[-1]
         r = stiff / (top * (1 + mu.max()))
-        found = materials.uzawa(law, structure(W, q, start), np.zeros(q.shape), r, 600)
-        end = found[-1] + start.reaction
+        iterates = materials.uzawa(
+            law, structure(W, q, start), np.zeros(q.shape), r, 600
+        )
+        end = iterates[-1] + start.reaction
         # Linear convergence: after 600 steps only rounding of both is left.
         assert np.linalg.norm(end - answer.reaction) <= 1e-9 * size
 
@@ -865,10 +870,10 @@ def test_uzawa_contracts(kind: str) -> None:
             material = materials.Coulomb(mu, start)
             factor += r * mu * tangents
         assert factor < 1
-        found = materials.uzawa(
+        iterates = materials.uzawa(
             material, structure(W, q, start), np.zeros((n, d)), r, 400
         )
-        error = np.linalg.norm(found - found[-1], axis=(1, 2))
+        error = np.linalg.norm(iterates - iterates[-1], axis=(1, 2))
         seen = error > 1e-9 * error[0]
         ratio = error[1:][seen[1:]] / error[:-1][seen[1:]]
         # The last iterate replaces the solution; its error is 1e-6 of the errors compared.
@@ -907,14 +912,14 @@ def test_uzawa_is_the_method_of_the_package(d: int) -> None:
     trial = materials.uzawa(law, strain, np.zeros((n, d)), stiff, 1)[1]
     first = ratio(np.zeros((n, d)), trial)
     rho = 1.0 if first <= 0.9 else 2 / 3 * min(1 / first, 1.0)
-    found = materials.uzawa(law, strain, np.zeros((n, d)), rho * stiff, 12)
+    iterates = materials.uzawa(law, strain, np.zeros((n, d)), rho * stiff, 12)
     for k in range(1, 12):
         # The rule does not change rho in this problem.
-        assert 0.3 < rho * ratio(found[k], found[k + 1]) < 0.9
+        assert 0.3 < rho * ratio(iterates[k], iterates[k + 1]) < 0.9
         same = problem.solve("uzawa", tol=1e-15, max_iterations=k)
         assert same.iterations == k
-        size = np.abs(found[k] * grade.reshape(n, d)).max()
-        error = np.abs((same.reaction - found[k]) * grade.reshape(n, d)).max()
+        size = np.abs(iterates[k] * grade.reshape(n, d)).max()
+        error = np.abs((same.reaction - iterates[k]) * grade.reshape(n, d)).max()
         # A dozen products with W, rounded in another order.
         assert error <= 1e-13 * size
     answer = problem.solve(tol=1e-14)
@@ -941,7 +946,7 @@ def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
         rest = lost - np.outer(volume / 3, [1, 1, 1, 0, 0, 0])
         return volume_and_deviator(volume / (3 * K), rest / (2 * G))
 
-    found = materials.uzawa(law, plastic, trial, 2 * G, 300)[-1]
+    stresses = materials.uzawa(law, plastic, trial, 2 * G, 300)[-1]
 
     s = np.linalg.norm(trial - np.outer(mean, [1, 1, 1, 0, 0, 0]), axis=1)
     over = s - alpha * (apex - mean)
@@ -952,7 +957,7 @@ def test_uzawa_returns_a_soil_to_its_criterion(beta: float) -> None:
     expected = volume_and_deviator(3 * (mean - K * beta * flow), left[:, None] * side)
     expected[at_apex] = [apex] * 3 + [0] * 3
     # I - 2G C⁻¹ has the eigenvalues 0 and 1 - 2G/3K, and friction adds less.
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(stresses, expected, atol=1e-12)
     assert min((over <= 0).sum(), at_apex.sum(), ((over > 0) & ~at_apex).sum()) > 20
     # On the law of the soil, by its own gap; at the apex the strain is the remainder.
     strain = volume_and_deviator(beta * flow, flow[:, None] * side)
@@ -1116,8 +1121,8 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes_are_named(name: str) -> None:
-    call, said = MISTAKES[name]
-    with pytest.raises(ValueError, match=said):
+    call, expected_text = MISTAKES[name]
+    with pytest.raises(ValueError, match=expected_text):
         call()
 
 

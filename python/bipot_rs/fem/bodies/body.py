@@ -137,35 +137,35 @@ class Body:
         ValueError
             The mesh has no volume of that name, or a cell is in no volume or in two.
         """
-        found = np.full(int(self.mesh.t.shape[1]), -1, dtype=np.int64)
+        numbers = np.full(int(self.mesh.t.shape[1]), -1, dtype=np.int64)
         if not isinstance(self.material, Mapping):
-            return np.zeros_like(found)
+            return np.zeros_like(numbers)
         for k, volume in enumerate(self.material):
             cells = self.volume_cells(volume)
-            twice = cells[found[cells] >= 0]
+            twice = cells[numbers[cells] >= 0]
             if twice.size:
                 raise ValueError(
                     f"volume {volume!r} of body {self.name!r} shares "
                     f"{len(twice)} cells with another volume that has a material: give "
                     "each cell one material"
                 )
-            found[cells] = k
-        if (found < 0).any():
-            bare = self.mesh.p[:, self.mesh.t[:, np.argmin(found)]].mean(axis=1)
+            numbers[cells] = k
+        if (numbers < 0).any():
+            bare = self.mesh.p[:, self.mesh.t[:, np.argmin(numbers)]].mean(axis=1)
             raise ValueError(
-                f"material of body {self.name!r} is missing for {(found < 0).sum()} cells, "
+                f"material of body {self.name!r} is missing for {(numbers < 0).sum()} cells, "
                 f"the first at {place(bare)}: the volumes must cover the body"
             )
-        return found
+        return numbers
 
     @property
     def isotropic(self) -> Material:
         """The material if it is the only one and isotropic; otherwise `ValueError`."""
         if not isinstance(self.material, Material):
             many = isinstance(self.material, Mapping)
-            found = "several materials" if many else "an orthotropic material"
+            what_it_is = "several materials" if many else "an orthotropic material"
             raise ValueError(
-                f"body {self.name!r} has {found}, expected one isotropic material"
+                f"body {self.name!r} has {what_it_is}, expected one isotropic material"
             )
         return self.material
 
@@ -200,13 +200,13 @@ class Body:
     def _members(
         self, kind: str, name: str, sets: Mapping[str, Integers] | None
     ) -> Ints:
-        known = sets or {}
-        if name not in known:
+        groups = sets or {}
+        if name not in groups:
             raise ValueError(
                 f"body {self.name!r} has no {kind} {name!r}"
-                + instead(name, sorted(known), f"its mesh has no named {kind}")
+                + instead(name, sorted(groups), f"its mesh has no named {kind}")
             )
-        return np.asarray(known[name], dtype=np.int64)
+        return np.asarray(groups[name], dtype=np.int64)
 
     def surface(self, name: str) -> Quadrature:
         """Quadrature on the facets of a named surface."""

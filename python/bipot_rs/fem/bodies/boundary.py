@@ -45,8 +45,8 @@ class Spring:
     tangential: float | None = None
 
     def __post_init__(self) -> None:
-        own = self.normal is not None or self.tangential is not None
-        if own == (self.stiffness is not None):
+        by_direction = self.normal is not None or self.tangential is not None
+        if by_direction == (self.stiffness is not None):
             raise ValueError(
                 f"spring on {self.surface!r} of body {self.body!r} needs either stiffness, "
                 "or normal and tangential"
@@ -56,8 +56,8 @@ class Spring:
             if value is None:
                 continue
             what = f"{name} of the spring on {self.surface!r}"
-            found = floats(what, value)
-            if found.ndim > (name == "stiffness") or (found < 0).any():
+            stiffness = floats(what, value)
+            if stiffness.ndim > (name == "stiffness") or (stiffness < 0).any():
                 raise ValueError(f"{what} is {value}, expected zero or positive")
 
 
@@ -75,12 +75,12 @@ def spring_stiffness(body: Body, spring: Spring) -> CsrMatrix:
     unit = np.eye(body.dim)[:, :, None, None]
     if spring.stiffness is not None:
         what = f"stiffness of the spring on {spring.surface!r}"
-        own = floats(what, spring.stiffness)
-        if own.shape not in ((), (body.dim,)):
+        foundation = floats(what, spring.stiffness)
+        if foundation.shape not in ((), (body.dim,)):
             raise ValueError(
-                f"{what} has shape {own.shape}, expected a number or ({body.dim},)"
+                f"{what} has shape {foundation.shape}, expected a number or ({body.dim},)"
             )
-        density = unit * np.broadcast_to(own, (body.dim,))[:, None, None, None]
+        density = unit * np.broadcast_to(foundation, (body.dim,))[:, None, None, None]
     else:
         n = np.asarray(points.normals)
         across = n[:, None] * n

@@ -56,7 +56,7 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
         points = points[:, near]
         material = None if material is None else material[touching]
     try:
-        found = _core.stiffness(
+        values = _core.stiffness(
             np.ascontiguousarray(points, dtype=np.float64),
             np.ascontiguousarray(corners.T),
             slopes,
@@ -70,7 +70,7 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
         if cell is None:
             raise
         raise _folded(body, cell if touching is None else int(touching[cell])) from None
-    made = _matrix(found, points.size)
+    made = _matrix(values, points.size)
     if nodes is None or near is None:
         return made
     return _rows(made, body, nodes, near)
@@ -91,10 +91,11 @@ def _rows(part: CsrMatrix, body: Body, nodes: Ints, near: Ints) -> CsrMatrix:
     """Rows of ``nodes`` from the stiffness of the nodes ``near``."""
     dim = body.dim
     column = dofs_of(near, dim).astype(part.indices.dtype)
-    own = part[dofs_of(np.searchsorted(near, nodes), dim)]
-    shape = own.shape[0], body.points.size
+    rows_of_part = part[dofs_of(np.searchsorted(near, nodes), dim)]
+    shape = rows_of_part.shape[0], body.points.size
     made: CsrMatrix = sparse.csr_array(
-        (own.data, column[own.indices], own.indptr), shape=shape
+        (rows_of_part.data, column[rows_of_part.indices], rows_of_part.indptr),
+        shape=shape,
     )
     # As in `_matrix`: the numbers of the nodes near ascend.
     made.has_canonical_format = True
@@ -122,16 +123,20 @@ def surface_stiffness(body: Body, points: Quadrature, density: Floats) -> CsrMat
     values = np.empty((parts, len(phi), len(phi), dim, dim))
     for k in range(dim):
         for m in range(k, dim):
-            own = np.einsum("pq,iq,jq->pij", weights * density[k, m], phi, phi)
+            outer_products = np.einsum(
+                "pq,iq,jq->pij", weights * density[k, m], phi, phi
+            )
             # A product of three may have another rounding in the mirrored entry.
-            values[..., k, m] = values[..., m, k] = 0.5 * (own + own.swapaxes(1, 2))
-    found = _core.sum_of_cells(
+            values[..., k, m] = values[..., m, k] = 0.5 * (
+                outer_products + outer_products.swapaxes(1, 2)
+            )
+    integrated = _core.sum_of_cells(
         np.ascontiguousarray(points.corners.T),
         points.nodes,
         dim,
         values.reshape(parts, -1),
     )
-    return _matrix(found, dim * points.nodes)
+    return _matrix(integrated, dim * points.nodes)
 
 
 def _matrix(found: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
@@ -144,10 +149,14 @@ def _matrix(found: tuple[Integers, Integers, Floats], n: int) -> CsrMatrix:
 
 def _laws(body: Body) -> Floats:
     """λ and μ of each material, or the entries of all tensors if one is not isotropic."""
-    plain = [one.lame(body.dim) for one in body.materials if isinstance(one, Material)]
+    plain = [
+        material.lame(body.dim)
+        for material in body.materials
+        if isinstance(material, Material)
+    ]
     if len(plain) == len(body.materials):
         return np.array(plain, dtype=np.float64)
-    return np.stack([one.tensor(body.dim).ravel() for one in body.materials])
+    return np.stack([material.tensor(body.dim).ravel() for material in body.materials])
 
 
 def _folded(body: Body, cell: int) -> ValueError:
@@ -217,8 +226,10 @@ def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:
     if density.ndim == 1:
         density = density[:, None, None]
     if density.ndim > places.ndim or any(
-        found not in (1, wanted)
-        for found, wanted in zip(density.shape[::-1], places.shape[::-1], strict=False)
+        length_found not in (1, wanted)
+        for length_found, wanted in zip(
+            density.shape[::-1], places.shape[::-1], strict=False
+        )
     ):
         raise ValueError(
             f"{what} has shape {density.shape}, expected ({body.dim},) or "

@@ -44,13 +44,13 @@ class Load:
     factors: ArrayLike = 1.0
 
     def __post_init__(self) -> None:
-        given = [name for name in _KINDS if getattr(self, name) is not None]
-        if len(given) != 1:
+        kinds_given = [name for name in _KINDS if getattr(self, name) is not None]
+        if len(kinds_given) != 1:
             raise ValueError(
-                f"load of body {self.body!r} has {' and '.join(given) or 'no value'}, "
+                f"load of body {self.body!r} has {' and '.join(kinds_given) or 'no value'}, "
                 "expected exactly one of traction, pressure, force and strain"
             )
-        (kind,) = given
+        (kind,) = kinds_given
         if (self.surface is None) == (kind in ("traction", "pressure")):
             raise ValueError(
                 f"load of body {self.body!r} is a {kind}, and surface is "
@@ -67,13 +67,13 @@ class Load:
 
     def of_steps(self, steps: int) -> Floats:
         """The factor of each step, ``(steps,)``; `ValueError` for another number."""
-        found = floats(f"factors of the load of body {self.body!r}", self.factors)
-        if found.shape not in ((), (steps,)):
+        factors = floats(f"factors of the load of body {self.body!r}", self.factors)
+        if factors.shape not in ((), (steps,)):
             raise ValueError(
-                f"factors of the load of body {self.body!r} has shape {found.shape}, "
+                f"factors of the load of body {self.body!r} has shape {factors.shape}, "
                 f"expected a number or ({steps},)"
             )
-        return np.broadcast_to(found, (steps,))
+        return np.broadcast_to(factors, (steps,))
 
     def forces(self, body: Body) -> Floats:
         """Nodal forces ``(dim * nodes,)`` of the body for a factor of 1 [N]."""

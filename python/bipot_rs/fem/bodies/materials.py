@@ -66,9 +66,9 @@ class Material:
         lame_lambda, lame_mu = self.lame(dim)
         unit = np.eye(dim)
         shear = np.einsum("ik,jl->ijkl", unit, unit)
-        found: Floats = lame_lambda * np.einsum("ij,kl->ijkl", unit, unit)
-        found += lame_mu * (shear + shear.swapaxes(2, 3))
-        return found
+        elastic_tensor: Floats = lame_lambda * np.einsum("ij,kl->ijkl", unit, unit)
+        elastic_tensor += lame_mu * (shear + shear.swapaxes(2, 3))
+        return elastic_tensor
 
     @property
     def directions(self) -> Floats:
@@ -112,13 +112,13 @@ class Orthotropic:
 
     def __post_init__(self) -> None:
         for name in ("young", "poisson", "shear"):
-            found = floats(name, getattr(self, name), shape=(3,))
-            if name != "poisson" and (found <= 0).any():
+            constants = floats(name, getattr(self, name), shape=(3,))
+            if name != "poisson" and (constants <= 0).any():
                 raise ValueError(
-                    f"{name} is {found.tolist()}, expected three numbers > 0"
+                    f"{name} is {constants.tolist()}, expected three numbers > 0"
                 )
             # Tuples of floats, so that materials can be compared and hashed.
-            object.__setattr__(self, name, tuple(found.tolist()))
+            object.__setattr__(self, name, tuple(constants.tolist()))
         _thick(self.thickness)
         if self.axes is not None:
             rows = _orthonormal(self.axes)
@@ -208,13 +208,15 @@ def _definite(young: Sequence[float], poisson: Sequence[float]) -> None:
 
 
 def _orthonormal(axes: ArrayLike) -> Floats:
-    given = floats("axes", axes, ndim=2)
-    if given.shape not in ((2, 2), (3, 3)):
-        raise ValueError(f"axes has shape {given.shape}, expected (3, 3) or (2, 2)")
-    length = np.linalg.norm(given, axis=1, keepdims=True)
+    axes_given = floats("axes", axes, ndim=2)
+    if axes_given.shape not in ((2, 2), (3, 3)):
+        raise ValueError(
+            f"axes has shape {axes_given.shape}, expected (3, 3) or (2, 2)"
+        )
+    length = np.linalg.norm(axes_given, axis=1, keepdims=True)
     if (length == 0).any():
         raise ValueError("axes has a row of zeros, expected directions")
-    unit = given / length
+    unit = axes_given / length
     # Tolerance for directions given with six digits.
     off = np.abs(unit @ unit.T - np.eye(len(unit))).max()
     if off > 1e-5:

@@ -39,8 +39,8 @@ def find_neighbours(bodies: Sequence[Body], first: int, last: int) -> tuple[Ints
             rows = np.repeat(np.arange(len(corners)), corners.shape[1])
             entries = np.ones(corners.size, np.int32), (rows, corners.ravel() + before)
             of_cells = sparse.csr_array(entries, shape=(len(corners), count))
-            own = of_cells[:, before + low : before + high]
-            blocks.append(own.T.tocsr() @ of_cells)
+            cells_of_nodes = of_cells[:, before + low : before + high]
+            blocks.append(cells_of_nodes.T.tocsr() @ of_cells)
         before += size
     if not blocks:
         return np.zeros(1, np.int64), np.zeros(0, np.int64)

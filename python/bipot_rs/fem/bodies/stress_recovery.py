@@ -85,10 +85,10 @@ class MeanStress:
         u = _nodal(self.body, displacement)[self._cells]
         if self._slopes.shape[2] == 1:
             # Cells of one shape, as of a regular box, need no copy for each of them.
-            found = np.einsum("ia,cik->kac", self._slopes[..., 0], u)
+            gradients = np.einsum("ia,cik->kac", self._slopes[..., 0], u)
         else:
-            found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
-        return np.asarray(found, np.float64)
+            gradients = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
+        return np.asarray(gradients, np.float64)
 
     def __call__(
         self,
@@ -113,10 +113,10 @@ class MeanStress:
             law = elasticity(material, body.dim)[ROWS, COLUMNS][:, ROWS, COLUMNS]
             law[:, 3:] *= 2.0  # the mirrored component of a shear
             six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])
-        found = np.empty((count, 3, 3))
-        found[:, ROWS, COLUMNS] = six
-        found[:, COLUMNS, ROWS] = six
-        return found if space else np.ascontiguousarray(found[:, :d, :d])
+        tensors = np.empty((count, 3, 3))
+        tensors[:, ROWS, COLUMNS] = six
+        tensors[:, COLUMNS, ROWS] = six
+        return tensors if space else np.ascontiguousarray(tensors[:, :d, :d])
 
 
 def stress_at_points(
@@ -132,18 +132,18 @@ def stress_at_points(
     strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
     if initial is not None:
         strain -= initial_strain(body, initial)
-    found = np.empty_like(strain)
+    stresses = np.empty_like(strain)
     for k, material in enumerate(body.materials):
         here = body.material_of_cells == k
         law = elasticity(material, body.dim)
-        found[:, :, here] = np.einsum("abcd,cdpq->abpq", law, strain[:, :, here])
-    return found
+        stresses[:, :, here] = np.einsum("abcd,cdpq->abpq", law, strain[:, :, here])
+    return stresses
 
 
 def initial_strain(body: Body, initial: Initial) -> Floats:
     """Initial strain at the points of ``body.volume()``, ``(3, 3, cells, points)``."""
     places = body.volume().places
-    found = np.zeros((3, 3, *places.shape[1:]))
+    strains = np.zeros((3, 3, *places.shape[1:]))
     if isinstance(initial, Mapping):
         covered = np.zeros(places.shape[1], dtype=np.bool_)
         for volume, value in initial.items():
@@ -154,10 +154,10 @@ def initial_strain(body: Body, initial: Initial) -> Floats:
                     "cells of another volume in the mapping: volumes must not overlap"
                 )
             covered[cells] = True
-            found[:, :, cells] = _tensor(body, value, places[:, cells])
+            strains[:, :, cells] = _tensor(body, value, places[:, cells])
     else:
-        found[:] = _tensor(body, initial, places)
-    return found
+        strains[:] = _tensor(body, initial, places)
+    return strains
 
 
 def initial_forces(body: Body, initial: Initial) -> Floats:
@@ -230,14 +230,14 @@ def thermal(
 
 def von_mises(stresses: ArrayLike) -> Floats:
     """Von Mises stress ``(...)`` of stresses ``(..., 3, 3)``."""
-    found = floats("stresses", stresses)
-    if found.shape[-2:] != (3, 3):
+    tensors = floats("stresses", stresses)
+    if tensors.shape[-2:] != (3, 3):
         raise ValueError(
-            f"stresses has shape {found.shape}, expected (..., 3, 3): in 2D call stress "
+            f"stresses has shape {tensors.shape}, expected (..., 3, 3): in 2D call stress "
             "with space=True, which includes the stress out of the plane"
         )
-    trace = np.trace(found, axis1=-2, axis2=-1)[..., None, None]
-    deviator = found - trace / 3 * np.eye(3)
+    trace = np.trace(tensors, axis1=-2, axis2=-1)[..., None, None]
+    deviator = tensors - trace / 3 * np.eye(3)
     square = np.einsum("...ij,...ij->...", deviator, deviator)
     return np.asarray(np.sqrt(1.5 * square))
 
@@ -245,13 +245,13 @@ def von_mises(stresses: ArrayLike) -> Floats:
 def _nodal(body: Body, displacement: ArrayLike) -> Floats:
     """Check a displacement, and give it the shape ``(nodes, d)``."""
     d, nodes = body.dim, len(body.points)
-    given = floats("displacement", displacement)
-    if given.shape not in ((d * nodes,), (nodes, d)):
+    nodal_values = floats("displacement", displacement)
+    if nodal_values.shape not in ((d * nodes,), (nodes, d)):
         raise ValueError(
-            f"displacement has shape {given.shape}, expected ({d * nodes},) or "
+            f"displacement has shape {nodal_values.shape}, expected ({d * nodes},) or "
             f"({nodes}, {d}) for the nodes of body {body.name!r}"
         )
-    return given.reshape(nodes, d)
+    return nodal_values.reshape(nodes, d)
 
 
 def slopes_at_points(body: Body) -> Floats:
@@ -263,21 +263,21 @@ def slopes_at_points(body: Body) -> Floats:
 
 def _tensor(body: Body, value: Field, places: Floats) -> Floats:
     what = f"initial strain of body {body.name!r}"
-    given = floats(what, value(places) if callable(value) else value)
-    d = given.shape[0] if given.ndim else 0
+    value_given = floats(what, value(places) if callable(value) else value)
+    d = value_given.shape[0] if value_given.ndim else 0
     shapes = [(k, k, *rest) for k in {body.dim, 3} for rest in ((), places.shape[1:])]
-    if given.shape not in shapes:
+    if value_given.shape not in shapes:
         raise ValueError(
-            f"{what} has shape {given.shape}, expected ({body.dim}, {body.dim}) or "
+            f"{what} has shape {value_given.shape}, expected ({body.dim}, {body.dim}) or "
             f"(3, 3), followed by {places.shape[1:]} if it varies"
         )
-    size = np.abs(given).max()
-    if np.abs(given - given.swapaxes(0, 1)).max() > 1e-12 * size:
+    size = np.abs(value_given).max()
+    if np.abs(value_given - value_given.swapaxes(0, 1)).max() > 1e-12 * size:
         raise ValueError(f"{what} is not symmetric")
-    if given.ndim == 2:
-        given = given[:, :, None, None]
-    found = np.zeros((3, 3, *places.shape[1:]))
-    found[:d, :d] = given
-    if body.dim == 2 and (found[:2, 2].any()):
+    if value_given.ndim == 2:
+        value_given = value_given[:, :, None, None]
+    tensors = np.zeros((3, 3, *places.shape[1:]))
+    tensors[:d, :d] = value_given
+    if body.dim == 2 and (tensors[:2, 2].any()):
         raise ValueError(f"{what} has shear out of the plane, expected zeros there")
-    return found
+    return tensors

@@ -67,8 +67,10 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
     for b, body in enumerate(model.bodies):
         mean, first = MeanStress(body), model.offset[b]
         for k in dict.fromkeys((most, len(steps) - 1)):
-            own = steps[k].displacement[first : first + body.points.size]
-            for name, values in _sizes(mean.gradient(own)):
+            displacement_of_body = steps[k].displacement[
+                first : first + body.points.size
+            ]
+            for name, values in _sizes(mean.gradient(displacement_of_body)):
                 cell = int(np.argmax(values))
                 value = float(values[cell])
                 if value <= max(SMALL_ROTATION, worst.get(name, (0.0, ""))[0]):
@@ -146,10 +148,13 @@ def _gone(model: Assembly, last: Step) -> Iterator[str]:
             for group, contact in enumerate(model.contacts)
             if name in (contact.body, (contact.against or ("",))[0])
         ]
-        own = np.isin(model.group, groups)
+        of_groups = np.isin(model.group, groups)
         moved = np.abs(last.displacement).max(initial=0.0)
         # At rest without a load, gaps are zero and contacts do not press.
-        if last.relative_displacement[own, 0].min(initial=np.inf) > _ROUNDING * moved:
+        if (
+            last.relative_displacement[of_groups, 0].min(initial=np.inf)
+            > _ROUNDING * moved
+        ):
             yield (
                 f"body {name!r} has no support and no spring, and at the end no contact "
                 "holds it: it was pushed away, or a support is missing"

@@ -43,12 +43,12 @@ def distributed_force(
     push = np.zeros(d) if force is None else floats(f"force {what}", force, shape=(d,))
     turn = np.zeros(3 if d == 3 else 1)
     if moment is not None:
-        given = np.atleast_1d(floats(f"moment {what}", moment))
-        if given.shape != turn.shape:
+        moment_given = np.atleast_1d(floats(f"moment {what}", moment))
+        if moment_given.shape != turn.shape:
             raise ValueError(
-                f"moment {what} has shape {given.shape}, expected {turn.shape}"
+                f"moment {what} has shape {moment_given.shape}, expected {turn.shape}"
             )
-        turn = given
+        turn = moment_given
     points = _part(body, remote)
     weights = body.depth * points.weights.ravel()
     places = points.places.reshape(d, -1).T

@@ -76,12 +76,14 @@ class Planes:
         inner = (inner + mirrored.T) / 2
         # A of the size of the stiffness of the nodes, so that no digits are lost.
         diagonal = K.diagonal() if rows is None else K[:, rows].diagonal()
-        own = diagonal_matrix(abs(own_Q).T @ diagonal)
-        beside = own_Q @ own @ Q.T
-        mirrored = beside if rows is None else Q @ own @ own_Q.T
-        found: CsrMatrix = sparse.csr_array(inner + (beside + mirrored.T) / 2)
-        found.sort_indices()
-        return found
+        scale_of_rows = diagonal_matrix(abs(own_Q).T @ diagonal)
+        beside = own_Q @ scale_of_rows @ Q.T
+        mirrored = beside if rows is None else Q @ scale_of_rows @ own_Q.T
+        reduced_stiffness: CsrMatrix = sparse.csr_array(
+            inner + (beside + mirrored.T) / 2
+        )
+        reduced_stiffness.sort_indices()
+        return reduced_stiffness
 
     def relative(self, B: CsrMatrix) -> CsrMatrix:
         """``B P``, with entries set to zero that are rounding relative to the row of B.
@@ -89,15 +91,17 @@ class Planes:
         A direction that the planes block must be exactly zero: W would take its rounding
         for a compliance.
         """
-        found: CsrMatrix = sparse.csr_array(B @ self.within)
-        rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
+        relative_rows: CsrMatrix = sparse.csr_array(B @ self.within)
+        rows = np.repeat(
+            np.arange(relative_rows.shape[0]), np.diff(relative_rows.indptr)
+        )
         largest = abs(B).max(axis=1).toarray().ravel()
-        found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
-        left = abs(found).max(axis=1).toarray().ravel()
-        found.data[(left <= _SAME * largest)[rows]] = 0.0
-        found.eliminate_zeros()
-        found.sort_indices()
-        return found
+        relative_rows.data[np.abs(relative_rows.data) <= _GONE * largest[rows]] = 0.0
+        left = abs(relative_rows).max(axis=1).toarray().ravel()
+        relative_rows.data[(left <= _SAME * largest)[rows]] = 0.0
+        relative_rows.eliminate_zeros()
+        relative_rows.sort_indices()
+        return relative_rows
 
     def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
         """Turn frames ``(n_c, 3, 3)`` so that t2 is normal to the plane of their node.
@@ -189,11 +193,13 @@ def make_planes(
             at.setdefault(dof, []).append(normal)
     if not at:
         return None
-    columns, given = [], []
-    for dof, own in at.items():
-        normals = np.array(own)
+    columns, entries_of_columns = [], []
+    for dof, normals_of_node in at.items():
+        normals = np.array(normals_of_node)
         held = prescribed[dof : dof + dim]
-        given += [(dof, row) for row in np.where(held, normals, 0.0) if row.any()]
+        entries_of_columns += [
+            (dof, row) for row in np.where(held, normals, 0.0) if row.any()
+        ]
         # Prescribed components are zero along the normals: the others stay free.
         left = np.where(held, 0.0, normals)
         _, size, directions = np.linalg.svd(left, full_matrices=False)
@@ -203,10 +209,12 @@ def make_planes(
         data = np.array([row for _, row in rows]).ravel()
         dofs = np.array([dof for dof, _ in rows], np.int64)[:, None] + np.arange(dim)
         entries = data, (np.repeat(np.arange(len(rows)), dim), dofs.ravel())
-        found: CsrMatrix = sparse.csr_array(entries, shape=(len(rows), nodes.size))
-        found.eliminate_zeros()
-        return found
+        normals_matrix: CsrMatrix = sparse.csr_array(
+            entries, shape=(len(rows), nodes.size)
+        )
+        normals_matrix.eliminate_zeros()
+        return normals_matrix
 
     Q = sparse.csr_array(stacked(columns).T)
     P = sparse.csr_array(diagonal_matrix(np.ones(nodes.size)) - Q @ Q.T)
-    return Planes(Q, P, stacked(given), fixed, nodes)
+    return Planes(Q, P, stacked(entries_of_columns), fixed, nodes)

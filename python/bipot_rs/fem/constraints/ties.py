@@ -83,23 +83,27 @@ class Ties:
 
         K ``(n, n)``, or without the rows of the reference nodes, which have no stiffness.
         """
-        own: CsrMatrix = sparse.csr_array(K)
+        stiffness: CsrMatrix = sparse.csr_array(K)
         if self.planes is not None:
             size = self.planes.nodes.size
-            own = sparse.csr_array(self.planes.stiffness(own[:size][:, :size]))
-        own.resize((self.nodes.size, self.nodes.size))
+            stiffness = sparse.csr_array(
+                self.planes.stiffness(stiffness[:size][:, :size])
+            )
+        stiffness.resize((self.nodes.size, self.nodes.size))
         if not self.dependent.size:
-            return own
-        inner = sparse.csr_array(self.within.T @ own @ self.within)
-        found: CsrMatrix = sparse.csr_array((inner + inner.T) / 2)
-        idle = self._without_stiffness(own, found)
+            return stiffness
+        inner = sparse.csr_array(self.within.T @ stiffness @ self.within)
+        reduced_stiffness: CsrMatrix = sparse.csr_array((inner + inner.T) / 2)
+        idle = self._without_stiffness(stiffness, reduced_stiffness)
         if idle.size:
-            kept = np.ones(found.shape[0])
+            kept = np.ones(reduced_stiffness.shape[0])
             kept[idle] = 0.0
-            found = diagonal_matrix(kept) @ found @ diagonal_matrix(kept)
-            found.eliminate_zeros()
-        found.sort_indices()
-        return found
+            reduced_stiffness = (
+                diagonal_matrix(kept) @ reduced_stiffness @ diagonal_matrix(kept)
+            )
+            reduced_stiffness.eliminate_zeros()
+        reduced_stiffness.sort_indices()
+        return reduced_stiffness
 
     def _without_stiffness(self, K: CsrMatrix, inner: CsrMatrix) -> Ints:
         """Independent degrees of freedom whose rows of ``Tᵀ K T`` are rounding.
@@ -116,25 +120,27 @@ class Ties:
 
     def relative(self, B: CsrMatrix) -> CsrMatrix:
         """``B T``, with entries set to zero that are rounding relative to the row of B."""
-        found: CsrMatrix = sparse.csr_array(B @ self.within)
-        rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
+        relative_rows: CsrMatrix = sparse.csr_array(B @ self.within)
+        rows = np.repeat(
+            np.arange(relative_rows.shape[0]), np.diff(relative_rows.indptr)
+        )
         largest = abs(B).max(axis=1).toarray().ravel()
-        found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
-        found.eliminate_zeros()
-        found.sort_indices()
-        return found
+        relative_rows.data[np.abs(relative_rows.data) <= _GONE * largest[rows]] = 0.0
+        relative_rows.eliminate_zeros()
+        relative_rows.sort_indices()
+        return relative_rows
 
     def load(self, force: Floats) -> Floats:
         """``Tᵀ f``, without the reactions of the planes; unchanged if both change nothing."""
-        found = force
+        reduced_load = force
         if self.planes is not None:
             size = self.planes.nodes.size
-            own = self.planes.load(found[:size])
-            if not np.array_equal(own, found[:size]):
-                found = np.concatenate([own, found[size:]])
-        if not found[self.dependent].any():
-            return found
-        return np.asarray(self.within.T @ found, np.float64)
+            load_of_planes = self.planes.load(reduced_load[:size])
+            if not np.array_equal(load_of_planes, reduced_load[:size]):
+                reduced_load = np.concatenate([load_of_planes, reduced_load[size:]])
+        if not reduced_load[self.dependent].any():
+            return reduced_load
+        return np.asarray(self.within.T @ reduced_load, np.float64)
 
     def prescribed(self, values: Floats) -> None:
         """Refuse displacements ``(fixed,)`` that contradict the relations."""
@@ -226,8 +232,8 @@ def _refuse_planes(
         return
     on_plane = np.zeros(nodes.size, np.bool_)
     on_plane[planes.normals.tocoo().row] = True
-    for own in relations:
-        both = own.dofs[(own.coefficients != 0) & on_plane[own.dofs]]
+    for relation in relations:
+        both = relation.dofs[(relation.coefficients != 0) & on_plane[relation.dofs]]
         if both.size:
             raise ValueError(
                 f"the node at {place(nodes[both[0] // nodes.shape[1]])} is on an inclined "
@@ -241,20 +247,20 @@ def _separated(
 ) -> tuple[tuple[Ints, Ints, Floats], Iterator[tuple[Ints, Floats]]]:
     """Entries of T of relations whose preferred degree of freedom is in no other, and the rest."""
     uses = np.zeros(len(prescribed), np.int64)
-    for own in relations:
-        np.add.at(uses, own.dofs[own.coefficients != 0], 1)
+    for relation in relations:
+        np.add.at(uses, relation.dofs[relation.coefficients != 0], 1)
     rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], []
     rest: list[tuple[Ints, Floats]] = []
-    for own in relations:
-        first = own.dofs[:, 0]
-        lead = np.abs(own.coefficients[:, 0])
+    for relation in relations:
+        first = relation.dofs[:, 0]
+        lead = np.abs(relation.coefficients[:, 0])
         simple = (uses[first] == 1) & ~prescribed[first]
-        simple &= lead >= PREFERRED * np.abs(own.coefficients).max(axis=1)
-        dofs, share = own.dofs[simple, 1:], own.coefficients[simple]
+        simple &= lead >= PREFERRED * np.abs(relation.coefficients).max(axis=1)
+        dofs, share = relation.dofs[simple, 1:], relation.coefficients[simple]
         rows.append(np.repeat(first[simple], dofs.shape[1]))
         columns.append(dofs.ravel())
         values.append((-share[:, 1:] / share[:, :1]).ravel())
-        rest += zip(own.dofs[~simple], own.coefficients[~simple], strict=True)
+        rest += zip(relation.dofs[~simple], relation.coefficients[~simple], strict=True)
     data = np.concatenate([np.zeros(0), *values])
     return (np.concatenate(rows), np.concatenate(columns), data), iter(rest)
 
@@ -299,10 +305,10 @@ class _Elimination:
 
     def _solve(self, pivot: int, row: dict[int, float]) -> None:
         for dependent in self._naming.pop(pivot, set()):
-            own = self.solved[dependent]
-            share = own.pop(pivot)
+            terms = self.solved[dependent]
+            share = terms.pop(pivot)
             for dof, value in row.items():
-                own[dof] = own.get(dof, 0.0) + share * value
+                terms[dof] = terms.get(dof, 0.0) + share * value
                 self._naming.setdefault(dof, set()).add(dependent)
         self.solved[pivot] = row
         for dof in row:

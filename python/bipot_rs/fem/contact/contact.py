@@ -96,7 +96,7 @@ def check_contact(contact: Contact, dim: int) -> None:
             f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )
     opposites = contact.plane, contact.obstacle, contact.against
-    if sum(one is not None for one in opposites) != 1:
+    if sum(opposite is not None for opposite in opposites) != 1:
         raise ValueError(
             f"contact on {contact.surface!r} needs exactly one of plane, obstacle and "
             "against"

@@ -86,12 +86,12 @@ def evaluate_clearance(contact: Contact, points: Floats) -> Floats:
     """The clearance at some nodes or places: a number, or one of each ``(n,)``."""
     extra = contact.clearance
     what = f"clearance of the contact on {contact.surface!r}"
-    found = floats(what, extra(points) if callable(extra) else extra)
-    if found.shape not in ((), (1,), (len(points),)):
+    clearances = floats(what, extra(points) if callable(extra) else extra)
+    if clearances.shape not in ((), (1,), (len(points),)):
         raise ValueError(
-            f"{what} has shape {found.shape}, expected a number or ({len(points)},)"
+            f"{what} has shape {clearances.shape}, expected a number or ({len(points)},)"
         )
-    return found
+    return clearances
 
 
 def split_clearance(

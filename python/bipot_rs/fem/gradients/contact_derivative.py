@@ -74,7 +74,7 @@ class Meets:
                 "available only for a plane"
             )
         try:
-            found, cotangent = np.zeros_like(self.points), self.rows.copy()
+            at_points, cotangent = np.zeros_like(self.points), self.rows.copy()
             seen = [
                 obstacle.closest(self.points - shift)
                 for shift in _shifts(motion, self.points.shape[1])
@@ -87,10 +87,10 @@ class Meets:
         for k, G in enumerate(self.gap):
             # Without a motion all steps have the gap of the start.
             state = 0 if motion is None else k + 1
-            found += G[:, :1] * seen[state].normal
+            at_points += G[:, :1] * seen[state].normal
             cotangent[:, 1:] -= G[:, 1:, None] * shift[state]
         normal = of_normal(self.frame, cotangent, contact)
-        return np.asarray(found + np.einsum("cij,ci->cj", slope, normal))
+        return np.asarray(at_points + np.einsum("cij,ci->cj", slope, normal))
 
 
 def _shifts(motion: Motion | None, dim: int) -> Floats:
@@ -114,19 +114,21 @@ def of_normal(frame: Floats, cotangent: Floats, contact: Contact) -> Floats:
         Orthogonal to the normal, as its changes are.
     """
     n, t = frame[:, 0], frame[:, 1]
-    along, found = cotangent[:, 1].copy(), cotangent[:, 0].copy()
+    along, by_normal = cotangent[:, 1].copy(), cotangent[:, 0].copy()
     if frame.shape[1] == 3:
         # t2 = s n × t1 with the sign s of the frame.
-        own = np.linalg.det(frame)[:, None] * cotangent[:, 2]
-        found += np.cross(t, own)
-        along += np.cross(own, n)
+        turning = np.linalg.det(frame)[:, None] * cotangent[:, 2]
+        by_normal += np.cross(t, turning)
+        along += np.cross(turning, n)
     reference = _first_axis(n, contact)
     # t1 = (e - (e·n) n) / size, of which the part along t1 is normalised away.
     size = np.sum(reference * t, axis=1, keepdims=True)
     along -= np.sum(along * t, axis=1, keepdims=True) * t
     e_n = np.sum(reference * n, axis=1, keepdims=True)
-    found -= (np.sum(along * n, axis=1, keepdims=True) * reference + e_n * along) / size
-    return np.asarray(found - np.sum(found * n, axis=1, keepdims=True) * n)
+    by_normal -= (
+        np.sum(along * n, axis=1, keepdims=True) * reference + e_n * along
+    ) / size
+    return np.asarray(by_normal - np.sum(by_normal * n, axis=1, keepdims=True) * n)
 
 
 def _first_axis(normal: Floats, contact: Contact) -> Floats:
@@ -156,20 +158,20 @@ def of_matching(
         ``(m, d)``.
     """
     contact, n, G = meets.contact, meets.frame[:, 0], meets.gap[:, :, 0].sum(axis=0)
-    found = np.zeros_like(body.points)
+    at_nodes = np.zeros_like(body.points)
     cotangent = meets.rows.copy()
     cotangent[:, 0] += G[:, None] * (meets.points - partners)
     normal = of_normal(meets.frame, cotangent, contact)
     # n is minus the sum of area vectors, weighted by φ, over its length.
     facets = AreaVectors(body, contact.surface)
     weighted = np.einsum("dpq,cq,q->pcd", facets.vectors, facets.phi, facets.weights)
-    total = np.zeros_like(found)
+    total = np.zeros_like(at_nodes)
     np.add.at(total, facets.corners.ravel(), weighted.reshape(-1, body.dim))
-    nodal = np.zeros_like(found)
+    nodal = np.zeros_like(at_nodes)
     nodal[nodes] = -normal / np.linalg.norm(total[nodes], axis=1, keepdims=True)
-    found += facets.adjoint(facets.at_points(nodal) * facets.weights)
-    np.add.at(found, nodes, G[:, None] * n)
-    return found, -G[:, None] * n
+    at_nodes += facets.adjoint(facets.at_points(nodal) * facets.weights)
+    np.add.at(at_nodes, nodes, G[:, None] * n)
+    return at_nodes, -G[:, None] * n
 
 
 def refuse_moving_nodes(contacts: Sequence[Contact]) -> None:

@@ -31,12 +31,12 @@ def stress_of_motion(
     stress, adjoint_stress
         ``C : (∇u - ε0)`` and ``C : ∇λ``, in the plane in 2D, in the same shape.
     """
-    found = -np.einsum("kbpq,kapq->bapq", adjoint, stress)
-    found -= np.einsum("kbpq,kapq->bapq", displacement, adjoint_stress)
+    stress_change = -np.einsum("kbpq,kapq->bapq", adjoint, stress)
+    stress_change -= np.einsum("kbpq,kapq->bapq", displacement, adjoint_stress)
     energy = np.einsum("kapq,kapq->pq", adjoint, stress)
-    for k in range(len(found)):
-        found[k, k] += energy
-    return np.asarray(found, np.float64)
+    for k in range(len(stress_change)):
+        stress_change[k, k] += energy
+    return np.asarray(stress_change, np.float64)
 
 
 class AreaVectors:
@@ -81,18 +81,18 @@ class AreaVectors:
         cotangent
             Derivative with respect to `vectors`, ``(d, facets, q)``.
         """
-        own = self._sign * cotangent
-        if len(own) == 2:
-            along = np.stack([-own[1], own[0]])[None]
+        signed = self._sign * cotangent
+        if len(signed) == 2:
+            along = np.stack([-signed[1], signed[0]])[None]
         else:
             s, t = self._tangents
             along = np.stack(
-                [np.cross(t, own, axis=0), np.cross(own, s, axis=0)], axis=0
+                [np.cross(t, signed, axis=0), np.cross(signed, s, axis=0)], axis=0
             )
         parts = np.einsum("qbi,bapq->pia", self._slopes, along)
-        found = np.zeros((self._count, len(own)))
-        np.add.at(found, self.corners.ravel(), parts.reshape(-1, len(own)))
-        return found
+        by_corner = np.zeros((self._count, len(signed)))
+        np.add.at(by_corner, self.corners.ravel(), parts.reshape(-1, len(signed)))
+        return by_corner
 
 
 def _normal(tangents: Floats) -> Floats:

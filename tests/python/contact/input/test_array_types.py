@@ -119,8 +119,8 @@ class Wrapped:
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
         # `copy=None` is known since NumPy 2 only.
-        found = np.asarray(self.array, dtype=dtype)
-        return found.copy() if copy else found
+        array_given = np.asarray(self.array, dtype=dtype)
+        return array_given.copy() if copy else array_given
 
 
 CLOTHES: dict[str, Callable[[Array], Any]] = {
@@ -159,8 +159,8 @@ def test_dense(argument: str, clothes: str) -> None:
     plain = GIVEN[argument]
     worn = CLOTHES[clothes](plain)
     before = np.array(worn.array if isinstance(worn, Wrapped) else worn)
-    for found, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for value, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
+        np.testing.assert_array_equal(value, expected)
     after = np.array(worn.array if isinstance(worn, Wrapped) else worn)
     assert before.tobytes() == after.tobytes()
 
@@ -173,9 +173,9 @@ def test_integers(argument: str, kind: type) -> None:
     if argument == "K" and whole is not None:
         plain = np.diag(np.arange(1.0, 7.0))
     expected = answers(GIVEN | {argument: plain})
-    found = answers(GIVEN | {argument: plain.astype(kind)})
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
+    values = answers(GIVEN | {argument: plain.astype(kind)})
+    for value, other in zip(values, expected, strict=True):
+        np.testing.assert_array_equal(value, other)
 
 
 def unsorted(x: Any) -> Any:
@@ -267,10 +267,10 @@ def contents(matrix: Any) -> list[bytes]:
     if isinstance(matrix, np.ndarray):
         return [matrix.tobytes()]
     names = ("data", "indices", "indptr", "row", "col", "offsets", "rows")
-    found = [getattr(matrix, name) for name in names if hasattr(matrix, name)]
+    parts = [getattr(matrix, name) for name in names if hasattr(matrix, name)]
     if matrix.format == "dok":
-        found = [np.array(sorted(matrix.items()), dtype=object)]
-    return [np.array(part).tobytes() for part in found if part is not None]
+        parts = [np.array(sorted(matrix.items()), dtype=object)]
+    return [np.array(part).tobytes() for part in parts if part is not None]
 
 
 @pytest.mark.parametrize("argument", MATRICES)
@@ -278,8 +278,8 @@ def contents(matrix: Any) -> list[bytes]:
 def test_sparse(argument: str, clothes: str) -> None:
     worn = SPARSE[clothes](GIVEN[argument])
     before = contents(worn)
-    for found, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for value, expected in zip(answers(GIVEN | {argument: worn}), PLAIN, strict=True):
+        np.testing.assert_array_equal(value, expected)
     if clothes not in ("lil csr_array", "lil csr_matrix", "lil float32"):
         assert contents(worn) == before
 
@@ -295,8 +295,10 @@ def test_one_number_for_all(argument: str) -> None:
         np.array(0.25, dtype=">f4"),
         np.full(size, 0.25)[::-1],
     ):
-        for one, other in zip(answers(GIVEN | {argument: worn}), expected, strict=True):
-            np.testing.assert_array_equal(one, other)
+        for value, other in zip(
+            answers(GIVEN | {argument: worn}), expected, strict=True
+        ):
+            np.testing.assert_array_equal(value, other)
 
 
 @pytest.mark.parametrize(

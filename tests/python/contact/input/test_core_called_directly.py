@@ -532,8 +532,8 @@ def test_numbers_at_the_ends_of_doubles(method: str) -> None:
         except ValueError:
             refused += 1  # so does this one, for products of W that overflow
             continue
-        for found in (solution.reaction, solution.relative_displacement):
-            assert not np.isnan(numbers(found)).any()
+        for field in (solution.reaction, solution.relative_displacement):
+            assert not np.isnan(numbers(field)).any()
         assert not np.isnan(solution.residual)
         if solution.converged:
             assert np.isfinite(solution.reaction).all()

@@ -225,9 +225,9 @@ def test_a_diverged_body_is_not_a_solution() -> None:
     top = body.dofs(1, height, 1)
     places = np.zeros((n, 2))
     places[body.basis.nodal_dofs] = body.basis.mesh.p.T
-    given = {"gap": gap, "mu": mu, "fixed": top}
+    options = {"gap": gap, "mu": mu, "fixed": top}
     pull = 0.001 * body.weight([1.0, 0.0]), np.full(len(top), -0.0001)
     with pytest.raises(bp.BipotError):
-        bp.ContactProblem(body.K, B, **given).solve(*pull)
+        bp.ContactProblem(body.K, B, **options).solve(*pull)
     with pytest.raises(bp.BipotError, match="slide"):
-        bp.ContactProblem(body.K, B, coordinates=places, **given).solve(*pull)
+        bp.ContactProblem(body.K, B, coordinates=places, **options).solve(*pull)

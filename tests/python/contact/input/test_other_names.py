@@ -65,19 +65,22 @@ def test_maxiter_is_max_iterations(name: str) -> None:
 
 def test_maxiter_limits_the_iterations() -> None:
     reduced = bp.ReducedProblem(np.array([[2.0, 1.0], [1.0, 2.0]]), [[-1.0, 0.5]], 0.3)
-    one = reduced.solve("uzawa", maxiter=1)
-    assert (one.iterations, one.outcome) == (1, bp.Outcome.ITERATION_LIMIT)
+    first_step = reduced.solve("uzawa", maxiter=1)
+    assert (first_step.iterations, first_step.outcome) == (
+        1,
+        bp.Outcome.ITERATION_LIMIT,
+    )
 
 
 def test_points_are_found_by_the_name_of_the_argument(tmp_path: Path) -> None:
     result = bp.solve(K, B, LOAD, points=POINTS, **CONTACTS)
     result.save(tmp_path / "a.h5")
     again = pickle.loads(pickle.dumps(result))
-    for one in (result, again, bp.load_result(tmp_path / "a.h5")):
-        np.testing.assert_array_equal(one.contacts["points"], POINTS)
-        np.testing.assert_array_equal(one.contacts.get("points"), POINTS)
+    for any_result in (result, again, bp.load_result(tmp_path / "a.h5")):
+        np.testing.assert_array_equal(any_result.contacts["points"], POINTS)
+        np.testing.assert_array_equal(any_result.contacts.get("points"), POINTS)
         # Not a second array: files and loops over the data have it once.
-        assert "points" not in list(one.contacts)
+        assert "points" not in list(any_result.contacts)
     with pytest.raises(KeyError, match="'place': the contacts have x, normal"):
         result.contacts["place"]
     assert result.contacts.get("place") is None

@@ -62,13 +62,21 @@ G = good(2, 2)
 
 
 def problem(g: Good = G, **changed: Any) -> bp.ContactProblem:
-    given = {"K": g.K, "B": g.B, "gap": g.gap, "mu": g.mu, "fixed": g.fixed} | changed
-    return bp.ContactProblem(given.pop("K"), given.pop("B"), **given)
+    arguments = {
+        "K": g.K,
+        "B": g.B,
+        "gap": g.gap,
+        "mu": g.mu,
+        "fixed": g.fixed,
+    } | changed
+    return bp.ContactProblem(arguments.pop("K"), arguments.pop("B"), **arguments)
 
 
 def solve(g: Good = G, **changed: Any) -> bp.Result:
-    given = {"load": g.load, "prescribed": g.prescribed} | changed
-    return problem(g).solve(given.pop("load"), given.pop("prescribed"), **given)
+    arguments = {"load": g.load, "prescribed": g.prescribed} | changed
+    return problem(g).solve(
+        arguments.pop("load"), arguments.pop("prescribed"), **arguments
+    )
 
 
 def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
@@ -76,8 +84,10 @@ def step(g: Good = G, **changed: Any) -> bp.ReducedProblem:
 
 
 def reduced(g: Good = G, **changed: Any) -> bp.ReducedProblem:
-    given = {"W": g.W, "q": g.q, "mu": g.mu} | changed
-    return bp.ReducedProblem(given.pop("W"), given.pop("q"), given.pop("mu"), **given)
+    arguments = {"W": g.W, "q": g.q, "mu": g.mu} | changed
+    return bp.ReducedProblem(
+        arguments.pop("W"), arguments.pop("q"), arguments.pop("mu"), **arguments
+    )
 
 
 def reduced_solve(g: Good = G, **changed: Any) -> bp.Solution:
@@ -93,8 +103,8 @@ def answers(g: Good = G, **changed: Any) -> Any:
 
 
 def whole(g: Good = G, **changed: Any) -> bp.fclib.GlobalProblem:
-    given = {"M": g.K, "H": g.B.T, "f": g.load, "w": g.q, "mu": g.mu} | changed
-    return bp.fclib.GlobalProblem(**given)
+    arguments = {"M": g.K, "H": g.B.T, "f": g.load, "w": g.q, "mu": g.mu} | changed
+    return bp.fclib.GlobalProblem(**arguments)
 
 
 def whole_residual(g: Good = G, **changed: Any) -> float:
@@ -106,8 +116,8 @@ def velocity(g: Good = G, **changed: Any) -> Any:
 
 
 def project(g: Good = G, **changed: Any) -> Any:
-    given = {"tau": g.q, "mu": g.mu} | changed
-    return bp.project(given.pop("tau"), given.pop("mu"), **given)
+    arguments = {"tau": g.q, "mu": g.mu} | changed
+    return bp.project(arguments.pop("tau"), arguments.pop("mu"), **arguments)
 
 
 def save(g: Good = G, **changed: Any) -> Any:
@@ -127,12 +137,12 @@ def refused(
     """Check the type of the error, and its message for the argument and the words."""
     with pytest.raises((ValueError, TypeError)) as caught:
         call(**{argument: value}, **more)
-    said = str(caught.value)
+    text = str(caught.value)
     assert type(caught.value) in (error if isinstance(error, tuple) else (error,))
     for part in (rf"\b{argument}\b", message):
-        assert re.search(part, said), f"{part!r} not in {said!r}"
-    assert "\n" not in said
-    assert len(said) < 300
+        assert re.search(part, text), f"{part!r} not in {text!r}"
+    assert "\n" not in text
+    assert len(text) < 300
 
 
 def put(array: Any, at: Any, value: Any) -> Array:
@@ -356,12 +366,12 @@ def test_a_spoiled_array(call: Call, argument: str, d: int) -> None:
             named = argument if message != LENGTH else ""
             with pytest.raises((ValueError, TypeError)) as caught:
                 call(base, **{argument: spoil(array)})
-            said = str(caught.value)
+            text = str(caught.value)
             assert type(caught.value) in (ValueError, TypeError), name
-            assert re.search(rf"\b{named}", said), (name, said)
-            assert re.search(message, said), (name, said)
-            assert "\n" not in said
-            assert len(said) < 300
+            assert re.search(rf"\b{named}", text), (name, text)
+            assert re.search(message, text), (name, text)
+            assert "\n" not in text
+            assert len(text) < 300
 
 
 SCALARS: list[tuple[Call, str]] = [

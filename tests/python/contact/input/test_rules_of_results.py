@@ -27,18 +27,20 @@ Q = (W @ LOAD).reshape(2, 2)
 
 
 def problem(**changed: Any) -> bp.ContactProblem:
-    given = {"K": K, "B": B, "gap": GAP, "mu": 0.3} | changed
-    return bp.ContactProblem(given.pop("K"), given.pop("B"), **given)
+    arguments = {"K": K, "B": B, "gap": GAP, "mu": 0.3} | changed
+    return bp.ContactProblem(arguments.pop("K"), arguments.pop("B"), **arguments)
 
 
 def solve(**changed: Any) -> bp.Result:
-    given = {"load": LOAD} | changed
-    return problem().solve(given.pop("load"), **given)
+    arguments = {"load": LOAD} | changed
+    return problem().solve(arguments.pop("load"), **arguments)
 
 
 def reduced(**changed: Any) -> bp.ReducedProblem:
-    given = {"W": W, "q": Q, "mu": 0.3} | changed
-    return bp.ReducedProblem(given.pop("W"), given.pop("q"), given.pop("mu"), **given)
+    arguments = {"W": W, "q": Q, "mu": 0.3} | changed
+    return bp.ReducedProblem(
+        arguments.pop("W"), arguments.pop("q"), arguments.pop("mu"), **arguments
+    )
 
 
 def put(array: Any, index: Any, value: float) -> Any:
@@ -236,12 +238,12 @@ class TestSettled:
         )
 
     def test_arguments_are_not_written_to(self) -> None:
-        given = [K.copy(), B.copy(), GAP.copy(), LOAD.copy()]
-        bp.solve(given[0], given[1], given[3], gap=given[2], mu=0.3)
-        np.testing.assert_array_equal(given[0], K)
-        np.testing.assert_array_equal(given[1].toarray(), B.toarray())
-        np.testing.assert_array_equal(given[2], GAP)
-        np.testing.assert_array_equal(given[3], LOAD)
+        arguments = [K.copy(), B.copy(), GAP.copy(), LOAD.copy()]
+        bp.solve(arguments[0], arguments[1], arguments[3], gap=arguments[2], mu=0.3)
+        np.testing.assert_array_equal(arguments[0], K)
+        np.testing.assert_array_equal(arguments[1].toarray(), B.toarray())
+        np.testing.assert_array_equal(arguments[2], GAP)
+        np.testing.assert_array_equal(arguments[3], LOAD)
 
     @pytest.mark.parametrize("form", ["csr", "csc", "coo", "lil", "dok", "bsr", "dia"])
     @pytest.mark.parametrize("container", [sparse.csr_array, sparse.csr_matrix])
@@ -249,8 +251,8 @@ class TestSettled:
         wanted = solve().reaction
         K_given = container(K).asformat(form)
         B_given = container(B).asformat(form)
-        found = problem(K=K_given, B=B_given).solve(LOAD).reaction
-        np.testing.assert_array_equal(found, wanted)
+        reaction = problem(K=K_given, B=B_given).solve(LOAD).reaction
+        np.testing.assert_array_equal(reaction, wanted)
 
     def test_unsorted_and_repeated_entries(self) -> None:
         """Two triplets at one place are added, as SciPy does."""
@@ -264,10 +266,10 @@ class TestSettled:
         )
 
     def test_integers_and_strides(self) -> None:
-        found = bp.ContactProblem(
+        result = bp.ContactProblem(
             np.array([[4, 1], [1, 2]]), np.eye(2, dtype=int), gap=[0], mu=1, dim=2
         ).solve([-1, 1])
-        assert found.success
+        assert result.success
         loads = np.zeros((4, 6))
         loads[:, 2] = LOAD
         np.testing.assert_array_equal(
@@ -281,9 +283,9 @@ class TestSettled:
             factor = random.normal(size=(20 * dim, 20 * dim))
             compliance = factor @ factor.T + np.eye(20 * dim)
             q = random.normal(size=(20, dim)) * 5
-            one = bp.ReducedProblem(compliance, q, 0.2).solve(tol=1e-12)
-            assert one.converged
-            r, v = one.reaction, one.relative_displacement
+            solution = bp.ReducedProblem(compliance, q, 0.2).solve(tol=1e-12)
+            assert solution.converged
+            r, v = solution.reaction, solution.relative_displacement
             scale_r, scale_v = np.abs(r).max(), np.abs(v).max()
             # The error is of the order of the residual, 1e-12, times the condition of the
             # blocks, below 1e3 here.
@@ -293,8 +295,8 @@ class TestSettled:
             friction = np.linalg.norm(r[:, 1:], axis=1)
             assert (friction <= 0.2 * r[:, 0] + small * scale_r).all()
             assert np.abs(r[:, 0] * v[:, 0]).max() <= small * scale_r * scale_v
-            slip = one.status == bp.Status.SLIP
-            assert {int(s) for s in one.status} >= {bp.Status.OPEN, bp.Status.SLIP}
+            slip = solution.status == bp.Status.SLIP
+            assert {int(s) for s in solution.status} >= {bp.Status.OPEN, bp.Status.SLIP}
             along = np.linalg.norm(v[:, 1:], axis=1)
             power = (r[:, 1:] * v[:, 1:]).sum(axis=1)
             np.testing.assert_allclose(
@@ -302,5 +304,5 @@ class TestSettled:
                 -0.2 * (r[:, 0] * along)[slip],
                 atol=small * scale_r * scale_v,
             )
-            stick = one.status == bp.Status.STICK
+            stick = solution.status == bp.Status.STICK
             assert along[stick].max(initial=0) <= small * scale_v

@@ -15,9 +15,9 @@ pytestmark = pytest.mark.needs_extra
 
 @pytest.fixture
 def block() -> dict[str, Any]:
-    one = body("quadrilateral", 2)
+    meshed = body("quadrilateral", 2)
     model = fem.assemble(
-        [one],
+        [meshed],
         [fem.Contact("a", "bottom", 0.3, plane=([0, 0], [0, 1]))],
         [fem.Support("a", "top", (0, 1))],
     )
@@ -38,13 +38,13 @@ def test_enforced(block: dict[str, Any]) -> None:
     for matrix, words in ((K, ("rows", "columns")), (K.T.tocsr(), ("columns", "rows"))):
         with pytest.raises(ValueError, match="stiffness K is not symmetric") as failed:
             bp.ContactProblem(matrix, block["B"], **told)
-        said = str(failed.value)
+        message = str(failed.value)
         assert (
             f"; {count} {words[0]} of K, first {first}, contain the diagonal only"
-            in said
+            in message
         )
-        assert f"but the {words[1]} more: supports were written into K" in said
-        assert "as by skfem.enforce; expected K as assembled, with fixed=" in said
+        assert f"but the {words[1]} more: supports were written into K" in message
+        assert "as by skfem.enforce; expected K as assembled, with fixed=" in message
     # One support, and an asymmetry of another kind.
     with pytest.raises(
         ValueError, match=r"; 1 row of K, first 3, contains the diagonal"
@@ -69,12 +69,14 @@ def test_condensed(block: dict[str, Any]) -> None:
         ValueError, match=r"expected 40 columns, as many as K"
     ) as failed:
         bp.ContactProblem(K, block["B"], **told)
-    said = str(failed.value)
+    message = str(failed.value)
     assert (
         "were degrees of freedom removed from K, as by skfem.condense, but not from B?"
-        in said
+        in message
     )
-    assert "Pass both complete, and fixed= for the supported degrees of freedom" in said
+    assert (
+        "Pass both complete, and fixed= for the supported degrees of freedom" in message
+    )
     with pytest.raises(
         ValueError, match=r"removed from B, as by skfem.condense, but not from K"
     ):
@@ -97,9 +99,9 @@ def test_condensed(block: dict[str, Any]) -> None:
     # K and B both condensed: an ordinary problem with the same solution.
     load = np.zeros(n)
     load[1::2] = -1.0
-    one = whole.solve(load)
+    of_whole = whole.solve(load)
     other = bp.ContactProblem(K, block["B"][:, kept], **told).solve(load[kept])
-    assert np.allclose(one.reaction, other.reaction, rtol=0, atol=1e-9)
+    assert np.allclose(of_whole.reaction, other.reaction, rtol=0, atol=1e-9)
 
 
 def test_condensed_in_a_file(block: dict[str, Any], bipot: Any) -> None:

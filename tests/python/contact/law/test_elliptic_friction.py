@@ -148,9 +148,9 @@ def _answers(W: Array, q: Array, mu: Array) -> Iterator[Array]:
             guess = np.zeros((n, 3))
             guess[:, 0] = np.maximum(-q[:, 0] / W.diagonal()[::3], 0.1)
             guess[:, 1:] = -guess[:, :1] * mu * np.array(side)
-            found = root(rows, guess.ravel(), tol=1e-13)
-            r, v = found.x.reshape(n, 3), (W @ found.x).reshape(n, 3) + q
-            if np.abs(found.fun).max() < 1e-10 and _fulfils(r, v, mu, status):
+            root_found = root(rows, guess.ravel(), tol=1e-13)
+            r, v = root_found.x.reshape(n, 3), (W @ root_found.x).reshape(n, 3) + q
+            if np.abs(root_found.fun).max() < 1e-10 and _fulfils(r, v, mu, status):
                 yield r
                 break
 
@@ -170,9 +170,9 @@ def test_an_exhaustive_solver_agrees(seed: int) -> None:
     problem = bp.ReducedProblem(W, q, mu)
     solution = problem.solve(tol=1e-13)
     assert solution.unique == "proved"
-    found = list(_answers(W, q, mu))
-    assert found
-    for r in found:
+    branches = list(_answers(W, q, mu))
+    assert branches
+    for r in branches:
         # The root finder satisfies the law to 1e-10; W has a condition below 10.
         np.testing.assert_allclose(solution.reaction, r, atol=1e-8)
 
@@ -217,23 +217,26 @@ class TestSymmetries:
 
     def test_units(self, seed: int) -> None:
         W, q, mu = random_problem(4, seed)
-        one = bp.ReducedProblem(W, q, mu).solve()
+        original = bp.ReducedProblem(W, q, mu).solve()
         other = bp.ReducedProblem(W * 2.0**-30, q * 2.0**7, mu).solve()
         # Powers of two change no bit of the scaled variables.
-        np.testing.assert_array_equal(other.reaction, one.reaction * 2.0**37)
-        assert (other.iterations, other.residual) == (one.iterations, one.residual)
+        np.testing.assert_array_equal(other.reaction, original.reaction * 2.0**37)
+        assert (other.iterations, other.residual) == (
+            original.iterations,
+            original.residual,
+        )
 
     def test_equal_coefficients_are_coulombs_law_to_the_bit(self, seed: int) -> None:
         W, q, mu = random_problem(4, seed)
         mu[:, 1] = mu[:, 0]
         mu[0] = 0.0
         two = bp.ReducedProblem(W, q, mu).solve()
-        one = bp.ReducedProblem(W, q, mu[:, 0]).solve()
-        np.testing.assert_array_equal(two.reaction, one.reaction)
+        scalar = bp.ReducedProblem(W, q, mu[:, 0]).solve()
+        np.testing.assert_array_equal(two.reaction, scalar.reaction)
         np.testing.assert_array_equal(
-            two.relative_displacement, one.relative_displacement
+            two.relative_displacement, scalar.relative_displacement
         )
-        assert (two.residual, two.work) == (one.residual, one.work)
+        assert (two.residual, two.work) == (scalar.residual, scalar.work)
 
     def test_sparse_as_dense(self, seed: int) -> None:
         from scipy.sparse import block_diag, csr_array
@@ -242,10 +245,10 @@ class TestSymmetries:
         whole = csr_array(block_diag([W] * 30))
         solution = bp.ReducedProblem(whole, np.tile(q, (30, 1)), np.tile(mu, (30, 1)))
         single = bp.ReducedProblem(W, q, mu).solve(tol=1e-13)
-        found = solution.solve(tol=1e-13)
-        assert found.converged
+        sparse_solution = solution.solve(tol=1e-13)
+        assert sparse_solution.converged
         np.testing.assert_allclose(
-            found.reaction, np.tile(single.reaction, (30, 1)), atol=1e-11
+            sparse_solution.reaction, np.tile(single.reaction, (30, 1)), atol=1e-11
         )
 
 
@@ -305,8 +308,8 @@ def test_projection_of_many_is_that_of_each() -> None:
     tau, mu = rng.normal(size=(5000, 3)), 10 ** rng.uniform(-4, 4, (5000, 2))
     mu[::7] = 0.0
     whole, status = bp.project(tau, mu)
-    one, kind = bp.project(tau[4321:4322], mu[4321:4322])
-    np.testing.assert_array_equal(whole[4321:4322], one)
+    alone, kind = bp.project(tau[4321:4322], mu[4321:4322])
+    np.testing.assert_array_equal(whole[4321:4322], alone)
     assert status[4321] == kind[0]
     # Moreau: τ = r + rest, rest·r = 0 and rest is in the polar cone. Products have four
     # roundings each, relative to the length of the rays of the cone.

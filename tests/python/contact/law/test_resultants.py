@@ -21,14 +21,14 @@ def frames(count: int, d: int) -> np.ndarray:
 
 def flat_frames(count: int, d: int) -> np.ndarray:
     """Frames of one plane, with different tangents."""
-    found = frames(count, d)
-    found[:, 0] = found[0, 0]
+    bases = frames(count, d)
+    bases[:, 0] = bases[0, 0]
     for k in range(1, d):
         for j in range(k):
-            on = np.sum(found[:, k] * found[:, j], axis=1, keepdims=True)
-            found[:, k] -= on * found[:, j]
-        found[:, k] /= np.linalg.norm(found[:, k], axis=1, keepdims=True)
-    return found
+            on = np.sum(bases[:, k] * bases[:, j], axis=1, keepdims=True)
+            bases[:, k] -= on * bases[:, j]
+        bases[:, k] /= np.linalg.norm(bases[:, k], axis=1, keepdims=True)
+    return bases
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -36,17 +36,25 @@ def test_resultants_are_sums_of_vectors(d: int) -> None:
     reaction = RANDOM.standard_normal((12, d))
     frame, mu = flat_frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
     group = np.arange(12) % 3
-    found = list_resultants(reaction, frame, mu, group, 3)
-    for k, one in enumerate(found):
-        own = group == k
-        total = np.sum([reaction[i] @ frame[i] for i in np.flatnonzero(own)], axis=0)
+    totals = list_resultants(reaction, frame, mu, group, 3)
+    for k, total_of_surface in enumerate(totals):
+        of_group = group == k
+        total = np.sum(
+            [reaction[i] @ frame[i] for i in np.flatnonzero(of_group)], axis=0
+        )
         drag = total - (total @ frame[0, 0]) * frame[0, 0]
-        assert not one.curved
+        assert not total_of_surface.curved
         # A sum of four vectors of order one.
-        assert one.tangential == pytest.approx(np.linalg.norm(drag), rel=1e-13)
-        np.testing.assert_allclose(one.force, total, rtol=0, atol=1e-14)
-        assert one.normal == pytest.approx(reaction[own, 0].sum(), abs=1e-14)
-        assert one.limit == pytest.approx(mu[own] @ reaction[own, 0], abs=1e-14)
+        assert total_of_surface.tangential == pytest.approx(
+            np.linalg.norm(drag), rel=1e-13
+        )
+        np.testing.assert_allclose(total_of_surface.force, total, rtol=0, atol=1e-14)
+        assert total_of_surface.normal == pytest.approx(
+            reaction[of_group, 0].sum(), abs=1e-14
+        )
+        assert total_of_surface.limit == pytest.approx(
+            mu[of_group] @ reaction[of_group, 0], abs=1e-14
+        )
 
 
 def ring(count: int) -> np.ndarray:
@@ -72,15 +80,17 @@ def test_rotation_in_a_ring_uses_friction_without_a_force(
         # All forces act in the same sense of rotation.
         way[:, 0] = np.where(np.arange(len(curve)) % 3 == 0, -1.0, 1.0)
     reaction[:, 1:] = 0.8 * way / np.linalg.norm(way, axis=1, keepdims=True)
-    (one,) = list_resultants(reaction, curve, mu, np.zeros(len(curve), np.int64), 1)
-    assert one.curved
-    assert one.used == pytest.approx(1, rel=1e-14)
-    assert one.normal == pytest.approx(2.0 * len(curve), rel=1e-14)
+    (total_of_ring,) = list_resultants(
+        reaction, curve, mu, np.zeros(len(curve), np.int64), 1
+    )
+    assert total_of_ring.curved
+    assert total_of_ring.used == pytest.approx(1, rel=1e-14)
+    assert total_of_ring.normal == pytest.approx(2.0 * len(curve), rel=1e-14)
     np.testing.assert_allclose(
-        one.force, np.einsum("ik,ikd->d", reaction, curve), atol=1e-13
+        total_of_ring.force, np.einsum("ik,ikd->d", reaction, curve), atol=1e-13
     )
     if d == 2:
-        np.testing.assert_allclose(one.force, 0, atol=1e-13)
+        np.testing.assert_allclose(total_of_ring.force, 0, atol=1e-13)
 
 
 def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
@@ -92,8 +102,8 @@ def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
     rim = way / np.linalg.norm(way / mu, axis=1, keepdims=True) * press[:, None]
     group = np.zeros(7, np.int64)
     reaction = np.column_stack([press, rim])
-    (one,) = list_resultants(reaction, frames(7, 3), mu, group, 1)
-    assert one.used == pytest.approx(1, rel=1e-13)
+    (total_of_ring,) = list_resultants(reaction, frames(7, 3), mu, group, 1)
+    assert total_of_ring.used == pytest.approx(1, rel=1e-13)
     reaction[:, 1:] = 0
     (still,) = list_resultants(reaction, frames(7, 3), mu, group, 1)
     assert still.used == 0
@@ -122,25 +132,25 @@ def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
     slip = np.array([0.3, 0.7])
     drag = mu**2 * slip / np.linalg.norm(mu * slip)
     reaction = np.array([[2.0, *(2 * drag)]])
-    (one,) = list_resultants(
+    (total_of_ring,) = list_resultants(
         reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1
     )
     # The largest possible force along its own line is at least the force.
-    assert one.used is not None
-    assert one.used <= 1
+    assert total_of_ring.used is not None
+    assert total_of_ring.used <= 1
     # Along an axis of the ellipse both are equal.
     reaction = np.array([[2.0, 0.0, 2 * 0.2]])
-    (one,) = list_resultants(
+    (total_of_ring,) = list_resultants(
         reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1
     )
-    assert one.used == pytest.approx(1, rel=1e-14)
+    assert total_of_ring.used == pytest.approx(1, rel=1e-14)
 
 
 def test_without_friction_used_is_none() -> None:
-    (one,) = list_resultants(
+    (total_of_ring,) = list_resultants(
         np.array([[2.0, 0.0]]), np.eye(2)[None], np.zeros(1), np.zeros(1, np.int64), 1
     )
-    assert one.used is None
+    assert total_of_ring.used is None
 
 
 def path(count: int, surfaces: int = 1) -> list[dict[str, object]]:
@@ -201,7 +211,11 @@ def test_a_curved_surface_has_its_own_column_heads(width: int) -> None:
 
 
 def test_rounding_errors_of_zero_are_shown_as_zero() -> None:
-    (line,) = (one for one in printed(path(3), 200) if one.lstrip().startswith("2 "))
+    (line,) = (
+        table_line
+        for table_line in printed(path(3), 200)
+        if table_line.lstrip().startswith("2 ")
+    )
     step, load, *_, normal, tangential, used, _, _, _ = line.split()
     # sin 2π in floating point is not zero; neither is a sum of forces that balance.
     assert (step, normal, tangential, used) == ("2", "1234.5", "0", "-")

@@ -43,8 +43,8 @@ def held(seed: int = 0, contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
 def stopped(W: Any, q: Any, mu: Any = 0.3, **options: Any) -> str:
     """The message of a solve that a limit stops early."""
     rigid = options.pop("rigid", None)
-    given = {"method": "uzawa", "tol": 1e-13, "max_iterations": 8} | options
-    solution = bp.ReducedProblem(W, q, mu, rigid=rigid).solve(**given)
+    keywords = {"method": "uzawa", "tol": 1e-13, "max_iterations": 8} | options
+    solution = bp.ReducedProblem(W, q, mu, rigid=rigid).solve(**keywords)
     assert not solution.converged
     assert "\n" not in solution.message
     return solution.message
@@ -316,7 +316,7 @@ def test_advice_is_not_the_method_that_failed() -> None:
 def test_several_answers() -> None:
     # Above μ = k_t/|k_c| = 1/0.9 some loads have three solutions, others one.
     W = np.linalg.inv(np.array([[1.0, -0.9], [-0.9, 1.0]]))
-    found = []
+    messages = []
     for angle in np.linspace(1.0, 3.0, 60):
         q = [W @ np.array([np.cos(angle), np.sin(angle)])]
         problem = bp.ReducedProblem(W, q, 2.0)
@@ -326,9 +326,9 @@ def test_several_answers() -> None:
         if solution.converged:
             continue
         several = len(problem.answers()) > 1
-        found.append(several)
+        messages.append(several)
         assert ("several" in names(solution.message)) == several
-    assert {True, False} == set(found)
+    assert {True, False} == set(messages)
 
 
 def test_a_body_that_slides_away() -> None:
@@ -374,12 +374,12 @@ def test_violations_of_each_contact() -> None:
     """By hand, with W_ii = 4: displacements count half, forces count twice."""
     r = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.6], [1.0, 0.5], [0.0, 0.0]])
     v = np.array([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.2], [3.0, 7.0]])
-    found = measure_violations(r, v, np.full(5, 0.5), np.full(5, 4.0))
+    violations = measure_violations(r, v, np.full(5, 0.5), np.full(5, 4.0))
     # With a slip of 0.1, a share 2 / (0.1 + 2 + 1) of the force has the wrong direction.
     expected = np.zeros((4, 5))
     expected[0, 0], expected[1, 1], expected[2, 2] = 0.1, 0.1, 0.2
     expected[3, 3] = 0.1 * 2 / 3.1
-    np.testing.assert_allclose(found, expected, atol=1e-15)
+    np.testing.assert_allclose(violations, expected, atol=1e-15)
 
 
 def test_a_larger_tolerance_is_advised_if_it_would_help() -> None:
@@ -417,7 +417,7 @@ def test_contacts_without_violation_are_not_named() -> None:
     R[::3] = 1.0
     # From zero reaction and zero motion; other methods start from a balanced point.
     q = np.zeros((20, 3))
-    given = {"rigid": (R, np.array([-20.0])), "start": q, "max_iterations": None}
-    message = stopped(W, q, method="newton", max_seconds=1e-12, **given)
+    options = {"rigid": (R, np.array([-20.0])), "start": q, "max_iterations": None}
+    message = stopped(W, q, method="newton", max_seconds=1e-12, **options)
     assert "violation" not in message
     assert "each contact satisfies the law, but forces are not in balance" in message

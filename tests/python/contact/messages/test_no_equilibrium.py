@@ -103,15 +103,15 @@ def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
         moved = np.zeros((12, dim))
         moved[:, 0] = -turn * (points[:, 1] - 1.0)
         moved[:, 1] = 1.0 + turn * (points[:, 0] - 1.5)
-        said = describe_motion(moved / 1.5, mu, points=points, frame=frame)
+        description = describe_motion(moved / 1.5, mu, points=points, frame=frame)
         place = f"({1.5 - 1 / turn:g}, 1{', 0' * (dim - 2)})"
         about = "the point" if dim == 2 else "an axis through"
-        assert f"rotation about {about} {place}" in said
+        assert f"rotation about {about} {place}" in description
         along = f"(0, 1{', 0' * (dim - 2)})"
         first = (
             f"translation along {along} in ({', '.join('xyz'[:dim])}) (nearly: rotat"
         )
-        assert said.startswith(first if far else "rotation about")
+        assert description.startswith(first if far else "rotation about")
 
 
 def test_a_block_that_tips_in_the_plane() -> None:
@@ -205,8 +205,8 @@ def test_without_coordinates_contacts_are_named() -> None:
         bp.solve(body.K, body.B, load, gap=body.gap, mu=2.0)
     # The left corner lifts most, the middle less; the right corner stays.
     left, middle = np.argsort(body.points[:, 0])[:2]
-    said = f"contact {left} by (1, 0), contact {middle} by (0.5, 0)"
-    assert said in str(caught.value)
+    text_of_contacts = f"contact {left} by (1, 0), contact {middle} by (0.5, 0)"
+    assert text_of_contacts in str(caught.value)
 
 
 def test_a_reduced_problem_reports_it() -> None:
@@ -281,11 +281,11 @@ def test_loads_in_balance_with_themselves_are_not_refused(nu: float) -> None:
 
 def best_work(load: Array, generators: Array) -> float:
     """Most work of a load on a motion with components up to 1 that no generator resists."""
-    found = linprog(
+    optimum = linprog(
         -load, A_ub=-generators, b_ub=np.zeros(len(generators)), bounds=(-1, 1)
     )
-    assert found.status == 0
-    return float(-found.fun)
+    assert optimum.status == 0
+    return float(-optimum.fun)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -61,9 +61,11 @@ def turned_round(B: Any, d: int, contacts: Any = slice(None)) -> Any:
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.slow_variants("hexahedron-3-2")
 def test_normals(cell: str, d: int, order: int) -> None:
-    one = body(cell, d, order, cells=2)
+    meshed = body(cell, d, order, cells=2)
     for supports in (held(d), []):
-        model, options = given(one, floor(d, pairing=pairing_of(cell, order)), supports)
+        model, options = given(
+            meshed, floor(d, pairing=pairing_of(cell, order)), supports
+        )
         count = len(model.gap)
         load = -np.tile(np.eye(d)[d - 1], len(model.nodes)) * 1e-3
         result = bp.solve(model.K, model.B, load, **options)
@@ -71,23 +73,23 @@ def test_normals(cell: str, d: int, order: int) -> None:
         assert "remark" not in str(result)
         wrong = turned_round(model.B, d)
         problem = bp.ContactProblem(model.K, wrong, **options)
-        (said,) = problem.remarks.at_start
+        (remark,) = problem.remarks.at_start
         # At a corner the outward direction lies between three faces, with areas 1 to 2.
         least = count if (cell, d) != ("tetrahedron", 3) else count - 4
         told = re.fullmatch(
             rf"the normals of (\d+) of the {count} contacts point out of the body, first at "
             r"contact \d+: a normal must point from the obstacle to the body, and B must give "
             r"the displacement of the body minus that of the obstacle",
-            said,
+            remark,
         )
         assert told is not None
         assert least <= int(told[1]) <= count
-        assert said in str(problem)
+        assert remark in str(problem)
         if supports:
             result = problem.solve(load)
-            assert result.remarks[0] == said
+            assert result.remarks[0] == remark
             assert result.remarks[1].startswith("no contact closes in any load step")
-            assert said in str(result)
+            assert remark in str(result)
             assert result.success
         (first, *_) = bp.ContactProblem(
             model.K, turned_round(model.B, d, [1]), **options
@@ -101,32 +103,32 @@ def test_normals(cell: str, d: int, order: int) -> None:
     K = model.K[turned][:, turned]
     assert bp.ContactProblem(K, model.B[:, turned], **options).remarks.at_start == ()
     (first,) = bp.ContactProblem(K, wrong[:, turned], **options).remarks.at_start
-    assert first == said
+    assert first == remark
 
 
 def any_face(seed: int) -> None:
     """Exactly the reversed normals are found, for a body of any shape and direction."""
     rng = np.random.default_rng(seed)
     cell, d, order = CELLS[seed % len(CELLS)]
-    one = body(cell, d, order, cells=3, aspect=10 ** rng.uniform(-1.5, 1.5))
+    meshed = body(cell, d, order, cells=3, aspect=10 ** rng.uniform(-1.5, 1.5))
     turn = np.linalg.qr(rng.normal(size=(d, d)))[0]
-    rotation = np.kron(np.eye(len(one.points)), turn)
-    K = sparse.csr_array(rotation @ fem.stiffness(one).toarray() @ rotation.T)
+    rotation = np.kron(np.eye(len(meshed.points)), turn)
+    K = sparse.csr_array(rotation @ fem.stiffness(meshed).toarray() @ rotation.T)
     K = (K + K.T) / 2 * 10 ** rng.uniform(-6, 12)
-    x = (one.points @ turn.T + rng.normal(size=d)) * 10 ** rng.uniform(-6, 6)
+    x = (meshed.points @ turn.T + rng.normal(size=d)) * 10 ** rng.uniform(-6, 6)
     name = ["left", "right", "bottom", "top", "front", "back"][rng.integers(2 * d)]
-    at = one.nodes(name)
+    at = meshed.nodes(name)
     axis = {"left": 0, "right": 0, "bottom": d - 1, "top": d - 1}.get(name, 1)
     # Along an edge the outward direction lies between two or three faces. At faces of six
     # nodes, a constant pressure gives no force at the corners.
-    low, high = one.points.min(axis=0), one.points.max(axis=0)
+    low, high = meshed.points.min(axis=0), meshed.points.max(axis=0)
     other = np.delete(np.arange(d), axis)
     within = (
-        (one.points[at][:, other] > low[other] + 1e-9)
-        & (one.points[at][:, other] < high[other] - 1e-9)
+        (meshed.points[at][:, other] > low[other] + 1e-9)
+        & (meshed.points[at][:, other] < high[other] - 1e-9)
     ).all(axis=1)
     if (cell, order) == ("tetrahedron", 2):
-        load = fem.assemble([one], []).traction("a", name, np.eye(d)[axis])
+        load = fem.assemble([meshed], []).traction("a", name, np.eye(d)[axis])
         within &= load.reshape(-1, d)[at, axis] > 1e-9 * load.max()
     at = at[within]
     inwards = turn[:, axis] * (1 if name in ("left", "bottom", "front") else -1)
@@ -144,12 +146,12 @@ def any_face(seed: int) -> None:
         mu=0.3,
         coordinates=np.repeat(x, d, axis=0),
     )
-    told = [said for said in problem.remarks.at_start if "normals" in said]
+    told = [remark for remark in problem.remarks.at_start if "normals" in remark]
     assert len(told) == wrong.any()
-    for said in told:
+    for remark in told:
         count = f"of {wrong.sum()} of the {len(at)} contact"
-        assert count in said
-        assert f"first at contact {np.argmax(wrong)}:" in said
+        assert count in remark
+        assert f"first at contact {np.argmax(wrong)}:" in remark
 
 
 @pytest.mark.parametrize("seed", range(16))
@@ -167,15 +169,15 @@ def test_normals_of_many_faces(seed: int) -> None:
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
 def test_a_ball_next_to_an_edge_gives_no_remark(radius: float, at: float) -> None:
-    one = body("hexahedron", 3, cells=6)
+    meshed = body("hexahedron", 3, cells=6)
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
-    model, options = given(one, contact, [fem.Support("a", "bottom", (0, 1, 2))])
+    model, options = given(meshed, contact, [fem.Support("a", "bottom", (0, 1, 2))])
     assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
-    (said,) = bp.ContactProblem(
+    (remark,) = bp.ContactProblem(
         model.K, turned_round(model.B, 3), **options
     ).remarks.at_start
-    assert "point out of the body" in said
+    assert "point out of the body" in remark
 
 
 def ring(cells: int, layers: int, thickness: float) -> fem.Body:
@@ -190,14 +192,14 @@ def ring(cells: int, layers: int, thickness: float) -> fem.Body:
 
 @pytest.mark.parametrize("thickness", [0.01, 0.3, 2.0])
 def test_normals_in_a_coarse_hole(thickness: float) -> None:
-    one = ring(4, 2, thickness)
+    meshed = ring(4, 2, thickness)
     hole = fem.Contact("a", "left", 0.1, obstacle=ob.Cylinder([0, 0], 0.99))
-    model, options = given(one, hole)
+    model, options = given(meshed, hole)
     assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
     wrong = turned_round(model.B, 2)
-    (said,) = bp.ContactProblem(model.K, wrong, **options).remarks.at_start
+    (remark,) = bp.ContactProblem(model.K, wrong, **options).remarks.at_start
     # At the ends of the arc the surface turns: the outward direction is between two faces.
-    assert re.match("the normals of [35] of the 5 contacts point out", said)
+    assert re.match("the normals of [35] of the 5 contacts point out", remark)
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
@@ -216,18 +218,18 @@ def test_normals_of_pairs(pairing: str) -> None:
     assert bp.ContactProblem(model.K, model.B, **options).remarks.at_start == ()
     # Exchanging both bodies and normals changes nothing; reversing the normals alone does.
     both = bp.ContactProblem(model.K, -model.B, **options).remarks.at_start
-    assert ["point out of the body" in said for said in both] == [True]
-    (said,) = bp.ContactProblem(
+    assert ["point out of the body" in remark for remark in both] == [True]
+    (remark,) = bp.ContactProblem(
         model.K, turned_round(model.B, 2), **options
     ).remarks.at_start
-    assert "the normals of 4 of the 4 contacts" in said
+    assert "the normals of 4 of the 4 contacts" in remark
 
 
 def test_penetration() -> None:
     model, options = given(body("quadrilateral", 2), floor(2, 0.01), held(2))
     result = bp.solve(model.K, model.B, **options)
-    (said,) = result.remarks
-    assert said == (
+    (remark,) = result.remarks
+    assert remark == (
         "5 of the 5 contacts penetrate at the start, most of all contact 0 at (0, 0), by "
         "0.01, 1 % of the size of the model: the first step pushes them out; this is right "
         "for an interference fit, else check the sign of gap, which is positive when open"
@@ -254,9 +256,9 @@ def test_loads_in_inconsistent_units(
     mesh = fem.box([grid] * d, cell)
     mesh = fem.second_order(mesh) if order == 2 else mesh
     for poisson in (0.0, 0.45):
-        one = fem.Body("a", mesh, fem.Material(YOUNG, poisson))
+        meshed = fem.Body("a", mesh, fem.Material(YOUNG, poisson))
         contact = floor(d, pairing=pairing_of(cell, order))
-        model, options = given(one, contact, held(d))
+        model, options = given(meshed, contact, held(d))
         problem = bp.ContactProblem(model.K, model.B, **options)
         unit = model.traction("a", "right", np.eye(d)[0])
         strength = problem.remarks.strength
@@ -267,9 +269,9 @@ def test_loads_in_inconsistent_units(
         assert problem.solve(0.01 * YOUNG * unit).remarks[:0] == ()
         calm = problem.solve(0.01 * YOUNG * unit).remarks
         loud = problem.solve(np.outer([0.01, 10.0], YOUNG * unit)).remarks
-        assert not any("units" in said for said in calm)
-        (said,) = (said for said in loud if "units" in said)
-        assert said.startswith(
+        assert not any("units" in remark for remark in calm)
+        (remark,) = (remark for remark in loud if "units" in remark)
+        assert remark.startswith(
             "check the units: the loads on the body of degree of freedom 0 would strain its "
             "largest section by "
         )
@@ -288,17 +290,17 @@ def test_the_softer_of_two_bodies_determines_the_remark() -> None:
     model, options = given(soft, pair, supports, stiff)
     problem = bp.ContactProblem(model.K, model.B, **options)
     assert problem.solve(model.traction("b", "right", [1.0, 0.0])).remarks == ()
-    (said,) = problem.solve(model.traction("a", "right", [1.0, 0.0])).remarks
-    assert "degree of freedom 0" in said
+    (remark,) = problem.solve(model.traction("a", "right", [1.0, 0.0])).remarks
+    assert "degree of freedom 0" in remark
 
 
 def test_rows_of_supports_within_the_stiffness_say_nothing() -> None:
     """Their sums are the supports, not forces of the body."""
-    one = fem.Body(
+    meshed = fem.Body(
         "a", fem.box([np.linspace(0, 1, 4)] * 3, "hexahedron"), fem.Material(210e3, 0.3)
     )
-    whole = sparse.csr_array(fem.assemble([one], []).K)
-    places = np.repeat(one.points, 3, axis=0)
+    whole = sparse.csr_array(fem.assemble([meshed], []).K)
+    places = np.repeat(meshed.points, 3, axis=0)
     top = places[:, 2] == 1.0
     bare = measure_bodies(csr("K", whole), places, 3)
     held = measure_bodies(
@@ -322,8 +324,10 @@ def test_slip_beyond_the_extent_of_the_contacts() -> None:
     points = np.array([[0.0, 0.0], [0.1, 0.0]])
     load = np.array([-1.0, 5.0, -1.0, 5.0])
     problem = bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=0.1, points=points)
-    (said,) = problem.solve(load).remarks
-    assert said.startswith("check the units: contacts slip by up to 4.9 in a load step")
+    (remark,) = problem.solve(load).remarks
+    assert remark.startswith(
+        "check the units: contacts slip by up to 4.9 in a load step"
+    )
     assert problem.solve(1e-3 * load).remarks == ()
 
 
@@ -353,21 +357,23 @@ def test_a_model_has_remarks_of_the_result_too() -> None:
     result = m.solve()
     assert result.remarks == tuple(result.remarks())
     assert result.remarks[0].startswith("5 of the 5 contacts penetrate")
-    assert any(one.startswith("rotations") for one in result.remarks)
+    assert any(remark.startswith("rotations") for remark in result.remarks)
 
 
 def test_remarks_in_files(bipot: Any) -> None:
     """`bipot solve` prints them; with --json they are in its last line."""
-    one = body("quadrilateral", 2)
+    meshed = body("quadrilateral", 2)
     from scipy.io import mmwrite
 
-    K = fem.stiffness(one) + sparse.diags_array(
-        1e9 * np.isin(np.arange(one.points.size) // 2, one.nodes("top"))
+    K = fem.stiffness(meshed) + sparse.diags_array(
+        1e9 * np.isin(np.arange(meshed.points.size) // 2, meshed.nodes("top"))
     )
     mmwrite("K.mtx", sparse.coo_matrix(K), symmetry="symmetric", precision=17)
-    rows = "".join(f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(one.points.tolist()))
+    rows = "".join(
+        f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(meshed.points.tolist())
+    )
     Path("nodes.csv").write_text("node,x,y\n" + rows)
-    at: NDArray[np.int64] = one.nodes("bottom")
+    at: NDArray[np.int64] = meshed.nodes("bottom")
     Path("contacts.csv").write_text(
         "node,nx,ny,mu\n" + "".join(f"{k},0,-1,0.3\n" for k in at)
     )

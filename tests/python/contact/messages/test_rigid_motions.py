@@ -48,9 +48,9 @@ def test_a_held_body_has_no_rigid_motions() -> None:
 
 def test_contacts_that_cannot_hold_a_body() -> None:
     body = block((2, 1, 1), (2, 1, 1), 7.0, 0.3)
-    one = sparse.csr_array(body.B)[:3]
+    rows_of_a_node = sparse.csr_array(body.B)[:3]
     with pytest.raises(bp.FloatingBodyError, match="degree of freedom"):
-        bp.ContactProblem(body.K, one, gap=np.zeros(1), mu=0.3)
+        bp.ContactProblem(body.K, rows_of_a_node, gap=np.zeros(1), mu=0.3)
 
 
 def test_a_mechanism_held_by_contact() -> None:
@@ -72,7 +72,10 @@ def test_a_mechanism_held_by_contact() -> None:
 def two_blocks(dof_names: bool) -> bp.ContactProblem:
     """Two blocks held by contact alone; the numbers of the second follow those of the first."""
     body = block((2, 1), (3, 2), 7.0, 0.3)
-    K, B = (sparse.block_diag([one, one]) for one in (body.K, body.B))
+    K, B = (
+        sparse.block_diag([block_matrix, block_matrix])
+        for block_matrix in (body.K, body.B)
+    )
     n = body.K.shape[0]
     names = {"bodies": {"upper": 0, "lower": n}} if dof_names else {}
     return bp.ContactProblem(K, B, gap=np.tile(body.gap, 2), mu=0.3, **names)
@@ -96,9 +99,9 @@ def test_a_floating_body_is_named() -> None:
     n = body.K.shape[0]
     K = sparse.block_diag([body.K, body.K])
     B = sparse.hstack([sparse.csr_array(body.B), sparse.csr_array(body.B.shape)])
-    given = {"gap": body.gap, "mu": 0.3}
+    options = {"gap": body.gap, "mu": 0.3}
     with pytest.raises(bp.FloatingBodyError, match=r"^neither the stiffness") as plain:
-        bp.ContactProblem(K, B, **given)
+        bp.ContactProblem(K, B, **options)
     # The second block has no contact; the elimination order decides which unknown is named.
     assert n <= plain.value.dof < 2 * n
     assert f"degree of freedom {plain.value.dof}:" in str(plain.value)
@@ -106,7 +109,7 @@ def test_a_floating_body_is_named() -> None:
     with pytest.raises(
         bp.FloatingBodyError, match=r"^body 'lower': neither the st"
     ) as named:
-        bp.ContactProblem(K, B, bodies=names, **given)
+        bp.ContactProblem(K, B, bodies=names, **options)
     again = pickle.loads(pickle.dumps(named.value))
     assert again.dof == named.value.dof == plain.value.dof
     assert str(again) == str(named.value)

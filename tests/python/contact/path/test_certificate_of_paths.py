@@ -85,36 +85,47 @@ def relative(given: Given, u: Array, before: Array) -> Array:
 def test_steps_of_random_paths(method: str) -> None:
     judged = 0
     for seed in range(50):
-        given = random_path(seed)
+        random_body = random_path(seed)
         problem = bp.ContactProblem(
-            given.K, given.B, gap=given.gap, mu=given.mu, fixed=given.fixed
+            random_body.K,
+            random_body.B,
+            gap=random_body.gap,
+            mu=random_body.mu,
+            fixed=random_body.fixed,
         )
         result: bp.Result | None
         try:
             result = problem.solve(
-                given.loads, given.prescribed, method=method, max_iterations=2000
+                random_body.loads,
+                random_body.prescribed,
+                method=method,
+                max_iterations=2000,
             )
         except bp.BipotError as error:  # # more contacts than the body can satisfy
             result = error.result
         assert result is not None
-        shape = (len(given.gap), -1)
-        free = np.setdiff1d(np.arange(len(given.K)), given.fixed)
-        W = given.B[:, free] @ np.linalg.solve(
-            given.K[np.ix_(free, free)], given.B[:, free].T
+        shape = (len(random_body.gap), -1)
+        free = np.setdiff1d(np.arange(len(random_body.K)), random_body.fixed)
+        W = random_body.B[:, free] @ np.linalg.solve(
+            random_body.K[np.ix_(free, free)], random_body.B[:, free].T
         )
         compliance = W.diagonal().reshape(shape).mean(axis=1)
-        before = np.zeros(len(given.K), np.longdouble)
+        before = np.zeros(len(random_body.K), np.longdouble)
 
         for k, step in enumerate(result):
-            force = given.B.T @ step.reaction.ravel()
-            u = displacement(given, given.loads[k] + force, given.prescribed[k])
-            unloaded = displacement(given, given.loads[k], given.prescribed[k])
+            force = random_body.B.T @ step.reaction.ravel()
+            u = displacement(
+                random_body, random_body.loads[k] + force, random_body.prescribed[k]
+            )
+            unloaded = displacement(
+                random_body, random_body.loads[k], random_body.prescribed[k]
+            )
             missed = inequalities(
                 step.reaction,
-                relative(given, u, before),
-                given.mu,
+                relative(random_body, u, before),
+                random_body.mu,
                 compliance,
-                relative(given, unloaded, before),
+                relative(random_body, unloaded, before),
             )
             assert missed.worst <= FACTOR * step.tolerance, (seed, k, missed)
             judged += 1

@@ -33,9 +33,9 @@ def test_the_model_of_memory() -> None:
 def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "LEAST_ITERATIVE", 100)
     monkeypatch.setattr(tuning, "DOFS_PER_STEP", 100)
-    known, prescribed = arrays()
+    arguments, prescribed = arrays()
     told = []
-    problem = bp.ContactProblem(**known, on_forecast=told.append)
+    problem = bp.ContactProblem(**arguments, on_forecast=told.append)
     assert problem.stats["engine"] == "auto"
     assert not told
     short = problem.solve(prescribed=prescribed)
@@ -51,8 +51,8 @@ def test_the_first_path_decides(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_long_first_path_is_direct(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "LEAST_ITERATIVE", 100)
     monkeypatch.setattr(tuning, "DOFS_PER_STEP", 1000)
-    known, prescribed = arrays()
-    problem = bp.ContactProblem(**known)
+    arguments, prescribed = arrays()
+    problem = bp.ContactProblem(**arguments)
     problem.solve(prescribed=prescribed)
     assert problem.stats["engine"] == "direct"
     assert "2 load steps" in problem.stats["engine_reason"]

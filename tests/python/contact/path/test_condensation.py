@@ -137,9 +137,9 @@ def test_open_contacts(shape: str, material: str) -> None:
     # An inverse loses at most cond(S) roundings; a tenth of that is reached here. The
     # displacement is refined with K and loses none.
     rounding = EPS * problem.stats["cond_S"]
-    found = problem.compliance
-    assert (found == found.T).all()
-    assert np.abs(found[:, some] - W).max() <= rounding * np.abs(W).max()
+    compliance = problem.compliance
+    assert (compliance == compliance.T).all()
+    assert np.abs(compliance[:, some] - W).max() <= rounding * np.abs(W).max()
     free_part = problem.reduced(load, prescribed).q
     assert np.abs(free_part - q).max() <= rounding * np.abs(q).max()
     result = problem.solve(load, prescribed)
@@ -166,8 +166,8 @@ def test_sticking_contacts(shape: str, material: str) -> None:
         rest, force = body.known(load, dofs, values)
         x = twice.solve(body.K[rest][:, rest], force)
         u = np.zeros((n, 1)), np.zeros((n, 1))
-        for part, known in zip(u, x, strict=True):
-            part[rest] = known
+        for part, value in zip(u, x, strict=True):
+            part[rest] = value
         u[0][body.fixed, 0] = prescribed
         support = twice.add(
             twice.product(body.K, u), (-load[:, None], np.zeros((n, 1)))
@@ -201,7 +201,7 @@ def test_refinement_finds_fractions() -> None:
     flexible = np.cumsum([Fraction(1, s) for s in springs])
     for i in range(60):
         for j in range(60):
-            found = Fraction(high[i, j]) + Fraction(low[i, j])
+            refined = Fraction(high[i, j]) + Fraction(low[i, j])
             exact = flexible[min(i, j)]
             # Twice 53 bits, minus the condition, which is below 1e5.
-            assert abs(found - exact) <= Fraction(1e-26) * exact
+            assert abs(refined - exact) <= Fraction(1e-26) * exact

@@ -107,13 +107,13 @@ def test_every_step_fulfils_the_law_and_the_balance() -> None:
 
 def test_results_are_in_unscaled_variables() -> None:
     model, moved, mu = path()
-    two, one = problem(model, mu), problem(model, 0.3)
-    W = one.compliance
+    two, with_one = problem(model, mu), problem(model, 0.3)
+    W = with_one.compliance
     # Sums of scaled entries: the rounding of W, measured by its largest entry.
     atol = 1e-14 * np.abs(W).max()
     np.testing.assert_allclose(two.compliance, W, atol=atol)
     np.testing.assert_allclose(two.reduced(None, moved[1]).W, W, atol=atol)
-    q = one.reduced(None, moved[1]).q
+    q = with_one.reduced(None, moved[1]).q
     np.testing.assert_allclose(
         two.reduced(None, moved[1]).q, q, atol=1e-14 * np.abs(q).max()
     )
@@ -160,15 +160,17 @@ def test_many_paths_on_one_factorisation() -> None:
     """Cases with one or two coefficients in any order give the bits of a new problem, or nearly."""
     model, moved, mu = path()
     coulomb = mu[:, 0]
-    for given in (mu, coulomb):
-        whole = problem(model, given)
+    for coefficients in (mu, coulomb):
+        whole = problem(model, coefficients)
         cases = [{"prescribed": moved, "mu": m} for m in (mu, coulomb, mu[:, ::-1])]
         several = whole.solve_many([*cases, {"prescribed": moved}], tol=1e-12)
-        for found, m in zip(several, (mu, coulomb, mu[:, ::-1], given), strict=True):
+        for solved, m in zip(
+            several, (mu, coulomb, mu[:, ::-1], coefficients), strict=True
+        ):
             fresh = problem(model, m).solve(None, moved, tol=1e-12)
             size = np.abs(fresh.reaction).max()
             np.testing.assert_allclose(
-                found.reaction, fresh.reaction, atol=1e-10 * size
+                solved.reaction, fresh.reaction, atol=1e-10 * size
             )
     with pytest.raises(ValueError, match="case 0: mu of contact 0 is"):
         whole.solve_many([{"mu": np.tile([0.3, 0.0], (len(mu), 1))}])
@@ -199,9 +201,9 @@ def test_a_working_set_and_another_stiffness() -> None:
         estimate = solved[0][-1].error_estimate
         assert estimate is not None
         assert max(estimate) < 1e-6
-    for one, two in zip(*ends, strict=True):
+    for value, two in zip(*ends, strict=True):
         # Two solves to η = 1e-10; slip along the weaker tangent has 5 to 15 times that.
-        np.testing.assert_allclose(one, two, atol=1e-7 * np.abs(one).max())
+        np.testing.assert_allclose(value, two, atol=1e-7 * np.abs(value).max())
 
 
 def test_a_path_continues_after_an_interruption(tmp_path: Path) -> None:
@@ -237,13 +239,17 @@ def test_a_global_problem() -> None:
     f = -(model.K[:, model.fixed] @ moved[1])[free]
     w = np.zeros((len(mu), 3))
     w[:, 0] = model.gap
-    given = bp.fclib.GlobalProblem(model.K[free][:, free], model.B[:, free].T, f, w, mu)
-    found = given.solve(tol=1e-12)
+    global_problem = bp.fclib.GlobalProblem(
+        model.K[free][:, free], model.B[:, free].T, f, w, mu
+    )
+    answer = global_problem.solve(tol=1e-12)
     straight = problem(model, mu).solve(None, moved[1], tol=1e-12)
     size = np.abs(straight.reaction).max()
-    np.testing.assert_allclose(found.reaction, straight.reaction[0], atol=1e-10 * size)
+    np.testing.assert_allclose(answer.reaction, straight.reaction[0], atol=1e-10 * size)
     u = straight.displacement[0, free]
-    np.testing.assert_allclose(given.velocity(found), u, atol=1e-9 * np.abs(u).max())
+    np.testing.assert_allclose(
+        global_problem.velocity(answer), u, atol=1e-9 * np.abs(u).max()
+    )
 
 
 class TestGrainOfTheCube:
@@ -282,9 +288,9 @@ class TestGrainOfTheCube:
 
     def test_equal_coefficients_are_the_scene_itself(self) -> None:
         two = cube("contact.0.mu=[0.3, 0.3]", "contact.0.axis=[0.3, 0.4, 0.0]")
-        one = cube()
+        whole_cube = cube()
         ends = []
-        for case in (two, one):
+        for case in (two, whole_cube):
             step = case.model.problem().solve(None, case.prescribed, tol=1e-12)[-1]
             ends.append(np.einsum("ck,ckd->cd", step.reaction, case.model.frame))
         np.testing.assert_allclose(*ends, atol=1e-9 * np.abs(ends[1]).max())

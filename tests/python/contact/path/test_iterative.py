@@ -86,42 +86,42 @@ def test_nearly_incompressible(poisson: float) -> None:
 
 
 def test_units_do_not_matter() -> None:
-    known, prescribed = arrays()
+    arguments, prescribed = arrays()
     reference = None
     for factor in (1.0, 2.0**40, 1e-9):
-        known, _ = arrays(factor=factor)
-        problem = bp.ContactProblem(**known, engine="iterative")
+        arguments, _ = arrays(factor=factor)
+        problem = bp.ContactProblem(**arguments, engine="iterative")
         r = problem.solve(prescribed=prescribed).reaction / factor
         reference = r if reference is None else reference
         assert np.abs(r - reference).max() <= CLOSE * np.abs(reference).max()
 
 
 def test_threads_do_not_change_a_bit() -> None:
-    known, prescribed = arrays(8)
-    one, two = (
-        bp.ContactProblem(**known, engine="iterative", num_threads=k).solve(
+    arguments, prescribed = arrays(8)
+    first_run, two = (
+        bp.ContactProblem(**arguments, engine="iterative", num_threads=k).solve(
             prescribed=prescribed
         )
         for k in (1, 2)
     )
-    np.testing.assert_array_equal(one.reaction, two.reaction)
-    np.testing.assert_array_equal(one.displacement, two.displacement)
+    np.testing.assert_array_equal(first_run.reaction, two.reaction)
+    np.testing.assert_array_equal(first_run.displacement, two.displacement)
 
 
 def test_degrees_of_freedom_by_components() -> None:
-    known, prescribed = arrays()
-    n = known["K"].shape[0]
+    arguments, prescribed = arrays()
+    n = arguments["K"].shape[0]
     order = np.arange(n).reshape(-1, 3).T.ravel()
     place = np.argsort(order)
-    other = known | {
-        "K": known["K"].tocsr()[order][:, order],
-        "B": known["B"].tocsr()[:, order],
-        "fixed": place[known["fixed"]],
-        "coordinates": known["coordinates"][order],
+    other = arguments | {
+        "K": arguments["K"].tocsr()[order][:, order],
+        "B": arguments["B"].tocsr()[:, order],
+        "fixed": place[arguments["fixed"]],
+        "coordinates": arguments["coordinates"][order],
     }
     a, b = (
-        bp.ContactProblem(**given, engine="iterative").solve(prescribed=prescribed)
-        for given in (known, other)
+        bp.ContactProblem(**permuted, engine="iterative").solve(prescribed=prescribed)
+        for permuted in (arguments, other)
     )
     assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
 
@@ -131,12 +131,12 @@ class TestWithoutCoordinates:
 
     @pytest.mark.parametrize("n", [6, 12])
     def test_the_answer_and_the_work(self, n: int) -> None:
-        known, prescribed = arrays(n)
-        direct = bp.ContactProblem(**known, engine="direct").solve(
+        arguments, prescribed = arrays(n)
+        direct = bp.ContactProblem(**arguments, engine="direct").solve(
             prescribed=prescribed, tol=1e-12
         )
-        del known["coordinates"]
-        ours = bp.ContactProblem(**known, engine="iterative").solve(
+        del arguments["coordinates"]
+        ours = bp.ContactProblem(**arguments, engine="iterative").solve(
             prescribed=prescribed, tol=1e-12
         )
         r = direct.reaction
@@ -146,57 +146,59 @@ class TestWithoutCoordinates:
         assert sum(step.stats["krylov"] for step in ours) <= 150
 
     def test_degrees_of_freedom_by_components(self) -> None:
-        known, prescribed = arrays()
-        n = known["K"].shape[0]
+        arguments, prescribed = arrays()
+        n = arguments["K"].shape[0]
         order = np.arange(n).reshape(-1, 3).T.ravel()
         other = {
-            "K": known["K"].tocsr()[order][:, order],
-            "B": known["B"].tocsr()[:, order],
-            "fixed": np.argsort(order)[known["fixed"]],
-            "gap": known["gap"],
-            "mu": known["mu"],
+            "K": arguments["K"].tocsr()[order][:, order],
+            "B": arguments["B"].tocsr()[:, order],
+            "fixed": np.argsort(order)[arguments["fixed"]],
+            "gap": arguments["gap"],
+            "mu": arguments["mu"],
         }
         a, b = (
-            bp.ContactProblem(**given, engine="iterative").solve(prescribed=prescribed)
-            for given in (known, other)
+            bp.ContactProblem(**permuted, engine="iterative").solve(
+                prescribed=prescribed
+            )
+            for permuted in (arguments, other)
         )
         assert np.abs(a.reaction - b.reaction).max() <= CLOSE * a.reaction.max()
 
     def test_a_body_without_supports_is_refused(self) -> None:
         """Whether contact holds it, only its rigid motions tell."""
-        known, _ = arrays()
-        del known["coordinates"], known["fixed"]
+        arguments, _ = arrays()
+        del arguments["coordinates"], arguments["fixed"]
         with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
-            bp.ContactProblem(**known, engine="iterative")
+            bp.ContactProblem(**arguments, engine="iterative")
 
     def test_a_body_that_can_turn_is_refused(self) -> None:
         """Two nodes are held: the body turns about the line through them."""
-        known, _ = arrays(6)
-        del known["coordinates"]
-        known["fixed"] = known["fixed"].reshape(-1, 3)[:2].ravel()
+        arguments, _ = arrays(6)
+        del arguments["coordinates"]
+        arguments["fixed"] = arguments["fixed"].reshape(-1, 3)[:2].ravel()
         with pytest.raises(NotIterativeError, match=r"coordinates.*engine='direct'"):
-            bp.ContactProblem(**known, engine="iterative")
+            bp.ContactProblem(**arguments, engine="iterative")
 
     def test_the_unit_of_the_stiffness_does_not_matter(self) -> None:
         reference = None
         for factor in (1.0, 2.0**-60, 1e30):
-            known, prescribed = arrays(factor=factor)
-            del known["coordinates"]
-            problem = bp.ContactProblem(**known, engine="iterative")
+            arguments, prescribed = arrays(factor=factor)
+            del arguments["coordinates"]
+            problem = bp.ContactProblem(**arguments, engine="iterative")
             r = problem.solve(prescribed=prescribed).reaction / factor
             reference = r if reference is None else reference
             assert np.abs(r - reference).max() <= CLOSE * np.abs(reference).max()
 
 
 def test_a_path_continues_and_survives_a_pickle() -> None:
-    known, prescribed = arrays()
-    problem = bp.ContactProblem(**known, engine="iterative")
+    arguments, prescribed = arrays()
+    problem = bp.ContactProblem(**arguments, engine="iterative")
     whole = problem.solve(prescribed=prescribed)
     first = problem.solve(prescribed=prescribed[:1])
     again = pickle.loads(pickle.dumps(problem))
     assert again.stats["engine"] == "iterative"
-    for one in (problem, again):
-        rest = one.solve(prescribed=prescribed[1:], start=first)
+    for problem_of_path in (problem, again):
+        rest = problem_of_path.solve(prescribed=prescribed[1:], start=first)
         np.testing.assert_array_equal(rest.reaction[0], whole.reaction[1])
 
 
@@ -223,37 +225,39 @@ def test_a_path_with_open_contacts_continues_to_the_same_bits() -> None:
 
 
 def test_many_cases_and_other_friction() -> None:
-    known, prescribed = arrays()
+    arguments, prescribed = arrays()
     mus = (0.1, 0.6)
     cases = [{"prescribed": prescribed, "mu": mu} for mu in mus]
-    problem = bp.ContactProblem(**known, engine="iterative")
-    for mu, found in zip(mus, problem.solve_many(cases), strict=True):
-        direct = bp.ContactProblem(**known | {"mu": mu}, engine="direct")
+    problem = bp.ContactProblem(**arguments, engine="iterative")
+    for mu, path_result in zip(mus, problem.solve_many(cases), strict=True):
+        direct = bp.ContactProblem(**arguments | {"mu": mu}, engine="direct")
         r = direct.solve(prescribed=prescribed).reaction
-        assert np.abs(found.reaction - r).max() <= CLOSE * r.max()
+        assert np.abs(path_result.reaction - r).max() <= CLOSE * r.max()
 
 
 def test_the_direct_engine_replaces_it_where_it_stalls(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """ν so close to a half that multigrid does not converge."""
-    known, prescribed = arrays()
+    arguments, prescribed = arrays()
     model = pressed(4).with_(**{"material.soft.poisson": 0.4999999}).assemble().model
-    known["K"] = model.K
-    problem = bp.ContactProblem(**known, engine="iterative")
-    found = problem.solve(prescribed=prescribed)
-    direct = bp.ContactProblem(**known, engine="direct").solve(prescribed=prescribed)
+    arguments["K"] = model.K
+    problem = bp.ContactProblem(**arguments, engine="iterative")
+    replaced = problem.solve(prescribed=prescribed)
+    direct = bp.ContactProblem(**arguments, engine="direct").solve(
+        prescribed=prescribed
+    )
     r = direct.reaction
     # The entries of K round away half of the digits for this ν.
-    assert np.abs(found.reaction - r).max() <= 1e-6 * r.max()
-    if "krylov" not in found[0].stats:
+    assert np.abs(replaced.reaction - r).max() <= 1e-6 * r.max()
+    if "krylov" not in replaced[0].stats:
         assert "stalled" in problem.stats["engine_reason"]
 
     def refused(*_args: Any) -> Any:
         raise MemoryError("the factor does not fit")
 
     monkeypatch.setattr(PreparedStiffness, "_condense", refused)
-    small = bp.ContactProblem(**known, engine="iterative")
+    small = bp.ContactProblem(**arguments, engine="iterative")
     outcome = small.solve_many([{"prescribed": prescribed}])[0]
     if outcome.success:
         assert np.abs(outcome.reaction - r).max() <= 1e-6 * r.max()
@@ -262,10 +266,10 @@ def test_the_direct_engine_replaces_it_where_it_stalls(
 
 
 def test_the_summary_names_the_engine() -> None:
-    known, _ = arrays()
-    said = str(bp.ContactProblem(**known, engine="iterative"))
-    assert "engine" in said
-    assert "iterative: it was asked for" in said
+    arguments, _ = arrays()
+    text = str(bp.ContactProblem(**arguments, engine="iterative"))
+    assert "engine" in text
+    assert "iterative: it was asked for" in text
 
 
 def test_a_slender_body_is_right_or_left_to_the_direct_engine() -> None:
@@ -286,10 +290,10 @@ def test_a_slender_body_is_right_or_left_to_the_direct_engine() -> None:
 
 def test_a_body_that_can_turn_is_refused() -> None:
     """Two contact nodes: the body turns about the line through them."""
-    known, _ = arrays()
-    few = known | {
-        "B": known["B"][:6],
-        "gap": known["gap"][:2],
+    arguments, _ = arrays()
+    few = arguments | {
+        "B": arguments["B"][:6],
+        "gap": arguments["gap"][:2],
         "mu": 0.3,
         "fixed": None,
     }
@@ -301,27 +305,27 @@ def test_a_body_that_can_turn_is_refused() -> None:
 
 def test_few_digits_of_a_floating_body_are_no_springs() -> None:
     """Rounded entries resist rigid motions as weak springs would."""
-    known, _ = arrays()
-    known["fixed"] = None
-    bp.ContactProblem(**known, engine="iterative")
-    rounded = known["K"].copy()
+    arguments, _ = arrays()
+    arguments["fixed"] = None
+    bp.ContactProblem(**arguments, engine="iterative")
+    rounded = arguments["K"].copy()
     rounded.data = np.array([float(f"{x:.6e}") for x in rounded.data])
     with pytest.raises(NotIterativeError, match="few digits"):
-        bp.ContactProblem(**known | {"K": rounded}, engine="iterative")
+        bp.ContactProblem(**arguments | {"K": rounded}, engine="iterative")
 
 
 class TestRefusals:
     """Each names the reason and the way out."""
 
     def test_other_methods(self) -> None:
-        known, prescribed = arrays()
-        problem = bp.ContactProblem(**known, engine="iterative")
+        arguments, prescribed = arrays()
+        problem = bp.ContactProblem(**arguments, engine="iterative")
         with pytest.raises(ValueError, match=r"'uzawa'.*engine='direct'"):
             problem.solve(prescribed=prescribed, method="uzawa")
 
     def test_the_compliance(self) -> None:
-        known, prescribed = arrays()
-        problem = bp.ContactProblem(**known, engine="iterative")
+        arguments, prescribed = arrays()
+        problem = bp.ContactProblem(**arguments, engine="iterative")
         with pytest.raises(ValueError, match=r"compliance W.*engine='direct'"):
             _ = problem.compliance
         step = problem.solve(prescribed=prescribed)[-1]
@@ -329,16 +333,16 @@ class TestRefusals:
         assert "engine='direct'" in step.error.reason
 
     def test_unknown_engine(self) -> None:
-        known, _ = arrays()
+        arguments, _ = arrays()
         with pytest.raises(ValueError, match="engine is 'iterativ', expected"):
-            bp.ContactProblem(**known, engine="iterativ")
+            bp.ContactProblem(**arguments, engine="iterativ")
 
     def test_asymmetric_stiffness(self) -> None:
-        known, _ = arrays()
-        wrong = known["K"].tolil()
+        arguments, _ = arrays()
+        wrong = arguments["K"].tolil()
         wrong[0, 1] += 1.0
         with pytest.raises(ValueError, match="not symmetric"):
-            bp.ContactProblem(**known | {"K": wrong.tocsr()}, engine="iterative")
+            bp.ContactProblem(**arguments | {"K": wrong.tocsr()}, engine="iterative")
 
 
 def test_the_file_names_the_engine(tmp_path: Any) -> None:

@@ -82,14 +82,14 @@ def path(dim: int, steps: int = 4, seed: int = 3) -> bp.MovingGaps:
     rng = np.random.default_rng(seed)
     base = setup(dim)[2]
     count = len(base)
-    found, frame = [], base
+    frames_of_path, frame = [], base
     for _ in range(steps):
         tilt = frame[:, 0] + 0.08 * rng.normal(size=(count, dim))
         frame = turn_frames(frame, tilt / np.linalg.norm(tilt, axis=1, keepdims=True))
-        found.append(frame)
+        frames_of_path.append(frame)
     gap = np.cumsum(rng.normal(-0.004, 0.006, size=(steps, count)), axis=0)
     drag = np.cumsum(0.01 * rng.normal(size=(steps, count, dim)), axis=0)
-    return bp.MovingGaps(gap, np.array(found), drag)
+    return bp.MovingGaps(gap, np.array(frames_of_path), drag)
 
 
 def make(dim: int, mu: Any = 0.3, **more: Any) -> bp.ContactProblem:
@@ -114,17 +114,19 @@ def alone(dim: int, moving: bp.MovingGaps, mu: Any, **more: Any) -> list[bp.Step
     plain = body.B.toarray().reshape(len(base), dim, -1)
     # In global components: B is in the frames of the start.
     node = np.einsum("ckd,ckn->cdn", base, plain)
-    w, found = np.zeros((len(base), dim)), []
+    w, steps_alone = np.zeros((len(base), dim)), []
     for k in range(len(moving)):
-        one = moving[k]
-        B = np.einsum("ckd,cdn->ckn", one.frame, node).reshape(-1, body.K.shape[0])
-        gap = -np.einsum("ckd,cd->ck", one.frame, one.drag + w)
-        gap[:, 0] = one.gap
+        gap_of_step = moving[k]
+        B = np.einsum("ckd,cdn->ckn", gap_of_step.frame, node).reshape(
+            -1, body.K.shape[0]
+        )
+        gap = -np.einsum("ckd,cd->ck", gap_of_step.frame, gap_of_step.drag + w)
+        gap[:, 0] = gap_of_step.gap
         problem = make(dim, mu, B=sparse.csr_array(B), engine="direct", **more)
         (step,) = problem.solve(gap=gap[None], tol=TOL)
-        w = np.einsum("cdn,n->cd", node, step.displacement) - one.drag
-        found.append(step)
-    return found
+        w = np.einsum("cdn,n->cd", node, step.displacement) - gap_of_step.drag
+        steps_alone.append(step)
+    return steps_alone
 
 
 def close(found: Any, expected: Any, share: float = SAME) -> None:
@@ -174,8 +176,8 @@ def test_each_step_is_that_of_a_problem_in_its_frames(
 @pytest.mark.parametrize("working_set", [True, False])
 def test_a_working_set_changes_nothing(working_set: bool) -> None:
     moving = path(3)
-    found = make(3, gaps=moving, engine="direct", working_set=working_set)
-    result = found.solve(tol=TOL)
+    solved_problem = make(3, gaps=moving, engine="direct", working_set=working_set)
+    result = solved_problem.solve(tol=TOL)
     expected = make(3, gaps=moving, engine="direct").solve(tol=TOL)
     close(result.reaction, expected.reaction)
     close(result.displacement, expected.displacement)
@@ -187,9 +189,9 @@ def test_the_reduced_problem_is_that_of_the_step() -> None:
     result = problem.solve(tol=TOL)
     for k, step in enumerate(result):
         before = result[k - 1] if k else None
-        own = problem.reduced(start=before, gap=moving[k])
-        assert own.residual(step.reaction) < 1e-12
-        solved = own.solve(tol=TOL)
+        reduced = problem.reduced(start=before, gap=moving[k])
+        assert reduced.residual(step.reaction) < 1e-12
+        solved = reduced.solve(tol=TOL)
         close(solved.relative_displacement[:, 1:], step.slip)
 
 
@@ -199,11 +201,11 @@ def test_frames_of_the_problem_change_no_bit(engine: str) -> None:
     still = path(3)
     moving = bp.MovingGaps(still.gap, np.array([base] * 4), still.drag)
     gaps = moving.by_component
-    found = make(3, gaps=moving, engine=engine).solve()
+    solved = make(3, gaps=moving, engine=engine).solve()
     plain = make(3, gaps=gaps, engine=engine).solve()
     for name in ("reaction", "relative_displacement", "slip", "displacement"):
-        assert np.array_equal(getattr(found, name), getattr(plain, name))
-    assert found[0].frame is not None
+        assert np.array_equal(getattr(solved, name), getattr(plain, name))
+    assert solved[0].frame is not None
     assert plain[0].frame is None
     assert len(body.gap) == len(base)
 
@@ -220,10 +222,10 @@ def test_the_first_steps_do_not_depend_on_later_ones(engine: str) -> None:
 def same_bits(found: bp.Result, expected: bp.Result) -> None:
     for name in ("reaction", "relative_displacement", "slip", "status"):
         assert np.array_equal(getattr(found, name), getattr(expected, name))
-    for one, other in zip(found, expected, strict=True):
-        assert one.frame is not None
-        assert np.array_equal(one.frame, other.frame)
-        assert np.array_equal(one.drag, other.drag)
+    for step_of_path, other in zip(found, expected, strict=True):
+        assert step_of_path.frame is not None
+        assert np.array_equal(step_of_path.frame, other.frame)
+        assert np.array_equal(step_of_path.drag, other.drag)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -340,8 +342,8 @@ def test_a_support_oblique_to_a_frame_leaves_the_step_to_the_direct_engine() -> 
         )
         return problem.solve(tol=TOL)
 
-    found, expected = solved("iterative"), solved("direct")
-    close(found.reaction, expected.reaction)
+    by_iteration, expected = solved("iterative"), solved("direct")
+    close(by_iteration.reaction, expected.reaction)
     # n·u = δ with u along y.
     assert expected.displacement[1, 1] == pytest.approx(1e-3 / np.cos(0.3), rel=1e-12)
 
@@ -362,7 +364,9 @@ def test_the_smallest_rotation_of_a_frame(dim: int) -> None:
     if dim == 3:
         # The axis of the rotation is n × n', so that nothing turns about the normal.
         R = np.einsum("cki,ckj->cij", turned, frame)
-        axis = np.array([Rotation.from_matrix(one).as_rotvec() for one in R])
+        axis = np.array(
+            [Rotation.from_matrix(rotation_matrix).as_rotvec() for rotation_matrix in R]
+        )
         expected = np.cross(frame[:, 0], second)
         lined = np.linalg.norm(np.cross(axis, expected), axis=1)
         np.testing.assert_allclose(lined, 0, atol=1e-12)
@@ -394,21 +398,21 @@ def test_wrong_moving_gaps(arguments: Any, said: str) -> None:
 
 
 def test_wrong_uses() -> None:
-    one = bp.MovingGaps([0.0], EYE, [[0.0, 0.0]])
+    moving = bp.MovingGaps([0.0], EYE, [[0.0, 0.0]])
     K, base = np.eye(2), np.eye(2)[None]
-    given: Any = {"gap": [0.0], "mu": 0.3}
+    arguments: Any = {"gap": [0.0], "mu": 0.3}
     with pytest.raises(ValueError, match="pass frame= to ContactProblem"):
-        bp.ContactProblem(K, np.eye(2), gaps=one, **given)
-    problem = bp.ContactProblem(K, np.eye(2), frame=base, **given)
+        bp.ContactProblem(K, np.eye(2), gaps=moving, **arguments)
+    problem = bp.ContactProblem(K, np.eye(2), frame=base, **arguments)
     with pytest.raises(ValueError, match="moving gaps of 2 contacts"):
         problem.solve(gap=bp.MovingGaps([0.0] * 2, [np.eye(2)] * 2, np.zeros((2, 2))))
     with pytest.raises(ValueError, match="expected those of one, moving"):
         problem.reduced(gap=bp.MovingGaps([[0.0]], [base], [[[0.0, 0.0]]]))
     with pytest.raises(TypeError, match="one step, which has no length"):
-        len(one)
+        len(moving)
     turned = bp.MovingGaps([[0.0]], [[of_angle(0.1)]], [[[0.0, 0.0]]])
     result = problem.solve(gap=turned)
-    bare = bp.ContactProblem(K, np.eye(2), **given)
+    bare = bp.ContactProblem(K, np.eye(2), **arguments)
     with pytest.raises(ValueError, match="start has frames of its own"):
         bare.solve(start=result)
     with pytest.raises(ValueError, match="start has frames of its own"):

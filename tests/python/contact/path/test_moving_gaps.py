@@ -110,11 +110,11 @@ def test_the_gaps_of_the_problem_given_again_change_no_bit(mu: Any) -> None:
     problem = make(dim, friction)
     prescribed = as_supports(dim, wall(dim)[0])
     without = problem.solve(prescribed=prescribed)
-    given = problem.solve(prescribed=prescribed, gap=gap)
+    with_gap = problem.solve(prescribed=prescribed, gap=gap)
     for name in ("reaction", "relative_displacement", "slip", "status", "displacement"):
-        assert np.array_equal(getattr(without, name), getattr(given, name))
+        assert np.array_equal(getattr(without, name), getattr(with_gap, name))
     assert without[0].gap is None
-    np.testing.assert_array_equal(given[0].gap[:, 0], gap)
+    np.testing.assert_array_equal(with_gap[0].gap[:, 0], gap)
 
 
 @pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
@@ -128,13 +128,13 @@ def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
     path = problem.solve(gap=gaps, tol=TOL)
     before = None
     for k, step in enumerate(path):
-        own = bp.ContactProblem(
+        held_problem = bp.ContactProblem(
             body.K, body.B, gap=gaps[k], mu=friction, fixed=fixed, area=body.area
         )
-        same = own.solve(start=before, tol=TOL)[0]
+        same = held_problem.solve(start=before, tol=TOL)[0]
         for name in ("reaction", "relative_displacement", "slip", "displacement"):
-            found, expected = getattr(step, name), getattr(same, name)
-            assert np.array_equal(found, expected), name
+            value, expected = getattr(step, name), getattr(same, name)
+            assert np.array_equal(value, expected), name
         assert step.unique == same.unique
         assert step.error.kind == same.error.kind
         if dim == 2:
@@ -143,7 +143,7 @@ def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
         reduced = problem.reduced(start=before, gap=gaps[k])
         again = reduced.solve(tol=TOL)
         close(again.reaction, step.reaction)
-        np.testing.assert_array_equal(reduced.q, own.reduced(start=before).q)
+        np.testing.assert_array_equal(reduced.q, held_problem.reduced(start=before).q)
         before = step
 
 
@@ -194,11 +194,11 @@ def test_paths_side_by_side_have_the_bits_of_one() -> None:
         make(3, 0.6).solve(gap=gaps[:, :, 0]),
         problem.solve(gap=gaps[::-1]),
     ]
-    for many, one in zip(problem.solve_many(cases), alone, strict=True):
+    for many, alone_result in zip(problem.solve_many(cases), alone, strict=True):
         assert many.success
-        assert np.array_equal(many.reaction, one.reaction)
-        assert np.array_equal(many.slip, one.slip)
-        assert [step.unique for step in many] == [step.unique for step in one]
+        assert np.array_equal(many.reaction, alone_result.reaction)
+        assert np.array_equal(many.slip, alone_result.slip)
+        assert [step.unique for step in many] == [step.unique for step in alone_result]
 
 
 def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
@@ -217,11 +217,11 @@ def test_gaps_of_the_problem() -> None:
     body, fixed, gap = setup(2)
     moving = wall(2)[1]
     told = make(2).solve(gap=moving)
-    given: Any = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
-    found = bp.solve(body.K, body.B, gaps=moving, **given)
-    assert np.array_equal(found.reaction, told.reaction)
+    arguments: Any = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    solved = bp.solve(body.K, body.B, gaps=moving, **arguments)
+    assert np.array_equal(solved.reaction, told.reaction)
     with pytest.raises(ValueError, match=r"gap has shape \(4, 5\), expected \(6,\)"):
-        bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **given)
+        bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **arguments)
 
 
 def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) -> None:
@@ -232,14 +232,14 @@ def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) 
         {"gaps": gaps, "loads": (None, prescribed)},
         {"gaps": gaps, "loads": (None, prescribed[:1])},
     ]
-    for own in owned:
-        moved = own.get("loads", (None, None))[1]
+    for options in owned:
+        moved = options.get("loads", (None, None))[1]
         told = [] if moved is None else list(np.broadcast_to(moved, prescribed.shape))
-        problem = make(2, **own)
+        problem = make(2, **options)
         whole = problem.solve()
         assert len(whole) == 4
-        given = make(2)
-        first = given.solve(prescribed=told[:2] or None, gap=gaps[:2])
+        with_gaps = make(2)
+        first = with_gaps.solve(prescribed=told[:2] or None, gap=gaps[:2])
         first.save(tmp_path / "first.h5")
         for start in (first, bp.load(tmp_path / "first.h5")):
             rest = problem.solve(start=start)
@@ -248,7 +248,9 @@ def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) 
             (many,) = problem.solve_many([{"start": start}])
             assert np.array_equal(many.reaction, whole.reaction[2:])
         # A path in three parts numbers its steps from the first part on.
-        third = given.solve(prescribed=told[2:3] or None, gap=gaps[2:3], start=first)
+        third = with_gaps.solve(
+            prescribed=told[2:3] or None, gap=gaps[2:3], start=first
+        )
         third.save(tmp_path / "third.h5")
         for start in (third, bp.load(tmp_path / "third.h5")):
             last = problem.solve(start=start)
@@ -303,9 +305,9 @@ def test_a_single_row_of_loads_or_gaps_is_repeated() -> None:
     assert np.array_equal(moved.reaction, spelled.reaction)
     kept = problem.solve(prescribed=prescribed, gap=gaps[1:2])
     assert len(kept) == 4
-    known = make(2, loads=(None, prescribed))
+    with_loads = make(2, loads=(None, prescribed))
     np.testing.assert_array_equal(
-        known.solve(gap=gaps).reaction,
+        with_loads.solve(gap=gaps).reaction,
         problem.solve(prescribed=prescribed, gap=gaps).reaction,
     )
 
@@ -358,12 +360,14 @@ def test_adaptive_steps() -> None:
         start[:, 0] = setup(dim)[2]
 
         def at(s: float, gaps: Any = gaps, start: Any = start) -> Any:
-            known = np.concatenate([start[None], gaps])
+            gaps_with_start = np.concatenate([start[None], gaps])
             before = min(int(s), len(gaps) - 1)
             share = s - before
             if share == 1.0:
-                return known[before + 1]
-            return (1 - share) * known[before] + share * known[before + 1]
+                return gaps_with_start[before + 1]
+            return (1 - share) * gaps_with_start[before] + share * gaps_with_start[
+                before + 1
+            ]
 
         ends = np.arange(1.0, 5.0)
         followed = problem.follow(stops=ends, largest=1.0, gap=at, tol=TOL)
@@ -396,16 +400,16 @@ def test_wrong_gaps_of_follow() -> None:
 def test_loads_of_the_problem_need_an_explicit_load_for_one_step() -> None:
     """`reduced` and `follow` raise if the problem has loads and none is given."""
     K = 1e3 * np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
-    given = {"gap": [0.0], "mu": 0.3}
+    arguments = {"gap": [0.0], "mu": 0.3}
     load = np.array([10.0, 1.0, 0.0, 0.0])
-    one = bp.ContactProblem(K, np.eye(2, 4), loads=load[None], **given)
-    assert one.existence().verdict == "none"
-    plain = bp.ContactProblem(K, np.eye(2, 4), **given)
-    np.testing.assert_array_equal(one.reduced().q, plain.reduced(load).q)
-    several = bp.ContactProblem(K, np.eye(2, 4), loads=[0 * load, load], **given)
+    with_row = bp.ContactProblem(K, np.eye(2, 4), loads=load[None], **arguments)
+    assert with_row.existence().verdict == "none"
+    plain = bp.ContactProblem(K, np.eye(2, 4), **arguments)
+    np.testing.assert_array_equal(with_row.reduced().q, plain.reduced(load).q)
+    several = bp.ContactProblem(K, np.eye(2, 4), loads=[0 * load, load], **arguments)
     for ask in (several.existence, several.reduced):
         with pytest.raises(ValueError, match=r"load is missing: .* have 2 steps"):
             ask()
-    for problem in (one, several):
+    for problem in (with_row, several):
         with pytest.raises(ValueError, match=r"load is missing: .* as a function of s"):
             problem.follow()

@@ -21,8 +21,8 @@ def body(cells: int, young: float = 100.0) -> Body:
 
 def problem(of: Body, **more: Any) -> bp.ContactProblem:
     fixed = np.concatenate([of.dofs(1, 2.0, k) for k in range(2)])
-    given = {"gap": of.gap, "mu": 0.4, "fixed": fixed, "area": of.area}
-    return bp.ContactProblem(more.pop("K", of.K), of.B, **(given | more))
+    arguments = {"gap": of.gap, "mu": 0.4, "fixed": fixed, "area": of.area}
+    return bp.ContactProblem(more.pop("K", of.K), of.B, **(arguments | more))
 
 
 def orderings(made: bp.ContactProblem) -> int:
@@ -30,8 +30,8 @@ def orderings(made: bp.ContactProblem) -> int:
 
 
 def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
-    one, other = body(9), body(9, young=7.0)
-    first = problem(one)
+    pattern, other = body(9), body(9, young=7.0)
+    first = problem(pattern)
     again = problem(other, mu=0.1, gap=other.gap + 0.25, area=None, num_threads=1)
     assert (orderings(first), orderings(again)) == (1, 0)
     assert again.stats["ordering"] == first.stats["ordering"]
@@ -54,11 +54,11 @@ def test_stored_zeros() -> None:
     made = [problem(here, K=K) for K in (pairs, whole, clean)]
     # Stored zeros between uncoupled nodes cost nothing. Zeros within coupled nodes keep the
     # unknowns of a node together and fill in anyway.
-    assert [orderings(one) for one in made] == [1, 1, 0]
-    counts = [one.stats["nnz_factor"] for one in made]
+    assert [orderings(problem_made) for problem_made in made] == [1, 1, 0]
+    counts = [problem_made.stats["nnz_factor"] for problem_made in made]
     assert counts[1] == counts[2]
     assert counts[0] <= 1.05 * counts[2]
-    W = [one.compliance for one in made]
+    W = [problem_made.compliance for problem_made in made]
     # Other orderings round differently: S is right to 1e-14, W to that times cond(S).
     bound = 1e-14 * made[0].stats["cond_S"] * np.abs(W[0]).max()
     assert np.abs(W[0] - W[1]).max() <= bound
@@ -143,20 +143,20 @@ def test_update_counts_no_ordering() -> None:
 def test_threads_share_one_pattern() -> None:
     here = body(11)
     expected = problem(here).compliance.tobytes()
-    found: list[bytes] = []
+    compliances: list[bytes] = []
 
     def work() -> None:
         for cells in (11, 5, 11):
             made = problem(body(cells), num_threads=1)
             if cells == 11:
-                found.append(made.compliance.tobytes())
+                compliances.append(made.compliance.tobytes())
 
     threads = [threading.Thread(target=work) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert found == [expected] * 8
+    assert compliances == [expected] * 8
 
 
 def test_a_forked_child_has_its_own() -> None:

@@ -86,8 +86,8 @@ def test_a_forked_child_with_a_large_matrix(engine: str) -> None:
 
     def child() -> None:
         again = pressed(15).assemble()
-        found = again.solve(again.problem(engine=engine)).reaction
-        assert np.array_equal(found, expected)
+        reaction = again.solve(again.problem(engine=engine)).reaction
+        assert np.array_equal(reaction, expected)
 
     assert forked(child).returncode == 0
 
@@ -95,12 +95,12 @@ def test_a_forked_child_with_a_large_matrix(engine: str) -> None:
 def test_a_problem_made_before_the_fork(expected: bytes) -> None:
     problem = cube()
     load = loads(int(problem.stats["n"]))
-    one = problem.solve(load[0])
+    first_step = problem.solve(load[0])
 
     def child() -> None:
         both = problem.solve(load)
         assert both.reaction.tobytes() + both.displacement.tobytes() == expected
-        second = problem.solve(load[1], start=one)
+        second = problem.solve(load[1], start=first_step)
         assert second.reaction[0].tobytes() == both.reaction[1].tobytes()
 
     assert forked(child).returncode == 0
@@ -158,8 +158,8 @@ def test_threads_that_share_a_problem(expected: bytes) -> None:
 def test_pool_of_processes(method: str, expected: bytes) -> None:
     context = multiprocessing.get_context(method)
     with ProcessPoolExecutor(2, mp_context=context) as pool:
-        found = list(pool.map(answer, [1, None, 2, 1], timeout=50))
-    assert set(found) == {expected}
+        reactions = list(pool.map(answer, [1, None, 2, 1], timeout=50))
+    assert set(reactions) == {expected}
 
 
 def workers() -> int:

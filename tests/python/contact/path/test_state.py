@@ -238,13 +238,13 @@ def test_derivatives_from_a_state_are_those_of_differences() -> None:
 def test_wear_from_a_state_is_that_from_its_step() -> None:
     problem = point(2, area=[1.0])
     first = problem.solve([-PRESSURE, 6.0], tol=1e-14)
-    given = bp.State(
+    state_of_start = bp.State(
         reaction=first.reaction[0], relative_displacement=first.relative_displacement[0]
     )
     there_and_back = np.array([[-PRESSURE, -6.0], [-PRESSURE, 6.0]])
     worn = [
         problem.wear(there_and_back, coefficient=1e-6, cycles=3, jump=False, start=at)
-        for at in (first, given)
+        for at in (first, state_of_start)
     ]
     assert worn[0].depth[-1, 0] > 0
     # Equal loads and η of 1e-10.

@@ -15,8 +15,8 @@ FIXED = np.concatenate([BODY.dofs(1, 2.0, k) for k in range(2)])
 
 
 def problem(body: Body = BODY, **more: Any) -> bp.ContactProblem:
-    given = {"gap": body.gap, "mu": 0.4, "fixed": FIXED, "area": body.area}
-    return bp.ContactProblem(body.K, body.B, **(given | more))
+    arguments = {"gap": body.gap, "mu": 0.4, "fixed": FIXED, "area": body.area}
+    return bp.ContactProblem(body.K, body.B, **(arguments | more))
 
 
 def steps(count: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -37,14 +37,14 @@ def test_known_loads_give_the_same_answer_without_the_factor() -> None:
     load, moved = steps()
     kept, dropped = problem(), problem(loads=(load, moved))
     # S has the same bits; loads pass the factor as a block and not one by one.
-    for one, other in (
+    for by_loads, other in (
         (dropped.solve(), kept.solve(load, moved)),
         (dropped.solve(load[1], moved[1]), kept.solve(load[1], moved[1])),
     ):
-        assert np.array_equal(one.status, other.status)
+        assert np.array_equal(by_loads.status, other.status)
         size = np.abs(other.reaction).max()
         np.testing.assert_allclose(
-            one.reaction, other.reaction, rtol=0, atol=1e-10 * size
+            by_loads.reaction, other.reaction, rtol=0, atol=1e-10 * size
         )
     assert not dropped.stats["factor_kept"]
     assert kept.stats["factor_kept"]
@@ -96,14 +96,14 @@ def test_a_body_whose_W_has_lost_digits_keeps_its_factor() -> None:
     beam = block([1.0, 0.01], [200, 2], 100.0, 0.3)
     ends = np.concatenate([beam.dofs(0, 0.0, k) for k in range(2)])
     load = beam.weight([0.0, -1e-6])
-    given = {"gap": beam.gap + 1e-5, "mu": 0.3, "fixed": ends, "area": beam.area}
-    known, kept = (
-        bp.ContactProblem(beam.K, beam.B, **given, **more)
+    arguments = {"gap": beam.gap + 1e-5, "mu": 0.3, "fixed": ends, "area": beam.area}
+    with_loads, kept = (
+        bp.ContactProblem(beam.K, beam.B, **arguments, **more)
         for more in ({"loads": load}, {})
     )
-    assert known.stats["cond_S"] > 1e6
-    assert known.stats["factor_kept"]
-    same_bits(known.solve(), kept.solve(load))
+    assert with_loads.stats["cond_S"] > 1e6
+    assert with_loads.stats["factor_kept"]
+    same_bits(with_loads.solve(), kept.solve(load))
 
 
 def test_a_body_held_by_contact_alone_keeps_its_factor() -> None:
@@ -129,21 +129,21 @@ def test_update_replaces_the_stiffness() -> None:
 
 
 def test_an_update_with_the_same_pattern_needs_no_ordering() -> None:
-    one = problem()
-    ordered = one.stats["seconds_order"]
-    one.update(2.0 * BODY.K)
+    first_problem = problem()
+    ordered = first_problem.stats["seconds_order"]
+    first_problem.update(2.0 * BODY.K)
     # The times reported are those of the first analysis.
-    assert one.stats["seconds_order"] == ordered
+    assert first_problem.stats["seconds_order"] == ordered
     n = BODY.K.shape[0]
     far = sparse.coo_array(([1e-9, 1e-9], ([0, n - 1], [n - 1, 0])), shape=(n, n))
     finer = sparse.csr_array(BODY.K + far)
-    one.update(finer)  # # another pattern is analysed again
-    same_bits(one.solve(*steps()), problem_of(finer).solve(*steps()))
+    first_problem.update(finer)  # # another pattern is analysed again
+    same_bits(first_problem.solve(*steps()), problem_of(finer).solve(*steps()))
 
 
 def problem_of(K: Any) -> bp.ContactProblem:
-    given = {"gap": BODY.gap, "mu": 0.4, "fixed": FIXED, "area": BODY.area}
-    return bp.ContactProblem(K, BODY.B, **given)
+    arguments = {"gap": BODY.gap, "mu": 0.4, "fixed": FIXED, "area": BODY.area}
+    return bp.ContactProblem(K, BODY.B, **arguments)
 
 
 def test_an_update_that_fails_leaves_the_problem_as_it_was() -> None:

@@ -162,12 +162,12 @@ def test_two_bodies_and_a_state_to_start_from() -> None:
 def test_bits_do_not_depend_on_threads() -> None:
     body, gap = indented(3, 15, radius=1.0)
     fixed = top(body)
-    one, two = (
+    alone, two = (
         both(body, gap, fixed, None, path(body, fixed, 0.02), num_threads=k)[0]
         for k in (1, 2)
     )
-    assert one.reaction.tobytes() == two.reaction.tobytes()
-    assert one.displacement.tobytes() == two.displacement.tobytes()
+    assert alone.reaction.tobytes() == two.reaction.tobytes()
+    assert alone.displacement.tobytes() == two.displacement.tobytes()
 
 
 FIELDS = (
@@ -186,9 +186,9 @@ FIELDS = (
 
 def same_bits(ours: Any, theirs: Any) -> None:
     assert len(ours) == len(theirs)
-    for one, other in zip(ours, theirs, strict=True):
+    for step_of_path, other in zip(ours, theirs, strict=True):
         for name in FIELDS:
-            ends = [np.asarray(getattr(step, name)) for step in (one, other)]
+            ends = [np.asarray(getattr(step, name)) for step in (step_of_path, other)]
             assert ends[0].tobytes() == ends[1].tobytes(), name
 
 

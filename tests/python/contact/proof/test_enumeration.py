@@ -36,28 +36,30 @@ def alike(found: list[Array], expected: list[Array], rtol: float) -> bool:
 def test_a3_every_branch_is_found(f_t: float, mu: float) -> None:
     problem = one_contact([-1.0, f_t], mu)
     listed = one_contact_branches(K, [-1.0, f_t], mu)
-    found = problem.answers()
-    assert found.complete
+    all_answers = problem.answers()
+    assert all_answers.complete
     # Reactions of order 1 and 1e3, condition below 1e4: exact to rounding.
     expected = [np.array(branch.reaction) for branch in listed]
-    assert alike([s.reaction[0] for s in found], expected, 1e-11)
-    assert len(found) in (1, 3)
-    for solution in found:
+    assert alike([s.reaction[0] for s in all_answers], expected, 1e-11)
+    assert len(all_answers) in (1, 3)
+    for solution in all_answers:
         assert solution.converged
-        assert solution.unique == ("proved" if len(found) == 1 else "others exist")
+        assert solution.unique == (
+            "proved" if len(all_answers) == 1 else "others exist"
+        )
 
 
 def test_a4_wedged_and_relaxed() -> None:
     for mu, reactions in ((3.0, [[1.0, 2.0], [0.0, 0.0]]), (1.5, [[0.0, 0.0]])):
         problem = bp.ContactProblem(K, sparse.eye_array(2), gap=[0.0], mu=mu)
         wedged = problem.solve([[-1.0, 8.0]])
-        found = problem.reduced([0.0, 0.0], start=wedged).answers()
-        assert found.complete
+        all_answers = problem.reduced([0.0, 0.0], start=wedged).answers()
+        assert all_answers.complete
         expected = [np.array(r) for r in reactions]
-        assert alike([s.reaction[0] for s in found], expected, 1e-12)
+        assert alike([s.reaction[0] for s in all_answers], expected, 1e-12)
         unloaded = problem.solve([[0.0, 0.0]], start=wedged)
-        said = "others exist" if len(reactions) > 1 else "proved"
-        assert unloaded[0].unique == said
+        verdict = "others exist" if len(reactions) > 1 else "proved"
+        assert unloaded[0].unique == verdict
 
 
 def test_a_slider_pushed_off_its_spring_has_no_answer() -> None:
@@ -110,11 +112,11 @@ def compare_with_oracle(seed: int, count: int, rigid: bool) -> list[int]:
         problem = random_problem(rng, rigid)
         oracle = Problem(problem.W, problem.q, problem.mu, problem.rigid)
         expected = [answer.r for answer in answers(oracle)]
-        found = problem.answers()
-        assert found.complete
+        all_answers = problem.answers()
+        assert all_answers.complete
         # The oracle separates solutions that differ by 1e-6 and accepts errors of 1e-10.
-        assert alike([s.reaction for s in found], expected, 1e-6)
-        counts.append(len(found))
+        assert alike([s.reaction for s in all_answers], expected, 1e-6)
+        counts.append(len(all_answers))
     return counts
 
 
@@ -123,8 +125,8 @@ def test_twelve_contacts_are_exhausted() -> None:
     factor = rng.normal(size=(24, 40))
     q = rng.normal(size=(12, 2)) - [0.5, 0.0]
     problem = bp.ReducedProblem(factor @ factor.T / 40, q, 0.4)
-    (only,) = found = problem.answers()
-    assert found.complete
+    (only,) = all_answers = problem.answers()
+    assert all_answers.complete
     solved = problem.solve(tol=1e-12)
     # η = 1e-12 and a condition below 100.
     np.testing.assert_allclose(
@@ -136,9 +138,9 @@ def test_redundant_contacts_leave_the_answers_incomplete() -> None:
     # The same contact twice: the sum of the two reactions is determined, each one is not.
     W = np.tile([[0.5, 0.1], [0.1, 1.0]], (2, 2))
     problem = bp.ReducedProblem(W, [[-1.0, 0.7], [-1.0, 0.7]], 0.3)
-    found = problem.answers()
-    assert not found.complete
-    for solution in found:
+    all_answers = problem.answers()
+    assert not all_answers.complete
+    for solution in all_answers:
         np.testing.assert_allclose(
             solution.reaction.sum(axis=0), [2.12765957, -0.63829787], rtol=1e-8
         )
@@ -154,15 +156,15 @@ def wedge_in_space() -> bp.ReducedProblem:
 
 def test_restarts_find_several_answers_in_space() -> None:
     problem = wedge_in_space()
-    found = problem.answers(restarts=20, seed=3)
-    assert not found.complete
-    assert "there may be others" in repr(found)
-    kinds = {bp.Status(s.status[0]) for s in found}
+    all_answers = problem.answers(restarts=20, seed=3)
+    assert not all_answers.complete
+    assert "there may be others" in repr(all_answers)
+    kinds = {bp.Status(s.status[0]) for s in all_answers}
     # Iterations converge to open and to stick; the slip between them may not be found.
     assert {bp.Status.OPEN, bp.Status.STICK} <= kinds
     again = problem.answers(restarts=20, seed=3)
     assert [s.reaction.tobytes() for s in again] == [
-        s.reaction.tobytes() for s in found
+        s.reaction.tobytes() for s in all_answers
     ]
     with pytest.raises(ValueError, match="restarts"):
         problem.answers(restarts=0)
@@ -185,9 +187,9 @@ def test_small_friction_is_proved_unique(d: int) -> None:
     factor = rng.normal(size=(size, 4 * size))
     W = factor @ factor.T / (4 * size)
     q = rng.normal(size=(20, d))
-    for mu, said in ((0.0, "proved"), (0.1, "proved"), (5.0, "unknown")):
+    for mu, verdict in ((0.0, "proved"), (0.1, "proved"), (5.0, "unknown")):
         solution = bp.ReducedProblem(W, q, mu).solve()
-        assert solution.unique == said
+        assert solution.unique == verdict
     # Without a definite W the verdict is unknown: the last contact has no compliance here.
     W[-d:], W[:, -d:] = 0.0, 0.0
     q[-1] = 0.0
@@ -198,15 +200,15 @@ def test_small_friction_is_proved_unique(d: int) -> None:
 
 
 def test_a_verdict_does_not_depend_on_units() -> None:
-    for load, said in (([-1.0, 1.5], "proved"), ([-1.0, -2.5], "others exist")):
+    for load, verdict in (([-1.0, 1.5], "proved"), ([-1.0, -2.5], "others exist")):
         for factor in (1e-9, 1.0, 1e9):
             problem = bp.ContactProblem(
                 K * factor,
                 sparse.eye_array(2),
                 gap=[0.0],
-                mu=1.9 if said == "proved" else 3.0,
+                mu=1.9 if verdict == "proved" else 3.0,
             )
-            assert problem.solve([load])[0].unique == said
+            assert problem.solve([load])[0].unique == verdict
 
 
 @pytest.mark.needs_extra

@@ -23,13 +23,13 @@ def test_balance_is_necessary_and_not_sufficient() -> None:
     # r = (F/μ, -F) balances the free direction for every F; a solution exists up to F = μ.
     for F in (0.2, 0.499, 0.501, 5.0):
         problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.5)
-        found = problem.existence([-1.0, F])
-        assert found.verdict == "unknown"
-        assert found.motion is not None
-        assert found.displacement is not None
+        existence = problem.existence([-1.0, F])
+        assert existence.verdict == "unknown"
+        assert existence.motion is not None
+        assert existence.displacement is not None
         # The proof is the motion along the pull, which pressure alone does not stop.
-        assert found.motion.tolist() == [[0.0, 1.0]]
-        assert found.displacement == pytest.approx([0.0, 1.0], abs=1e-15)
+        assert existence.motion.tolist() == [[0.0, 1.0]]
+        assert existence.displacement == pytest.approx([0.0, 1.0], abs=1e-15)
         exhausted = problem.existence([-1.0, F], exhaust=True)
         assert exhausted.verdict == ("guaranteed" if F < 0.5 else "none")
         if F < 0.5:
@@ -60,16 +60,16 @@ def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
     for x in (-0.5, -1e-3, 0.0, 1e-3, 0.4, 1.0, 1.001, 2.0):
         load = [0.0, -(1 - x), 0.0, -x]
         problem = plank(mu)
-        found = problem.existence(load)
-        assert found.verdict == ("guaranteed" if 0 <= x <= 1 else "none"), x
-        if found.verdict == "guaranteed":
-            assert found.pressure == pytest.approx([1 - x, x], abs=1e-12)
+        existence = problem.existence(load)
+        assert existence.verdict == ("guaranteed" if 0 <= x <= 1 else "none"), x
+        if existence.verdict == "guaranteed":
+            assert existence.pressure == pytest.approx([1 - x, x], abs=1e-12)
             assert problem.solve(load).success
         else:
             with pytest.raises(bp.NoEquilibriumError):
                 problem.solve(load)
             # The proof is a motion on which the loads do work and no reaction does negative work.
-            d, u = found.motion, found.displacement
+            d, u = existence.motion, existence.displacement
             assert d is not None
             assert u is not None
             assert (d[:, 0] >= mu * np.abs(d[:, 1]) - 1e-9).all()
@@ -93,8 +93,8 @@ def test_a_plank_slides_at_the_friction_limit_of_its_feet(x: float) -> None:
         (1.0001, "none"),
     ):
         load = np.array([share * limit, -(1 - x), 0.0, -x])
-        found = problem.existence(load)
-        assert found.verdict == verdict
+        existence = problem.existence(load)
+        assert existence.verdict == verdict
         if verdict == "guaranteed":
             assert problem.solve(load).success
         else:
@@ -142,12 +142,12 @@ def check(given: Any, found: bp.Existence) -> None:
 def test_guaranteed_solutions_are_found(kind: str, d: int) -> None:
     guaranteed = 0
     for seed in range(40):
-        given = random_problem(kind, d, seed)
-        problem = given.problem()
-        found = problem.existence()
-        check(given, found)
-        assert found.verdict != "none"  # # all of these have solutions
-        if found.verdict == "guaranteed":
+        random_data = random_problem(kind, d, seed)
+        problem = random_data.problem()
+        existence = problem.existence()
+        check(random_data, existence)
+        assert existence.verdict != "none"  # # all of these have solutions
+        if existence.verdict == "guaranteed":
             guaranteed += 1
             assert problem.solve(max_iterations=5000).converged
     # Redundant contacts may only open slightly. Floating bodies are dragged within
@@ -200,20 +200,20 @@ def random_rigid(d: int, seed: int) -> Any:
 def test_verdicts_on_bodies_that_contact_alone_holds(d: int) -> None:
     seen = {"guaranteed": 0, "none": 0, "unknown": 0}
     for seed in range(150 if d == 2 else 60):
-        given = random_rigid(d, seed)
-        W, q, mu, rigid = given
+        random_data = random_rigid(d, seed)
+        W, q, mu, rigid = random_data
         problem = bp.ReducedProblem(W, q, mu, rigid=rigid)
-        found = problem.existence()
-        check(given, found)
-        seen[found.verdict] += 1
-        assert found.verdict == "guaranteed" or seed % 3
+        existence = problem.existence()
+        check(random_data, existence)
+        seen[existence.verdict] += 1
+        assert existence.verdict == "guaranteed" or seed % 3
         # In the plane all statuses are tried, which gives the truth independently.
         answers = problem.answers() if d == 2 else None
         complete = answers is not None and answers.complete
-        if found.verdict == "guaranteed":
+        if existence.verdict == "guaranteed":
             assert solvable(problem)
             assert not complete or len(answers or ()) > 0
-        elif found.verdict == "none":
+        elif existence.verdict == "none":
             assert not problem.solve(max_iterations=300).converged
             assert not answers
         if complete:
@@ -259,9 +259,9 @@ def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
         change = rng.normal(size=(3, 3)) * 10.0 ** rng.integers(-3, 4, size=3)
         rigid = (R @ change, change.T @ e)
         problem = bp.ReducedProblem(W, rng.normal(size=(n, 2)), mu, rigid=rigid)
-        found = problem.existence()
-        assert found.verdict == ("guaranteed" if share < 1 else "none")
-        told[found.verdict] += 1
+        existence = problem.existence()
+        assert existence.verdict == ("guaranteed" if share < 1 else "none")
+        told[existence.verdict] += 1
         assert problem.solve(max_iterations=5000).converged == (share < 1)
         # Different coefficients: trying all statuses confirms that the guaranteed load holds.
         several = bp.ReducedProblem(
@@ -345,12 +345,12 @@ def test_walls_that_overlap() -> None:
     for room, verdict in ((0.1, "guaranteed"), (-0.1, "none")):
         problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3 + room], mu=[0.2, 0.5])
         load = [0.0, 3.0]
-        found = problem.existence(load)
-        assert found.verdict == verdict
+        existence = problem.existence(load)
+        assert existence.verdict == verdict
         reduced = problem.reduced(load)
-        check((problem.compliance, reduced.q, reduced.mu, None), found)
+        check((problem.compliance, reduced.q, reduced.mu, None), existence)
         if verdict == "none":
-            assert found.overlap == pytest.approx([1.0, 1.0], rel=1e-12)
+            assert existence.overlap == pytest.approx([1.0, 1.0], rel=1e-12)
             with pytest.raises(bp.BipotError):
                 problem.solve(load)
         else:
@@ -366,14 +366,14 @@ def test_walls_that_overlap() -> None:
 
 def test_compliance_that_no_theorem_covers() -> None:
     W = np.array([[1.0, 2.0], [-2.0, 0.0]])
-    found = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
-    assert found.verdict == "unknown"
-    assert "not symmetric" in found.reason
+    existence = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
+    assert existence.verdict == "unknown"
+    assert "not symmetric" in existence.reason
     # A definite W is enough; it need not be symmetric.
     W[1, 1] = 1.0
     assert bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence().verdict == "guaranteed"
-    found = bp.ReducedProblem(np.diag([1.0, -1.0]), [[-1.0, 0.2]], 0.3).existence()
-    assert "not positive semidefinite" in found.reason
+    existence = bp.ReducedProblem(np.diag([1.0, -1.0]), [[-1.0, 0.2]], 0.3).existence()
+    assert "not positive semidefinite" in existence.reason
     with pytest.raises(TypeError, match="exhaust is 1, expected a bool"):
         bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).existence(
             exhaust=1  # type: ignore[arg-type]
@@ -397,21 +397,21 @@ def test_a_block_with_a_grain_in_its_feet() -> None:
         # r_t / r_n on the ellipse ‖D⁻¹ r_t‖ = r_n.
         way = mu * np.array([np.cos(angle), np.sin(angle)])
         for share, verdict in ((0.99, "guaranteed"), (1.001, "none")):
-            given = block_on_a_plane(share * way, centre, 0.0)
+            block_data = block_on_a_plane(share * way, centre, 0.0)
             problem = bp.ReducedProblem(
-                given.W, given.q, np.tile(mu, (9, 1)), rigid=given.rigid
+                block_data.W, block_data.q, np.tile(mu, (9, 1)), rigid=block_data.rigid
             )
-            found = problem.existence()
-            assert found.verdict == verdict
+            existence = problem.existence()
+            assert existence.verdict == verdict
             assert problem.solve(max_iterations=3000).converged == (share < 1)
-            if found.motion is not None:
+            if existence.motion is not None:
                 # It lies in every dual cone, v_n >= ‖D v_t‖, to rounding.
-                v = found.motion
+                v = existence.motion
                 slip = np.linalg.norm(mu * v[:, 1:], axis=1)
                 assert (v[:, 0] - slip >= -1e-9).all()
-            if found.inside is not None:
-                slip = np.linalg.norm(mu * found.inside[:, 1:], axis=1)
-                assert (found.inside[:, 0] > slip).all()
+            if existence.inside is not None:
+                slip = np.linalg.norm(mu * existence.inside[:, 1:], axis=1)
+                assert (existence.inside[:, 0] > slip).all()
 
 
 @pytest.mark.parametrize("turns", [-7, -3, 1, 5, 9])
@@ -425,7 +425,7 @@ def test_a_rounding_error_of_a_normal_balances_no_load(turns: int) -> None:
         problem = bp.ContactProblem(
             np.diag([0.0, 1.0]), np.array([n, side]), gap=[0.0], mu=0.2
         )
-        found = problem.existence(load)
-        assert found.verdict != "guaranteed"
+        existence = problem.existence(load)
+        assert existence.verdict != "guaranteed"
         with pytest.raises((bp.NoEquilibriumError, bp.NotConvergedError)):
             problem.solve(load)

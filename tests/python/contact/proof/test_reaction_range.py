@@ -71,7 +71,7 @@ def test_a_table_on_four_legs() -> None:
     weight, across, along = 4.0, 0.4, 0.2
     for mu in (0.0, 0.3):
         problem, _ = table(mu, np.array([0, 0, -weight, across, along, 0]))
-        found = problem.reaction_ranges()
+        intervals = problem.reaction_ranges()
         # Σ N = w, Σ y N = -across, Σ -x N = -along: N_k = mean_k ± t.
         y, x = np.array([1, 1, -1, -1]), np.array([1, -1, -1, 1])
         mean = weight / 4 - across * y / 4 + along * x / 4
@@ -80,12 +80,14 @@ def test_a_table_on_four_legs() -> None:
         least = mean + np.where(side > 0, low, -high)
         largest = mean + np.where(side > 0, high, -low)
         tolerance = SPACE * weight
-        np.testing.assert_allclose([r.least for r in found], least, atol=tolerance)
-        np.testing.assert_allclose([r.largest for r in found], largest, atol=tolerance)
+        np.testing.assert_allclose([r.least for r in intervals], least, atol=tolerance)
+        np.testing.assert_allclose(
+            [r.largest for r in intervals], largest, atol=tolerance
+        )
         v = problem.solve().relative_displacement
-        for one in found:
-            assert one.gap <= SPACE * weight
-            passes(problem, one, v)
+        for interval in intervals:
+            assert interval.gap <= SPACE * weight
+            passes(problem, interval, v)
 
 
 def test_a_beam_on_three_supports() -> None:
@@ -94,10 +96,12 @@ def test_a_beam_on_three_supports() -> None:
     no_friction = bp.ReducedProblem(
         np.zeros((6, 6)), np.zeros((3, 2)), 0.0, rigid=(R[:, 1:], [-1.0, 0.0])
     )
-    known = [(0, 0.5), (0, 1), (0, 0.5)]
-    for one, ends in zip(no_friction.reaction_ranges(), known, strict=True):
-        np.testing.assert_allclose([one.least, one.largest], ends, atol=ROUNDING)
-        assert one.gap <= ROUNDING
+    exact_ends = [(0, 0.5), (0, 1), (0, 0.5)]
+    for interval, ends in zip(no_friction.reaction_ranges(), exact_ends, strict=True):
+        np.testing.assert_allclose(
+            [interval.least, interval.largest], ends, atol=ROUNDING
+        )
+        assert interval.gap <= ROUNDING
 
 
 def wedge(angle: float, mu: float) -> bp.ReducedProblem:
@@ -116,20 +120,20 @@ def test_a_wedge(mu: float) -> None:
     """
     angle, phi = np.arctan(0.2), np.arctan(mu)
     problem = wedge(angle, mu)
-    one = problem.reaction_range(0)
+    interval = problem.reaction_range(0)
     limits = [angle - phi, angle + phi]
-    known = [
+    exact_ends = [
         np.cos(second) / np.sin(first + second) * np.cos(first - angle)
         for first in limits
         for second in limits
         if first + second > 1e-9
     ]
     # 0.199 leaves a digit and a half of the difference to 0.2.
-    np.testing.assert_allclose(one.least, min(known), rtol=1e-11)
-    largest = max(known) if mu < 0.2 else np.inf
-    np.testing.assert_allclose(one.largest, largest, rtol=1e-11)
-    passes(problem, one, problem.solve().relative_displacement)
-    assert one.determined == (mu == 0)
+    np.testing.assert_allclose(interval.least, min(exact_ends), rtol=1e-11)
+    largest = max(exact_ends) if mu < 0.2 else np.inf
+    np.testing.assert_allclose(interval.largest, largest, rtol=1e-11)
+    passes(problem, interval, problem.solve().relative_displacement)
+    assert interval.determined == (mu == 0)
 
 
 def test_a_disc_in_a_groove() -> None:
@@ -142,9 +146,11 @@ def test_a_disc_in_a_groove() -> None:
     # and |T| <= μ N.
     ends = np.sort(1 / (np.sqrt(2) * (1 + np.array([mu, -mu]))))
     v = problem.solve().relative_displacement
-    for one in problem.reaction_ranges():
-        np.testing.assert_allclose([one.least, one.largest], ends, rtol=ROUNDING)
-        passes(problem, one, v)
+    for interval in problem.reaction_ranges():
+        np.testing.assert_allclose(
+            [interval.least, interval.largest], ends, rtol=ROUNDING
+        )
+        passes(problem, interval, v)
 
 
 def vertices(
@@ -186,11 +192,13 @@ def test_vertices_of_random_bodies_in_the_plane(seed: int) -> None:
     v = solution.relative_displacement
     assert np.abs(v).max() <= 1e-12  # all stick
     for component in (0, 1):
-        for one in problem.reaction_ranges(component, solution=solution):
-            ends = vertices(problem, H, one.contact, component, mu)
-            np.testing.assert_allclose([one.least, one.largest], ends, atol=1e-11)
-            assert one.gap <= 1e-12
-            passes(problem, one, v)
+        for interval in problem.reaction_ranges(component, solution=solution):
+            ends = vertices(problem, H, interval.contact, component, mu)
+            np.testing.assert_allclose(
+                [interval.least, interval.largest], ends, atol=1e-11
+            )
+            assert interval.gap <= 1e-12
+            passes(problem, interval, v)
 
 
 def polyhedral(r: Array, H: Array, cost: int, radius: Array) -> tuple[float, float]:
@@ -206,8 +214,8 @@ def polyhedral(r: Array, H: Array, cost: int, radius: Array) -> tuple[float, flo
     whole = whole.reshape(-1, contacts * len(rays))
     ends = []
     for sign in (1, -1):
-        found = linprog(sign * whole[cost], A_eq=H.T @ whole, b_eq=H.T @ r.ravel())
-        ends.append(sign * found.fun)
+        optimum = linprog(sign * whole[cost], A_eq=H.T @ whole, b_eq=H.T @ r.ravel())
+        ends.append(sign * optimum.fun)
     return ends[0], ends[1]
 
 
@@ -230,9 +238,9 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
     v = solution.relative_displacement
     assert np.abs(v).max() <= 1e-12  # all stick
     for component in (0, 1):
-        one = problem.reaction_range(1, component, solution=solution)
-        assert one.gap <= SPACE * np.abs(solution.reaction).max()
-        passes(problem, one, v)
+        interval = problem.reaction_range(1, component, solution=solution)
+        assert interval.gap <= SPACE * np.abs(solution.reaction).max()
+        passes(problem, interval, v)
         cost = 3 + component
         inner = polyhedral(solution.reaction, H, cost, np.array([mu]))
         outer = polyhedral(
@@ -240,8 +248,8 @@ def test_between_polyhedral_cones_in_space(seed: int) -> None:
         )
         # The tolerance of HiGHS, and nothing of ours.
         slack = 1e-8
-        assert outer[0] - slack <= one.least <= inner[0] + slack
-        assert inner[1] - slack <= one.largest <= outer[1] + slack
+        assert outer[0] - slack <= interval.least <= inner[0] + slack
+        assert inner[1] - slack <= interval.largest <= outer[1] + slack
 
 
 def test_a_table_that_slides() -> None:
@@ -251,10 +259,12 @@ def test_a_table_that_slides() -> None:
     v = problem.solve().relative_displacement
     np.testing.assert_allclose(v[:, 1:], np.tile(1.2 * push, (4, 1)), atol=1e-10)
     for component, factor in enumerate([1, *(-mu * push)]):
-        for one in problem.reaction_ranges(component):
+        for interval in problem.reaction_ranges(component):
             ends = sorted([0, 2 * factor])
-            np.testing.assert_allclose([one.least, one.largest], ends, atol=SPACE)
-            passes(problem, one, v)
+            np.testing.assert_allclose(
+                [interval.least, interval.largest], ends, atol=SPACE
+            )
+            passes(problem, interval, v)
 
 
 def test_an_open_leg_carries_nothing() -> None:
@@ -265,10 +275,10 @@ def test_an_open_leg_carries_nothing() -> None:
     raised = bp.ReducedProblem(problem.W, q, 0.0)
     solution = raised.solve()
     assert solution.status[0] == bp.Status.OPEN
-    for one, r in zip(raised.reaction_ranges(), solution.reaction, strict=True):
-        assert one.determined
-        assert one.least == one.largest == r[0]
-        assert one.gap == 0
+    for interval, r in zip(raised.reaction_ranges(), solution.reaction, strict=True):
+        assert interval.determined
+        assert interval.least == interval.largest == r[0]
+        assert interval.gap == 0
 
 
 def test_reactions_that_are_determined() -> None:
@@ -277,9 +287,11 @@ def test_reactions_that_are_determined() -> None:
     problem = bp.ReducedProblem(A @ A.T + np.eye(12), rng.normal(size=(4, 3)), 0.3)
     solution = problem.solve()
     for component in range(3):
-        for i, one in enumerate(problem.reaction_ranges(component, solution=solution)):
+        for i, interval in enumerate(
+            problem.reaction_ranges(component, solution=solution)
+        ):
             r = solution.reaction[i, component]
-            assert (one.least, one.largest, one.gap) == (r, r, 0)
+            assert (interval.least, interval.largest, interval.gap) == (r, r, 0)
 
 
 def elliptic_table() -> tuple[bp.ReducedProblem, Array]:
@@ -293,17 +305,19 @@ def test_two_friction_coefficients() -> None:
     pairs, _ = table(np.full((4, 2), 0.3), load)
     single, _ = table(0.3, load)
     for component in (0, 2):
-        one = pairs.reaction_range(0, component)
+        interval = pairs.reaction_range(0, component)
         other = single.reaction_range(0, component)
         ends = [other.least, other.largest]
-        np.testing.assert_allclose([one.least, one.largest], ends, atol=4 * SPACE)
+        np.testing.assert_allclose(
+            [interval.least, interval.largest], ends, atol=4 * SPACE
+        )
     problem, _ = elliptic_table()
     v = problem.solve().relative_displacement
     for component in range(3):
-        for one in problem.reaction_ranges(component):
-            assert 0 < one.gap <= 4 * SPACE
-            passes(problem, one, v)
-            for r in (one.reaction_at_least, one.reaction_at_largest):
+        for interval in problem.reaction_ranges(component):
+            assert 0 < interval.gap <= 4 * SPACE
+            passes(problem, interval, v)
+            for r in (interval.reaction_at_least, interval.reaction_at_largest):
                 used = np.linalg.norm(r[:, 1:] / problem.mu, axis=1)
                 assert (used <= r[:, 0] + 4 * SPACE).all()
 
@@ -314,16 +328,16 @@ def test_units_and_numbering(elliptic: bool) -> None:
     problem = elliptic_table()[0]
     mu = problem.mu if elliptic else np.array([0.4, 0.2, 0.3, 0.1])
     problem = bp.ReducedProblem(problem.W, problem.q, mu)
-    known = problem.reaction_ranges(1)
+    intervals = problem.reaction_ranges(1)
     order = np.array([2, 0, 3, 1])
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     for force, length in ((1e-9, 1e6), (1e12, 1e-7)):
         W = problem.W[np.ix_(rows, rows)] * length / force
         other = bp.ReducedProblem(W, problem.q[order] * length, mu[order])
-        for i, one in zip(order, other.reaction_ranges(1), strict=True):
-            ends = [known[i].least, known[i].largest]
-            found = np.array([one.least, one.largest]) / force
-            np.testing.assert_allclose(found, ends, atol=4 * SPACE)
+        for i, interval in zip(order, other.reaction_ranges(1), strict=True):
+            ends = [intervals[i].least, intervals[i].largest]
+            scaled_ends = np.array([interval.least, interval.largest]) / force
+            np.testing.assert_allclose(scaled_ends, ends, atol=4 * SPACE)
 
 
 def test_a_body_that_turns_easily() -> None:
@@ -332,10 +346,10 @@ def test_a_body_that_turns_easily() -> None:
     H = plane_body(x, np.full(4, np.pi / 2))
     W = H @ np.diag([1.0, 1.0, 1e6]) @ H.T
     problem = bp.ReducedProblem(W, (H @ [0.0, -1.0, 0.0]).reshape(-1, 2), 0.0)
-    known = [(0, 1 / 2), (0, 1), (0, 2 / 3), (0, 1 / 2)]
-    for one, ends in zip(problem.reaction_ranges(), known, strict=True):
+    exact_ends = [(0, 1 / 2), (0, 1), (0, 2 / 3), (0, 1 / 2)]
+    for interval, ends in zip(problem.reaction_ranges(), exact_ends, strict=True):
         # Rounding of W times its condition number.
-        np.testing.assert_allclose([one.least, one.largest], ends, atol=1e-9)
+        np.testing.assert_allclose([interval.least, interval.largest], ends, atol=1e-9)
 
 
 def test_wrong_arguments() -> None:

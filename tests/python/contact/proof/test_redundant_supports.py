@@ -26,14 +26,14 @@ def test_assemblies_of_rigid_bodies(seeds: tuple[int, ...]) -> None:
     decides which one does not. An unsolved problem must not be reported as solved."""
     solved = 0
     for seed in seeds:
-        given = problems.rigid(seed)
-        assert np.linalg.matrix_rank(given.W) < len(given.W)
-        solution = bp.ReducedProblem(given.W, given.q, given.mu).solve(tol=TOL)
+        assembly = problems.rigid(seed)
+        assert np.linalg.matrix_rank(assembly.W) < len(assembly.W)
+        solution = bp.ReducedProblem(assembly.W, assembly.q, assembly.mu).solve(tol=TOL)
         r = solution.reaction
-        v = (given.W @ r.ravel()).reshape(r.shape) + given.q
+        v = (assembly.W @ r.ravel()).reshape(r.shape) + assembly.q
         # η bounds the violation of each condition in scaled variables; in one assembly masses,
         # and so W, differ by a factor of a hundred.
-        missed = violation(r, v, given.mu, given.q)
+        missed = violation(r, v, assembly.mu, assembly.q)
         assert solution.converged == (missed <= 1e3 * TOL)
         solved += solution.converged and solution.work < 20_000
     assert solved >= len(seeds) - 1
@@ -96,9 +96,9 @@ def test_rigid_bodies_that_touch_everywhere(d: int) -> None:
         motions = min(motions, d * contacts)
         mu = float(rng.choice([0.0, 0.3, 0.8]))
         R = rng.normal(size=(d * contacts, motions))
-        known = rng.uniform(0.5, 1.0, (contacts, d))
-        known[:, 1:] *= 0.3 * mu
-        e = -R.T @ known.ravel() * (seed % 3 > 0)
+        true_reaction = rng.uniform(0.5, 1.0, (contacts, d))
+        true_reaction[:, 1:] *= 0.3 * mu
+        e = -R.T @ true_reaction.ravel() * (seed % 3 > 0)
         W, q = np.zeros((d * contacts,) * 2), np.zeros((contacts, d))
         solution = bp.ReducedProblem(W, q, mu, rigid=(R, e)).solve(tol=TOL)
         assert solution.converged, solution.message

@@ -114,13 +114,13 @@ def out_of_balance(given: Given) -> float:
     edges = [
         (rows[:, 0] + side * given.mu[:, None] * rows[:, 1]) / large for side in (-1, 1)
     ]
-    found = linprog(
+    optimum = linprog(
         -e / size,
         A_ub=-np.vstack(edges),
         b_ub=0.0 * np.hstack(2 * [given.mu]),
         bounds=(-1, 1),
     )
-    return float(-found.fun)
+    return float(-optimum.fun)
 
 
 def proves_none(direction: Array, given: Given) -> bool:
@@ -240,10 +240,10 @@ def proofs(seeds: range) -> Counter[str]:
     """Messages for three contacts without a solution."""
     counts: Counter[str] = Counter()
     for seed in seeds:
-        given = three_contacts(seed)
-        solution = given.problem().solve(max_iterations=2000)
-        lack = out_of_balance(given)
-        check_proof(given, solution)
+        drawn = three_contacts(seed)
+        solution = drawn.problem().solve(max_iterations=2000)
+        lack = out_of_balance(drawn)
+        check_proof(drawn, solution)
         none = str(solution.outcome) == "no_equilibrium"
         if lack > CLEAR:
             # A proof exists, so it must be found.
@@ -269,12 +269,12 @@ def locals_of(seeds: range) -> Counter[str]:
         # Two uncoupled contacts: balls on islands.
         if n == 3:
             W[:2, 2:] = W[2:, :2] = 0.0
-        given = Given((W + W.T) / 2, q, mu, None)
-        answers = given.problem().answers()
+        drawn = Given((W + W.T) / 2, q, mu, None)
+        answers = drawn.problem().answers()
         for answer in answers:
             for size in (0.1, 1e-2, 1e-4):
                 r = answer.reaction * (1 + size * rng.normal(size=(n, 2)))
-                check_bound(given, r, answers, seen)
+                check_bound(drawn, r, answers, seen)
     return seen.counts
 
 
@@ -416,9 +416,9 @@ def test_a_bound_does_not_depend_on_scale(exponent: int) -> None:
     bound = none.error_bound([[scale, 0.1 * scale]])
     assert bound.energy is not None
     # Only the point has a size here, so the bound is a multiple of it.
-    one = none.error_bound([[1.0, 0.1]])
-    assert one.energy is not None
-    assert bound.energy / scale == pytest.approx(one.energy, rel=1e-12)
+    scaled_bound = none.error_bound([[1.0, 0.1]])
+    assert scaled_bound.energy is not None
+    assert bound.energy / scale == pytest.approx(scaled_bound.energy, rel=1e-12)
     assert bound.energy / scale >= 2.0 * np.hypot(1.0, 0.1) * (1 - 1e-15)
 
 
@@ -491,8 +491,8 @@ def test_the_gap_of_a_contact_that_penetrates_is_negative() -> None:
 
 
 def test_proofs_are_checked_by_their_definition() -> None:
-    given = three_contacts(0)
-    assert given.rigid is not None
-    R, e = given.rigid
+    drawn = three_contacts(0)
+    assert drawn.rigid is not None
+    R, e = drawn.rigid
     # The proof opposes neither the loads nor a contact.
-    assert not proves_none(-(R @ e).reshape(3, 2), given)
+    assert not proves_none(-(R @ e).reshape(3, 2), drawn)

@@ -224,17 +224,17 @@ BREAKERS: dict[str, Callable[[Given], Array]] = {
 @pytest.mark.parametrize("how", BREAKERS)
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_planted_error_is_found(how: str, d: int) -> None:
-    given = all_statuses(d)
-    right, wrong = solved(given).reaction, BREAKERS[how](given)
+    drawn = all_statuses(d)
+    right, wrong = solved(drawn).reaction, BREAKERS[how](drawn)
     # The correct solution violates the law by its tolerance and by rounding.
-    assert judged(given, right).worst <= FACTOR * 1e-12
-    assert judged(given, wrong).worst > BROKEN
-    assert given.problem().residual(wrong) > BROKEN
+    assert judged(drawn, right).worst <= FACTOR * 1e-12
+    assert judged(drawn, wrong).worst > BROKEN
+    assert drawn.problem().residual(wrong) > BROKEN
 
 
 def test_each_inequality_alone() -> None:
     """One contact, W = I; each condition of the law is violated by a tenth."""
-    one, still = np.ones(1), np.array([[-1.0, 0.0]])
+    unit_mu, still = np.ones(1), np.array([[-1.0, 0.0]])
     cases = {
         "penetration": ([[1.0, 0.0]], [[-0.1, 0.0]]),
         "pull": ([[-0.1, 0.0]], [[0.0, 0.0]]),
@@ -243,7 +243,7 @@ def test_each_inequality_alone() -> None:
         "slip_not_opposed": ([[1.0, 0.5]], [[0.0, 0.1]]),
     }
     for name, (r, v) in cases.items():
-        missed = inequalities(np.array(r), np.array(v), 0.5, one, still)
+        missed = inequalities(np.array(r), np.array(v), 0.5, unit_mu, still)
         # The slip counts in proportion to the force in the wrong direction, 1 of 1.6.
         expected = 0.1 / 1.6 if name == "slip_not_opposed" else 0.1
         assert getattr(missed, name) == pytest.approx(expected, rel=1e-12)
@@ -254,12 +254,12 @@ def test_each_inequality_alone() -> None:
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_check_does_not_depend_on_units(d: int) -> None:
-    given = all_statuses(d)
-    r = wrong_mu(given)
-    before = judged(given, r).worst
+    drawn = all_statuses(d)
+    r = wrong_mu(drawn)
+    before = judged(drawn, r).worst
     # Units of length change by 1024, of force by 1/16. The root of 2^14 is a power of two,
     # so the bits are the same.
-    other = given._replace(W=given.W * 2.0**14, q=given.q * 2.0**10)
+    other = drawn._replace(W=drawn.W * 2.0**14, q=drawn.q * 2.0**10)
     assert judged(other, r / 16).worst == before
 
 
@@ -333,13 +333,15 @@ def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
 def test_the_oracle_and_the_judge_agree() -> None:
     """Solutions of the oracle, which tries all statuses without the package, pass the check."""
     for seed in range(6):
-        given = random_problem("held", 2, seed)
-        small = Given(given.W[:4, :4], given.q[:2], given.mu[:2], None)
+        random_data = random_problem("held", 2, seed)
+        small = Given(
+            random_data.W[:4, :4], random_data.q[:2], random_data.mu[:2], None
+        )
         if len(small.q) < 2:
             continue
-        found = list(oracle.answers(oracle.Problem(small.W, small.q, small.mu)))
-        assert found
-        for answer in found:
+        all_answers = list(oracle.answers(oracle.Problem(small.W, small.q, small.mu)))
+        assert all_answers
+        for answer in all_answers:
             # The oracle accepts errors of at most 1e-10, relative to the sizes in the law.
             assert judged(small, answer.r).worst <= 1e-9
             assert small.problem().residual(answer.r) <= 1e-9

@@ -54,31 +54,31 @@ def test_threads_change_no_bit() -> None:
     wall = grains.wall("wall", 24, np.random.default_rng(1), staggered=False, mu=0.6)
     W, q = wall.step()
     problem = bp.ReducedProblem(W, q, wall.mu)
-    one, two = (problem.solve(num_threads=n, max_iterations=200) for n in (1, 2))
-    np.testing.assert_array_equal(one.reaction, two.reaction)
-    assert one.iterations == two.iterations
+    first_run, two = (problem.solve(num_threads=n, max_iterations=200) for n in (1, 2))
+    np.testing.assert_array_equal(first_run.reaction, two.reaction)
+    assert first_run.iterations == two.iterations
 
 
 @pytest.mark.slow
 def test_nine_in_ten_packings_within_twenty_seconds() -> None:
-    found = [solved(grains.packings(seed), seconds=20.0) for seed in range(50)]
-    assert sum(s.converged and s.residual <= TOL for s in found) >= 45
+    solutions = [solved(grains.packings(seed), seconds=20.0) for seed in range(50)]
+    assert sum(s.converged and s.residual <= TOL for s in solutions) >= 45
 
 
 @pytest.mark.slow
 def test_nine_in_ten_walls_within_twenty_seconds() -> None:
-    found = [solved(grains.walls(seed), seconds=20.0) for seed in range(50)]
-    assert sum(s.converged and s.residual <= TOL for s in found) >= 45
+    solutions = [solved(grains.walls(seed), seconds=20.0) for seed in range(50)]
+    assert sum(s.converged and s.residual <= TOL for s in solutions) >= 45
 
 
 @pytest.mark.slow
 def test_heaps_converge_or_report_that_they_do_not() -> None:
     """Heaps with little friction flow apart and are not solved in that time."""
-    found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
-    for solution in found:
+    solutions = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
+    for solution in solutions:
         assert solution.converged == (solution.residual <= TOL)
     # Nine of them converge if no other program runs.
-    assert sum(solution.converged for solution in found) >= 6
+    assert sum(solution.converged for solution in solutions) >= 6
 
 
 @pytest.mark.slow

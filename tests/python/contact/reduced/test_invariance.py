@@ -61,52 +61,52 @@ def test_the_cube_has_every_status() -> None:
 def test_units_that_are_powers_of_two_change_no_bit(power_s: int, power_l: int) -> None:
     stress, length = 2.0**power_s, 2.0**power_l
     body, fixed, path = pressed_cube()
-    one = solve(body, fixed, path)
+    original = solve(body, fixed, path)
     other = solve(body, fixed, path, stress=stress, length=length)
     force = stress * length**2
-    assert np.array_equal(other.reaction, one.reaction * force)
+    assert np.array_equal(other.reaction, original.reaction * force)
     assert np.array_equal(
-        other.relative_displacement, one.relative_displacement * length
+        other.relative_displacement, original.relative_displacement * length
     )
-    assert np.array_equal(other.slip, one.slip * length)
-    assert np.array_equal(other.displacement, one.displacement * length)
-    assert np.array_equal(other.status, one.status)
-    assert np.array_equal(other.iterations, one.iterations)
-    assert np.array_equal(other.residual, one.residual)
+    assert np.array_equal(other.slip, original.slip * length)
+    assert np.array_equal(other.displacement, original.displacement * length)
+    assert np.array_equal(other.status, original.status)
+    assert np.array_equal(other.iterations, original.iterations)
+    assert np.array_equal(other.residual, original.residual)
 
 
 @pytest.mark.parametrize(("stress", "length"), [(1e6, 1e-3), (1e-9, 1e9), (1e9, 1e-9)])
 def test_units(stress: float, length: float) -> None:
     body, fixed, path = pressed_cube()
-    one = solve(body, fixed, path)
+    original = solve(body, fixed, path)
     other = solve(body, fixed, path, stress=stress, length=length)
     force = stress * length**2
     for ours, theirs, unit in [
-        (one.reaction, other.reaction, force),
-        (one.relative_displacement, other.relative_displacement, length),
+        (original.reaction, other.reaction, force),
+        (original.relative_displacement, other.relative_displacement, length),
     ]:
         size = np.abs(ours).max()
         # Each solve stops at η <= 1e-12 and rounds differently: a few times that.
         np.testing.assert_allclose(theirs / unit, ours, rtol=0, atol=1e-11 * size)
-    assert np.array_equal(other.status, one.status)
-    assert np.array_equal(other.iterations, one.iterations)
+    assert np.array_equal(other.status, original.status)
+    assert np.array_equal(other.iterations, original.iterations)
 
 
 def test_units_of_a_reduced_problem() -> None:
     rng = np.random.default_rng(2)
     root = rng.normal(size=(18, 18))
     W, q = root @ root.T + np.eye(18), rng.normal(size=(6, 3)) - [0.7, 0, 0]
-    one = bp.ReducedProblem(W, q, MU).solve(tol=1e-12)
+    original = bp.ReducedProblem(W, q, MU).solve(tol=1e-12)
     s, c = 2.0**-40, 2.0**25
     other = bp.ReducedProblem(W * (s / c), q * s, MU).solve(tol=1e-12)
-    assert np.array_equal(other.reaction, one.reaction * c)
-    assert other.iterations == one.iterations
-    assert other.residual == one.residual
+    assert np.array_equal(other.reaction, original.reaction * c)
+    assert other.iterations == original.iterations
+    assert other.residual == original.residual
 
 
 def test_h15_rotation_of_the_scene() -> None:
     body, fixed, path = pressed_cube()
-    one = solve(body, fixed, path)
+    original = solve(body, fixed, path)
     turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
     # u' = Q u node by node, so K' = Q K Qᵀ and B' = B Qᵀ: the contact frames rotate with
     # the scene. Prescribed values become prescribed values of all three components.
@@ -124,15 +124,17 @@ def test_h15_rotation_of_the_scene() -> None:
         K, sparse.csr_array(body.B @ Q.T), gap=uneven_gap(body), mu=MU, fixed=fixed
     )
     other = problem.solve(None, turned, tol=1e-12)
-    size = np.abs(one.reaction).max()
+    size = np.abs(original.reaction).max()
     # K is rounded again: ε times the condition of the cube, about 1e3, and η.
-    np.testing.assert_allclose(other.reaction, one.reaction, rtol=0, atol=1e-10 * size)
-    assert np.array_equal(other.status, one.status)
+    np.testing.assert_allclose(
+        other.reaction, original.reaction, rtol=0, atol=1e-10 * size
+    )
+    assert np.array_equal(other.status, original.status)
 
 
 def test_rotation_of_the_tangents() -> None:
     body, fixed, path = pressed_cube()
-    one = solve(body, fixed, path)
+    original = solve(body, fixed, path)
     frame = np.eye(3)
     angle = 0.83
     frame[1:, 1:] = [
@@ -144,15 +146,15 @@ def test_rotation_of_the_tangents() -> None:
         body.K, sparse.csr_array(T @ body.B), gap=uneven_gap(body), mu=MU, fixed=fixed
     )
     other = problem.solve(None, path, tol=1e-12)
-    size = np.abs(one.reaction).max()
+    size = np.abs(original.reaction).max()
     back = other.reaction @ frame
     # B is exact to rounding; η counts twice.
-    np.testing.assert_allclose(back, one.reaction, rtol=0, atol=1e-11 * size)
+    np.testing.assert_allclose(back, original.reaction, rtol=0, atol=1e-11 * size)
 
 
 def test_h15_renumbering() -> None:
     body, fixed, path = pressed_cube()
-    one = solve(body, fixed, path)
+    original = solve(body, fixed, path)
     rng = np.random.default_rng(4)
     n, n_c = body.K.shape[0], body.points.shape[0]
     dofs, contacts = rng.permutation(n), rng.permutation(n_c)
@@ -166,24 +168,24 @@ def test_h15_renumbering() -> None:
         fixed=place[fixed],
     )
     other = problem.solve(None, path, tol=1e-12)
-    size = np.abs(one.reaction).max()
+    size = np.abs(original.reaction).max()
     # Another elimination order and other sweeps round differently: η counts twice.
     np.testing.assert_allclose(
-        other.reaction, one.reaction[:, contacts], rtol=0, atol=1e-10 * size
+        other.reaction, original.reaction[:, contacts], rtol=0, atol=1e-10 * size
     )
     u = other.displacement[:, place]
-    np.testing.assert_allclose(u, one.displacement, rtol=0, atol=1e-12)
-    assert np.array_equal(other.status, one.status[:, contacts])
+    np.testing.assert_allclose(u, original.displacement, rtol=0, atol=1e-12)
+    assert np.array_equal(other.status, original.status[:, contacts])
 
 
 def test_one_thread_equals_two_bit_by_bit() -> None:
     # Large enough for subtrees and tiles to use several threads.
     body, fixed, path = pressed_cube(12)
-    one = solve(body, fixed, path, num_threads=1)
+    on_one_thread = solve(body, fixed, path, num_threads=1)
     two = solve(body, fixed, path, num_threads=2)
     for name in ("reaction", "relative_displacement", "displacement", "residual"):
-        assert np.array_equal(getattr(one, name), getattr(two, name)), name
-    assert np.array_equal(one.iterations, two.iterations)
+        assert np.array_equal(getattr(on_one_thread, name), getattr(two, name)), name
+    assert np.array_equal(on_one_thread.iterations, two.iterations)
     again = solve(body, fixed, path, num_threads=2)
     assert np.array_equal(two.reaction, again.reaction)
 

@@ -24,10 +24,10 @@ def test_all_methods_find_one_solution(method: str) -> None:
     assert solution.converged
     assert np.array_equal(solution.status, reference.status)
     for name in ("reaction", "relative_displacement"):
-        found, expected = getattr(solution, name), getattr(reference, name)
+        value, expected = getattr(solution, name), getattr(reference, name)
         # η, times the condition of W, which is about a hundred.
         size = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * size)
     # Only Newton's method stores a second matrix of the size of W.
     beside = {0, cube().W.nbytes} if method in ("auto", "newton") else {0}
     assert solution.stats["bytes_beside_W"] in beside
@@ -161,17 +161,17 @@ def test_ctrl_c_ends_a_large_solve(
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    found, latest = ended.stdout.split()
-    assert int(found) == inverse
+    count, latest = ended.stdout.split()
+    assert int(count) == inverse
     # Signals are checked every 0.05 s, and work stops within one block of a factorisation
     # or product. A machine with other jobs may need another second.
     assert float(latest) < 1.5
 
 
 def test_compliance_is_read_where_it_is() -> None:
-    given = cube()
-    W = given.W.copy()
-    problem = bp.ReducedProblem(W, given.q, given.mu)
+    data = cube()
+    W = data.W.copy()
+    problem = bp.ReducedProblem(W, data.q, data.mu)
     assert problem.W is W
     solution = problem.solve(tol=TOL)
     before = problem.residual(solution.reaction)

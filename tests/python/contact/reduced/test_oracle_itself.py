@@ -53,9 +53,9 @@ def test_enumeration_finds_every_listed_branch() -> None:
     W = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])
     for (mu, f_t), rows in listed.items():
         problem = Problem(W, (W @ [-1.0, f_t])[None], mu)
-        found = sorted([*x.r[0], *x.v[0]] for x in answers(problem))
-        assert len(found) == len(rows)
-        for got, want in zip(found, sorted(rows), strict=True):
+        branches = sorted([*x.r[0], *x.v[0]] for x in answers(problem))
+        assert len(branches) == len(rows)
+        for got, want in zip(branches, sorted(rows), strict=True):
             # Twelve digits are printed.
             assert got == pytest.approx(want, rel=1e-11, abs=1e-11)
 
@@ -81,13 +81,13 @@ def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
     seen: set[int] = set()
     for seed in range(seeds):
         problem = random_problem(seed, contacts, dim)
-        found = list(answers(problem))
+        all_answers = list(answers(problem))
         # The number of solutions is odd, because the map has degree one.
-        assert len(found) % 2 == 1
-        one = follow(problem)
-        near = min(np.abs(one.r - x.r).max() for x in found)
+        assert len(all_answers) % 2 == 1
+        followed = follow(problem)
+        near = min(np.abs(followed.r - x.r).max() for x in all_answers)
         assert near <= ROUNDING * problem.force
-        seen.update(one.status)
+        seen.update(followed.status)
     assert seen == {OPEN, SLIP, STICK}
 
 
@@ -95,8 +95,8 @@ def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
 def test_many_contacts() -> None:
     for seed in range(3):
         problem = random_problem(seed, 25, 3)
-        one = follow(problem)
-        assert violation(one.r, one.v, problem.mu) <= ROUNDING
+        followed = follow(problem)
+        assert violation(followed.r, followed.v, problem.mu) <= ROUNDING
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -105,9 +105,9 @@ def test_answer_keeps_its_units(dim: int) -> None:
     root = rng.normal(size=(2 * dim, 2 * dim))
     W, q = root @ root.T + 0.3 * np.eye(2 * dim), rng.normal(size=(2, dim)) - 0.5
     s, c = 1e-6, 1e9
-    one, other = follow(Problem(W, q, 0.4)), follow(Problem(W * s / c, q * s, 0.4))
-    np.testing.assert_allclose(other.r, one.r * c, rtol=1e-10, atol=ROUNDING * c)
-    np.testing.assert_allclose(other.v, one.v * s, rtol=1e-10, atol=ROUNDING * s)
+    followed, other = follow(Problem(W, q, 0.4)), follow(Problem(W * s / c, q * s, 0.4))
+    np.testing.assert_allclose(other.r, followed.r * c, rtol=1e-10, atol=ROUNDING * c)
+    np.testing.assert_allclose(other.v, followed.v * s, rtol=1e-10, atol=ROUNDING * s)
 
 
 def test_body_held_by_contact_alone() -> None:
@@ -116,10 +116,10 @@ def test_body_held_by_contact_alone() -> None:
     R = np.array([[1.0, 0.0, at[0]], [0, 1, 0], [1, 0, at[1]], [0, 1, 0]])
     e = np.array([-4.0, 0.8, -1.0])  # weight 4, 0.8 along the supports, moment
     problem = Problem(np.eye(4) * 1e-2, np.zeros((2, 2)), 0.5, (R, e))
-    one = follow(problem)
-    np.testing.assert_allclose(one.r[:, 0], [3, 1], rtol=ROUNDING)
-    assert one.r[:, 1].sum() == pytest.approx(-0.8, rel=ROUNDING)
-    assert any(np.allclose(x.r, one.r, rtol=1e-10) for x in answers(problem))
+    followed = follow(problem)
+    np.testing.assert_allclose(followed.r[:, 0], [3, 1], rtol=ROUNDING)
+    assert followed.r[:, 1].sum() == pytest.approx(-0.8, rel=ROUNDING)
+    assert any(np.allclose(x.r, followed.r, rtol=1e-10) for x in answers(problem))
 
 
 def test_no_solution_is_found_if_there_is_none() -> None:

@@ -48,12 +48,12 @@ def test_bodies_with_few_contacts_each_condense_to_a_sparse_compliance() -> None
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov"])
 def test_same_bits_for_any_number_of_threads(method: str) -> None:
     problem, _ = reduced(9)
-    one, two = (
+    on_one_thread, two = (
         problem.solve(method, tol=1e-6, num_threads=n, max_iterations=300)
         for n in (1, 2)
     )
-    assert np.array_equal(one.reaction, two.reaction)
-    assert one.work == two.work
+    assert np.array_equal(on_one_thread.reaction, two.reaction)
+    assert on_one_thread.work == two.work
 
 
 @pytest.mark.parametrize("method", ["auto", "newton", "uzawa"])

@@ -37,43 +37,43 @@ def held(rows: Iterable[Row]) -> Iterator[Row]:
 
     The constant is that of the studies: entries of K are sums of four or eight terms.
     """
-    for found in rows:
-        assert found.outcome == "converged", found
-        assert found.statuses_right, found
+    for measured in rows:
+        assert measured.outcome == "converged", measured
+        assert measured.statuses_right, measured
         for symbol in "rvu":
-            error = getattr(found, f"error_{symbol}")
+            error = getattr(measured, f"error_{symbol}")
             if np.isfinite(error):
-                bound = getattr(found, f"bound_{symbol}")
-                assert error <= stability.CONSTANT * bound, (symbol, found)
-        yield found
+                bound = getattr(measured, f"bound_{symbol}")
+                assert error <= stability.CONSTANT * bound, (symbol, measured)
+        yield measured
 
 
 def test_poisson_towards_a_half() -> None:
-    for found in held(poisson.rows([0.2, 1e-2, 1e-4, 1e-7])):
+    for measured in held(poisson.rows([0.2, 1e-2, 1e-4, 1e-7])):
         # K adds (1 - 2ν)⁻¹ to terms of order one and rounds them away. The error of u grows
         # like that, times the constant of all these bounds.
-        allowed = 1e-14 + stability.CONSTANT * EPS / (2 * found.parameter)
-        assert found.error_u <= allowed
+        allowed = 1e-14 + stability.CONSTANT * EPS / (2 * measured.parameter)
+        assert measured.error_u <= allowed
         # Normal reactions of the column follow from statics, for any ν.
-        if found.case == "column":
-            assert found.error_r <= 1e-14
+        if measured.case == "column":
+            assert measured.error_r <= 1e-14
 
 
 @pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e12])
 def test_contrast_of_two_bodies(value: float) -> None:
-    (found,) = held(x for x in contrast.rows([value]) if x.case == "touching")
+    (measured,) = held(x for x in contrast.rows([value]) if x.case == "touching")
     # Each body is factored separately: its rigid motion is split off for any stiffness of
     # the other, and the error does not depend on the contrast.
-    assert max(found.error_r, found.error_v, found.error_u) <= 1e-14
+    assert max(measured.error_r, measured.error_v, measured.error_u) <= 1e-14
 
 
 @pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e11])
 def test_contrast_within_one_body(value: float) -> None:
-    (found,) = held(x for x in contrast.rows([value]) if x.case == "bonded")
+    (measured,) = held(x for x in contrast.rows([value]) if x.case == "bonded")
     # Entries of the stiff half are rounded by ε E₂, as if springs of that size tied its 16
     # cells to the ground, compared with the modulus 1 that really holds it.
     allowed = 1e-14 + 16 * EPS * max(value, 1.0)
-    assert max(found.error_r, found.error_u) <= allowed
+    assert max(measured.error_r, measured.error_u) <= allowed
 
 
 def test_too_much_contrast_for_double_precision() -> None:
@@ -94,8 +94,8 @@ def test_a_rigid_motion_is_seen_through_the_rounding_of_a_stiff_part() -> None:
 
 
 def test_friction_from_none_to_any() -> None:
-    found = list(held(friction.rows([0.0, 1e-8, 0.3, 10.0, 1e4, 1e8])))
-    for x in found:
+    rows_held = list(held(friction.rows([0.0, 1e-8, 0.3, 10.0, 1e4, 1e8])))
+    for x in rows_held:
         # The matrix of a sticking contact does not contain μ, and a sliding contact has r of
         # size one: no power of μ multiplies any error.
         assert max(x.error_r, x.error_v, x.error_u) <= 1e-14
@@ -133,13 +133,13 @@ def test_flat_cells_of_a_free_body() -> None:
     # removed, so statics is exact, with W and with K.
     by_w = problem.reduced(case.load).solve(tol=1e-14)
     assert problem.stats["cond_S"] < 100 < CORRECTED
-    for found in (by_w, step):
-        assert np.abs(found.reaction - closed.r).max() <= limit * closed.r.max()
+    for outcome in (by_w, step):
+        assert np.abs(outcome.reaction - closed.r).max() <= limit * closed.r.max()
 
 
 def test_steps_of_a_billionth_and_less() -> None:
-    found = list(held(load_steps.rows([1e-13, 1e-12, 1e-6, 1e-1])))
-    for x in found:
+    rows_held = list(held(load_steps.rows([1e-13, 1e-12, 1e-6, 1e-1])))
+    for x in rows_held:
         if x.case == "totals":
             # The history adds one rounding per step, not one per product.
             assert max(x.error_v, x.error_u) <= 1e-13
@@ -151,22 +151,22 @@ def test_steps_of_a_billionth_and_less() -> None:
 @pytest.mark.slow
 def test_contacts_from_none_to_many() -> None:
     plane, islands, space = [0, 1, 2, 3, 30, 200], [3], [2, 6]
-    found = []
+    rows_held = []
     for x in size.rows(plane, islands, space):
         if np.isfinite(x.bound_r):
-            found += held([x])
+            rows_held += held([x])
         else:
             # In space, with slip: compared with the exact solution for W r + q. η is 1e-14.
             assert x.statuses_right
             assert x.error_r <= 1e-14 * x.cond_S
-            found.append(x)
+            rows_held.append(x)
         assert x.law <= 1e-13
     # A hundred times as many contacts need a few times as many products.
-    work = {x.contacts: x.products for x in found if x.case == "plane, one block"}
+    work = {x.contacts: x.products for x in rows_held if x.case == "plane, one block"}
     assert work[200] <= 10 * work[3]
     # Separate blocks need memory in proportion to n, one block in proportion to n².
-    one, ten = (x.bytes for x in size.rows([], [1, 10], []))
-    assert ten <= 12 * one
+    bytes_of_one, ten = (x.bytes for x in size.rows([], [1, 10], []))
+    assert ten <= 12 * bytes_of_one
 
 
 def test_exact_answers_are_exact() -> None:
@@ -176,8 +176,8 @@ def test_exact_answers_are_exact() -> None:
     k, f = case.K.toarray(), [Fraction(x) for x in case.load]
     k_c, k_t, mu = Fraction(k[0, 1]), Fraction(k[1, 1]), Fraction(0.5)
     u_t = (f[1] + mu * f[0]) / (k_t + mu * k_c)
-    for found, value in ((right.u[1], u_t), (right.r[0], k_c * u_t - f[0])):
-        miss = abs(Fraction(found, 1 << exact.BITS) / value - 1)
+    for entry, value in ((right.u[1], u_t), (right.r[0], k_c * u_t - f[0])):
+        miss = abs(Fraction(entry, 1 << exact.BITS) / value - 1)
         assert miss <= exact.ENOUGH
     assert np.abs(closed.u[1] - float(u_t)) <= 4 * EPS
 
@@ -197,9 +197,9 @@ def test_bounds_find_a_wrong_solution() -> None:
     # Single precision of K acts like double precision with 29 bits less.
     single = replace(case, K=case.K.astype(np.float32).astype(float))
     _, off = solved(single)
-    found = Answer(off.reaction, off.relative_displacement, off.displacement)
+    wrong_answer = Answer(off.reaction, off.relative_displacement, off.displacement)
     closed = Answer(step.reaction, step.relative_displacement, step.displacement)
-    errors = against(found, closed, case)
+    errors = against(wrong_answer, closed, case)
     for error, bound in zip(errors, limits, strict=True):
         assert error > 100 * stability.CONSTANT * bound
 

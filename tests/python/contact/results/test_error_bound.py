@@ -29,9 +29,9 @@ def energy_norm(W: Array, d: Array) -> float:
 def approximations(answer: Array, mu: Array, rng: np.random.Generator) -> Array:
     """Points at distances `SIZES` from a solution, inside their cones or not."""
     size = np.abs(answer).max(axis=1, keepdims=True) + 0.1 * np.abs(answer).max()
-    found = answer + SIZES[:, None, None] * rng.normal(size=(7, *answer.shape)) * size
-    found[:, mu == 0, 1:] = 0.0
-    return found
+    points = answer + SIZES[:, None, None] * rng.normal(size=(7, *answer.shape)) * size
+    points[:, mu == 0, 1:] = 0.0
+    return points
 
 
 def excess(
@@ -66,25 +66,25 @@ def excess(
 def random_cases(seeds: range) -> Iterator[tuple[Array, Array, Array, Array]]:
     """W, μ, a solution and approximations; friction up to twice that of the kinds."""
     for seed, kind, d in itertools.product(seeds, KINDS, (2, 3)):
-        given = random_problem(kind, d, seed)
-        mu = given.mu * (1 + seed % 3) / 1.5
-        problem = bp.ReducedProblem(given.W, given.q, mu)
+        random_data = random_problem(kind, d, seed)
+        mu = random_data.mu * (1 + seed % 3) / 1.5
+        problem = bp.ReducedProblem(random_data.W, random_data.q, mu)
         solution = problem.solve(tol=1e-15)
         if not (solution.converged and solution.reaction.any()):
             continue  # # no solution, or only zero: there are no relative errors
         rng = np.random.default_rng([seed, d])
         points = approximations(solution.reaction, mu, rng)
-        yield given.W, mu, solution.reaction, points
+        yield random_data.W, mu, solution.reaction, points
         bounds = problem.error_bounds(np.concatenate([points, solution.reaction[None]]))
-        *found, blur = bounds
-        for point, bound in zip(points, found, strict=True):
+        *bounds_of_points, blur = bounds
+        for point, bound in zip(points, bounds_of_points, strict=True):
             COUNTED[bound.kind] = COUNTED.get(bound.kind, 0) + 1
             assert bound.unique == (bound.kind == "global")
             if bound.kind == "global":
-                beaten = excess(given.W, point, solution.reaction, bound, blur)
+                beaten = excess(random_data.W, point, solution.reaction, bound, blur)
                 assert beaten <= 0, (kind, d, seed)
                 assert bound.energy is not None
-                true = energy_norm(given.W, point - solution.reaction)
+                true = energy_norm(random_data.W, point - solution.reaction)
                 RATIOS.append(bound.energy / true)
                 if bound.energy_by_gap is not None:
                     assert blur.energy is not None
@@ -275,25 +275,25 @@ def test_bound_holds_for_rounding_errors(soft: float) -> None:
 
 
 def test_units_change_no_bit() -> None:
-    given = random_problem("held", 3, 4)
-    problem = bp.ReducedProblem(given.W, given.q, given.mu)
+    random_data = random_problem("held", 3, 4)
+    problem = bp.ReducedProblem(random_data.W, random_data.q, random_data.mu)
     point = problem.solve("uzawa", 1e-4).reaction
-    known = problem.error_bound(point)
+    bound = problem.error_bound(point)
     for length, force in ((2.0**-40, 2.0**30), (2.0**17, 2.0**-5)):
         scaled = bp.ReducedProblem(
-            given.W * (length / force), given.q * length, given.mu
+            random_data.W * (length / force), random_data.q * length, random_data.mu
         ).error_bound(point * force)
-        assert known.relative == scaled.relative
-        assert known.reaction is not None
-        assert known.relative_displacement is not None
-        np.testing.assert_array_equal(known.reaction * force, scaled.reaction)
+        assert bound.relative == scaled.relative
+        assert bound.reaction is not None
+        assert bound.relative_displacement is not None
+        np.testing.assert_array_equal(bound.reaction * force, scaled.reaction)
         np.testing.assert_array_equal(
-            known.relative_displacement * length, scaled.relative_displacement
+            bound.relative_displacement * length, scaled.relative_displacement
         )
         # √2 to an odd power is not a power of two.
-        assert known.energy is not None
+        assert bound.energy is not None
         assert scaled.energy == pytest.approx(
-            known.energy * np.sqrt(length * force), rel=4e-16
+            bound.energy * np.sqrt(length * force), rel=4e-16
         )
 
 
@@ -306,14 +306,14 @@ def test_threads_change_no_bit() -> None:
     q = rng.normal(size=(size // 3, 3))
     problem = bp.ReducedProblem((W + W.T) / 2, q, 0.05)
     point = problem.solve(tol=1e-4).reaction
-    one, two = (
+    on_one_thread, two = (
         problem._core.error_bounds(point, 1, np.empty(0), None, threads)[0]
         for threads in (1, 2)
     )
-    assert one.kind == "global"
-    assert one.energy == two.energy
+    assert on_one_thread.kind == "global"
+    assert on_one_thread.energy == two.energy
     for name in ("reaction", "relative_displacement"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+        np.testing.assert_array_equal(getattr(on_one_thread, name), getattr(two, name))
 
 
 @pytest.mark.parametrize("k_c", [0.1, -0.4, 0.7])
@@ -345,9 +345,9 @@ def test_weights_prove_more_than_the_closed_form() -> None:
 def several(rng: np.random.Generator) -> bp.ReducedProblem:
     """Weakly coupled plane contacts, each near the one that has three solutions."""
     n = int(rng.integers(1, 4))
-    one = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])  # # unique below μ = 2
+    block_of_W = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])  # # unique below μ = 2
     root = rng.normal(size=(2 * n, 2 * n))
-    W = np.kron(np.eye(n), one) + 0.02 * root @ root.T / n
+    W = np.kron(np.eye(n), block_of_W) + 0.02 * root @ root.T / n
     load = np.column_stack([-np.ones(n), rng.uniform(-3, 1.5, n)])
     mu = rng.choice([1.5, 2.5, 3.5]) * rng.uniform(0.9, 1.1, n)
     return bp.ReducedProblem((W + W.T) / 2, (W @ load.ravel()).reshape(n, 2), mu)
@@ -395,16 +395,16 @@ def test_asymmetric() -> None:
     """W is used as given; the proof does not need symmetry."""
     seen = 0
     for seed in range(40):
-        given = random_problem("held", 2 + seed % 2, seed)
+        random_data = random_problem("held", 2 + seed % 2, seed)
         rng = np.random.default_rng(seed)
-        skew = 0.03 * rng.normal(size=given.W.shape) * np.abs(given.W).max()
-        W = given.W + skew - skew.T
-        problem = bp.ReducedProblem(W, given.q, given.mu)
+        skew = 0.03 * rng.normal(size=random_data.W.shape) * np.abs(random_data.W).max()
+        W = random_data.W + skew - skew.T
+        problem = bp.ReducedProblem(W, random_data.q, random_data.mu)
         exact = problem.solve(tol=1e-15)
         if not exact.reaction.any() or exact.error.kind != "global":
             continue
         seen += 1
-        points = approximations(exact.reaction, given.mu, rng)
+        points = approximations(exact.reaction, random_data.mu, rng)
         for point, bound in zip(points, problem.error_bounds(points), strict=True):
             assert excess(W, point, exact.reaction, bound, exact.error) <= 0
     assert seen > 20
@@ -551,9 +551,9 @@ def sharpness_of(seed: int) -> list[float]:
     answer = bp.ReducedProblem(W, q, mu).solve(tol=1e-15)
     if L >= 1 or not answer.reaction.any():
         return []
-    found = answer.error.contraction
+    contraction = answer.error.contraction
     # The proved value exceeds L by a few per cent.
-    assert L > 0.9 or (found is not None and L <= found <= 1.1 * L)
+    assert L > 0.9 or (contraction is not None and L <= contraction <= 1.1 * L)
 
     def missing(v: Array, r: Array) -> float:
         x = (v - q).ravel() - W @ r.ravel()

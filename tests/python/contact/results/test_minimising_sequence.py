@@ -16,9 +16,9 @@ METHOD = "minimising_sequence"
 
 
 def sequence_of(solution: bp.Solution) -> MinimisingSequence:
-    found = solution.minimising_sequence
-    assert found is not None
-    return found
+    sequence = solution.minimising_sequence
+    assert sequence is not None
+    return sequence
 
 
 def test_one_sliding_contact_follows_its_closed_form() -> None:
@@ -27,27 +27,27 @@ def test_one_sliding_contact_follows_its_closed_form() -> None:
     W, q = np.array([[a, c], [c, b]]), np.array([-1.0, 2.0])
     start = np.array([1.0, -mu])
     problem = bp.ReducedProblem(W, [q], mu)
-    found = sequence_of(problem.solve(METHOD, tol=1e-12, start=[start]))
-    assert len(found) >= 5
+    sequence = sequence_of(problem.solve(METHOD, tol=1e-12, start=[start]))
+    assert len(sequence) >= 5
     p = start[0]
     ray = np.array([1.0, -mu])
-    for i in range(len(found)):
+    for i in range(len(sequence)):
         r = p * ray
-        np.testing.assert_allclose(found.reaction[i, 0], r, rtol=1e-12)
+        np.testing.assert_allclose(sequence.reaction[i, 0], r, rtol=1e-12)
         # [dSF91, 33]: v_n = 0 with the friction mu p.
         tau = np.array([(c * mu * p - q[0]) / a, -mu * p])
         v = W @ tau + q
         assert v[1] > 0
-        np.testing.assert_allclose(found.balanced_reaction[i, 0], tau, rtol=1e-12)
+        np.testing.assert_allclose(sequence.balanced_reaction[i, 0], tau, rtol=1e-12)
         # v_n = 0 has the rounding of its terms.
         np.testing.assert_allclose(
-            found.relative_displacement[i, 0], v, rtol=1e-12, atol=1e-14
+            sequence.relative_displacement[i, 0], v, rtol=1e-12, atol=1e-14
         )
-        values = [(p, found.bifunctional[2 * i])]
+        values = [(p, sequence.bifunctional[2 * i])]
         # [dSF91, 31]: the minimum over the ray of ½ r·W r + (q + mu |v_t| n)·r.
         p = -(q[0] + mu * v[1] - mu * q[1]) / (ray @ W @ ray)
-        if 2 * i + 1 < len(found.bifunctional):
-            values.append((p, found.bifunctional[2 * i + 1]))
+        if 2 * i + 1 < len(sequence.bifunctional):
+            values.append((p, sequence.bifunctional[2 * i + 1]))
         for pressure, value in values:
             lack = tau - pressure * ray
             expected = 0.5 * lack @ W @ lack + pressure * v[0]
@@ -80,53 +80,53 @@ class Two:
 @pytest.mark.parametrize("k", [0, 1])
 def test_b_is_the_papers_functional_of_the_fields(k: int) -> None:
     result = Two.result(tol=1e-13)
-    found = sequence_of(result[k])
+    sequence = sequence_of(result[k])
     # Both contacts stick in the first step, whose answer the second pass meets on its way.
-    assert len(found) >= 1 + k
+    assert len(sequence) >= 1 + k
     u = result[k].minimising_displacements()
-    assert u.shape == (len(found), 4)
+    assert u.shape == (len(sequence), 4)
     # In totals, with the slip history in the offset.
     f = Functionals.of_step(Two.problem(), Two.K, result, k, increments=False)
-    for i in range(len(found)):
+    for i in range(len(sequence)):
         # u_i is in equilibrium with τ_i, and v_i is its relative displacement.
-        force = Two.loads[k] + found.balanced_reaction[i].ravel()
+        force = Two.loads[k] + sequence.balanced_reaction[i].ravel()
         np.testing.assert_allclose(Two.K @ u[i], force, atol=1e-13)
         np.testing.assert_allclose(
-            f.relative_displacement(u[i]), found.relative_displacement[i], atol=1e-13
+            f.relative_displacement(u[i]), sequence.relative_displacement[i], atol=1e-13
         )
         for j in (i, i + 1):
-            if i + j >= len(found.bifunctional):
+            if i + j >= len(sequence.bifunctional):
                 continue
-            r = found.reaction[j]
+            r = sequence.reaction[j]
             # [dSF91, 25] with contact: B = Φ(u) + Π(σ) + Σ b, and the sum without cancellation.
             whole = f.potential(u[i]) + f.complementary(r)
             whole += f.bipotential(u[i], r).sum()
             # Φ and Π are of size one, and cancel.
-            assert found.bifunctional[i + j] == pytest.approx(whole, abs=1e-13)
-            assert found.bifunctional[i + j] == pytest.approx(
+            assert sequence.bifunctional[i + j] == pytest.approx(whole, abs=1e-13)
+            assert sequence.bifunctional[i + j] == pytest.approx(
                 f.excess(u[i], r), rel=1e-9, abs=1e-14
             )
 
 
 def test_each_field_is_the_minimum_for_the_other() -> None:
     result = Two.result(tol=1e-13)
-    step, found = result[1], sequence_of(result[1])
+    step, sequence = result[1], sequence_of(result[1])
     u = step.minimising_displacements()
     f = Functionals.of_step(Two.problem(), Two.K, result, 1, increments=False)
     rng = np.random.default_rng(0)
-    values = found.bifunctional
+    values = sequence.bifunctional
     tried = 0
     for _ in range(200):
         size = 10.0 ** rng.uniform(-3, 0)
-        i = int(rng.integers(len(found)))
+        i = int(rng.integers(len(sequence)))
         trial = u[i] + size * rng.normal(size=4)
         # Infinite outside the domain, and for σ_i beyond the minimum of its first step.
-        value = f.bifunctional(trial, found.reaction[i])
+        value = f.bifunctional(trial, sequence.reaction[i])
         if np.isfinite(value):
             assert value >= values[2 * i] - 1e-13
             tried += 1
-        if i + 1 < len(found.reaction):
-            other = found.reaction[i + 1] + size * rng.normal(size=(2, 2))
+        if i + 1 < len(sequence.reaction):
+            other = sequence.reaction[i + 1] + size * rng.normal(size=(2, 2))
             other = bp.project(other, 0.4)[0]
             assert f.excess(u[i], other) >= values[2 * i + 1] - 1e-13
     assert tried > 20
@@ -139,42 +139,46 @@ def test_b_does_not_increase_and_falls_to_zero_at_a_solution() -> None:
         W, q = root @ root.T / 14 + np.eye(12), rng.normal(size=(4, 3)) - [1, 0, 0]
         solution = bp.ReducedProblem(W, q, 0.4).solve(METHOD, tol=1e-10)
         assert solution.converged
-        found = sequence_of(solution)
+        sequence = sequence_of(solution)
         work = np.abs(solution.reaction * q).sum()
         # Rounding of the differences, relative to the work of the reactions.
-        assert (np.diff(found.bifunctional) <= 1e-12 * work).all()
-        assert (found.bifunctional >= -1e-12 * work).all()
-        assert len(found.bifunctional) == len(found) + len(found.reaction) - 1
-        if len(found):
-            last = found.reaction[-1]
+        assert (np.diff(sequence.bifunctional) <= 1e-12 * work).all()
+        assert (sequence.bifunctional >= -1e-12 * work).all()
+        assert len(sequence.bifunctional) == len(sequence) + len(sequence.reaction) - 1
+        if len(sequence):
+            last = sequence.reaction[-1]
             # B is of second order in the distance to the solution, which contracts.
             assert np.abs(last - solution.reaction).max() <= 1e-4
-            assert found.bifunctional[-1] <= 1e-8 * work
+            assert sequence.bifunctional[-1] <= 1e-8 * work
 
 
 def test_elliptic_friction_has_the_fields_in_the_variables_of_the_caller() -> None:
     W = np.diag([1.0, 1.0, 2.0])
     problem = bp.ReducedProblem(W, [[-1.0, 1.0, 1.5]], [[0.6, 0.3]])
     solution = problem.solve(METHOD, tol=1e-12)
-    found = sequence_of(solution)
-    assert len(found) >= 1
+    sequence = sequence_of(solution)
+    assert len(sequence) >= 1
     for v, tau in zip(
-        found.relative_displacement, found.balanced_reaction, strict=True
+        sequence.relative_displacement, sequence.balanced_reaction, strict=True
     ):
         np.testing.assert_allclose(
             v.ravel(), W @ tau.ravel() + problem.q[0], rtol=1e-12
         )
-    ellipse = np.hypot(found.reaction[:, 0, 1] / 0.6, found.reaction[:, 0, 2] / 0.3)
-    for i in range(len(found)):
-        r, v = found.reaction[i, 0], found.relative_displacement[i, 0]
-        lack = found.balanced_reaction[i, 0] - r
+    ellipse = np.hypot(
+        sequence.reaction[:, 0, 1] / 0.6, sequence.reaction[:, 0, 2] / 0.3
+    )
+    for i in range(len(sequence)):
+        r, v = sequence.reaction[i, 0], sequence.relative_displacement[i, 0]
+        lack = sequence.balanced_reaction[i, 0] - r
         expected = 0.5 * lack @ W @ lack + r @ v
         expected += r[0] * np.hypot(0.6 * v[1], 0.3 * v[2])
         # A difference of products of size one.
-        assert found.bifunctional[2 * i] == pytest.approx(expected, rel=1e-9, abs=1e-14)
+        assert sequence.bifunctional[2 * i] == pytest.approx(
+            expected, rel=1e-9, abs=1e-14
+        )
     # A step is solved to a hundredth of the error of the fields, which falls to 1e-12.
-    assert (ellipse <= found.reaction[:, 0, 0] * 1.01).all()
-    assert ellipse[-1] == pytest.approx(found.reaction[-1, 0, 0], rel=1e-9)
+    assert (ellipse <= sequence.reaction[:, 0, 0] * 1.01).all()
+    assert ellipse[-1] == pytest.approx(sequence.reaction[-1, 0, 0], rel=1e-9)
 
 
 @pytest.mark.needs_extra
@@ -211,9 +215,9 @@ def test_a_positive_limit_is_a_pair_without_a_solution() -> None:
         solution = problem.solve(METHOD, start=[[1.0, 0.7]])
         if not solution.converged:
             stalled += 1
-            found = sequence_of(solution)
-            limit = found.bifunctional[-3:]
-            assert limit.min() > 1e-3 * found.bifunctional[0]
+            sequence = sequence_of(solution)
+            limit = sequence.bifunctional[-3:]
+            assert limit.min() > 1e-3 * sequence.bifunctional[0]
             # The fields are at rest: each is the minimum for the other.
             assert np.ptp(limit) <= 1e-6 * limit[-1]
     assert stalled > 0

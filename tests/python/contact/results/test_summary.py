@@ -35,17 +35,17 @@ def test_a_result_in_six_lines() -> None:
     told = str(result)
     assert told.splitlines()[0] == "Result: 1 step converged"
     assert len(told.splitlines()) == 6
-    said = rows(told)
+    row_of = rows(told)
     assert (
-        said["contacts"]
+        row_of["contacts"]
         == "2 contacts in the plane, at the end 1 open, 1 slip, 0 stick"
     )
     # Pressed by 2, so friction is 0.5 * 2.
-    assert "normal 2 in total, friction 1 (50 %)" in said["forces"]
+    assert "normal 2 in total, friction 1 (50 %)" in row_of["forces"]
     # The rest of the load stretches the unit spring by 1.5 - 1; friction times this is 0.5.
-    assert said["path"] == "friction dissipated 0.5 in total"
-    assert said["residual"].endswith("limit 1e-10")
-    assert "condense" in said["cost"]
+    assert row_of["path"] == "friction dissipated 0.5 in total"
+    assert row_of["residual"].endswith("limit 1e-10")
+    assert "condense" in row_of["cost"]
     away = rows(str(two().solve(np.abs(PULL))))
     assert away["contacts"].startswith("2 contacts in the plane, at the end 2 open")
     assert away["remark"].startswith("no contact closes in any load step")
@@ -81,12 +81,12 @@ def test_a_problem_in_six_lines() -> None:
     )
     told = str(problem)
     assert len(told.splitlines()) == 6
-    said = rows(told)
-    assert "1 prescribed" in said["bodies"]
-    assert said["gap"] == "0"
-    assert said["friction"] == "mu = 0.5"
+    row_of = rows(told)
+    assert "1 prescribed" in row_of["bodies"]
+    assert row_of["gap"] == "0"
+    assert row_of["friction"] == "mu = 0.5"
     entries = problem.stats["nnz_factor"]
-    assert re.search(rf"\({entries} entr", said["memory"])
+    assert re.search(rf"\({entries} entr", row_of["memory"])
 
 
 def test_rigid_motions_are_counted() -> None:
@@ -100,18 +100,18 @@ def test_rigid_motions_are_counted() -> None:
 def test_a_problem_without_contacts() -> None:
     none = np.empty((0, 2))
     problem = bp.ContactProblem(np.eye(2), none, gap=np.empty((0, 2)), mu=0.3, dim=2)
-    said = rows(str(problem))
-    assert (said["gap"], said["friction"]) == ("none", "none")
+    row_of = rows(str(problem))
+    assert (row_of["gap"], row_of["friction"]) == ("none", "none")
 
 
 def test_a_reduced_problem() -> None:
     dense = bp.ReducedProblem(np.eye(4), [[-1.0, 0.0], [2.0, 0.0]], [0.0, 0.3])
     assert repr(dense) == "ReducedProblem(2 contacts in the plane)"
-    said = rows(str(dense))
-    assert said["W"] == "4 x 4, dense, 128 B"
-    assert said["q"] == "from -1 to 2, negative at 1 contact"
-    assert said["friction"] == "mu from 0 to 0.3, 1 contact without friction"
-    assert said["rigid motions"].startswith("none")
+    row_of = rows(str(dense))
+    assert row_of["W"] == "4 x 4, dense, 128 B"
+    assert row_of["q"] == "from -1 to 2, negative at 1 contact"
+    assert row_of["friction"] == "mu from 0 to 0.3, 1 contact without friction"
+    assert row_of["rigid motions"].startswith("none")
     kept = bp.ReducedProblem(
         sparse.csr_array(np.eye(3)),
         [[-1.0, 0, 0]],

@@ -72,8 +72,8 @@ def test_a_row_for_each_contact() -> None:
 
 def test_two_coefficients_and_no_steps() -> None:
     mu = np.array([[0.2, 0.4]])
-    found = bp.solve(np.eye(3), np.eye(3), [-1.0, 0, 0], gap=[0], mu=mu)
-    table = found.table("contacts")
+    solved = bp.solve(np.eye(3), np.eye(3), [-1.0, 0, 0], gap=[0], mu=mu)
+    table = solved.table("contacts")
     assert (table["mu_t1"], table["mu_t2"]) == (0.2, 0.4)
     empty = bp.Result([], contacts={}, shape=(1, 2), success=False, message="stopped")
     assert len(empty.table()) == len(empty.table("contacts")) == 0
@@ -106,13 +106,13 @@ def test_loads_of_a_file_are_kept(tmp_path: Path) -> None:
     m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
     m.support("block.top", x=0.0, y=m.times(-0.01, "down"))
     m.path(steps=2, down=[0.25, 1.0])
-    found = m.solve()
-    expected = found.table()["load"]
-    np.testing.assert_array_equal(expected, found.parameter)
+    solved = m.solve()
+    expected = solved.table()["load"]
+    np.testing.assert_array_equal(expected, solved.parameter)
     for name in ("a.h5", "b.h5"):
-        found.save(tmp_path / name)
-        found = bp.load(tmp_path / name)
-        np.testing.assert_array_equal(found.table()["load"], expected)
+        solved.save(tmp_path / name)
+        solved = bp.load(tmp_path / name)
+        np.testing.assert_array_equal(solved.table()["load"], expected)
 
 
 def test_a_data_frame_is_made_of_the_same_columns(

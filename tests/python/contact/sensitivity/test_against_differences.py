@@ -30,7 +30,7 @@ SAME = 1e-10
 def judged(seeds: Iterable[int]) -> tuple[int, int]:
     """Compare paths; how many were compared with differences, and how many were not."""
     compared = count = 0
-    for name, given, data, result, seed in solvable(seeds):
+    for name, path_problem, data, result, seed in solvable(seeds):
         by = random_direction(data, seed)
         tangent = jvp(result, by)
         bars = cotangents(result, seed)
@@ -39,7 +39,7 @@ def judged(seeds: Iterable[int]) -> tuple[int, int]:
         if not tangent.one_sided.any():
             apart = abs(products(gradient, by) - sum(map(np.sum, terms)))
             assert apart <= SAME * sum(np.abs(t).sum() for t in terms), name
-        compared += _compared(name, given, data, by, tangent)
+        compared += _compared(name, path_problem, data, by, tangent)
         count += 1
     return compared, count - compared
 
@@ -47,14 +47,14 @@ def judged(seeds: Iterable[int]) -> tuple[int, int]:
 def _compared(name: str, given: Any, data: Any, by: Any, tangent: Any) -> bool:
     for h in (1e-3, 1e-4):
         try:
-            found = differences(lambda t: given.solve(data.moved(by, t)), h)
+            derivative = differences(lambda t: given.solve(data.moved(by, t)), h)
         except bp.BipotError:
             return False
-        if found is not None:
-            off = apart(tangent, found)
+        if derivative is not None:
+            off = apart(tangent, derivative)
             if off <= CLOSE:
                 return True
-    assert found is None or off <= CLOSE, f"{name}: {off:.1e}"
+    assert derivative is None or off <= CLOSE, f"{name}: {off:.1e}"
     return False
 
 
@@ -85,12 +85,15 @@ def test_each_kind_slips_and_sticks(kind: str) -> None:
 
 def test_observed_order() -> None:
     """Central differences approach the derivative with the order 2, until rounding."""
-    given, data = random_path("elliptic", 3, 4)
+    path_problem, data = random_path("elliptic", 3, 4)
     by = random_direction(data, 4)
-    exact = jvp(given.solve(data), by)
+    exact = jvp(path_problem.solve(data), by)
     errors = []
     for h in (4e-3, 2e-3, 1e-3, 5e-4):
-        ahead, behind = given.solve(data.moved(by, h)), given.solve(data.moved(by, -h))
+        ahead, behind = (
+            path_problem.solve(data.moved(by, h)),
+            path_problem.solve(data.moved(by, -h)),
+        )
         slope = (ahead.reaction - behind.reaction) / (2 * h)
         errors.append(np.abs(slope - exact.reaction).max())
     order = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -98,7 +101,10 @@ def test_observed_order() -> None:
     np.testing.assert_allclose(order, 2.0, atol=0.02)
     least = np.abs(slope).max() * 1e-10
     for h in (1e-5,):
-        ahead, behind = given.solve(data.moved(by, h)), given.solve(data.moved(by, -h))
+        ahead, behind = (
+            path_problem.solve(data.moved(by, h)),
+            path_problem.solve(data.moved(by, -h)),
+        )
         slope = (ahead.reaction - behind.reaction) / (2 * h)
         # h² = 1e-10 and rounding of 1e-15 over h.
         assert np.abs(slope - exact.reaction).max() <= 30 * least

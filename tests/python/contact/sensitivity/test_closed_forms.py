@@ -128,8 +128,8 @@ def test_homogeneity(d: int) -> None:
     result = bp.ContactProblem(K, np.eye(n), gap=gap, mu=0.3).solve(load, tol=1e-13)
     tangent = result.jvp(load, gap=gap)
     for name in ("reaction", "displacement", "relative_displacement", "slip"):
-        found, exact = getattr(tangent, name), getattr(result, name)
-        np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+        change, exact = getattr(tangent, name), getattr(result, name)
+        np.testing.assert_allclose(change, exact, atol=1e-12 * np.abs(exact).max())
     # Stiffness and loads times c: the displacements stay, the reactions are times c.
     tangent = result.jvp(load, K=K)
     np.testing.assert_allclose(tangent.reaction, result.reaction, atol=1e-11)

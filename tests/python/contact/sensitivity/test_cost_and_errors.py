@@ -17,22 +17,22 @@ from support.random_paths import random_path
 
 @pytest.fixture
 def path() -> bp.Result:
-    given, data = random_path("held", 3, 25)
-    return given.solve(data)
+    path_problem, data = random_path("held", 3, 25)
+    return path_problem.solve(data)
 
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The number of contacts of each tangent system that is factored."""
-    found: list[int] = []
+    counts: list[int] = []
     factored = CondensedResponse.factored
 
     def counted(self: CondensedResponse, laws: Any) -> Any:
-        found.append(len(laws.contacts))
+        counts.append(len(laws.contacts))
         return factored(self, laws)
 
     monkeypatch.setattr(CondensedResponse, "factored", counted)
-    return found
+    return counts
 
 
 def test_nothing_is_factored_again(
@@ -63,8 +63,8 @@ def test_systems_are_kept_for_further_derivatives(
     again = path.jvp(mu=1.0)
     assert np.array_equal(again.reaction, first.reaction)
 
-    given, data = random_path("held", 3, 25)
-    fresh = given.solve(data)
+    path_problem, data = random_path("held", 3, 25)
+    fresh = path_problem.solve(data)
     monkeypatch.setattr(tuning, "KEPT_BYTES", 0)
     made.clear()
     for _ in range(2):
@@ -75,10 +75,12 @@ def test_systems_are_kept_for_further_derivatives(
 
 def test_displacements_without_a_factor() -> None:
     """With loads= gaps and friction may change, and what needs the factor says so."""
-    given, data = random_path("held", 2, 3)
+    path_problem, data = random_path("held", 2, 3)
     arguments = {"gap": data.gap, "mu": data.mu}
-    kept = bp.ContactProblem(data.K, given.B, **arguments).solve(data.load, tol=1e-13)
-    problem = bp.ContactProblem(data.K, given.B, **arguments, loads=data.load)
+    kept = bp.ContactProblem(data.K, path_problem.B, **arguments).solve(
+        data.load, tol=1e-13
+    )
+    problem = bp.ContactProblem(data.K, path_problem.B, **arguments, loads=data.load)
     result = problem.solve(tol=1e-13)
     bar = np.random.default_rng(0).normal(size=result.reaction.shape)
     ours, theirs = (
@@ -87,11 +89,11 @@ def test_displacements_without_a_factor() -> None:
     )
     np.testing.assert_allclose(ours.mu, theirs.mu, rtol=1e-9)
     np.testing.assert_allclose(ours.gap, theirs.gap, rtol=1e-9, atol=1e-9)
-    one, other = result.jvp(mu=1.0), kept.jvp(mu=1.0)
-    np.testing.assert_allclose(one.slip, other.slip, rtol=1e-9, atol=1e-12)
+    derivative, other = result.jvp(mu=1.0), kept.jvp(mu=1.0)
+    np.testing.assert_allclose(derivative.slip, other.slip, rtol=1e-9, atol=1e-12)
     for work in (
         lambda: ours.load,
-        lambda: one.displacement,
+        lambda: derivative.displacement,
         lambda: result.jvp(load=np.ones_like(data.load)),
         lambda: result.vjp(displacement=np.zeros_like(kept.displacement)),
     ):
@@ -154,5 +156,7 @@ def test_shapes_of_gaps() -> None:
     np.testing.assert_array_equal(
         problem.solve(load, gap=moving).vjp(bar).gap, whole.gap[:, :, 0]
     )
-    one = bp.ContactProblem(np.eye(4), np.eye(4), gap=np.zeros((2, 2)), mu=0.3)
-    assert one.solve(load).vjp(bar).gap.shape == (2, 2)
+    small_problem = bp.ContactProblem(
+        np.eye(4), np.eye(4), gap=np.zeros((2, 2)), mu=0.3
+    )
+    assert small_problem.solve(load).vjp(bar).gap.shape == (2, 2)

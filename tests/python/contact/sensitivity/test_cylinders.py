@@ -41,12 +41,12 @@ def compliance(x: Array, coupling: float) -> Array:
     def integral(u: Array) -> Array:
         return np.asarray(u * np.log(np.abs(u)) - u)
 
-    own = (
+    block_of_W = (
         FAR
         - 2 / (np.pi * MODULUS) * (integral(far + h / 2) - integral(far - h / 2)) / h
     )
     across = coupling / MODULUS * np.sign(np.round(far / h))
-    W = np.kron(own, np.eye(2))
+    W = np.kron(block_of_W, np.eye(2))
     W[::2, 1::2], W[1::2, ::2] = across, across.T
     return W
 
@@ -60,9 +60,9 @@ def sliding(x: Array, coupling: float, mu: float) -> bp.Solution:
     q = np.stack([x**2 / (2 * RADIUS), np.full_like(x, 50.0)], axis=1)
     sinks = np.tile([1.0, 0.0], len(x))[:, None]
     problem = bp.ReducedProblem(compliance(x, coupling), q, mu, rigid=(sinks, [-FORCE]))
-    found = problem.solve(tol=1e-12)
-    assert (found.status != bp.Status.STICK).all()
-    return found
+    solution = problem.solve(tol=1e-12)
+    assert (solution.status != bp.Status.STICK).all()
+    return solution
 
 
 def test_half_width_of_a_sliding_contact_by_friction() -> None:
@@ -79,9 +79,9 @@ def test_half_width_of_a_sliding_contact_by_friction() -> None:
     slope = exact * 4 * gamma * by_mu / (1 - 4 * gamma**2)
 
     def measured(x: Array) -> list[float]:
-        found = sliding(x, beta, mu)
-        p = found.reaction[:, 0] / FORCE
-        change = found.jvp(mu=1.0).reaction[:, 0] / FORCE
+        sliding_solution = sliding(x, beta, mu)
+        p = sliding_solution.reaction[:, 0] / FORCE
+        change = sliding_solution.jvp(mu=1.0).reaction[:, 0] / FORCE
         middle = p @ x
         variance = p @ x**2 - middle**2
         of_variance = change @ x**2 - 2 * middle * (change @ x)
@@ -95,11 +95,13 @@ def test_half_width_of_a_sliding_contact_by_friction() -> None:
 
 
 def test_half_width_without_coupling_does_not_depend_on_friction() -> None:
-    found = sliding(next(grids()), 0.0, 0.8)
-    change = found.jvp(mu=1.0).reaction
+    uncoupled = sliding(next(grids()), 0.0, 0.8)
+    change = uncoupled.jvp(mu=1.0).reaction
     # Rounding, relative to the pressure, by which the friction changes.
     np.testing.assert_allclose(change[:, 0], 0.0, atol=1e-12 * FORCE)
-    np.testing.assert_allclose(change[:, 1], -found.reaction[:, 0], atol=1e-12 * FORCE)
+    np.testing.assert_allclose(
+        change[:, 1], -uncoupled.reaction[:, 0], atol=1e-12 * FORCE
+    )
 
 
 def sheared(x: Array, mu: float, tangential: float) -> tuple[bp.Result, Array]:
@@ -109,9 +111,9 @@ def sheared(x: Array, mu: float, tangential: float) -> tuple[bp.Result, Array]:
     holds.
     """
     m = 2 * len(x)
-    own = np.linalg.inv(compliance(x, 0.0))
+    stiffness_of_pair = np.linalg.inv(compliance(x, 0.0))
     K = np.zeros((m + 2, m + 2))
-    K[:m, :m] = (own + own.T) / 2
+    K[:m, :m] = (stiffness_of_pair + stiffness_of_pair.T) / 2
     B = np.hstack([np.eye(m), np.tile(np.eye(2), (len(x), 1))])
     load = np.zeros((2, m + 2))
     load[:, m] = -FORCE
@@ -157,7 +159,7 @@ def test_half_width_of_the_stick_zone() -> None:
             slope(result.jvp(deeper).reaction[-1], 1.0, 0.0),
         ]
 
-    c, *found = average(measured)
+    c, *measured_slopes = average(measured)
     assert c == pytest.approx(exact, rel=1 / CELLS**2)
     # Half a strip of the stick zone.
-    np.testing.assert_allclose(found, slopes, rtol=0.5 / CELLS / root)
+    np.testing.assert_allclose(measured_slopes, slopes, rtol=0.5 / CELLS / root)

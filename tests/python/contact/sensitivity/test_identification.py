@@ -55,7 +55,9 @@ class Block:
         """Derivatives of `seen`, a column for each parameter."""
         directions: list[dict[str, Any]] = [{"mu": hat} for hat in self.shape]
         directions += [{"load": -self.press * YOUNG / young**2}, {"gap": self.recess}]
-        columns = [self.seen(result.jvp(**one).displacement) for one in directions]
+        columns = [
+            self.seen(result.jvp(**direction).displacement) for direction in directions
+        ]
         return np.column_stack(columns)
 
 

@@ -112,9 +112,9 @@ def test_one_sided_differences(seed: int) -> None:
     h = 1e-6
     ahead = [problem.solve(load + t * h * change, tol=1e-13) for t in (1, 2)]
     for name in ("reaction", "relative_displacement", "slip"):
-        here, one, two = (getattr(x, name) for x in (result, *ahead))
+        here, one_step_on, two = (getattr(x, name) for x in (result, *ahead))
         # Of the second order: h² times a third derivative, and rounding of 1e-15 over h.
-        slope = (-3 * here + 4 * one - two) / (2 * h)
+        slope = (-3 * here + 4 * one_step_on - two) / (2 * h)
         np.testing.assert_allclose(getattr(tangent, name), slope, atol=1e-7)
 
 
@@ -137,15 +137,18 @@ def test_the_end_of_a_hysteresis_loop() -> None:
         return problem.solve(None, case.prescribed + t * by, tol=1e-13)
 
     h = 1e-5
-    here, one, two, back = map(solve, (0.0, h, 2 * h, -h))
+    here, one_step_on, two, back = map(solve, (0.0, h, 2 * h, -h))
     tangent = here.jvp(prescribed=by, mu=by_mu)
     assert tangent.one_sided.sum(axis=1).max() > 1
     size = np.abs(tangent.reaction).max()
-    ahead = (-3 * here.reaction + 4 * one.reaction - two.reaction) / (2 * h)
+    ahead = (-3 * here.reaction + 4 * one_step_on.reaction - two.reaction) / (2 * h)
     # h² = 1e-10 of a third derivative, and rounding of 1e-14 over h.
     np.testing.assert_allclose(tangent.reaction, ahead, atol=1e-7 * size)
     # Both sides differ: a central difference is no derivative.
-    assert np.abs((one.reaction - back.reaction) / (2 * h) - ahead).max() > 1e-3 * size
+    assert (
+        np.abs((one_step_on.reaction - back.reaction) / (2 * h) - ahead).max()
+        > 1e-3 * size
+    )
 
 
 def test_a_gradient_on_a_border_is_of_the_reported_side() -> None:

@@ -104,7 +104,7 @@ def test_models(name: str) -> None:
 
 def test_inclined_supports() -> None:
     """A rotated body with symmetry planes has the derivatives of the body that is not."""
-    found = []
+    results_of_frames = []
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     straight = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
@@ -125,14 +125,18 @@ def test_inclined_supports() -> None:
         gradient = result.vjp(displacement=(bar @ R.T).ravel())
         tangent = result.jvp(load=(bar @ R.T).ravel())
         rows = (gradient.load, tangent.displacement)
-        found.append([np.reshape(row, (-1, 2)) @ R for row in rows] + [gradient.gap])
+        results_of_frames.append(
+            [np.reshape(row, (-1, 2)) @ R for row in rows] + [gradient.gap]
+        )
     held = np.abs(straight.p[0]) < 1e-12
-    assert (found[1][0][held, 0] == 0).all() or np.abs(
-        found[1][0][held, 0]
+    assert (results_of_frames[1][0][held, 0] == 0).all() or np.abs(
+        results_of_frames[1][0][held, 0]
     ).max() < 1e-14
-    for one, other in zip(*found, strict=True):
+    for plain_row, other in zip(*results_of_frames, strict=True):
         # Rounding times the condition of K.
-        np.testing.assert_allclose(one, other, atol=1e-11 * np.abs(one).max())
+        np.testing.assert_allclose(
+            plain_row, other, atol=1e-11 * np.abs(plain_row).max()
+        )
 
 
 def test_prescribed_displacements() -> None:
@@ -182,7 +186,7 @@ def test_a_working_set() -> None:
     bars = rng.normal(size=results[0].reaction.shape)
     gradients = [r.vjp(reaction=bars, relative_displacement=bars) for r in results]
     tangents = [r.jvp(gap=1 + gap, prescribed=path) for r in results]
-    for one, other, names in (
+    for derivative, other, names in (
         (*gradients, ("gap", "mu", "load", "prescribed")),
         (*tangents, FIELDS),
     ):
@@ -190,5 +194,8 @@ def test_a_working_set() -> None:
             exact = getattr(other, name)
             # As the solutions: two W's with the rounding of one K.
             np.testing.assert_allclose(
-                getattr(one, name), exact, atol=1e-9 * np.abs(exact).max(), err_msg=name
+                getattr(derivative, name),
+                exact,
+                atol=1e-9 * np.abs(exact).max(),
+                err_msg=name,
             )

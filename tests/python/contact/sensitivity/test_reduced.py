@@ -18,18 +18,21 @@ def test_random_problems(kind: str, d: int) -> None:
 
 
 def _compared(kind: str, d: int, seed: int) -> bool:
-    given = random_problem(kind, d, seed)
+    random_data = random_problem(kind, d, seed)
     rng = np.random.default_rng(seed)
     # A measured W is not symmetric.
-    W = given.W * (1 + 0.02 * rng.normal(size=given.W.shape))
-    size = np.abs(given.q).mean(axis=1)
-    dq = 0.1 * rng.normal(size=given.q.shape) * size[:, None]
+    W = random_data.W * (1 + 0.02 * rng.normal(size=random_data.W.shape))
+    size = np.abs(random_data.q).mean(axis=1)
+    dq = 0.1 * rng.normal(size=random_data.q.shape) * size[:, None]
     dW = 0.1 * W * rng.normal(size=W.shape)
-    dmu = 0.1 * rng.normal(size=given.mu.shape) * (given.mu > 0)
+    dmu = 0.1 * rng.normal(size=random_data.mu.shape) * (random_data.mu > 0)
 
     def solve(t: float) -> bp.Solution:
         problem = bp.ReducedProblem(
-            W + t * dW, given.q + t * dq, given.mu + t * dmu, rigid=given.rigid
+            W + t * dW,
+            random_data.q + t * dq,
+            random_data.mu + t * dmu,
+            rigid=random_data.rigid,
         )
         return problem.solve(tol=TOL)
 
@@ -56,7 +59,7 @@ def _compared(kind: str, d: int, seed: int) -> bool:
         # A reaction that loads alone determine does not change: its slope is rounding.
         # And so does the displacement of contacts that all stick.
         least = 1e-3 * scale.max(initial=0.0) + 1e-5 * (
-            np.abs(getattr(at, name)).max() + np.abs(given.q).max()
+            np.abs(getattr(at, name)).max() + np.abs(random_data.q).max()
         )
         scale = np.maximum(scale, least)
         off = np.abs(getattr(tangent, name) - slope) / np.where(scale > 0, scale, 1.0)

@@ -30,12 +30,12 @@ STICK = np.sqrt(CONTACT**2 - RADIUS * SHIFT / (MU * RATIO))
 def of_cells(x: Array, side: float) -> Array:
     """Displacement of each centre by even pressure of force 1 on each square, [J85, 3.3]."""
     dx, dy = (x[:, None, k] - x[None, :, k] for k in range(2))
-    found = np.zeros_like(dx)
+    integral = np.zeros_like(dx)
     for i, j in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         u, v = dx + i * side / 2, dy + j * side / 2
         far = np.hypot(u, v)
-        found += i * j * (u * np.log(v + far) + v * np.log(u + far))
-    return found / (np.pi * MODULUS * side**2)
+        integral += i * j * (u * np.log(v + far) + v * np.log(u + far))
+    return integral / (np.pi * MODULUS * side**2)
 
 
 def pressed(cells: int) -> bp.Solution:
@@ -53,13 +53,13 @@ def pressed(cells: int) -> bp.Solution:
 
 def off(cells: int) -> Array:
     """Errors of ``dP/dδ``, ``dQ/dδ_x`` and ``dQ/dμ``, relative to their largest term."""
-    found = pressed(cells)
-    deeper, further = (np.zeros((len(found.reaction), 3)) for _ in range(2))
+    pressed_body = pressed(cells)
+    deeper, further = (np.zeros((len(pressed_body.reaction), 3)) for _ in range(2))
     deeper[:, 0], further[:, 1] = -1.0, 1.0
     ours = [
-        found.jvp(q=deeper).reaction[:, 0].sum(),
-        -found.jvp(q=further).reaction[:, 1].sum(),
-        -found.jvp(mu=1.0).reaction[:, 1].sum(),
+        pressed_body.jvp(q=deeper).reaction[:, 0].sum(),
+        -pressed_body.jvp(q=further).reaction[:, 1].sum(),
+        -pressed_body.jvp(mu=1.0).reaction[:, 1].sum(),
     ]
     # Q = μ P (1 - c³/a³), and c grows with μ.
     slides = FORCE * (1 - (STICK / CONTACT) ** 3)

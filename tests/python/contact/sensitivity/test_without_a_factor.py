@@ -49,16 +49,16 @@ def no_factor(monkeypatch: pytest.MonkeyPatch) -> None:
 def solved(name: str) -> tuple[Any, bp.Result, bp.Result]:
     """The case, and its results by both engines."""
     case = MODELS[name]().assemble()
-    found = []
+    results_of_engines = []
     for engine in ("iterative", "direct"):
         problem = bp.ContactProblem(**arguments(case.model), engine=engine)
-        found.append(
+        results_of_engines.append(
             problem.solve(case.load, case.prescribed, gap=case.gaps, tol=1e-13)
         )
-    assert "krylov" in found[0][-1].stats
-    assert found[0].converged.all()
-    assert found[1].converged.all()
-    return case, found[0], found[1]
+    assert "krylov" in results_of_engines[0][-1].stats
+    assert results_of_engines[0].converged.all()
+    assert results_of_engines[1].converged.all()
+    return case, results_of_engines[0], results_of_engines[1]
 
 
 def near(one: Any, other: Any) -> None:
@@ -80,14 +80,14 @@ def test_as_the_direct_engine(name: str) -> None:
     motion = moved * rng.normal(size=(shape[0], len(case.model.fixed)))
     mu = np.asarray(ours.contacts["mu"])
     change = 0.1 * mu * rng.uniform(size=mu.shape)
-    given = {"load": load, "prescribed": motion, "gap": gap, "mu": change}
+    changes = {"load": load, "prescribed": motion, "gap": gap, "mu": change}
     stiffened = 0.1 * case.model.K
-    one, other = (r.jvp(**given, K=stiffened) for r in (ours, theirs))
-    assert not one.one_sided.any()
+    iterative, other = (r.jvp(**changes, K=stiffened) for r in (ours, theirs))
+    assert not iterative.one_sided.any()
     bars = {f: rng.normal(size=getattr(ours, f).shape) for f in FIELDS}
     gradient, expected = ours.vjp(**bars), theirs.vjp(**bars)
     for field in (*FIELDS, "displacement"):
-        near(getattr(one, field), getattr(other, field))
+        near(getattr(iterative, field), getattr(other, field))
     for field in ("load", "prescribed", "gap_by_component", "mu"):
         near(getattr(gradient, field), getattr(expected, field))
     near((gradient.K * stiffened).sum(), (expected.K * stiffened).sum())
@@ -98,8 +98,8 @@ def test_as_the_direct_engine(name: str) -> None:
         np.sum(gradient.mu * change),
         (gradient.K * stiffened).sum(),
     ]
-    terms = [np.sum(bars[f] * getattr(one, f)) for f in FIELDS]
-    sizes = [np.abs(bars[f] * getattr(one, f)).sum() for f in FIELDS]
+    terms = [np.sum(bars[f] * getattr(iterative, f)) for f in FIELDS]
+    sizes = [np.abs(bars[f] * getattr(iterative, f)).sum() for f in FIELDS]
     # Residuals of 1e-13 of the linear systems, times their condition.
     assert abs(sum(pulled) - sum(terms)) <= 1e-9 * sum(sizes)
 
@@ -127,7 +127,7 @@ def test_borders(direction: int) -> None:
     K[:2, 2:] += 100.0 * np.array([[0.0, 1.0], [1.0, 0.0]])
     K[2:, :2] += 100.0 * np.array([[0.0, 1.0], [1.0, 0.0]])
     change = np.random.default_rng(direction).normal(size=4)
-    found = []
+    tangents = []
     for engine in ("iterative", "direct"):
         problem = bp.ContactProblem(
             K, np.eye(4), gap=np.zeros(2), mu=0.5, engine=engine
@@ -135,9 +135,9 @@ def test_borders(direction: int) -> None:
         result = problem.solve([-10.0, 5.0, 0.0, 0.0], tol=1e-13)
         tangent = result.jvp(load=change)
         np.testing.assert_array_equal(tangent.one_sided, [[True, True]])
-        found.append(tangent)
+        tangents.append(tangent)
     for field in (*FIELDS, "displacement"):
-        near(getattr(found[0], field), getattr(found[1], field))
+        near(getattr(tangents[0], field), getattr(tangents[1], field))
 
 
 @pytest.mark.usefixtures("no_factor")
@@ -150,7 +150,7 @@ def test_prescribed_components_of_contacts(fixed: list[int]) -> None:
     bars = {
         f: rng.normal(size=(1, 2, 3)) for f in ("reaction", "relative_displacement")
     }
-    found = []
+    of_engines = []
     for engine in ("iterative", "direct"):
         problem = bp.ContactProblem(
             K, np.eye(6), gap=np.zeros(2), mu=0.3, fixed=fixed, engine=engine
@@ -159,10 +159,10 @@ def test_prescribed_components_of_contacts(fixed: list[int]) -> None:
         result = problem.solve(load, moved, tol=1e-13)
         tangent = result.jvp(load=np.arange(1.0, 7.0), prescribed=1e-3 * moved)
         gradient = result.vjp(**bars)
-        found.append((tangent, gradient))
-    (one, first), (other, second) = found
+        of_engines.append((tangent, gradient))
+    (iterative, first), (other, second) = of_engines
     for field in (*FIELDS, "displacement"):
-        near(getattr(one, field), getattr(other, field))
+        near(getattr(iterative, field), getattr(other, field))
     for field in ("load", "prescribed", "gap", "mu"):
         near(getattr(first, field), getattr(second, field))
 
@@ -191,13 +191,13 @@ def test_a_solver_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_threads_do_not_change_bits() -> None:
     case = MODELS["hexahedra"]().assemble()
-    found = []
+    gradients = []
     for threads in (1, 2):
         problem = bp.ContactProblem(
             **arguments(case.model), engine="iterative", num_threads=threads
         )
         result = problem.solve(case.load, case.prescribed)
         gradient = result.vjp(reaction=np.ones_like(result.reaction))
-        found.append((gradient.load, gradient.gap))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, other)
+        gradients.append((gradient.load, gradient.gap))
+    for plain_row, other in zip(*gradients, strict=True):
+        np.testing.assert_array_equal(plain_row, other)

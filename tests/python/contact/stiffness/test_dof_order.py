@@ -26,17 +26,17 @@ Floats = NDArray[np.float64]
 
 
 def fit(K: Any, order: str, nodes: Floats) -> dof_order.Fit:
-    found = dof_order.of_order(csr("K", K).parts, order, nodes.shape[1], nodes)
-    assert found is not None
-    return found
+    dof_pattern = dof_order.of_order(csr("K", K).parts, order, nodes.shape[1], nodes)
+    assert dof_pattern is not None
+    return dof_pattern
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("aspect", [1.0, 100.0])
 def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
     """The right order leaves only rounding errors; a wrong one leaves large forces in some rows."""
-    one = body(cell, d, order, aspect=aspect)
-    K, x = fem.stiffness(one).tocsr(), one.points
+    meshed = body(cell, d, order, aspect=aspect)
+    K, x = fem.stiffness(meshed).tocsr(), meshed.points
     n = K.shape[0]
     turned = by_component(n, d)
     by = {"node": K, "component": K[turned][:, turned].tocsr()}
@@ -67,11 +67,11 @@ def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
 def test_supports_and_few_digits_are_not_a_wrong_order(
     cell: str, d: int, order: int
 ) -> None:
-    one = body(cell, d, order)
-    K, x = fem.stiffness(one).tocsr(), one.points
+    meshed = body(cell, d, order)
+    K, x = fem.stiffness(meshed).tocsr(), meshed.points
     n = K.shape[0]
     rng = np.random.default_rng(2)
-    sides = [one.nodes(name) for name in ("left", "bottom")]
+    sides = [meshed.nodes(name) for name in ("left", "bottom")]
     kinds = list(itertools.product((0, 1), ("penalty", "eliminated", "springs")))
     for side, kind in kinds:
         for components in ((0,), (1,), tuple(range(d))):
@@ -79,22 +79,22 @@ def test_supports_and_few_digits_are_not_a_wrong_order(
             some = np.zeros(n)
             some[held] = 1.0
             if kind == "penalty":
-                given = K + sparse.diags_array(1e8 * K.diagonal() * some)
+                changed_K = K + sparse.diags_array(1e8 * K.diagonal() * some)
             elif kind == "springs":
-                given = K + sparse.diags_array(rng.random(n) * K.diagonal() * some)
+                changed_K = K + sparse.diags_array(rng.random(n) * K.diagonal() * some)
             else:
                 keep = sparse.diags_array(1 - some)
-                given = keep @ K @ keep + sparse.diags_array(some)
-            assert fit(given.tocsr(), "node", x).fits
+                changed_K = keep @ K @ keep + sparse.diags_array(some)
+            assert fit(changed_K.tocsr(), "node", x).fits
     # A symmetry plane at 45 degrees, by penalty: the sums of its rows stay zero.
     across = np.zeros(n)
     across[d * sides[0]], across[d * sides[0] + 1] = 1.0, -1.0
     nodes = sparse.csc_array((across, (np.arange(n), np.arange(n) // d)))
     assert fit((K + 1e9 * nodes @ nodes.T).tocsr(), "node", x).fits
     for digits in (4, 6):
-        given = K.tocsr()
-        given.data = np.array([float(f"{v:.{digits}g}") for v in given.data])
-        assert fit(given, "node", np.round(x, digits)).fits
+        changed_K = K.tocsr()
+        changed_K.data = np.array([float(f"{v:.{digits}g}") for v in changed_K.data])
+        assert fit(changed_K, "node", np.round(x, digits)).fits
 
 
 def test_springs_without_rigid_motions_pass() -> None:
@@ -111,50 +111,50 @@ def test_springs_without_rigid_motions_pass() -> None:
 
 def test_warnings_of_contact_problem() -> None:
     """The warning gives the misfit and the order that fits better."""
-    one = body("quadrilateral", 2)
-    K, x = fem.stiffness(one).tocsr(), one.points
+    meshed = body("quadrilateral", 2)
+    K, x = fem.stiffness(meshed).tocsr(), meshed.points
     n = K.shape[0]
-    at = one.nodes("bottom")
-    fixed = (2 * one.nodes("top")[:, None] + np.arange(2)).ravel()
+    at = meshed.nodes("bottom")
+    fixed = (2 * meshed.nodes("top")[:, None] + np.arange(2)).ravel()
     rows = np.arange(2 * len(at))
     columns = np.stack([2 * at + 1, 2 * at], axis=1).ravel()
     B = sparse.csr_array((np.ones(len(rows)), (rows, columns)), (2 * len(at), n))
-    given: dict[str, Any] = {"gap": np.zeros(len(at)), "mu": 0.3, "fixed": fixed}
+    arguments: dict[str, Any] = {"gap": np.zeros(len(at)), "mu": 0.3, "fixed": fixed}
 
     def warned(K: Any, B: Any, **options: Any) -> list[str]:
-        with warnings.catch_warnings(record=True) as found:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            bp.ContactProblem(K, B, **given, **options)
-        assert all(one.filename == __file__ for one in found)
-        return [str(one.message) for one in found]
+            bp.ContactProblem(K, B, **arguments, **options)
+        assert all(meshed.filename == __file__ for meshed in caught)
+        return [str(meshed.message) for meshed in caught]
 
     nodes, components = np.repeat(x, 2, axis=0), np.tile(x, (2, 1))
     assert warned(K, B, coordinates=nodes) == []
     assert warned(K, B, coordinates=np.column_stack([nodes, np.zeros(n)])) == []
     assert warned(K, B, points=x[at]) == []
     # Supported as by skfem.enforce, but kept symmetric.
-    (said,) = warned(K, B, coordinates=components)
-    assert said.startswith(
+    (remark,) = warned(K, B, coordinates=components)
+    assert remark.startswith(
         "coordinates do not fit K: they are component after component, all u_x, then all "
         "u_y; K times a rigid "
     )
-    assert "does not cancel, expected only rounding errors" in said
-    assert "coordinates = numpy.repeat(nodes, d, axis=0) would fit" in said
+    assert "does not cancel, expected only rounding errors" in remark
+    assert "coordinates = numpy.repeat(nodes, d, axis=0) would fit" in remark
     shuffled = np.random.default_rng(3).permutation(len(x))
-    (said,) = warned(K, B, coordinates=np.repeat(x[shuffled], 2, axis=0))
-    assert "K times a rigid rotation is not zero in" in said
-    assert said.endswith("give the coordinates in the order of the rows of K")
+    (remark,) = warned(K, B, coordinates=np.repeat(x[shuffled], 2, axis=0))
+    assert "K times a rigid rotation is not zero in" in remark
+    assert remark.endswith("give the coordinates in the order of the rows of K")
     # K has all u_x first, B has node after node: this is visible without coordinates.
     turned = by_component(n, 2)
-    (said,) = warned(K[turned][:, turned], B, points=x[at])
-    assert said == (
+    (remark,) = warned(K[turned][:, turned], B, points=x[at])
+    assert remark == (
         "B does not fit K: the rigid translations of K are component after component, all "
         "u_x, then all u_y, but the columns of B at 5 contacts, first contact 0, are the "
         "components of one node if the order is node after node, degree of freedom = d * row "
         "+ component; give K, B and coordinates in one order"
     )
-    (said,) = warned(K[turned][:, turned], B, coordinates=components)
-    assert said.startswith(
+    (remark,) = warned(K[turned][:, turned], B, coordinates=components)
+    assert remark.startswith(
         "B does not fit coordinates: coordinates are component after"
     )
     # Frictionless pairs with normals only: two columns for two nodes are correct.
@@ -162,30 +162,30 @@ def test_warnings_of_contact_problem() -> None:
     columns = (2 * np.column_stack([at, at - at.min() + 1]) + 1).ravel()
     normals = sparse.csr_array((np.ones(10), (rows, columns)), (10, n))
     assert warned(K, normals, coordinates=nodes) == []
-    given["fixed"] = np.flatnonzero(np.isin(turned, fixed))
+    arguments["fixed"] = np.flatnonzero(np.isin(turned, fixed))
     assert warned(K[turned][:, turned], B[:, turned], points=x[at]) == []
     assert warned(K[turned][:, turned], B[:, turned], coordinates=components) == []
 
 
 def test_large_matrices_are_checked_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = body("hexahedron", 3)
-    K, x = fem.stiffness(one).tocsr(), one.points
+    meshed = body("hexahedron", 3)
+    K, x = fem.stiffness(meshed).tocsr(), meshed.points
     shuffled = x[np.random.default_rng(7).permutation(len(x))]
     whole = [fit(K, "node", places) for places in (x, shuffled)]
     monkeypatch.setattr(dof_order, "_BLOCK", 500)
     for places, expected in zip((x, shuffled), whole, strict=True):
-        found = fit(K, "node", places)
-        assert found.turned.tolist() == expected.turned.tolist()
-        assert (found.rows, found.rotation) == (expected.rows, expected.rotation)
+        order = fit(K, "node", places)
+        assert order.turned.tolist() == expected.turned.tolist()
+        assert (order.rows, order.rotation) == (expected.rows, expected.rotation)
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Any:
     """A block on a floor as files, with any order of nodes and of components."""
-    one = body("quadrilateral", 2, aspect=2.0)
-    x, n = one.points, one.points.size
-    K = fem.stiffness(one).tocsr()
-    bottom, top = one.nodes("bottom"), one.nodes("top")
+    meshed = body("quadrilateral", 2, aspect=2.0)
+    x, n = meshed.points, meshed.points.size
+    K = fem.stiffness(meshed).tocsr()
+    bottom, top = meshed.nodes("bottom"), meshed.nodes("top")
 
     def table(name: str, header: str, rows: Any) -> None:
         with (tmp_path / name).open("w", newline="") as file:
@@ -234,8 +234,8 @@ def test_orders_of_files(files: Any, tmp_path: Path) -> None:
     write, run = files
 
     def pressed() -> float:
-        found = bp.load(tmp_path / "out" / "K" / "result.h5").reaction
-        return float(found[-1, :, 0].sum())
+        reaction = bp.load(tmp_path / "out" / "K" / "result.h5").reaction
+        return float(reaction[-1, :, 0].sum())
 
     write()
     assert run()[0] == run("--order", "node")[0] == 0
@@ -287,16 +287,18 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
 
 
 def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
-    one = body("triangle", 2)
-    K, x = sparse.coo_matrix(fem.stiffness(one)), one.points
+    meshed = body("triangle", 2)
+    K, x = sparse.coo_matrix(fem.stiffness(meshed)), meshed.points
     lines = [
         f"{i // 2 + 1},{i % 2 + 1},{j // 2 + 1},{j % 2 + 1},{v:.17e}"
         for i, j, v in zip(K.row, K.col, K.data, strict=True)
     ]
     (tmp_path / "K.dat").write_text("\n".join(lines) + "\n")
-    contacts = "".join(f"{k + 1},0,1,0.3\n" for k in one.nodes("bottom"))
+    contacts = "".join(f"{k + 1},0,1,0.3\n" for k in meshed.nodes("bottom"))
     (tmp_path / "contacts.csv").write_text("node,nx,ny,mu\n" + contacts)
-    (tmp_path / "load.csv").write_text(f"node,fx,fy\n{one.nodes('top')[2] + 1},0,-1\n")
+    (tmp_path / "load.csv").write_text(
+        f"node,fx,fy\n{meshed.nodes('top')[2] + 1},0,-1\n"
+    )
     command = ["solve", "--stiffness", "K.dat", "--contacts", "contacts.csv"]
     command += ["--nodes", "nodes.csv", "--load", "load.csv"]
     rng = np.random.default_rng(6)
@@ -322,13 +324,13 @@ def test_any_body_in_any_order(seed: int) -> None:
     """Curved and graded bodies of every cell type, rotated and shuffled at random."""
     rng = np.random.default_rng(seed)
     cell, d, order = CELLS[seed % len(CELLS)]
-    one = body(
+    meshed = body(
         cell, d, order, cells=int(rng.integers(2, 5)), aspect=10 ** rng.uniform(-2, 2)
     )
-    x = one.points
+    x = meshed.points
     turn = np.linalg.qr(rng.normal(size=(d, d)))[0]
     rotation = np.kron(np.eye(len(x)), turn)
-    K = sparse.csr_array(rotation @ fem.stiffness(one).toarray() @ rotation.T)
+    K = sparse.csr_array(rotation @ fem.stiffness(meshed).toarray() @ rotation.T)
     x = x @ turn.T + rng.normal(size=d)
     new = rng.permutation(len(x))
     dofs = (d * new[:, None] + np.arange(d)).ravel()

@@ -192,12 +192,12 @@ COLUMNS = {
 def test_h14_powers_of_two_change_no_bit(name: str, power_s: int, power_f: int) -> None:
     s, c = 2.0**power_s, 2.0**power_f
     column = COLUMNS[name]()
-    one, other = solve(column), solve(column, s, c)
-    assert np.array_equal(other.reaction, one.reaction * c)
-    assert np.array_equal(other.displacement, one.displacement * s)
-    assert np.array_equal(other.status, one.status)
-    assert np.array_equal(other.iterations, one.iterations)
-    assert np.array_equal(other[0].history, one[0].history)
+    original, other = solve(column), solve(column, s, c)
+    assert np.array_equal(other.reaction, original.reaction * c)
+    assert np.array_equal(other.displacement, original.displacement * s)
+    assert np.array_equal(other.status, original.status)
+    assert np.array_equal(other.iterations, original.iterations)
+    assert np.array_equal(other[0].history, original[0].history)
 
 
 @pytest.mark.parametrize(
@@ -206,9 +206,9 @@ def test_h14_powers_of_two_change_no_bit(name: str, power_s: int, power_f: int) 
 @pytest.mark.parametrize("name", COLUMNS)
 def test_h14_other_units_keep_the_digits(name: str, s: float, c: float) -> None:
     column = COLUMNS[name]()
-    one, other = solve(column), solve(column, s, c)
-    assert np.array_equal(other.status, one.status)
-    assert np.array_equal(other.iterations, one.iterations)
+    original, other = solve(column), solve(column, s, c)
+    assert np.array_equal(other.status, original.status)
+    assert np.array_equal(other.iterations, original.iterations)
     # K is rounded again in other units, by as much as the first time.
     of_u, of_r = misses(other.displacement[0] / s, other.reaction[0] / c, column)
     assert of_u <= 1e-10

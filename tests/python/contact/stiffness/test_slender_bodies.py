@@ -147,7 +147,9 @@ def test_a_stiffness_without_digits_is_an_error() -> None:
     try:
         result = model.problem().solve(load)
     except (ValueError, bp.NotConvergedError) as refused:
-        if not any(said in str(refused) for said in ("too few digits", "nearly free")):
+        if not any(
+            reason in str(refused) for reason in ("too few digits", "nearly free")
+        ):
             raise
     else:
         is_right(model, load, result)

@@ -167,10 +167,10 @@ def test_second_order() -> None:
 @pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
 def test_a_slender_body_keeps_its_bending(held: bool) -> None:
     """Aspect ratio 50: rotations are restored row by row, not all together."""
-    given = case("quadrilateral", held, cells=4, length=50.0)
+    data = case("quadrilateral", held, cells=4, length=50.0)
     tau = 0.5e-5
-    full = given.problem().solve(given.load)
-    result = given.problem(written(given.K, 6), stiffness_rtol=1e-6).solve(given.load)
+    full = data.problem().solve(data.load)
+    result = data.problem(written(data.K, 6), stiffness_rtol=1e-6).solve(data.load)
     assert apart(result.displacement, full.displacement) <= CONDITION * tau
 
 
@@ -178,36 +178,36 @@ def test_a_slender_body_keeps_its_bending(held: bool) -> None:
 @pytest.mark.slow_variants("8")
 @pytest.mark.slow_variants("6")
 def test_entries_move_within_their_digits(digits: int) -> None:
-    given = case("hexahedron", False)
-    given.K.eliminate_zeros()
-    K = written(given.K, digits)
+    data = case("hexahedron", False)
+    data.K.eliminate_zeros()
+    K = written(data.K, digits)
     rtol = 10.0**-digits
-    found = used(given.problem(K, stiffness_rtol=rtol))
+    restored = used(data.problem(K, stiffness_rtol=rtol))
     row, column = K.nonzero()
-    assert found.nnz == len(row)
+    assert restored.nnz == len(row)
     # The rounding of the assembly may change by the same amount.
     roots = np.sqrt(K.diagonal())
     size = rtol * np.abs(K[row, column]) + 8 * EPS * roots[row] * roots[column]
-    ratio = np.abs(found[row, column] - K[row, column]) / size
+    ratio = np.abs(restored[row, column] - K[row, column]) / size
     assert ratio.max() <= 20
     assert np.sqrt(np.mean(ratio**2)) <= 2
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
 def test_the_error_without_it_suggests_stiffness_rtol(digits: int) -> None:
-    given = case("quadrilateral", False)
-    K = written(given.K, digits)
+    data = case("quadrilateral", False)
+    K = written(data.K, digits)
     values = np.linalg.eigvalsh(K.toarray())
     assert values[0] < 0
     with pytest.raises(ValueError, match="indefinite") as refused:
-        given.problem(K, coordinates=None)
-    said = str(refused.value)
-    told = re.search(r"most negative eigenvalue is (\S+) of the largest", said)
+        data.problem(K, coordinates=None)
+    message = str(refused.value)
+    told = re.search(r"most negative eigenvalue is (\S+) of the largest", message)
     assert told
     assert float(told[1]) == pytest.approx(values[0] / values[-1], rel=0.1)
-    offered = re.search(r"stiffness_rtol=(\S+), .* coordinates,", said)
+    offered = re.search(r"stiffness_rtol=(\S+), .* coordinates,", message)
     assert offered
-    problem = given.problem(K, stiffness_rtol=float(offered[1]))
+    problem = data.problem(K, stiffness_rtol=float(offered[1]))
     assert problem.stats["rigid_motions"] == 3
 
 
@@ -219,10 +219,10 @@ def test_no_suggestion_if_digits_do_not_explain_the_error() -> None:
 
 def test_a_large_indefinite_stiffness() -> None:
     """Its eigenvalue is found without a full matrix."""
-    given = case("quadrilateral", False, cells=36)
-    assert given.K.shape[0] > 3000
+    data = case("quadrilateral", False, cells=36)
+    assert data.K.shape[0] > 3000
     with pytest.raises(ValueError, match=r"eigenvalue is -\d\.\de-(09|10|11) of .*1e-"):
-        given.problem(written(given.K, 8), coordinates=None)
+        data.problem(written(data.K, 8), coordinates=None)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
@@ -231,21 +231,21 @@ def test_a_large_indefinite_stiffness() -> None:
 @pytest.mark.slow_variants("*hexahedron*")
 def test_a_condensed_stiffness(cell: str, negative: float) -> None:
     """A dense superelement whose rigid motions have slightly negative eigenvalues."""
-    given = case(cell, False, cells=3)
-    K = given.K.toarray()
-    kept = np.flatnonzero((given.load != 0) | (abs(given.B).sum(axis=0) > 0))
-    kept = np.flatnonzero(np.isin(np.arange(len(K)) // given.dim, kept // given.dim))
+    data = case(cell, False, cells=3)
+    K = data.K.toarray()
+    kept = np.flatnonzero((data.load != 0) | (abs(data.B).sum(axis=0) > 0))
+    kept = np.flatnonzero(np.isin(np.arange(len(K)) // data.dim, kept // data.dim))
     rest = np.setdiff1d(np.arange(len(K)), kept)
     S = K[np.ix_(kept, kept)]
     if len(rest):
         inner = np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, kept)])
         S = S - K[np.ix_(kept, rest)] @ inner
     values, vectors = np.linalg.eigh((S + S.T) / 2)
-    m = 3 if given.dim == 2 else 6
+    m = 3 if data.dim == 2 else 6
     values[:m] = -negative * values[-1] * np.linspace(1, 0.3, m)
     S = vectors * values @ vectors.T
-    superelement = given._replace(
-        K=S, B=given.B[:, kept], load=given.load[kept], at=given.at[kept]
+    superelement = data._replace(
+        K=S, B=data.B[:, kept], load=data.load[kept], at=data.at[kept]
     )
     with pytest.raises(
         ValueError, match=r"eigenvalue is -\d\.\de-1\d .*stiffness_rtol"
@@ -255,65 +255,65 @@ def test_a_condensed_stiffness(cell: str, negative: float) -> None:
     assert problem.stats["rigid_motions"] == m
     # Rows of a full matrix sum to more than its eigenvalue.
     assert 0 < problem.stats["rigid_motions_off"] <= 1e-11
-    assert off(used(problem), rigid(superelement.at, given.dim)) <= 16 * EPS
+    assert off(used(problem), rigid(superelement.at, data.dim)) <= 16 * EPS
     # 1e-12 of the entries, times the condition of the block, some hundreds.
-    full = given.problem().solve(given.load)
+    full = data.problem().solve(data.load)
     result = problem.solve(superelement.load)
-    if not np.any(given.load[rest]):
+    if not np.any(data.load[rest]):
         assert apart(result.reaction, full.reaction) <= 1e-9
 
 
 @pytest.mark.parametrize("digits", [6, 8])
 def test_supports_within_k_stay(digits: int) -> None:
     """A spring along y at one corner: the block can slide, and turn about the corner."""
-    given = case("quadrilateral", False)
-    K = given.K.tolil()
-    spring = 0.3 * given.K.diagonal().max()
+    data = case("quadrilateral", False)
+    K = data.K.tolil()
+    spring = 0.3 * data.K.diagonal().max()
     K[1, 1] += spring
     K = sparse.csr_array(K)
-    full = given.problem(K)
-    problem = given.problem(written(K, digits), stiffness_rtol=10.0**-digits)
+    full = data.problem(K)
+    problem = data.problem(written(K, digits), stiffness_rtol=10.0**-digits)
     assert full.stats["rigid_motions"] == problem.stats["rigid_motions"] == 2
-    Z = rigid(given.at, 2)
+    Z = rigid(data.at, 2)
     forces = used(problem) @ Z
     size = np.asarray(abs(K).sum(axis=1)).reshape(-1, 1)
     held = np.flatnonzero((np.abs(forces) > 16 * EPS * size).any(axis=1))
     assert held.tolist() == [1]
     assert forces[1, 1] == pytest.approx(spring, rel=10.0 ** (2 - digits))
     assert np.abs(forces[1, 0]) <= 16 * EPS * size[1]  # # no force against sliding
-    expected = full.solve(given.load)
-    found = problem.solve(given.load)
+    expected = full.solve(data.load)
+    solved = problem.solve(data.load)
     tau = 0.5 * 10.0 ** (1 - digits)
-    assert apart(found.displacement, expected.displacement) <= 10 * CONDITION * tau
+    assert apart(solved.displacement, expected.displacement) <= 10 * CONDITION * tau
 
 
 def test_a_foundation_all_along_the_bottom() -> None:
     """Springs along y under every node of a row: only the motion along x is left."""
-    given = case("quadrilateral", False)
-    bottom = np.flatnonzero(given.at[1::2, 1] == 0)
-    K = given.K.tolil()
+    data = case("quadrilateral", False)
+    bottom = np.flatnonzero(data.at[1::2, 1] == 0)
+    K = data.K.tolil()
     for node in bottom:
-        K[2 * node + 1, 2 * node + 1] += 1e-2 * given.K.diagonal().max()
-    problem = given.problem(written(K, 8), stiffness_rtol=1e-8)
+        K[2 * node + 1, 2 * node + 1] += 1e-2 * data.K.diagonal().max()
+    problem = data.problem(written(K, 8), stiffness_rtol=1e-8)
     assert problem.stats["rigid_motions"] == 1
-    expected = given.problem(sparse.csr_array(K)).solve(given.load)
-    found = problem.solve(given.load)
-    assert apart(found.displacement, expected.displacement) <= 1e-6
+    expected = data.problem(sparse.csr_array(K)).solve(data.load)
+    solved = problem.solve(data.load)
+    assert apart(solved.displacement, expected.displacement) <= 1e-6
 
 
 def test_a_condensed_stiffness_that_supports_hold() -> None:
     """All rows resist rigid motions by far more than the digits do: nothing is restored."""
-    given = case("quadrilateral", True)
-    free = np.setdiff1d(np.arange(len(given.load)), given.fixed)
-    bottom = free[np.abs(given.B[:, free]).sum(axis=0) > 0]
-    K = given.K.toarray()
+    data = case("quadrilateral", True)
+    free = np.setdiff1d(np.arange(len(data.load)), data.fixed)
+    bottom = free[np.abs(data.B[:, free]).sum(axis=0) > 0]
+    K = data.K.toarray()
     rest = np.setdiff1d(free, bottom)
     S = K[np.ix_(bottom, bottom)] - K[np.ix_(bottom, rest)] @ np.linalg.solve(
         K[np.ix_(rest, rest)], K[np.ix_(rest, bottom)]
     )
-    B, at = given.B[:, bottom], given.at[bottom]
+    B, at = data.B[:, bottom], data.at[bottom]
     S = written((S + S.T) / 2, 8)
-    options = {"gap": given.gap, "mu": 0.3, "coordinates": at}
+    options = {"gap": data.gap, "mu": 0.3, "coordinates": at}
     problem = bp.ContactProblem(S, B, stiffness_rtol=1e-8, **options)
     assert problem.stats["rigid_motions"] == 0
     assert abs(used(problem) - S).max() <= 4e-16 * abs(S).max()
@@ -367,28 +367,30 @@ def test_nodes_with_rotations(units: str, digits: int) -> None:
     full = problem(K)
     some = problem(written(K, digits), stiffness_rtol=10.0**-digits)
     assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 3
-    expected, found = full.solve(load), some.solve(load)
+    expected, restored = full.solve(load), some.solve(load)
     # Axial and bending stiffness share entries and differ by a factor of 1200.
     tau = 1200 * 0.5 * 10.0 ** (1 - digits)
-    assert apart(found.reaction, expected.reaction) <= tau
-    assert apart(found.displacement, expected.displacement) <= tau
+    assert apart(restored.reaction, expected.reaction) <= tau
+    assert apart(restored.displacement, expected.displacement) <= tau
 
 
 def test_all_x_before_all_y() -> None:
-    given = case("quadrilateral", False)
-    n = len(given.load)
+    data = case("quadrilateral", False)
+    n = len(data.load)
     order = np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)])
-    turned = given._replace(
-        K=given.K[order][:, order],
-        B=given.B[:, order],
-        load=given.load[order],
-        at=given.at[order],
+    turned = data._replace(
+        K=data.K[order][:, order],
+        B=data.B[:, order],
+        load=data.load[order],
+        at=data.at[order],
     )
     problem = turned.problem(written(turned.K, 8), stiffness_rtol=1e-8)
-    expected = given.problem(written(given.K, 8), stiffness_rtol=1e-8)
-    found = problem.solve(turned.load).displacement
+    expected = data.problem(written(data.K, 8), stiffness_rtol=1e-8)
+    displacement = problem.solve(turned.load).displacement
     # The same K up to rounding.
-    assert apart(found, expected.solve(given.load).displacement[:, order]) <= 1e-10
+    assert (
+        apart(displacement, expected.solve(data.load).displacement[:, order]) <= 1e-10
+    )
 
 
 def test_bodies_with_nodes_at_the_same_points() -> None:
@@ -410,8 +412,8 @@ def test_bodies_with_nodes_at_the_same_points() -> None:
         written(model.K, 8), model.B, stiffness_rtol=1e-8, **options
     )
     assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 6
-    expected, found = full.solve(load), some.solve(load)
-    assert apart(found.reaction, expected.reaction) <= 20 * CONDITION * 5e-8
+    expected, restored = full.solve(load), some.solve(load)
+    assert apart(restored.reaction, expected.reaction) <= 20 * CONDITION * 5e-8
 
 
 @pytest.mark.parametrize(
@@ -450,9 +452,9 @@ def test_directions_by_coordinates(places: Any, d: int, expected: list[int]) -> 
     ],
 )
 def test_wrong_arguments(change: dict[str, Any], kind: type, words: str) -> None:
-    given = case("quadrilateral", False)
+    data = case("quadrilateral", False)
     with pytest.raises(kind, match=words):
-        given.problem(**({"stiffness_rtol": 1e-8} | change))
+        data.problem(**({"stiffness_rtol": 1e-8} | change))
 
 
 @pytest.mark.parametrize("claimed", [9, 10, 12])
@@ -460,81 +462,83 @@ def test_wrong_arguments(change: dict[str, Any], kind: type, words: str) -> None
 @pytest.mark.quick_variants("*-9", "quadrilateral-*")
 @pytest.mark.slow_variants("hexahedron-*")
 def test_fewer_digits_than_given(cell: str, claimed: int) -> None:
-    given = case(cell, False)
+    data = case(cell, False)
     with pytest.raises(ValueError, match="typically by") as refused:
-        given.problem(written(given.K, 6), stiffness_rtol=10.0**-claimed)
-    said = str(refused.value)
-    told = re.search(r"typically by (\S+) of the", said)
-    offered = re.search(r"give stiffness_rtol=([\de-]+)", said)
+        data.problem(written(data.K, 6), stiffness_rtol=10.0**-claimed)
+    message = str(refused.value)
+    told = re.search(r"typically by (\S+) of the", message)
+    offered = re.search(r"give stiffness_rtol=([\de-]+)", message)
     assert told
     assert offered
     assert 1e-7 < float(told[1]) < 5e-6
-    assert given.problem(written(given.K, 6), stiffness_rtol=float(offered[1])).stats[
+    assert data.problem(written(data.K, 6), stiffness_rtol=float(offered[1])).stats[
         "rigid_motions"
     ] == (3 if cell == "quadrilateral" else 6)
 
 
 def test_wrong_coordinates() -> None:
-    given = case("quadrilateral", False)
-    wrong = np.roll(given.at, 2, axis=0)
+    data = case("quadrilateral", False)
+    wrong = np.roll(data.at, 2, axis=0)
     with pytest.raises(ValueError, match=r"not for rotations.*check the numbering"):
-        given.problem(written(given.K, 8), coordinates=wrong, stiffness_rtol=1e-8)
-    alone = given.at.copy()
+        data.problem(written(data.K, 8), coordinates=wrong, stiffness_rtol=1e-8)
+    alone = data.at.copy()
     alone[7, 0] += 0.1
     with pytest.raises(
         ValueError, match="of whole nodes: at the point of degree of freedom 6"
     ):
-        given.problem(coordinates=alone, stiffness_rtol=1e-8)
+        data.problem(coordinates=alone, stiffness_rtol=1e-8)
     thirds = case("quadrilateral", False, cells=3)
     K, rounded = written(thirds.K, 8), np.round(thirds.at, 5)
     with pytest.raises(ValueError, match="Give the coordinates with all digits"):
         thirds.problem(K, coordinates=rounded, stiffness_rtol=1e-8)
-    axes = given.at[:, ::-1]
+    axes = data.at[:, ::-1]
     with pytest.raises(ValueError, match="and the axes"):
-        given.problem(written(given.K, 8), coordinates=axes, stiffness_rtol=1e-8)
+        data.problem(written(data.K, 8), coordinates=axes, stiffness_rtol=1e-8)
 
 
 def test_an_asymmetric_stiffness() -> None:
-    given = case("quadrilateral", False)
-    K = given.K.tolil()
+    data = case("quadrilateral", False)
+    K = data.K.tolil()
     K[0, 1] *= 1.01
     with pytest.raises(ValueError, match="not symmetric"):
-        given.problem(sparse.csr_array(K), stiffness_rtol=1e-8)
+        data.problem(sparse.csr_array(K), stiffness_rtol=1e-8)
     with pytest.raises(ValueError, match="lower triangle only"):
-        given.problem(sparse.csr_array(sparse.tril(given.K)), stiffness_rtol=1e-8)
+        data.problem(sparse.csr_array(sparse.tril(data.K)), stiffness_rtol=1e-8)
     # Each entry is rounded separately, from slightly different values.
-    K = written(given.K, 8)
+    K = written(data.K, 8)
     K.data *= 1 + 1e-8 * np.sin(np.arange(K.nnz))
-    assert given.problem(K, stiffness_rtol=1e-8).stats["rigid_motions"] == 3
+    assert data.problem(K, stiffness_rtol=1e-8).stats["rigid_motions"] == 3
 
 
 def test_update_pickle_and_threads() -> None:
-    given = case("quadrilateral", False)
-    K, other = written(given.K, 8), written(2 * given.K, 8)
-    problem = given.problem(K, stiffness_rtol=1e-8)
+    data = case("quadrilateral", False)
+    K, other = written(data.K, 8), written(2 * data.K, 8)
+    problem = data.problem(K, stiffness_rtol=1e-8)
     again = pickle.loads(pickle.dumps(problem))
-    first = problem.solve(given.load)
-    assert again.solve(given.load).reaction.tobytes() == first.reaction.tobytes()
+    first = problem.solve(data.load)
+    assert again.solve(data.load).reaction.tobytes() == first.reaction.tobytes()
     assert again.stats["rigid_motions_off"] == problem.stats["rigid_motions_off"]
-    one, two = (given.problem(K, stiffness_rtol=1e-8, num_threads=k) for k in (1, 2))
-    for another in (one, two):
-        found = another.solve(given.load).displacement
-        assert found.tobytes() == first.displacement.tobytes()
+    first_problem, two = (
+        data.problem(K, stiffness_rtol=1e-8, num_threads=k) for k in (1, 2)
+    )
+    for another in (first_problem, two):
+        displacement = another.solve(data.load).displacement
+        assert displacement.tobytes() == first.displacement.tobytes()
     problem.update(other)
-    fresh = given.problem(other, stiffness_rtol=1e-8)
+    fresh = data.problem(other, stiffness_rtol=1e-8)
     assert (
-        problem.solve(given.load).reaction.tobytes()
-        == fresh.solve(given.load).reaction.tobytes()
+        problem.solve(data.load).reaction.tobytes()
+        == fresh.solve(data.load).reaction.tobytes()
     )
     with pytest.raises(ValueError, match="typically by"):
-        problem.update(written(given.K, 5))
+        problem.update(written(data.K, 5))
     assert problem.stats["rigid_motions_off"] == fresh.stats["rigid_motions_off"]
 
 
 def test_the_result_reports_the_error_of_K(tmp_path: Path) -> None:
-    given = case("quadrilateral", False)
-    problem = given.problem(written(given.K, 8), stiffness_rtol=1e-8)
-    result = problem.solve(given.load)
+    data = case("quadrilateral", False)
+    problem = data.problem(written(data.K, 8), stiffness_rtol=1e-8)
+    result = problem.solve(data.load)
     (remark,) = result.remarks
     assert "a relative error of 1e-08" in remark
     assert f"an error of {problem.stats['rigid_motions_off']:.1e}" in remark
@@ -542,26 +546,26 @@ def test_the_result_reports_the_error_of_K(tmp_path: Path) -> None:
     assert result[0].error_estimate[0] >= 1e-8
     result.save(tmp_path / "it.h5")
     assert bp.load(tmp_path / "it.h5").remarks == (remark,)
-    plain = given.problem().solve(given.load)
+    plain = data.problem().solve(data.load)
     assert plain.remarks == ()
     assert plain[0].error_estimate[0] < 1e-12
-    assert "rigid_motions_off" not in given.problem().stats
+    assert "rigid_motions_off" not in data.problem().stats
 
 
 def test_the_estimate_for_a_nearly_incompressible_body() -> None:
     """Entries have the size of λ, the energy that of μ: 1e4 times the error of the digits."""
-    given = case("quadrilateral", True, nu=0.4999)
-    full = given.problem().solve(given.load)
-    result = given.problem(written(given.K, 8), stiffness_rtol=1e-8).solve(given.load)
+    data = case("quadrilateral", True, nu=0.4999)
+    full = data.problem().solve(data.load)
+    result = data.problem(written(data.K, 8), stiffness_rtol=1e-8).solve(data.load)
     estimate = result[0].error_estimate
     assert estimate[1] > 1e-7
     assert apart(result.displacement, full.displacement) <= estimate[1] <= 1e-3
 
 
 def test_the_command(tmp_path: Path) -> None:
-    given = case("quadrilateral", False)
-    mmwrite(tmp_path / "K.mtx", given.K.tocoo(), symmetry="symmetric", precision=8)
-    nodes = given.at[::2]
+    data = case("quadrilateral", False)
+    mmwrite(tmp_path / "K.mtx", data.K.tocoo(), symmetry="symmetric", precision=8)
+    nodes = data.at[::2]
     bottom = np.flatnonzero(nodes[:, 1] == 0)
     tables = {
         "nodes": [
@@ -571,7 +575,7 @@ def test_the_command(tmp_path: Path) -> None:
         "contacts": ["node,nx,ny,mu", *(f"{k + 1},0,1,0.3" for k in bottom)],
         "load": [
             "dof,force",
-            *(f"{k},{f!r}" for k, f in enumerate(given.load.tolist()) if f),
+            *(f"{k},{f!r}" for k, f in enumerate(data.load.tolist()) if f),
         ],
     }
     for name, lines in tables.items():
@@ -587,9 +591,9 @@ def test_the_command(tmp_path: Path) -> None:
     told = bipot(*command, *files, "--stiffness-rtol", "1e-8", "--json", cwd=tmp_path)
     *_, last = map(json.loads, told.stdout.splitlines())
     assert 0 < last["rigid_motions_off"] < 5e-8
-    found = bp.load(tmp_path / "here" / "result.h5")
-    full = given.problem().solve(given.load)
-    assert apart(found.reaction, full.reaction) <= CONDITION * 5e-8
+    result = bp.load(tmp_path / "here" / "result.h5")
+    full = data.problem().solve(data.load)
+    assert apart(result.reaction, full.reaction) <= CONDITION * 5e-8
     lacking = [file for file in files if "nodes" not in file]
     (tmp_path / "contacts.csv").write_text(
         "dof_x,dof_y,nx,ny,mu\n"
@@ -606,18 +610,18 @@ def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:
     cells = int(rng.integers(2, 5))
     units = str(rng.choice(list(UNITS)))
     length, nu = 10 ** rng.uniform(-0.5, 1.5), rng.uniform(0, 0.45)
-    given = case(cell, False, units, cells, length, nu)
-    d = given.dim
+    data = case(cell, False, units, cells, length, nu)
+    d = data.dim
     turn = np.linalg.qr(rng.standard_normal((d, d)))[0]
-    n = len(given.load)
+    n = len(data.load)
     nodes = sparse.kron(sparse.eye_array(n // d), turn.T)
-    K = sparse.csr_array(nodes @ given.K @ nodes.T)
+    K = sparse.csr_array(nodes @ data.K @ nodes.T)
     K = sparse.csr_array((K + K.T) / 2)
-    away = given.at @ turn + rng.uniform(-5, 5, d) * np.ptp(given.at)
-    turned = given._replace(
+    away = data.at @ turn + rng.uniform(-5, 5, d) * np.ptp(data.at)
+    turned = data._replace(
         K=K,
-        B=sparse.csr_array(given.B @ nodes.T),
-        load=nodes @ given.load,
+        B=sparse.csr_array(data.B @ nodes.T),
+        load=nodes @ data.load,
         at=away,
     )
     left = 3 if d == 2 else 6
@@ -634,7 +638,7 @@ def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:
         turned = turned._replace(K=sparse.csr_array(K + added))
         left -= 1
     elif held == 3:  # one end
-        ends = np.flatnonzero(given.at[::d, 0] == 0)
+        ends = np.flatnonzero(data.at[::d, 0] == 0)
         turned = turned._replace(fixed=np.concatenate([d * ends + k for k in range(d)]))
         left = 0
     return turned, int(rng.integers(6, 13)), left
@@ -642,45 +646,45 @@ def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:
 
 def check_random(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    given, digits, left = random_case(rng)
+    data, digits, left = random_case(rng)
     tau = 0.5 * 10.0 ** (1 - digits)
-    K = written(given.K, digits)
-    problem = given.problem(K, stiffness_rtol=10.0**-digits)
+    K = written(data.K, digits)
+    problem = data.problem(K, stiffness_rtol=10.0**-digits)
     assert problem.stats["rigid_motions"] == left, seed
     assert problem.stats["rigid_motions_off"] <= 2 * tau
-    full = given.problem()
+    full = data.problem()
     assert full.stats["rigid_motions"] == left, seed
-    expected, found = full.solve(given.load), problem.solve(given.load)
+    expected, restored = full.solve(data.load), problem.solve(data.load)
     # Factors of the shape, of thirty and of springs: a long body bends, and the rounding of
     # K itself, 64 ε, grows in the same way.
     bound = 20 * CONDITION * (tau + 64 * EPS)
-    assert apart(found.displacement, expected.displacement) <= bound, seed
-    if left == (3 if given.dim == 2 else 6):
-        assert off(used(problem), rigid(given.at, given.dim)) <= 32 * EPS
+    assert apart(restored.displacement, expected.displacement) <= bound, seed
+    if left == (3 if data.dim == 2 else 6):
+        assert off(used(problem), rigid(data.at, data.dim)) <= 32 * EPS
 
 
 def check_too_many_digits(seed: int) -> None:
     """K has two or three digits less than stated: it is never accepted."""
     rng = np.random.default_rng(seed)
-    given, digits, _ = random_case(rng)
+    data, digits, _ = random_case(rng)
     digits = min(digits, 9)
     claimed = digits + int(rng.integers(2, 4))
     with pytest.raises(ValueError, match="stiffness_rtol"):
-        given.problem(written(given.K, digits), stiffness_rtol=10.0**-claimed)
+        data.problem(written(data.K, digits), stiffness_rtol=10.0**-claimed)
 
 
 def check_wrong_places(seed: int) -> None:
     """Nodes in another order, with an offset or at random."""
     rng = np.random.default_rng(seed)
-    given, digits, _ = random_case(rng)
-    nodes = given.at[:: given.dim]
+    data, digits, _ = random_case(rng)
+    nodes = data.at[:: data.dim]
     order = np.roll(np.arange(len(nodes)), 1)
     if seed % 2:
         order = rng.permutation(len(nodes))
-    at = np.repeat(nodes[order], given.dim, axis=0)
+    at = np.repeat(nodes[order], data.dim, axis=0)
     with pytest.raises(ValueError, match=r"coordinates|digits"):
-        given._replace(at=at).problem(
-            written(given.K, digits), stiffness_rtol=10.0**-digits
+        data._replace(at=at).problem(
+            written(data.K, digits), stiffness_rtol=10.0**-digits
         )
 
 

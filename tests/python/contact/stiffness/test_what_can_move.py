@@ -64,8 +64,8 @@ def strip(
         at += [((k + 1) * ratio, 0), ((k + 1) * ratio, 1)]
         nodes.append([*left, len(at) - 2, len(at) - 1])
     K = np.zeros((2 * len(at),) * 2, object)
-    for own in nodes:
-        dofs = [2 * i + c for i in own for c in range(2)]
+    for nodes_of_body in nodes:
+        dofs = [2 * i + c for i in nodes_of_body for c in range(2)]
         K[np.ix_(dofs, dofs)] += cell.reshape(8, 8)
     return Body(K, np.array(at, float), 2)
 
@@ -135,17 +135,19 @@ KINDS: dict[str, Callable[[np.random.Generator], Body]] = {
 def rank(rows: NDArray[Any]) -> int:
     """The rank of whole numbers, by Bareiss' elimination without fractions."""
     rows = rows.copy()
-    found, last = 0, 1
+    rank_so_far, last = 0, 1
     for column in range(rows.shape[1]):
-        left = [i for i in range(found, len(rows)) if rows[i, column] != 0]
+        left = [i for i in range(rank_so_far, len(rows)) if rows[i, column] != 0]
         if not left:
             continue
-        rows[[found, left[0]]] = rows[[left[0], found]]
-        pivot = rows[found, column]
-        below = rows[found + 1 :]
-        below[:] = (below * pivot - np.outer(below[:, column], rows[found])) // last
-        found, last = found + 1, pivot
-    return found
+        rows[[rank_so_far, left[0]]] = rows[[left[0], rank_so_far]]
+        pivot = rows[rank_so_far, column]
+        below = rows[rank_so_far + 1 :]
+        below[:] = (
+            below * pivot - np.outer(below[:, column], rows[rank_so_far])
+        ) // last
+        rank_so_far, last = rank_so_far + 1, pivot
+    return rank_so_far
 
 
 class Question(NamedTuple):
@@ -232,12 +234,12 @@ def test_the_verdict_is_that_of_the_exact_rank(
     kind: str, with_coordinates: bool, weak: bool
 ) -> None:
     for k, question in enumerate(questions(kind, with_coordinates, weak, 7)):
-        found = answer(question.problem)
-        about = f"{k}: {found}, {question[1:]}"
+        verdict = answer(question.problem)
+        about = f"{k}: {verdict}, {question[1:]}"
         exact = "floating_body" if question.unseen else question.free
         if question.least > MARGIN:
-            assert found == exact, about
-        elif isinstance(found, int):
-            assert found <= question.soft, about
+            assert verdict == exact, about
+        elif isinstance(verdict, int):
+            assert verdict <= question.soft, about
         else:
-            assert found in ("few_digits", "floating_body"), about
+            assert verdict in ("few_digits", "floating_body"), about

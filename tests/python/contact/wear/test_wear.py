@@ -92,9 +92,9 @@ def test_the_gaps_of_each_step_contain_the_wear_of_the_steps_before() -> None:
     each = k * steps.traction[:, :, 0] * np.linalg.norm(steps.slip, axis=2)
     before = wear.depth[-2] + np.vstack([np.zeros(each.shape[1]), each[:-1]]).cumsum(0)
     gaps = np.array([step.gap[:, 0] for step in steps])
-    own = wear.result.contacts["gap"]
+    gap_at_start = wear.result.contacts["gap"]
     # Sums of gaps up to 0.01, rounded.
-    np.testing.assert_allclose(gaps, own + before, rtol=0, atol=1e-17)
+    np.testing.assert_allclose(gaps, gap_at_start + before, rtol=0, atol=1e-17)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +110,8 @@ def test_jumps_agree_with_every_cycle(kind: str, rtol: float) -> None:
         if kind == "pad":
             return worn_pad(coefficient=COEFFICIENT / 2, cycles=400, **more)
         _, problem, pressed, cycle = hertz()
-        given = {"coefficient": 1e-6, "cycles": 400, "start": pressed, "tol": TOL}
-        return problem.wear(prescribed=cycle, **given, **more)
+        arguments = {"coefficient": 1e-6, "cycles": 400, "start": pressed, "tol": TOL}
+        return problem.wear(prescribed=cycle, **arguments, **more)
 
     every, jumped = solved(jump=False), solved(rtol=rtol)
     last, deepest = every.cycle[-1], every.depth[-1].max()
@@ -196,10 +196,10 @@ def test_wear_continues_to_the_same_bits() -> None:
 
 
 def test_wear_continues_with_jumps() -> None:
-    given = {"coefficient": COEFFICIENT / 2, "rtol": 1e-2}
-    every = worn_pad(cycles=200, jump=False, **given)
-    half = worn_pad(cycles=90, **given)
-    rest = worn_pad(cycles=110, start=half, **given)
+    arguments = {"coefficient": COEFFICIENT / 2, "rtol": 1e-2}
+    every = worn_pad(cycles=200, jump=False, **arguments)
+    half = worn_pad(cycles=90, **arguments)
+    rest = worn_pad(cycles=110, start=half, **arguments)
     assert rest.cycle[-1] == 200
     # It goes on with jumps as long as before.
     assert max(j.cycles for j in rest.jumps[:2]) > 4
@@ -210,7 +210,7 @@ def test_wear_continues_with_jumps() -> None:
 def test_a_start_presses_without_wear() -> None:
     body, problem, cycle = pad()
     pressed = problem.solve(prescribed=cycle[1:2], tol=TOL)
-    one = problem.wear(
+    start_cycle = problem.wear(
         prescribed=cycle,
         coefficient=1e-6 * COEFFICIENT,
         cycles=1,
@@ -224,7 +224,9 @@ def test_a_start_presses_without_wear() -> None:
         * COEFFICIENT
         * (path.traction[:, :, 0] * abs(path.slip[:, :, 0])).sum(axis=0)
     )
-    np.testing.assert_allclose(one.worn[0], worn, rtol=0, atol=1e-6 * worn.max())
+    np.testing.assert_allclose(
+        start_cycle.worn[0], worn, rtol=0, atol=1e-6 * worn.max()
+    )
     del body
 
 
@@ -279,25 +281,25 @@ def test_longer_jumps_would_let_pressures_oscillate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flat, cycle = sliding()
-    given = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 600, "tol": TOL}
+    arguments = {"prescribed": cycle, "coefficient": 1e-5, "cycles": 600, "tol": TOL}
     # The estimate of the error is switched off.
     monkeypatch.setattr(jumps.CycleSolver, "_limits", lambda *_: (np.inf, 0.0))
-    stable = flat.wear(**given)
+    stable = flat.wear(**arguments)
     longest = max(j.cycles for j in stable.jumps)
     assert 0.5 * stable.longest < longest < 2 * stable.longest
     # Wear evens out the pressure: what alternates falls. Beyond the bound it grows instead.
     assert alternating(stable.pressure[-1]) < alternating(stable.pressure[0])
     monkeypatch.setattr(jumps, "STABLE", 5.0)
-    unstable = flat.wear(**given)
+    unstable = flat.wear(**arguments)
     assert alternating(unstable.pressure[-1]) > 10 * alternating(stable.pressure[-1])
 
 
 @pytest.mark.parametrize("kind", ["plane", "space", "mortar", "many"])
 def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None:
     if kind == "mortar":
-        given, _ = arrays(10.0, 4, 3)
-        K, B = given.pop("K"), given.pop("B")
-        problem, d = bp.ContactProblem(K, B, **given), 3
+        arrays_given, _ = arrays(10.0, 4, 3)
+        K, B = arrays_given.pop("K"), arrays_given.pop("B")
+        problem, d = bp.ContactProblem(K, B, **arrays_given), 3
     else:
         problem = pad(
             3 if kind == "space" else 2, {"space": 3, "many": 40}.get(kind, 8)
@@ -305,14 +307,14 @@ def test_the_stability_estimate_bounds_that_of_the_compliance(kind: str) -> None
         d = problem.contacts.d
     weights = np.random.default_rng(1).uniform(0.5, 1.0, problem.contacts.count)
     parts = problem.stiffness.core.stiffness()
-    found = Stability(
+    rate = Stability(
         parts, problem.contacts.operator, problem.stiffness.options.fixed, d
     ).rate(weights)
     S = np.linalg.inv(problem.compliance[::d, ::d])
     exact = np.linalg.eigvals(weights[:, None] * S).real.max()
     # An upper bound, which moves only the nodes of the contacts: what it adds is the energy
     # that the nodes behind them give up.
-    assert exact <= found <= 3 * exact
+    assert exact <= rate <= 3 * exact
 
 
 def test_contacts_of_one_degree_of_freedom_forbid_jumps() -> None:
@@ -380,8 +382,8 @@ def test_friction_by_direction_and_three_dimensions() -> None:
         fixed=problem.stiffness.options.fixed,
     )  # fmt: skip
     k = np.linspace(1e-5, 2e-5, len(body.area))
-    for own in (problem, two):
-        wear = own.wear(prescribed=cycle, coefficient=k, cycles=8, tol=TOL)
+    for any_problem in (problem, two):
+        wear = any_problem.wear(prescribed=cycle, coefficient=k, cycles=8, tol=TOL)
         steps = wear.result
         slip = np.linalg.norm(steps.slip, axis=2)
         worn = k * (steps.traction[:, :, 0] * slip).sum(axis=0)
@@ -391,10 +393,10 @@ def test_friction_by_direction_and_three_dimensions() -> None:
 
 def test_other_engines_and_arguments_of_the_problem() -> None:
     body, problem, cycle = pad(3, 3)
-    given = {"coefficient": 1e-4, "cycles": 12}
-    known = problem.wear(prescribed=cycle, **given, tol=TOL)
+    arguments = {"coefficient": 1e-4, "cycles": 12}
+    expected_wear = problem.wear(prescribed=cycle, **arguments, tol=TOL)
     gap, fixed = problem.contacts.gap, problem.stiffness.options.fixed
-    own = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    arguments_of_contacts = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
     nothing = np.zeros(body.K.shape[0])
     for more, loads in (
         ({"engine": "iterative"}, {"prescribed": cycle}),
@@ -403,12 +405,15 @@ def test_other_engines_and_arguments_of_the_problem() -> None:
         ({"gaps": np.tile(gap, (4, 1))}, {"prescribed": cycle}),
         ({}, {"prescribed": cycle, "gap": gap[None]}),
     ):
-        other = bp.ContactProblem(body.K, body.B, **own, **more)
-        wear = other.wear(**loads, **given, tol=1e-12)
-        assert wear.cycle.tolist() == known.cycle.tolist()
+        other = bp.ContactProblem(body.K, body.B, **arguments_of_contacts, **more)
+        wear = other.wear(**loads, **arguments, tol=1e-12)
+        assert wear.cycle.tolist() == expected_wear.cycle.tolist()
         # Reactions of both engines agree to 1e-9.
         np.testing.assert_allclose(
-            wear.depth, known.depth, rtol=0, atol=1e-8 * known.depth.max()
+            wear.depth,
+            expected_wear.depth,
+            rtol=0,
+            atol=1e-8 * expected_wear.depth.max(),
         )
 
 
@@ -421,8 +426,12 @@ def stalls(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
     def failing(self: Any, *asked: Any) -> Any:
         nonlocal steps
         steps += 1
-        found = attempt(self, *asked)
-        return replace(found, outcome=Outcome.STALLED) if steps in numbers else found
+        step_result = attempt(self, *asked)
+        return (
+            replace(step_result, outcome=Outcome.STALLED)
+            if steps in numbers
+            else step_result
+        )
 
     monkeypatch.setattr(PathSolver, "attempt", failing)
 
@@ -483,9 +492,9 @@ def test_a_trial_that_fails_is_a_rejected_jump(monkeypatch: pytest.MonkeyPatch) 
     ],
 )
 def test_wrong_arguments_are_refused(changed: dict[str, Any], message: str) -> None:
-    given: dict[str, Any] = {"coefficient": 1e-9, "cycles": 3} | changed
+    arguments: dict[str, Any] = {"coefficient": 1e-9, "cycles": 3} | changed
     with pytest.raises((TypeError, ValueError), match=message):
-        spring().wear(PULL, **given)
+        spring().wear(PULL, **arguments)
 
 
 def test_wear_needs_areas_and_a_matching_start() -> None:
@@ -518,10 +527,10 @@ def test_the_record_is_told_cycle_by_cycle() -> None:
 def test_files_keep_the_depth(tmp_path: Path) -> None:
     ends = worn_pad(cycles=3).ends
     ends.save(tmp_path / "worn.h5")
-    found = bp.load_result(tmp_path / "worn.h5")
-    for step, known in zip(found, ends, strict=True):
-        assert step.cycle == known.cycle
-        np.testing.assert_array_equal(step.wear, known.wear)
+    loaded = bp.load_result(tmp_path / "worn.h5")
+    for step, ended in zip(loaded, ends, strict=True):
+        assert step.cycle == ended.cycle
+        np.testing.assert_array_equal(step.wear, ended.wear)
 
 
 def test_a_path_continues_on_worn_contacts() -> None:

@@ -47,10 +47,10 @@ def compared(
     trial, rows = jumps.CycleSolver._try_jump, []
 
     def measured(run: Any, over: int) -> Any:
-        found, state = trial(run, over), run._state
+        trial_cycle, state = trial(run, over), run._state
         before, last = state.ends
         drift = (last.place - before.place) / (last.cycle - before.cycle)
-        g1, g2 = last.worn, 2 * found.change / over - last.worn
+        g1, g2 = last.worn, 2 * trial_cycle.change / over - last.worn
         once = along(run, g1, drift)
         twice = along(run, once, np.zeros_like(drift))
         bend = g2 - g1 - (over + 1) * once + over * (over + 1) / 2 * twice
@@ -61,9 +61,9 @@ def compared(
         for _ in range(over):
             cycle = run._cycles.solve(at, depth, 1)
             at, depth = cycle.last, depth + cycle.worn
-        true = abs(depth - state.depth - found.change).max()
-        rows.append([over, abs(exact).max() / true, found.estimate.max() / true])
-        return found
+        true = abs(depth - state.depth - trial_cycle.change).max()
+        rows.append([over, abs(exact).max() / true, trial_cycle.estimate.max() / true])
+        return trial_cycle
 
     monkeypatch.setattr(jumps.CycleSolver, "_try_jump", measured)
     solve()

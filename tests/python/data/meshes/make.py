@@ -149,7 +149,7 @@ def groups() -> None:
             right = geo.addCurveLoop([rim[1], rim[2], rim[3], -middle])
             faces = [geo.addPlaneSurface([loop]) for loop in (left, right)]
             geo.synchronize()
-            for tag, (dim, own, name) in enumerate(
+            for tag, (dim, numbers, name) in enumerate(
                 (
                     (1, [rim[0], rim[1]], "base"),
                     (1, [-rim[2]], "side"),
@@ -160,7 +160,7 @@ def groups() -> None:
                 ),
                 start=1,
             ):
-                gmsh.model.addPhysicalGroup(dim, own, tag, "" if bare else name)
+                gmsh.model.addPhysicalGroup(dim, numbers, tag, "" if bare else name)
             gmsh.model.mesh.generate(2)
             kind = "_binary" if binary else ""
             name = f"groups{version:g}{kind}{'_bare' if bare else ''}.msh"
@@ -174,8 +174,8 @@ def main() -> None:
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 0)
-    for name, given in BOXES.items():
-        box(name, *given)
+    for name, box_settings in BOXES.items():
+        box(name, *box_settings)
     two_bodies()
     disk()
     save_all()
