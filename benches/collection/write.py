@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bipot_rs._lib.messages import meant, mistyped
+from bipot_rs._lib.messages import make_type_error, meant
 from bipot_rs._lib.optional import load_library
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.law.status import Status
@@ -58,7 +58,7 @@ def generate(
         The folder cannot be written.
     """
     if isinstance(names, str):
-        raise mistyped("names", names, "a list of names")
+        raise make_type_error("names", names, "a list of names")
     chosen = list(dict.fromkeys(PATHS if names is None else names))
     for name in chosen:
         if name not in PATHS:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import counted, mistyped
+from bipot_rs._lib.messages import count_noun, make_type_error
 from bipot_rs._lib.optional import load_library
 from bipot_rs._lib.types import AnyArray, Floats, Integers, SparseMatrix
 from bipot_rs._lib.validation import floats
@@ -271,9 +271,9 @@ def write_path(
         A file cannot be written.
     """
     if not isinstance(problem, ContactProblem):
-        raise mistyped("problem", problem, "a ContactProblem")
+        raise make_type_error("problem", problem, "a ContactProblem")
     if not isinstance(result, Result):
-        raise mistyped("result", result, "a Result")
+        raise make_type_error("result", result, "a Result")
     before = result.start
     base, titles, paths = place(stem, "stem"), dict(info or {}), []
     for k, step in enumerate(result):
@@ -354,7 +354,7 @@ class _File:
             raise _Fault(f"{name} holds {item.dtype}, expected {expected}")
         if item.nbytes > _INFLATION * self.size:
             raise _Fault(
-                f"{name} has {counted(item.size, 'entry')}, more than its file can hold"
+                f"{name} has {count_noun(item.size, 'entry')}, more than its file can hold"
             )
         return np.asarray(item[()])
 
@@ -375,7 +375,7 @@ class _File:
         vector = self._vector(name, self._data(name, "iuf", "real numbers"))
         if length is not None and len(vector) != length:
             raise _Fault(
-                f"{name} has {counted(len(vector), 'entry')}, expected {length}"
+                f"{name} has {count_noun(len(vector), 'entry')}, expected {length}"
             )
         with np.errstate(over="ignore"):
             numbers = vector.astype(np.float64)
@@ -438,7 +438,7 @@ class _File:
             pointers = 1 + (columns if storage == _COLUMNS else rows)
             if len(p) != pointers:
                 raise _Fault(
-                    f"{name}/p has {counted(len(p), 'entry')}, expected {pointers}"
+                    f"{name}/p has {count_noun(len(p), 'entry')}, expected {pointers}"
                 )
             if p[0] != 0 or (np.diff(p.astype(np.int64)) < 0).any():
                 raise _Fault(f"{name}/p should ascend from 0")
@@ -450,7 +450,7 @@ class _File:
         for letter, length in (lengths | {"i": len(i), "x": len(x)}).items():
             if length not in (count, room):
                 raise _Fault(
-                    f"{name}/{letter} has {counted(length, 'entry')}, expected {count}"
+                    f"{name}/{letter} has {count_noun(length, 'entry')}, expected {count}"
                 )
         i, x = i[:count], x[:count]
         if storage >= _TRIPLETS:
@@ -466,7 +466,9 @@ class _File:
 
     def _vector(self, name: str, found: Numbers) -> Numbers:
         if found.ndim != 1:
-            raise _Fault(f"{name} has {counted(found.ndim, 'dimension')}, expected 1")
+            raise _Fault(
+                f"{name} has {count_noun(found.ndim, 'dimension')}, expected 1"
+            )
         return found
 
 
@@ -604,7 +606,7 @@ def _check_vectors(
 ) -> Vectors:
     """Arrays of a solution or guess, checked against its problem."""
     if not isinstance(known, (Solution, Vectors)):
-        raise mistyped(what, known, "a Solution or Vectors")
+        raise make_type_error(what, known, "a Solution or Vectors")
     if isinstance(problem, GlobalProblem):
         shape, n, count = problem.w.shape, len(problem.f), None
     else:

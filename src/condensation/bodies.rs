@@ -246,7 +246,7 @@ impl Bodies {
         Ok(both.into_iter().map(|[u, _]| u).collect())
     }
 
-    /// The same, with the digits of `u` below its rounding.
+    /// Displacements of all bodies, with the digits of `u` below its rounding.
     fn displacements_in_two<const D: usize>(
         &self,
         surface: &Surface<D>,

@@ -77,7 +77,7 @@ pub enum Interior {
     OfKnownLoads(Vec<Vec<f64>>),
 }
 
-/// One body.
+/// A body, condensed onto its kept unknowns.
 #[derive(Debug)]
 pub struct Body {
     ordered: OrderedBody,

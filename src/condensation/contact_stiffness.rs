@@ -13,12 +13,12 @@ use crate::linalg::sparse::multifrontal::Factor;
 /// `S + α R Rᵀ` with the rigid motions `R` that the supports leave free.
 #[derive(Debug)]
 pub struct ContactStiffness {
-    /// Its lower Cholesky factor, column-major.
+    /// The lower Cholesky factor of `S`, column-major.
     pub(super) cholesky: Vec<f64>,
-    /// Its inverse, until it is taken.
+    /// The inverse of `S`, until it is taken.
     pub(super) inverse: Vec<f64>,
     pub(super) motions: FreeMotions,
-    /// Its condition number in the 1-norm.
+    /// The condition number of `S` in the 1-norm.
     pub(super) condition: f64,
     /// Bound of the error of `W`, in ε: the condition number, or more if `S` is a small
     /// difference of large entries of `K`, as for flat elements at the contact, or if the

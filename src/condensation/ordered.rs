@@ -11,7 +11,7 @@ use crate::linalg::sparse::symbolic::{Counts, Symbolic};
 pub struct OrderedBody {
     /// Its degrees of freedom in the numbering of the caller.
     pub(super) dofs: Vec<usize>,
-    /// `unit K`.
+    /// `K` in the unit of the body, `unit K`.
     pub(super) stiffness: OwnedMatrix,
     /// A power of two that makes the stiffness of order one: square roots of pivots then round
     /// equally in all units that differ by powers of two.

@@ -25,7 +25,7 @@ def without(content: bytes) -> bytes:
 
 
 @contextmanager
-def unmarked(path: Path) -> Iterator[Path]:
+def strip_mark(path: Path) -> Iterator[Path]:
     """Path of a file without the mark: ``path`` itself, or a temporary copy.
 
     Raises

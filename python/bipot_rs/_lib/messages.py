@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 
-def counted(number: int, noun: str) -> str:
+def count_noun(number: int, noun: str) -> str:
     """``1 entry``, ``2 entries``."""
     if number == 1:
         return f"1 {noun}"
@@ -42,7 +42,7 @@ def duration(time: float) -> str:
     return f"about {time / 3600:.0f} h"
 
 
-def mistyped(what: str, value: object, expected: str) -> TypeError:
+def make_type_error(what: str, value: object, expected: str) -> TypeError:
     """Error of an argument ``what`` of a wrong type; ``expected`` is the end of the message."""
     return TypeError(f"{what} is a {type(value).__name__}, expected {expected}")
 

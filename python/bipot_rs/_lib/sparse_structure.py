@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Integers
 
 
@@ -47,7 +47,7 @@ def _pointers(
 ) -> None:
     if len(pointer) != major + 1:
         raise ValueError(
-            f"{what} has {counted(len(pointer), 'pointer')} to its rows, expected {major + 1}"
+            f"{what} has {count_noun(len(pointer), 'pointer')} to its rows, expected {major + 1}"
         )
     if pointer[0] != 0 or (np.diff(pointer) < 0).any():
         raise ValueError(
@@ -56,7 +56,7 @@ def _pointers(
         )
     if pointer[-1] > min(indices, entries):
         raise ValueError(
-            f"{what} has {counted(min(indices, entries), 'entry')}, its pointers to rows end at "
+            f"{what} has {count_noun(min(indices, entries), 'entry')}, its pointers to rows end at "
             f"{pointer[-1]}"
         )
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib import sparse_structure
-from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.messages import count_noun, meant
 from bipot_rs._lib.types import CsrMatrix, Floats, Integers, Ints
 
 R = TypeVar("R")
@@ -71,7 +71,7 @@ def floats(
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
         raise ValueError(
-            f"{what} has {counted(array.ndim, 'dimension')}, expected {ndim}"
+            f"{what} has {count_noun(array.ndim, 'dimension')}, expected {ndim}"
         )
     if finite and not np.isfinite(array).all():
         at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -126,7 +126,7 @@ def csr(what: str, value: Any) -> Csr:
             )
         if value.ndim != 2:
             raise ValueError(
-                f"{what} has {counted(value.ndim, 'dimension')}, expected 2"
+                f"{what} has {count_noun(value.ndim, 'dimension')}, expected 2"
             )
         sparse_structure.check(what, value)
         matrix = csr_array(value)
@@ -171,7 +171,7 @@ def one_triangle(parts: Parts) -> str:
     return f"; K stores its {held} triangle only, expected K + scipy.sparse.{of}(K, {other}).T"
 
 
-def enforced(parts: Parts) -> str:
+def describe_enforced(parts: Parts) -> str:
     """End of a message about a matrix into which supports were written; "" otherwise.
 
     Rows of supports then contain the diagonal only, but their columns contain more.
@@ -188,7 +188,7 @@ def enforced(parts: Parts) -> str:
     ):
         if held.any() and not held.all():
             return (
-                f"; {counted(int(held.sum()), word[:-1])} of K, first {int(np.argmax(held))}, "
+                f"; {count_noun(int(held.sum()), word[:-1])} of K, first {int(np.argmax(held))}, "
                 f"{'contains' if held.sum() == 1 else 'contain'} the diagonal only, but the "
                 f"{what} more: supports were written into K, as by skfem.enforce; expected K "
                 "as assembled, with fixed= for the supported degrees of freedom"
@@ -260,7 +260,7 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ValueError(
-                f"mu of contact {at} is {shown(mu[at].tolist())}, expected {expected}"
+                f"mu of contact {at} is {show_value(mu[at].tolist())}, expected {expected}"
             )
 
 
@@ -276,7 +276,7 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     integers(what, index_array)
     if index_array.ndim != 1:
         raise ValueError(
-            f"{what} has {counted(index_array.ndim, 'dimension')}, expected 1"
+            f"{what} has {count_noun(index_array.ndim, 'dimension')}, expected 1"
         )
     outside = (index_array < 0) | (index_array >= limit)
     if outside.any():
@@ -314,14 +314,14 @@ def integer(what: str, value: object, *, least: int, most: int | None = None) ->
         with suppress(TypeError):
             number = operator.index(cast("SupportsIndex", value))
     if number is None:
-        raise TypeError(f"{what} is {shown(value)}, expected an integer")
+        raise TypeError(f"{what} is {show_value(value)}, expected an integer")
     if not least <= number <= (2**31 - 1 if most is None else most):
         end = "or more, below 2**31" if most is None else f"to {most}"
-        raise ValueError(f"{what} is {shown(number)}, expected {least} {end}")
+        raise ValueError(f"{what} is {show_value(number)}, expected {least} {end}")
     return number
 
 
-def shown(value: object) -> str:
+def show_value(value: object) -> str:
     """``repr`` of a value on one line, short enough for a message."""
     try:
         text = " ".join(repr(value).split())
@@ -335,11 +335,11 @@ def choice_of_dimension(
 ) -> int:
     """``d`` from the rows of ``B``, or from ``dim`` if there are no contacts."""
     if dim is not None and (not isinstance(dim, _REAL) or dim not in (2, 3)):
-        raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")
+        raise ValueError(f"dim is {show_value(dim)}, expected 2 or 3")
     if contacts == 0:
         if rows:
             raise ValueError(
-                f"B has {counted(rows, 'row')}, expected none: gap has no contacts"
+                f"B has {count_noun(rows, 'row')}, expected none: gap has no contacts"
             )
         if gap.ndim == 2 and gap.shape[1] in (2, 3):
             dim = dim or gap.shape[1]
@@ -350,7 +350,7 @@ def choice_of_dimension(
         return int(dim)
     if rows not in (2 * contacts, 3 * contacts):
         raise ValueError(
-            f"gap has {counted(contacts, 'contact')} and B {counted(rows, 'row')}: "
+            f"gap has {count_noun(contacts, 'contact')} and B {count_noun(rows, 'row')}: "
             "expected 2 or 3 rows of B for each contact"
         )
     d = rows // contacts
@@ -386,7 +386,7 @@ def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
     if wrong.any():
         at = int(np.argmax(wrong))
         raise ValueError(
-            f"frame of contact {at} has the rows {shown(bases[at].tolist())}, expected "
+            f"frame of contact {at} has the rows {show_value(bases[at].tolist())}, expected "
             f"unit vectors at right angles, to {_TILT:g}"
         )
     return bases
@@ -402,7 +402,7 @@ def matrices(K: object, B: object) -> tuple[Csr, Csr]:
     if columns != n:
         fewer, other = ("K", "B") if n < columns else ("B", "K")
         raise ValueError(
-            f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
+            f"B has shape {contact.shape}, expected {count_noun(n, 'column')}, as many "
             f"as K has rows: were degrees of freedom removed from {fewer}, as by "
             f"skfem.condense, but not from {other}? Pass both complete, and fixed= for the "
             "supported degrees of freedom"
@@ -470,7 +470,7 @@ def together(
     steps = 0 if 0 in counts else max(counts)
     if len(set(counts)) == 2 and 1 not in counts:
         raise ValueError(
-            f"{what} has {counted(len(ours), 'step')} but {other} has {len(theirs)}: "
+            f"{what} has {count_noun(len(ours), 'step')} but {other} has {len(theirs)}: "
             "expected the same number, or one step in either"
         )
     return [
@@ -527,7 +527,7 @@ def settings(
 ) -> Settings:
     """Check the settings of a solve."""
     if not isinstance(method, str):
-        raise TypeError(f"method is {shown(method)}, expected a name")
+        raise TypeError(f"method is {show_value(method)}, expected a name")
     if method not in _core.METHODS:
         names = ", ".join(map(repr, _core.METHODS))
         raise ValueError(
@@ -547,7 +547,7 @@ def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | No
         return max_iterations
     if max_iterations is not None:
         raise TypeError(
-            f"max_iterations is {shown(max_iterations)} and maxiter is {shown(maxiter)}: "
+            f"max_iterations is {show_value(max_iterations)} and maxiter is {show_value(maxiter)}: "
             "they are two names of one limit, give one of them"
         )
     return maxiter
@@ -556,7 +556,7 @@ def iteration_limit(max_iterations: int | None, maxiter: int | None) -> int | No
 def callback(what: str, value: object) -> None:
     """Refuse a callback that is neither callable nor None."""
     if value is not None and not callable(value):
-        raise TypeError(f"{what} is {shown(value)}, expected a function, or None")
+        raise TypeError(f"{what} is {show_value(value)}, expected a function, or None")
 
 
 def number(what: str, value: object) -> float:
@@ -564,12 +564,12 @@ def number(what: str, value: object) -> float:
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool) or not isinstance(value, _REAL):
-        raise TypeError(f"{what} is {shown(value)}, expected a number")
+        raise TypeError(f"{what} is {show_value(value)}, expected a number")
     try:
         return float(value)
     except OverflowError:
         raise ValueError(
-            f"{what} is {shown(value)}, expected a number below 1e308"
+            f"{what} is {show_value(value)}, expected a number below 1e308"
         ) from None
 
 

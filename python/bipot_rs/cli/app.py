@@ -40,7 +40,7 @@ class Command(Protocol):
     DETAILS: str
 
     def add_arguments(self, parser: Parser, /) -> None:
-        """Add its arguments."""
+        """Add the arguments of the command to its parser."""
 
     def run(self, found: argparse.Namespace, interrupts: Interrupts, /) -> int:
         """Carry it out with the arguments found; returns the exit status."""

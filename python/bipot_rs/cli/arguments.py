@@ -74,7 +74,7 @@ class PrintText(argparse.Action):
         self.text = text
 
     def __call__(self, *_: object) -> NoReturn:
-        """Print it."""
+        """Print the text and end the process."""
         tell(self.text().rstrip(), sys.stdout)
         raise SystemExit(SOLVED)
 

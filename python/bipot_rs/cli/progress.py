@@ -126,7 +126,7 @@ class Progress:
                 """Text of a bar; of a phase with a forecast its share and what is left."""
 
                 def render(column, task: Task) -> Text:
-                    return Text(str(task.fields["text"] or self._expected(task.id)))
+                    return Text(str(task.fields["text"] or self._forecast_end(task.id)))
 
             self.bar = Bar(
                 SpinnerColumn(),
@@ -166,7 +166,7 @@ class Progress:
         if seconds >= 1:
             self.forecast_from = seconds, monotonic()
 
-    def _expected(self, task: int) -> str:
+    def _forecast_end(self, task: int) -> str:
         if task or self.forecast_from is None:
             return ""
         seconds, since = self.forecast_from

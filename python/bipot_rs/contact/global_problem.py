@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import CsrMatrix, Floats, MatrixLike, Record
 from bipot_rs._lib.validation import RATIO, csr, floats, friction, vectors
 from bipot_rs.contact import tuning
@@ -183,7 +183,7 @@ class GlobalProblem:
         amounts = np.empty(0) if rigid is None else rigid
         if len(amounts) != count:
             raise ValueError(
-                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: "
+                f"solution has {count_noun(len(amounts), 'rigid motion')}, expected {count}: "
                 "contact alone holds a body, so give the Solution and not its reactions"
             )
         return self._condensed.velocity(r, amounts)

@@ -31,7 +31,7 @@ class _OfSolve(TypedDict, total=False):
 
 
 class _Keywords(_OfSolve, total=False):
-    """Those, and the optional keywords of `ContactProblem`."""
+    """Keywords of `ContactProblem.solve`, and the optional ones of `ContactProblem`."""
 
     fixed: ArrayLike | None
     area: ArrayLike | None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, MatrixLike, Record
 from bipot_rs._lib.validation import (
     Csr,
@@ -236,7 +236,7 @@ class ContactProblem:
         return deepcopy(self)
 
     def __repr__(self) -> str:
-        dofs = counted(self.loading.n, "degree") + " of freedom"
+        dofs = count_noun(self.loading.n, "degree") + " of freedom"
         return (
             f"ContactProblem({dofs}, {summary.describe_places(*self.contacts.shape)})"
         )

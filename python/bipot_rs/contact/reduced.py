@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
 from bipot_rs._lib import validation
-from bipot_rs._lib.messages import counted, size
+from bipot_rs._lib.messages import count_noun, size
 from bipot_rs._lib.types import Floats, MatrixLike
 from bipot_rs._lib.validation import (
     RATIO,
@@ -107,7 +107,7 @@ class ReducedProblem:
         else:
             if not hasattr(rigid, "__len__") or len(rigid) != 2:
                 raise TypeError(
-                    f"rigid is {validation.shown(rigid)}, expected the pair (R, e)"
+                    f"rigid is {validation.show_value(rigid)}, expected the pair (R, e)"
                 )
             border = floats("R of rigid", rigid[0], ndim=2)
             if border.shape[0] != size:
@@ -140,10 +140,10 @@ class ReducedProblem:
         rows = self.q.size
         W = f"{rows} x {rows}, "
         if hasattr(self.W, "tocsr"):
-            W += f"sparse, {counted(self.W.nnz, 'entry')}"
+            W += f"sparse, {count_noun(self.W.nnz, 'entry')}"
         else:
             W += f"dense, {size(8.0 * rows**2)}"
-        held = counted(self._motions, "motion") if self._motions else "none"
+        held = count_noun(self._motions, "motion") if self._motions else "none"
         return f"ReducedProblem: {summary.describe_places(*self.q.shape)}", [
             ("W", W),
             ("q", summary.describe_gaps(self.q[:, 0])),
@@ -251,7 +251,7 @@ class ReducedProblem:
             rigid = start.rigid_motion
             if rigid is not None and len(rigid) != self._motions:
                 raise ValueError(
-                    f"start has {counted(len(rigid), 'rigid motion')}, expected "
+                    f"start has {count_noun(len(rigid), 'rigid motion')}, expected "
                     f"{self._motions}"
                 )
         elif start is not None:
@@ -427,7 +427,9 @@ class ReducedProblem:
         )
 
         if not isinstance(exhaust, bool):
-            raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
+            raise TypeError(
+                f"exhaust is {validation.show_value(exhaust)}, expected a bool"
+            )
         # In components scaled by these factors, friction is isotropic.
         by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid

@@ -49,7 +49,7 @@ class SelfStress:
         self.cells, self.material = cells, material
         functions = _Functions(cells, free)
         energy = _energy_matrices(cells, material)
-        self._H, self._Z = _assembled(cells, energy), functions.matrix()
+        self._H, self._Z = _assemble_energy(cells, energy), functions.matrix()
         self._precondition = (
             _factor(self._Z, self._H)
             if cells.dim == 2
@@ -110,7 +110,7 @@ class SelfStress:
         return m.reshape(moments.shape)
 
 
-def _assembled(cells: Simplices, energy: Floats) -> CsrMatrix:
+def _assemble_energy(cells: Simplices, energy: Floats) -> CsrMatrix:
     """``∫ σ̂ : C⁻¹ σ̂ dV`` of the body as a matrix of all moments."""
     place, sign = cells.local_moments()
     flat = (place[:, :, None] * cells.dim + np.arange(cells.dim)).reshape(
@@ -302,7 +302,7 @@ class _Functions:
         ]
 
         def apply(rest: Floats) -> Floats:
-            parts = self._split(rest)
+            parts = self._split_amounts(rest)
             solved = [
                 np.matmul(i, p[..., None]).ravel()
                 for i, p in zip(inverse, parts, strict=True)
@@ -311,7 +311,7 @@ class _Functions:
 
         return apply
 
-    def _split(self, amounts: Floats) -> tuple[Floats, Floats]:
+    def _split_amounts(self, amounts: Floats) -> tuple[Floats, Floats]:
         k = self.own.shape[-1]
         cut = len(self.own) * k
         return amounts[:cut].reshape(-1, k), amounts[cut:].reshape(self.rings, -1)

@@ -75,7 +75,9 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
             # Normals of contacts point into the body.
             inwards = model.frame[corners[:, 0], 0]
             inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
-            corners[inside_out] = corners[inside_out][:, _mirrored(corners.shape[1])]
+            corners[inside_out] = corners[inside_out][
+                :, _mirror_nodes(corners.shape[1])
+            ]
         alone[corners.ravel()] = False
         found.setdefault(body.kind.facet.vtk, []).append(corners)
     cells = [(kind, np.concatenate(parts)) for kind, parts in found.items()]
@@ -102,7 +104,7 @@ def result_mesh(model: Assembly) -> ResultMesh:
     )
 
 
-def _mirrored(nodes: int) -> list[int]:
+def _mirror_nodes(nodes: int) -> list[int]:
     """Order of the nodes that reverses the orientation of a facet in space.
 
     Nodes are the corners, the midpoints of the edges in their order, and the centre.

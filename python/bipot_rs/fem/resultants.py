@@ -74,7 +74,7 @@ def support_force(model: Assembly, steps: Sequence[Step], name: str) -> Floats:
     dofs = np.unique(np.concatenate(prescribed))
     forces = np.zeros((len(steps), model.dim))
     for force, step in zip(forces, steps, strict=True):
-        out = _unbalanced(model, step, dofs)
+        out = _find_unbalanced(model, step, dofs)
         if step.load is not None:
             out -= step.load[dofs]
         np.add.at(force, dofs % model.dim, out)
@@ -98,12 +98,12 @@ def reference_force(
     carried = np.ones(len(dofs))
     if model.ties is not None:
         carried[np.isin(dofs, model.ties.dependent)] = 0.0
-    force = carried * np.stack([_unbalanced(model, step, dofs) for step in steps])
+    force = carried * np.stack([_find_unbalanced(model, step, dofs) for step in steps])
     d = model.dim
     return force[:, :d], force[:, d:] * (point.arm or 1.0)
 
 
-def _unbalanced(model: Assembly, step: Step, dofs: Ints) -> Floats:
+def _find_unbalanced(model: Assembly, step: Step, dofs: Ints) -> Floats:
     """``K u - Bᵀ r`` at some degrees of freedom."""
     forces = model.K[dofs] @ step.displacement
     forces -= model.in_step(step).B[:, dofs].T @ step.reaction.ravel()

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.messages import count_noun, printable
 from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Floats, Ints
 
 
-class Table:
+class CsvTable:
     """A CSV file, its entries as text; line numbers start at 1.
 
     The first line contains the names of the columns. Blank lines and lines that begin
@@ -42,7 +42,7 @@ class Table:
                 if len(cells) != len(header):
                     raise self.wrong(
                         rows.line_num,
-                        f"has {counted(len(cells), 'entry')}, expected "
+                        f"has {count_noun(len(cells), 'entry')}, expected "
                         f"{len(header)} as in the header",
                     )
                 self.lines.append(rows.line_num)
@@ -150,7 +150,7 @@ def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
     if any(line.lstrip().lower().startswith("*node") for line in _lines(file)):
         labels, rows = _listing(file)
     else:
-        table = Table(file)
+        table = CsvTable(file)
         table.expect(("node", "x", "y"), ("z",))
         axes = [axis for axis in ("x", "y", "z") if axis in table.names]
         labels = list(zip(table.integers("node").tolist(), table.lines, strict=True))

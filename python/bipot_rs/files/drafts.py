@@ -9,7 +9,7 @@ from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 
 
 def place(path: str | os.PathLike[str], what: str = "path") -> Path:
@@ -17,7 +17,7 @@ def place(path: str | os.PathLike[str], what: str = "path") -> Path:
     try:
         return Path(os.fsdecode(path))
     except TypeError:
-        raise mistyped(what, path, "the name of a file") from None
+        raise make_type_error(what, path, "the name of a file") from None
 
 
 @contextmanager

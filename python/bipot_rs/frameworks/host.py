@@ -105,7 +105,9 @@ class Host:
         results, batch = self._solve_cases(arguments)
         cases = self._split_cases(tangents, list(self.shapes.values()))
         along = [
-            result.jvp(**{name: self._spread(name, row) for name, row in case.items()})
+            result.jvp(
+                **{name: self._spread_value(name, row) for name, row in case.items()}
+            )
             for result, case in zip(results, cases, strict=True)
         ]
         return self._stack(along, batch)
@@ -181,7 +183,7 @@ class Host:
             self._results.popitem(last=False)
         return [solved[key] for key in keys], batch
 
-    def _spread(self, name: str, value: Floats) -> Floats:
+    def _spread_value(self, name: str, value: Floats) -> Floats:
         """A direction for each step and contact, from one shaped as the argument."""
         n_c, d = self.problem.contacts.shape
         if name == "mu":
@@ -196,7 +198,7 @@ class Host:
         return along
 
     def _gather(self, name: str, value: Floats) -> Floats:
-        """The transpose of `_spread`."""
+        """The transpose of `_spread_value`."""
         shape = self.shapes[name]
         value = np.asarray(value, np.float64)
         if name == "gap" and value.ndim == 3 and len(shape) < 3:

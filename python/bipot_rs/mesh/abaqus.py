@@ -157,18 +157,20 @@ class _Reader:
         self.content = Content(
             points,
             self.blocks,
-            sets=self._named(self.cells_of, self._by_block),
-            free=self._named(self.free, self._by_block),
-            node_sets=self._named(self.nodes_of, self._places),
-            faces={self._called(k, self.faces): v for k, v in self.faces.items()},
+            sets=self._name_sets(self.cells_of, self._by_block),
+            free=self._name_sets(self.free, self._by_block),
+            node_sets=self._name_sets(self.nodes_of, self._places),
+            faces={self._name_set(k, self.faces): v for k, v in self.faces.items()},
         )
 
-    def _named(
+    def _name_sets(
         self, sets: dict[Key, list[int]], made: Callable[[list[int]], T]
     ) -> dict[str, T]:
-        return {self._called(key, sets): made(members) for key, members in sets.items()}
+        return {
+            self._name_set(key, sets): made(members) for key, members in sets.items()
+        }
 
-    def _called(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
+    def _name_set(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
         """Name of a set, with the instance if the assembly has another set of the name."""
         other = sets.get((False, key[1]))
         if key[0] and other is not None and set(other) != set(sets[key]):
@@ -181,7 +183,7 @@ class _Reader:
     def _key(self, name: str) -> Key:
         return self.in_part, name.upper()
 
-    def _known(self, sets: dict[Key, S], name: str) -> S | None:
+    def _find_set(self, sets: dict[Key, S], name: str) -> S | None:
         """Find a set by name: ``INSTANCE.NAME`` in the part, or NAME in the part or assembly."""
         word = name.strip('"').upper()
         outer, _, inner = word.partition(".")
@@ -333,10 +335,10 @@ class _Reader:
         members: list[int] = []
         for line, row in section.rows:
             if "GENERATE" in section.parameters:
-                members += self._generated(line, row)
+                members += self._generate_numbers(line, row)
                 continue
             for part in filter(None, row):
-                named = self._known(sets, part)
+                named = self._find_set(sets, part)
                 if _NUMBER.fullmatch(part):
                     members.append(whole(part))
                 elif named is not None:
@@ -345,7 +347,7 @@ class _Reader:
                     raise self._error(line, f"uses a set {part!r} that is not defined")
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
-            cells = self._known(self.cells_of, section.parameters["ELSET"])
+            cells = self._find_set(self.cells_of, section.parameters["ELSET"])
             if cells is None:
                 raise self._error(
                     section.line,
@@ -391,7 +393,7 @@ class _Reader:
                 face = sides[int(label[1]) - 1]
                 faces.append(tuple(int(nodes[k, int(c)]) for c in face))
 
-    def _generated(self, line: int, row: list[str]) -> range:
+    def _generate_numbers(self, line: int, row: list[str]) -> range:
         """Numbers from a line "first, last, step" of *NSET or *ELSET with GENERATE."""
         numbers = self._numbers(line, row)
         first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, 0, 0)
@@ -412,7 +414,7 @@ class _Reader:
         known: Mapping[int, object],
     ) -> list[int]:
         """Numbers of a set, or the one number that stands in place of a name."""
-        members = self._known(sets, word)
+        members = self._find_set(sets, word)
         if members is None and _NUMBER.fullmatch(word) and whole(word) in known:
             members = [whole(word)]
         if members is None:

@@ -121,7 +121,7 @@ class ElementMesh(Protocol):
 
 
 def library() -> ModuleType:
-    """scikit-fem.
+    """The module scikit-fem, imported at the first call.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh.elements import (
     cell_nodes,
@@ -96,7 +96,7 @@ def _cells(mesh: ElementMesh, nodes: Ints, what: str) -> None:
             cell = int(np.argmax(bad))
             extent = "volume" if kind.dim == 3 else "area"
             raise ValueError(
-                f"{what} has {counted(int(bad.sum()), f'{word} cell')}, the first is "
+                f"{what} has {count_noun(int(bad.sum()), f'{word} cell')}, the first is "
                 f"cell {cell} at {place(x[cell].mean(axis=0))}: its {extent} is "
                 f"{abs(volume[cell]):.3g}, its longest side {longest[cell]:.3g}, and the "
                 f"determinant of its mapping is from {determinant[:, cell].min():.3g} to "
@@ -138,7 +138,7 @@ def _neighbours(mesh: ElementMesh, what: str) -> None:
         raise ValueError(
             f"{what} has an inverted cell: {volumes} lie on the same side of the facet "
             f"that they share at {place(middle[:, at])} "
-            f"({counted(int(same.sum()), 'such facet')}); mesh again there"
+            f"({count_noun(int(same.sum()), 'such facet')}); mesh again there"
         )
 
 
@@ -176,7 +176,7 @@ def _pieces(mesh: ElementMesh, what: str) -> None:
         advice = f"name the volumes in the mesh, and {advice}"
     raise ValueError(
         f"{what} consists of {len(names)} pieces that share no node, the smallest with "
-        f"{counted(int(sizes.min()), 'cell')}{which} at "
+        f"{count_noun(int(sizes.min()), 'cell')}{which} at "
         f"{place(mesh.p[:, nodes_of_piece].mean(axis=1))}; its distance from the rest is "
         f"{distance[at]:.3g}, at {place(mesh.p[:, nodes_of_piece[at]])}: {advice}"
     )
@@ -202,7 +202,7 @@ def _close(mesh: ElementMesh, what: str) -> None:
     if close.any():
         at = int(np.argmax(close))
         raise ValueError(
-            f"{what} has {counted(int(close.sum()), 'node')} on its boundary that nearly "
+            f"{what} has {count_noun(int(close.sum()), 'node')} on its boundary that nearly "
             f"coincide with others, the first pair {nodes[at]} and {nodes[apart[at]]} at "
             f"{place(mesh.p[:, nodes[at]])}, {distance[at, 1]:.3g} apart: merge them"
         )

@@ -26,8 +26,8 @@ from typing import Protocol
 
 import numpy as np
 
-from bipot_rs._lib.byte_order import unmarked, without
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.byte_order import strip_mark, without
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Ints
 from bipot_rs.files.meshio_library import load_meshio
 from bipot_rs.mesh import abaqus
@@ -175,7 +175,7 @@ def _read_any(file: Path, what: str) -> _MeshioMesh:
         raise FileNotFoundError(f"there is no file {file}")
     try:
         # meshio first reads text STL as binary, and its count of triangles overflows.
-        with unmarked(file) as source, np.errstate(over="ignore"):
+        with strip_mark(file) as source, np.errstate(over="ignore"):
             mesh: _MeshioMesh = meshio.read(source)
             return mesh
     # Readers of meshio raise any exception; one of them calls sys.exit.
@@ -198,7 +198,7 @@ def _open(path: Path) -> Content:
     if suffix == ".inp":
         return abaqus.read(path)
     _complete(path, suffix)
-    with unmarked(path) as source:
+    with strip_mark(path) as source:
         return _of_meshio(path, suffix, source)
 
 
@@ -373,7 +373,7 @@ def _mesh(
             f"the mesh {path} has a node of cell {bad[0]} whose coordinates are not finite"
         )
     points = _plane(path, file.points, cells) if top == 2 else file.points
-    mesh, number = _made(path, kind, points, cells)
+    mesh, number = _make_mesh_of_cells(path, kind, points, cells)
     node = np.full(len(file.points), -1, dtype=np.int64)
     node[number] = np.arange(len(number))
     subdomains = {}
@@ -452,7 +452,7 @@ def _cells(
     # gmsh 2.2 writes a cell once for each of its groups; elsewhere it is an error.
     if len(first) < len(cells) and path.suffix.lower() != ".msh":
         raise ValueError(
-            f"the mesh {path} has {counted(len(cells) - len(first), 'cell')} twice: remove "
+            f"the mesh {path} has {count_noun(len(cells) - len(first), 'cell')} twice: remove "
             "duplicates"
         )
     kept = np.sort(first)
@@ -475,7 +475,7 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
     return np.ascontiguousarray(points[:, :2])
 
 
-def _made(
+def _make_mesh_of_cells(
     path: Path, kind: str, points: Floats, cells: Ints
 ) -> tuple[ElementMesh, Ints]:
     try:

@@ -165,7 +165,7 @@ def surface(what: str, points: ArrayLike, name: str, facets: ArrayLike) -> Facet
                 "in order around it"
             )
     _middles(mesh)
-    _turned(name, corners)
+    _check_orientation(name, corners)
     return mesh
 
 
@@ -243,7 +243,7 @@ def _middles(found: FacetMesh) -> None:
             )
 
 
-def _turned(name: str, corners: Ints) -> None:
+def _check_orientation(name: str, corners: Ints) -> None:
     """Neighbours run along their common edge in opposite directions."""
     c = corners.shape[1]
     if c == 2:

@@ -162,7 +162,7 @@ def overlaps(slave: FacetMesh, master: FacetMesh, distance: float) -> Overlaps:
         size = (polygons[:, 1] - polygons[:, 0]) * slave.size[s]
     else:
         if master.kind.corners == 4:
-            _folded(slave, s, master, m, theirs)
+            _fold_slave(slave, s, master, m, theirs)
         # Seen from the slave's side they run clockwise.
         polygons = clip(ours, theirs[:, ::-1])
         size = _areas(polygons)
@@ -269,7 +269,7 @@ def _areas(polygons: Floats) -> Floats:
     return np.asarray((x * following[..., 1] - y * following[..., 0]).sum(axis=1) / 2)
 
 
-def _folded(
+def _fold_slave(
     slave: FacetMesh, s: Ints, master: FacetMesh, m: Ints, theirs: Floats
 ) -> None:
     bad = skewness(theirs) >= 1
@@ -490,7 +490,7 @@ def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Wei
 
     corners, nodes, over = slave.corners, len(slave.points), found.overlaps
     covered = found.mass.sum(axis=2)
-    kept = _kept(slave, covered)
+    kept = _keep_covered(slave, covered)
     dual, area = _dual(found.mass, covered, kept[corners])
     total = np.bincount(corners.ravel(), area.ravel(), minlength=nodes)
     contacts = np.flatnonzero(kept)
@@ -530,7 +530,7 @@ def weights(slave: FacetMesh, found: Integrals, master: FacetMesh | None) -> Wei
     )
 
 
-def _kept(slave: FacetMesh, covered: Floats) -> Bools:
+def _keep_covered(slave: FacetMesh, covered: Floats) -> Bools:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints
-from bipot_rs._lib.validation import floats, integers, number, shown
+from bipot_rs._lib.validation import floats, integers, number, show_value
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.mortar.facet_mesh import FacetMesh, bases, candidates, surface
 from bipot_rs.mortar.shape_functions import reference
@@ -141,7 +141,9 @@ def pairs(
     array([0.25, 0.5 , 0.25])
     """
     if method not in METHODS:
-        raise ValueError(f"method is {shown(method)}, expected one of {list(METHODS)}")
+        raise ValueError(
+            f"method is {show_value(method)}, expected one of {list(METHODS)}"
+        )
     if distance is not None and not number("distance", distance) > 0:
         raise ValueError(f"distance is {distance:g}, expected a number > 0")
     slave = surface("points_slave", points_slave, "facets_slave", facets_slave)
@@ -198,7 +200,7 @@ def pair_surfaces(
         if not len(nodal_weights.node):
             raise ValueError(_nothing(slave, master, distance))
     _own_dofs(slave, columns[0], master, columns[1])
-    return _assembled(
+    return _assemble_pairs(
         nodal_weights,
         frames(_normals(slave, nodal_weights.node), axis),
         slave,
@@ -240,7 +242,7 @@ def rigid_pairs(
     """
     if not callable(gap):
         raise TypeError(
-            f"gap is {shown(gap)}, expected a function of positions that returns distances"
+            f"gap is {show_value(gap)}, expected a function of positions that returns distances"
         )
     slave = surface("points", points, "facets", facets)
     weights_of_nodes = weigh_surface(slave, gap)
@@ -284,7 +286,7 @@ def make_rigid_pairs(
 
     ``normals (n_c, d)`` point from the obstacle to the nodes of the contacts.
     """
-    return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
+    return _assemble_pairs(found, frames(normals, axis), slave, None, 0.0, columns)
 
 
 def _clearance(value: ArrayLike, nodes: int) -> Floats:
@@ -479,7 +481,7 @@ def _dofs(what: str, value: object, shape: tuple[int, int], n: int) -> Ints:
     return np.array(dofs, dtype=np.int64)
 
 
-def _assembled(
+def _assemble_pairs(
     found: Weights,
     frame: Floats,
     slave: FacetMesh,

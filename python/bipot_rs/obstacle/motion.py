@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.protocol import Obstacle, check_direction
@@ -86,14 +86,14 @@ class Motion:
         for name, components in dims.items():
             if components != d or d not in (2, 3):
                 raise ValueError(
-                    f"{name} of the motion has {counted(components, 'component')}, expected "
+                    f"{name} of the motion has {count_noun(components, 'component')}, expected "
                     + (str(d) if d in (2, 3) else "2 or 3")
                 )
         if angle is not None and d == 3 and turn is None:
             raise ValueError("axis is missing: a rotation in 3D needs one")
         if shift is not None and angle is not None and len(shift) != len(angle):
             raise ValueError(
-                f"rotation has {counted(len(angle), 'step')} but translation has "
+                f"rotation has {count_noun(len(angle), 'step')} but translation has "
                 f"{len(shift)}: expected the same number"
             )
         steps = len(shift) if shift is not None else len(angle)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import callback, floats, number, shown
+from bipot_rs._lib.validation import callback, floats, number, show_value
 from bipot_rs.contact.law.frames import frames
 from bipot_rs.obstacle.protocol import (
     Closest,
@@ -436,7 +436,7 @@ def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
         parts = (closest.distance, closest.normal, closest.foot)
     except AttributeError:
         raise TypeError(
-            f"{what} returns {shown(closest)}, expected a Closest with distance, normal "
+            f"{what} returns {show_value(closest)}, expected a Closest with distance, normal "
             "and foot"
         ) from None
     shapes = ((len(points),), points.shape, points.shape)

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats, Integers, Ints
 from bipot_rs._lib.validation import integers, vectors
 from bipot_rs.obstacle.facet_tree import FacetTree
@@ -120,7 +120,7 @@ class Surface:
                 x, number = np.unique(points[:, :d], axis=0, return_inverse=True)
                 facets = number.reshape(-1)[np.concatenate(cells)]
                 if os.fspath(path).lower().endswith(".stl"):
-                    facets = _joined(x)[facets]
+                    facets = _join_points(x)[facets]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
                 if not whole.any():
@@ -141,7 +141,7 @@ class Surface:
     def __repr__(self) -> str:
         kind = "triangle" if self.dim == 3 else "segment"
         border = "" if self.closed else ", with a border"
-        return f"Surface({counted(len(self._corners), kind)}{border})"
+        return f"Surface({count_noun(len(self._corners), kind)}{border})"
 
     @property
     def dim(self) -> int:
@@ -156,9 +156,9 @@ class Surface:
     def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; of two points at the same distance either may be taken."""
         x = check_points(points, self.dim)
-        return self._signed(x, *self._located(x))
+        return self._sign_distances(x, *self._locate_feet(x))
 
-    def _located(self, x: Floats) -> tuple[Floats, Ints, Ints]:
+    def _locate_feet(self, x: Floats) -> tuple[Floats, Ints, Ints]:
         """As `_search`, in portions that bound the memory."""
         foot = np.empty_like(x)
         facet = np.empty(len(x), np.int64)
@@ -175,8 +175,8 @@ class Surface:
         punch is pressed straight at the rim too.
         """
         x = check_points(points, self.dim)
-        foot, facet, part = self._located(x)
-        closest = self._signed(x, foot, facet, part)
+        foot, facet, part = self._locate_feet(x)
+        closest = self._sign_distances(x, foot, facet, part)
         on = np.flatnonzero(np.abs(closest.distance) <= _RIM * self._size)
         corners = self._x[self._corners[facet[on]]]
         beside = [
@@ -224,7 +224,9 @@ class Surface:
         order = np.argsort(p[on], kind="stable")
         return p[on][order], f[on][order]
 
-    def _signed(self, x: Floats, foot: Floats, facet: Ints, part: Ints) -> Closest:
+    def _sign_distances(
+        self, x: Floats, foot: Floats, facet: Ints, part: Ints
+    ) -> Closest:
         """Signed distances, and normals along the direction from the foot."""
         pseudo = self._pseudo[facet, part]
         way = x - foot
@@ -436,7 +438,7 @@ def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> F
     return np.asarray(direction_sum / size, np.float64)
 
 
-def _joined(x: Floats) -> Ints:
+def _join_points(x: Floats) -> Ints:
     """For each point, the first point equal to it in 32-bit precision."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

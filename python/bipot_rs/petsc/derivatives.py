@@ -70,14 +70,14 @@ class DistributedResponse:
         self.diagonal = engine.operator.variables.diagonal
 
     def stiffness(self) -> PetscMat:
-        """K."""
+        """The stiffness K, distributed over the ranks."""
         return self._operator.K
 
     def movable(self) -> Bools:
         """Components that a reaction moves, ``(n_c, d)``."""
         return self.diagonal > 0
 
-    def factored(self, laws: Laws) -> _IterativeSystem:
+    def factor_laws(self, laws: Laws) -> _IterativeSystem:
         """The system (33) of these laws.
 
         Raises
@@ -94,7 +94,7 @@ class DistributedResponse:
             raise Stalled
         return _IterativeSystem(self._engine, core, (len(laws.contacts), d))
 
-    def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
+    def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
         y = self._operator.make_vector(rigid)
         return self._operator.variables.moved(self._operator.interface.gather(y))
@@ -156,14 +156,14 @@ class _IterativeSystem:
         """The same with the transposed matrix."""
         return np.stack([self._solve_backward(row) for row in right])
 
-    def _split(self, right: Floats) -> tuple[Floats, PetscVec]:
+    def _split_right_side(self, right: Floats) -> tuple[Floats, PetscVec]:
         """Right sides of the laws, and those of the rows."""
         laws = math.prod(self.shape)
         at_contacts = np.ascontiguousarray(right[:laws].reshape(self.shape))
         return at_contacts, self.engine.operator.make_vector(right[laws:])
 
     def _solve_forward(self, right: Floats) -> Floats:
-        s, g = self._split(right)
+        s, g = self._split_right_side(right)
         core, operator = self.core, self.engine.operator
         gather = operator.interface.gather
         at_places = gather(g)
@@ -175,7 +175,7 @@ class _IterativeSystem:
         return np.concatenate([dr.ravel(), dy.array_r])
 
     def _solve_backward(self, right: Floats) -> Floats:
-        rho, e = self._split(right)
+        rho, e = self._split_right_side(right)
         core, operator = self.core, self.engine.operator
         interface, tangent = operator.interface, core.tangent
         places = interface.gather(e)

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import (
     Communicator,
     CsrMatrix,
@@ -122,7 +122,7 @@ class ContactProblem:
             n = K.getSize()[0]
             if operator.shape[1] != n:
                 raise ValueError(
-                    f"B has shape {operator.shape}, expected {counted(n, 'column')}, as "
+                    f"B has shape {operator.shape}, expected {count_noun(n, 'column')}, as "
                     "many as K has rows"
                 )
             if np.size(gap) == 0:
@@ -174,8 +174,8 @@ class ContactProblem:
         )
 
     def __repr__(self) -> str:
-        dofs = counted(self._loading.n, "degree") + " of freedom"
-        ranks = counted(self.comm.size, "rank")
+        dofs = count_noun(self._loading.n, "degree") + " of freedom"
+        ranks = count_noun(self.comm.size, "rank")
         places = summary.describe_places(*self._loading.contacts.shape)
         return f"ContactProblem({dofs}, {places}, {ranks})"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.law.frames import find_step_frames
@@ -109,7 +109,7 @@ def deformed(
     units = units_of(result, units)
     shown_step: Any = one_step(result, step)
     if not hasattr(shown_step, "displacement"):
-        raise mistyped("result", shown_step, "a Result or one of its steps")
+        raise make_type_error("result", shown_step, "a Result or one of its steps")
     positive = {"scale": scale, "near": near, "largest_force": largest_force}
     for name, value in positive.items():
         if value is not None and not number(name, value) > 0:
@@ -161,7 +161,7 @@ def deformed(
     if longest:
         words.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
     lines = [", ".join([*words, *filter(None, [said_of(result, step)])])]
-    if _unscaled(model, scale):
+    if _draw_unscaled(model, scale):
         lines.insert(
             0, "gaps between bodies × 1: bodies that touch may seem to overlap"
         )
@@ -193,7 +193,7 @@ def _box(box: ArrayLike | None, near: float | None, d: int) -> Floats | None:
     return limits
 
 
-def _unscaled(model: Assembly, scale: float) -> bool:
+def _draw_unscaled(model: Assembly, scale: float) -> bool:
     """Whether gaps between bodies, which are not enlarged, would be visible if they were."""
     pairs = [contact.against is not None for contact in model.contacts]
     gap = np.abs(model.gap[np.array(pairs, bool)[model.group]])

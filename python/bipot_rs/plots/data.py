@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.messages import meant, mistyped
+from bipot_rs._lib.messages import make_type_error, meant
 from bipot_rs._lib.types import Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.law.frames import find_step_frames
@@ -138,7 +138,7 @@ def contacts_of(found: object, given: ContactsArgument | None) -> ContactData:
     model, _ = model_of(given)
     if model is None:
         expected = "a mapping with x, frame, area, mu, the Pairs, or the model"
-        raise mistyped("contacts", given, expected)
+        raise make_type_error("contacts", given, expected)
     from bipot_rs.fem.contact_surface import surface_labels
 
     names = {"x": "points", "frame": "frame", "area": "area", "mu": "mu"}
@@ -166,7 +166,7 @@ def drawn_model(given: object) -> tuple[Assembly, Case | None]:
     """As `model_of`; a `TypeError` if there is no model."""
     model, case = model_of(given)
     if model is None:
-        raise mistyped("model", given, "a Model, a Case or a ModelResult")
+        raise make_type_error("model", given, "a Model, a Case or a ModelResult")
     return model, case
 
 
@@ -174,7 +174,7 @@ def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str
     """Names of units: those given, else those of the result."""
     names: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
     if not isinstance(names, Mapping):
-        raise mistyped(
+        raise make_type_error(
             "units", names, "a mapping from length, force and stress to their names"
         )
     if mistake := find_inconsistency(names):
@@ -185,7 +185,7 @@ def units_of(found: object, units: Mapping[str, str] | None) -> Mapping[str, str
 def steps_of(found: object) -> Result:
     """The `Result` itself; an error if it is something else, or has no steps."""
     if not isinstance(found, Result):
-        raise mistyped("result", found, "a Result")
+        raise make_type_error("result", found, "a Result")
     if not len(found):
         raise ValueError(f"result has no steps to draw: {found.message}")
     return found

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.proof.reaction_range import ReactionRange
@@ -55,7 +55,7 @@ def reaction_band(
     every = list(ranges)
     for interval in every:
         if not isinstance(interval, ReactionRange):
-            raise mistyped("ranges", interval, "a list of ReactionRange")
+            raise make_type_error("ranges", interval, "a list of ReactionRange")
     if not every or any(interval.component != every[0].component for interval in every):
         raise ValueError("ranges are empty, or of several components")
     arrays = contacts_of(None, contacts)

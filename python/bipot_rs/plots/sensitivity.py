@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import one_of
 from bipot_rs.contact.results.derivatives import Gradient
@@ -81,7 +81,7 @@ def sensitivity(
         A wrong argument, or missing data of the contacts; the message names them.
     """
     if not isinstance(gradient, Gradient):
-        raise mistyped("gradient", gradient, "a gradient of Result.vjp")
+        raise make_type_error("gradient", gradient, "a gradient of Result.vjp")
     one_of("by", by, QUANTITIES)
     if by == "mu" and step is not None:
         raise ValueError(

@@ -72,14 +72,14 @@ def bodies(scene: Scene) -> list[Body]:
             mistakes.append(Mistake(place, str(error), MistakeKind.MESH))
     if not mistakes and any(block.mesh is not None for block in scene.body.values()):
         mistakes = inconsistencies(
-            scene, {body.name: _known(body) for body in made_bodies}
+            scene, {body.name: _describe_body(body) for body in made_bodies}
         )
     if mistakes:
         raise SceneError(scene.title, mistakes)
     return made_bodies
 
 
-def _known(body: Body) -> Known:
+def _describe_body(body: Body) -> Known:
     return Known(
         body.dim, sorted(body.mesh.boundaries or {}), sorted(body.mesh.subdomains or {})
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.results.result import Result
@@ -178,7 +178,7 @@ class Model:
         An orthotropic material has three numbers for each of ``young``, ``poisson`` and
         ``shear``: along its axes 1, 2, 3, and in the planes 12, 13, 23.
         """
-        self._named("material", name, table)
+        self._add_named("material", name, table)
 
     def body(self, name: str, **table: object) -> None:
         """Add a body: a rectangle, a box, or a mesh from a file.
@@ -194,7 +194,7 @@ class Model:
         surfaces: for each name a table of ``within``, ``normal`` and ``angle`` in
         degrees.
         """
-        self._named("body", name, table)
+        self._add_named("body", name, table)
 
     def obstacle(self, name: str, **table: object) -> None:
         """Add a rigid obstacle; contacts refer to it by ``against``.
@@ -209,7 +209,7 @@ class Model:
         ``y``, ``z``, is the total force on the obstacle, which moves in these directions
         until the contacts balance it.
         """
-        self._named("obstacle", name, table)
+        self._add_named("obstacle", name, table)
 
     def support(self, on: str, **table: object) -> None:
         """Prescribe displacements ``x``, ``y``, ``z`` on a part of a body.
@@ -217,7 +217,7 @@ class Model:
         ``on`` is a surface, a volume or a body. ``within`` selects nodes by ranges of
         coordinates, ``at`` only the node nearest to a position, also inside the body.
         """
-        self._listed("support", on, table)
+        self._add_to_list("support", on, table)
 
     def remote(self, name: str, **table: object) -> None:
         """Let a part ``on`` of a body follow a ``point``, or load it by a force there.
@@ -228,43 +228,43 @@ class Model:
         ``distributed=True`` the part may deform, and the force and the moment are spread
         over it.
         """
-        self._named("remote", name, table)
+        self._add_named("remote", name, table)
 
     def cyclic(self, on: str, onto: str, *, sectors: int, **table: object) -> None:
         """Make two cuts those of one of ``sectors`` equal sectors: ``about``, ``axis``."""
-        self._listed("cyclic", on, {"onto": onto, "sectors": sectors, **table})
+        self._add_to_list("cyclic", on, {"onto": onto, "sectors": sectors, **table})
 
     def periodic(self, on: str, onto: str) -> None:
         """Make two cuts those of a structure that repeats itself by a translation."""
-        self._listed("periodic", on, {"onto": onto})
+        self._add_to_list("periodic", on, {"onto": onto})
 
     def symmetry(self, on: str) -> None:
         """Make a flat surface a plane of symmetry."""
-        self._listed("symmetry", on, {})
+        self._add_to_list("symmetry", on, {})
 
     def spring(self, on: str, **table: object) -> None:
         """Add springs per area: ``stiffness``, or ``normal`` and ``tangential``."""
-        self._listed("spring", on, table)
+        self._add_to_list("spring", on, table)
 
     def traction(self, on: str, **table: object) -> None:
         """Add a force per area on a surface: ``x``, ``y``, ``z``."""
-        self._listed("traction", on, table)
+        self._add_to_list("traction", on, table)
 
     def pressure(self, on: str, value: object, **table: object) -> None:
         """Add a pressure on a surface, positive inwards: a number, or `times`."""
         keys = dict(value) if isinstance(value, Mapping) else {"value": value}
-        self._listed("pressure", on, keys | table)
+        self._add_to_list("pressure", on, keys | table)
 
     def body_force(self, on: str, **table: object) -> None:
         """Add a force per volume of a body: ``x``, ``y``, ``z``."""
-        self._listed("body_force", on, table)
+        self._add_to_list("body_force", on, table)
 
     def strain(self, on: str, **table: object) -> None:
         """Add an initial strain of a body, or of ``"body.volume"``: its stress-free strain.
 
         ``expansion`` and ``temperature``, or ``tensor`` and its ``amplitude``.
         """
-        self._listed("strain", on, table)
+        self._add_to_list("strain", on, table)
 
     def contact(self, on: str, **table: object) -> None:
         """Add contact of the nodes of a surface.
@@ -276,7 +276,7 @@ class Model:
         ``clearance`` is a height, or a table of ``height``, ``radius`` and ``centre``;
         ``within`` gives ranges of coordinates.
         """
-        self._listed("contact", on, table)
+        self._add_to_list("contact", on, table)
 
     def path(
         self,
@@ -330,13 +330,13 @@ class Model:
         """Set the contact solver: ``method``, ``tol``, ``max_iterations``."""
         self._table["solver"] = _plain(table)
 
-    def _named(self, kind: str, name: str, table: Mapping[str, object]) -> None:
+    def _add_named(self, kind: str, name: str, table: Mapping[str, object]) -> None:
         tables = self._table.setdefault(kind, {})
         if name in tables:
             raise ValueError(f"{kind} {name!r} is already defined: choose another name")
         tables[name] = _plain(table)
 
-    def _listed(self, kind: str, on: str, table: Mapping[str, object]) -> None:
+    def _add_to_list(self, kind: str, on: str, table: Mapping[str, object]) -> None:
         self._table.setdefault(kind, []).append({"on": on} | _plain(table))
 
     @property
@@ -462,8 +462,8 @@ class Model:
     def __repr__(self) -> str:
         bodies, contacts = (len(self._table.get(k, ())) for k in ("body", "contact"))
         return (
-            f"Model({self.title!r}: {counted(bodies, 'body')}, "
-            f"{counted(contacts, 'contact')})"
+            f"Model({self.title!r}: {count_noun(bodies, 'body')}, "
+            f"{count_noun(contacts, 'contact')})"
         )
 
 

@@ -34,7 +34,7 @@ from bipot_rs.scene.schema.root import Scene
 if TYPE_CHECKING:
     from bipot_rs.contact.wear.record import Wear
 
-    class _Settings(TypedDict):
+    class _SolverSettings(TypedDict):
         method: str
         tol: float
         max_iterations: int | None
@@ -276,7 +276,7 @@ class Case:
 
     def _settings(
         self, method: str | None, tol: float | None, max_iterations: int | None
-    ) -> _Settings:
+    ) -> _SolverSettings:
         """Settings of the solver: those given, else those of the scene."""
         if self.scene is None:
             raise ValueError("this case was made without a scene")

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from bipot_rs._lib import validation
-from bipot_rs._lib.messages import counted, instead
+from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs.scene.library import folder_of, text
 from bipot_rs.scene.mistakes import Mistake, MistakeKind, SceneError
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
@@ -139,7 +139,7 @@ def put(table: dict[str, object], key: str, value: object) -> str | None:
             if index is None or index >= len(at):
                 last_entry = f" to {place}.{len(at) - 1}" if len(at) > 1 else ""
                 return (
-                    f"{place} is a list of {counted(len(at), 'entry')}, expected "
+                    f"{place} is a list of {count_noun(len(at), 'entry')}, expected "
                     f"{place}.0{last_entry}"
                 )
         elif isinstance(at, dict):

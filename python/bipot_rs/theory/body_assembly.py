@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from bipot_rs._lib.messages import mistyped, place
+from bipot_rs._lib.messages import make_type_error, place
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import indices
 from bipot_rs.fem.bodies.body import Body
@@ -56,7 +56,7 @@ class BodyAssembly:
 
     def __init__(self, body: Body, fixed: ArrayLike) -> None:
         if not isinstance(body, Body):
-            raise mistyped("body", body, "a bipot_rs.fem.Body")
+            raise make_type_error("body", body, "a bipot_rs.fem.Body")
         n = body.points.size
         moduli = _moduli(body)
         self.body = body

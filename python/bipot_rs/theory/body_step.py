@@ -191,7 +191,7 @@ class StepSolver:
         body = self.assembly
         free = body.free
         end = law(body.strains(du))
-        rest, size = self._unbalanced(end.stress)
+        rest, size = self._find_unbalanced(end.stress)
         for _ in range(_NEWTON):
             if np.sqrt(0.5 * size) <= tol * np.sqrt(self._work(end)):
                 return du, end, True
@@ -204,7 +204,7 @@ class StepSolver:
             share = 1.0
             for _ in range(_HALVINGS):
                 new = law(body.strains(du + share * move))
-                new_rest, new_size = self._unbalanced(new.stress)
+                new_rest, new_size = self._find_unbalanced(new.stress)
                 if new_size <= (1 - 1e-4 * share) * size:
                     break
                 share /= 2
@@ -214,7 +214,7 @@ class StepSolver:
             self.iterations += 1
         return du, end, False
 
-    def _unbalanced(self, stress: Floats) -> tuple[Floats, float]:
+    def _find_unbalanced(self, stress: Floats) -> tuple[Floats, float]:
         """Forces at free degrees of freedom, and ``r·K⁻¹r`` [J]."""
         rest = (self.load - self.assembly.forces(stress))[self.assembly.free]
         return rest, float(rest @ self.assembly.solve(rest))
@@ -233,7 +233,7 @@ class StepSolver:
         stress = self.soil.prox_at(end.stress, np.zeros_like(end.stress), 1.0)
         work = self._work(PointEnd(stress, end.plastic, end.tangent))
         gap = self.law.gap(body.strains(du), end.plastic, stress)
-        _, size = self._unbalanced(stress)
+        _, size = self._find_unbalanced(stress)
         relative = _ratio(float(body.weights @ gap), work)
         imbalance = float(np.sqrt(_ratio(0.5 * size, work)))
         points = (*body.shape, 6)

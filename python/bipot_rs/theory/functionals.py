@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, MatrixLike
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.problem import ContactProblem
@@ -94,7 +94,7 @@ class Functionals:
         slack: float = 1e-9,
     ) -> None:
         if not isinstance(problem, ContactProblem):
-            raise mistyped("problem", problem, "a ContactProblem")
+            raise make_type_error("problem", problem, "a ContactProblem")
         n, fixed = problem.loading.n, problem.stiffness.options.fixed
         contacts, d = problem.contacts.shape
         stiffness = csr("K", K)

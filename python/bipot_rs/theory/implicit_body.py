@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, integer, loads, number, one_of
 from bipot_rs.fem.bodies.body import Body, Field
@@ -59,7 +59,7 @@ class ImplicitBody:
 
     def __init__(self, body: Body, soil: DruckerPrager, fixed: ArrayLike) -> None:
         if not isinstance(soil, DruckerPrager):
-            raise mistyped("soil", soil, "a DruckerPrager")
+            raise make_type_error("soil", soil, "a DruckerPrager")
         self._assembly = BodyAssembly(body, fixed)
         self.body, self.soil = body, soil
         self.fixed = self._assembly.fixed
@@ -243,7 +243,7 @@ class ImplicitBody:
     def _check_shape(self, what: str, state: BodyState) -> BodyState:
         """Refuse a state of another shape."""
         if not isinstance(state, BodyState):
-            raise mistyped(what, state, "a BodyState")
+            raise make_type_error(what, state, "a BodyState")
         points, n = (*self.shape, 6), self.body.points.size
         return BodyState(
             displacement=floats(

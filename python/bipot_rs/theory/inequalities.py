@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number, vectors
 from bipot_rs.contact.proof.existence import make_dense
@@ -69,7 +69,9 @@ def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
         cones by more than rounding.
     """
     t, v, mu = _pair(t, v, mu)
-    limit = _bound("size", size, float(t[:, 0].max(initial=0.0)), "normal reaction")
+    limit = _check_bound(
+        "size", size, float(t[:, 0].max(initial=0.0)), "normal reaction"
+    )
     _in_cone(t, mu)
     worst = np.zeros_like(t)
     worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
@@ -105,7 +107,7 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
     t, v, mu = _pair(t, v, mu)
     slip = np.linalg.norm(v[:, 1:], axis=1)
     far = max(float(slip.max(initial=0.0)), float(v[:, 0].max(initial=0.0)))
-    limit = _bound("size", size, far, "opening or slip")
+    limit = _check_bound("size", size, far, "opening or slip")
     deep = v[:, 0] < -_ROUNDING * limit
     if deep.any():
         at = int(np.argmax(deep))
@@ -146,7 +148,9 @@ def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdic
         As `coupled`.
     """
     t, v, mu = _pair(t, v, mu)
-    limit = _bound("size", size, float(t[:, 0].max(initial=0.0)), "normal reaction")
+    limit = _check_bound(
+        "size", size, float(t[:, 0].max(initial=0.0)), "normal reaction"
+    )
     _in_cone(t, mu)
     worst = np.zeros_like(t)
     worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
@@ -194,7 +198,7 @@ class Response:
         offset: ArrayLike | None = None,
     ) -> None:
         if not isinstance(problem, ReducedProblem):
-            raise mistyped("problem", problem, "a ReducedProblem")
+            raise make_type_error("problem", problem, "a ReducedProblem")
         self.problem = problem
         shape = problem.q.shape
         zero = np.zeros(shape)
@@ -354,7 +358,7 @@ def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Floats, Floats, Fl
     return force, moved, coulomb(mu, len(force))
 
 
-def _bound(what: str, value: float, least: float, of: str) -> float:
+def _check_bound(what: str, value: float, least: float, of: str) -> float:
     size = number(what, value)
     if not (np.isfinite(size) and size >= least and size > 0):
         raise ValueError(

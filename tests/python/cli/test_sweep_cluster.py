@@ -104,7 +104,7 @@ def test_a_result_lost_with_its_worker_is_computed_again(
     strict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The worker dies between the end of the row and the transfer of its result."""
-    original = Cluster._finished
+    original = Cluster._take_finished
 
     def late(self: Cluster) -> list[Any]:
         # All rows end in this time, and the worker dies in the next.
@@ -113,7 +113,7 @@ def test_a_result_lost_with_its_worker_is_computed_again(
         time.sleep(1.0)
         return result
 
-    monkeypatch.setattr(Cluster, "_finished", late)
+    monkeypatch.setattr(Cluster, "_take_finished", late)
     asked = [(number, tmp_path) for number in range(4)]
     with Cluster(strict, lambda _: None) as cluster:
         # Less than the row takes the second time.

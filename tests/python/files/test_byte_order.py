@@ -13,7 +13,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs._lib.byte_order import MARK, unmarked
+from bipot_rs._lib.byte_order import MARK, strip_mark
 from support.matrix_and_tables import written
 
 meshio = pytest.importorskip("meshio")
@@ -120,11 +120,11 @@ def test_tables_of_sweeps(bipot: Any) -> None:
 def test_temporary_copies_are_removed(tmp_path: Path) -> None:
     path = tmp_path / "K.mtx"
     mmwrite(path, sparse.identity(2, format="coo"))
-    with unmarked(path) as source:
+    with strip_mark(path) as source:
         assert source == path
     content = path.read_bytes()
     mark(path)
-    with unmarked(path) as source:
+    with strip_mark(path) as source:
         assert source != path
         assert source.name == path.name
         assert source.read_bytes() == content

@@ -5,14 +5,14 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs._lib.messages import counted, duration, printable, size
+from bipot_rs._lib.messages import count_noun, duration, printable, size
 
 
 def test_counted_singular_and_plural() -> None:
-    assert counted(1, "iteration") == "1 iteration"
-    assert counted(0, "iteration") == "0 iterations"
-    assert counted(1, "entry") == "1 entry"
-    assert counted(2, "entry") == "2 entries"
+    assert count_noun(1, "iteration") == "1 iteration"
+    assert count_noun(0, "iteration") == "0 iterations"
+    assert count_noun(1, "entry") == "1 entry"
+    assert count_noun(2, "entry") == "2 entries"
 
 
 def test_printable_names_have_one_line() -> None:
@@ -41,7 +41,7 @@ def test_a_solution_is_a_line() -> None:
     problem = bp.ReducedProblem(np.eye(300), np.full((100, 3), -1.0), 0.3)
     solution = problem.solve()
     assert repr(solution) == (
-        f"Solution(100 contacts, converged in {counted(solution.iterations, 'iteration')}, "
+        f"Solution(100 contacts, converged in {count_noun(solution.iterations, 'iteration')}, "
         f"residual {solution.residual:.1e}, held to 1.0e-10)"
     )
     result = bp.solve(np.eye(2), np.eye(2), gap=[-1.0], mu=0.3)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.messages import count_noun, printable
 from bipot_rs.cli import arguments as shared
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.interrupts import Interrupts
@@ -191,7 +191,7 @@ def _line(row: Record, width: int, tol: float) -> str:
     size = "" if row["contacts"] is None else f"{row['contacts']} × {row['dim']}D"
     columns: dict[str, tuple[Callable[..., str], int]] = {
         "residual": ("{:.1e}".format, 8),
-        "iterations": (lambda n: counted(n, "iteration"), 18),
+        "iterations": (lambda n: count_noun(n, "iteration"), 18),
         "work": ("work {:.0f}".format, 12),
     }
     cells = [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.info import mesh
 from bipot_rs.files.fields import FIELDS
 from bipot_rs.files.vtu import has_no_points, read_collection, read_pieces
@@ -58,7 +58,7 @@ def _series(path: Path) -> dict[str, object]:
         "steps": len(steps),
         "times": times,
     }
-    title = f"{path}: a series of {counted(len(steps), 'step')} for ParaView"
+    title = f"{path}: a series of {count_noun(len(steps), 'step')} for ParaView"
     if not steps:
         return summary | {"lines": [title]}
     lines = [
@@ -68,7 +68,7 @@ def _series(path: Path) -> dict[str, object]:
     lost = [file for _, file in steps if not (path.parent / file).is_file()]
     if lost:
         raise ValueError(
-            f"{path} names {counted(len(lost), 'file')} that do not exist, the first is "
+            f"{path} names {count_noun(len(lost), 'file')} that do not exist, the first is "
             f"{lost[0]}: copy the whole folder, not the index only"
         )
     last = _step(path.parent / steps[-1][1])

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.messages import count_noun, printable
 
 if TYPE_CHECKING:
     from bipot_rs._lib.types import AnyArray
@@ -99,8 +99,8 @@ def _bodies(path: Path) -> dict[str, object]:
         f"{path}: a mesh in {dim} dimensions",
         f"  cells     {kinds}",
         f"  nodes     {len(points)}, {box(points)}",
-        f"  volumes   {_listed(volumes, 'cell') or 'none named'}",
-        f"  surfaces  {_listed(surfaces, 'facet') or _NO_SURFACE}",
+        f"  volumes   {_list_counts(volumes, 'cell') or 'none named'}",
+        f"  surfaces  {_list_counts(surfaces, 'facet') or _NO_SURFACE}",
     ]
     if several:
         lines.append(f"  remark    {several}")
@@ -151,8 +151,8 @@ def _surface(path: Path) -> dict[str, object]:
     return summary | {"lines": lines}
 
 
-def _listed(known: Mapping[str, int], noun: str) -> str:
+def _list_counts(known: Mapping[str, int], noun: str) -> str:
     names: Sequence[str] = sorted(known)
-    shown = [f"{name} ({counted(known[name], noun)})" for name in names[:_NAMES]]
+    shown = [f"{name} ({count_noun(known[name], noun)})" for name in names[:_NAMES]]
     more = len(names) - _NAMES
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

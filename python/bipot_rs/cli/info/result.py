@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.info.mesh import box
 from bipot_rs.contact.law.status import STATUS_NAMES
 
@@ -70,12 +70,12 @@ def summarise(path: Path) -> dict[str, object]:
     if summary["engine"]:
         parts = [summary["engine"], attributes.get("preconditioner")]
         if ranks:
-            parts.append(counted(ranks, "rank"))
+            parts.append(count_noun(ranks, "rank"))
         lines.append(f"  engine    {', '.join(str(part) for part in parts if part)}")
     if dim is not None:
         where = f", {box(x)}" if x is not None and len(x) else ""
         lines.append(
-            f"  contacts  {counted(contacts_n, 'contact')} in {dim} dimensions{where}"
+            f"  contacts  {count_noun(contacts_n, 'contact')} in {dim} dimensions{where}"
         )
         lines.append(
             f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
@@ -88,7 +88,7 @@ def summarise(path: Path) -> dict[str, object]:
         whole = summary["planned"] or count
         missing = "" if count == whole else f" of {whole}"
         lines.append(
-            f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
+            f"  steps     {count_noun(count, 'load step')}{missing}, every residual at most "
             f"{summary['residual']:.1e}; {moved} displacements each"
         )
         rows = [
@@ -103,7 +103,7 @@ def summarise(path: Path) -> dict[str, object]:
         for before, k in zip([-1, *ends], ends, strict=False):
             row = rows[k]
             if k > before + 1:
-                lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
+                lines.append(f"  ...       {count_noun(k - before - 1, 'load step')}")
             lines.append(
                 f"  load step {k + 1} of {whole}{reached}: open {row['open']}, slip "
                 f"{row['slip']}, stick {row['stick']}, normal force "

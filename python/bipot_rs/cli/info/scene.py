@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 
 
 def summarise(name: str) -> dict[str, object]:
@@ -43,7 +43,7 @@ def summarise(name: str) -> dict[str, object]:
         if unit
     )
     loads = [
-        counted(len(entries), kind)
+        count_noun(len(entries), kind)
         for kind, entries in (
             ("support", scene.support),
             ("symmetry", scene.symmetry),
@@ -66,7 +66,7 @@ def summarise(name: str) -> dict[str, object]:
         "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
         f"  contacts  {', '.join(touching)}",
         f"  loads     {', '.join(loads) or 'none'}",
-        f"  path      {counted(steps, 'load step')}, parameter: {parameter}",
+        f"  path      {count_noun(steps, 'load step')}, parameter: {parameter}",
         f"  solver    {solver.method}, tol {solver.tol}, engine {solver.engine}",
         f"  next      bipot check {name}, bipot run {name}",
     ]

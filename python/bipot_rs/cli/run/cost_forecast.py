@@ -9,7 +9,7 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs._lib.memory import available
-from bipot_rs._lib.messages import counted, duration, size
+from bipot_rs._lib.messages import count_noun, duration, size
 from bipot_rs.fem.assembly.assembly import Assembly
 from bipot_rs.fem.bodies.body import Body
 from bipot_rs.fem.bodies.node_graph import find_neighbours
@@ -96,8 +96,8 @@ def cores() -> int:
 def sizes(model: Assembly, steps: int) -> list[str]:
     """Lines with the bodies, the contacts and the sizes of a model."""
     bodies = ", ".join(
-        f"{body.name} ({counted(len(body.points), 'node')}, "
-        f"{counted(body.mesh.nelements, 'cell')})"
+        f"{body.name} ({count_noun(len(body.points), 'node')}, "
+        f"{count_noun(body.mesh.nelements, 'cell')})"
         for body in model.bodies
     )
     contacts = ", ".join(
@@ -107,8 +107,8 @@ def sizes(model: Assembly, steps: int) -> list[str]:
         + f" ({int((model.group == k).sum())})"
         for k, contact in enumerate(model.contacts)
     )
-    dofs = counted(model.n, "degree") + " of freedom"
-    path = f"{counted(len(model.gap), 'contact')}, {counted(steps, 'load step')}"
+    dofs = count_noun(model.n, "degree") + " of freedom"
+    path = f"{count_noun(len(model.gap), 'contact')}, {count_noun(steps, 'load step')}"
     return [
         f"  bodies    {bodies}",
         f"  contacts  {contacts}",
@@ -134,7 +134,7 @@ def cost(counts: Record) -> list[str]:
     entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))
-    rate += f"{counted(threads, 'core')}; load steps not included"
+    rate += f"{count_noun(threads, 'core')}; load steps not included"
     return [
         *engine,
         f"  memory    at most {most}{of}; factor of K {factor}, {entries}",
@@ -145,7 +145,7 @@ def cost(counts: Record) -> list[str]:
 def of_ranks(model: Assembly, ranks: int) -> str:
     """A line with the number of ranks and the memory of each, for engine petsc."""
     return (
-        f"  engine    petsc: {counted(ranks, 'rank')}, about {size(rank_bytes(model, ranks))} "
+        f"  engine    petsc: {count_noun(ranks, 'rank')}, about {size(rank_bytes(model, ranks))} "
         "of memory on each"
     )
 

@@ -12,7 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, complain, tell
@@ -214,7 +214,7 @@ class Job(SharedRunner):
             self.done = earlier(path, stamp, self.count)
             if self.done.success:
                 return self._complete_already(self.done)
-            kept = counted(len(self.done), "load step")
+            kept = count_noun(len(self.done), "load step")
             remark = f"{path}: continuing after {kept}"
         elif not self.as_json:
             remark = left_off(path, stamp, self.count)
@@ -418,7 +418,7 @@ class Job(SharedRunner):
         }
 
     def step_line(self, row: dict[str, object], step: Step) -> dict[str, object]:
-        """As of any command, with the forces of each contact surface."""
+        """The line of a load step, with the forces of each contact surface."""
         from bipot_rs.cli.run.report import by_surface, forces
 
         if self.case is None:
@@ -426,7 +426,7 @@ class Job(SharedRunner):
         return row | {"forces": by_surface(forces(self.case.model, step))}
 
     def failed(self, error: BipotError) -> tuple[int, str]:
-        """As of any command, with the load step counted from the start of the path."""
+        """Exit status and message of an error, its load step counted from the start."""
         if error.step is not None:
             error.at_step(error.step + self.resumed, self.count)
         self.wear = error.wear
@@ -567,7 +567,7 @@ class Job(SharedRunner):
         times = ", ".join(
             f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
         )
-        contacts = counted(len(model.gap), "contact")
+        contacts = count_noun(len(model.gap), "contact")
         lines.append(f"{model.n} degrees of freedom, {contacts}: {times}")
         if self.kept:
             lines.append(describe(folder))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.progress import drop_rounding
 from bipot_rs.cli.text_table import format_table, table_width
 from bipot_rs.contact.law.frames import find_step_frames
@@ -183,9 +183,9 @@ def closing(
     contacts = last["open"] + last["slip"] + last["stick"]
     worst = max(row["residual"] for row in rows)
     residual = f"every residual at most {worst:.1e} (asked for {tol:.1e})"
-    done = counted(len(rows), "load step")
+    done = count_noun(len(rows), "load step")
     if WEAR[0] in last:
-        done = f"{counted(last[WEAR[0]], 'cycle')}, {len(rows)} of them solved"
+        done = f"{count_noun(last[WEAR[0]], 'cycle')}, {len(rows)} of them solved"
     lines = [f"solved: {done}, {residual}. At the end " + _state(last, contacts)]
     if all(row["open"] == contacts for row in rows):
         lines.append(f"remark: {NEVER_CLOSED}")
@@ -210,6 +210,6 @@ def _state(last: Record, contacts: int) -> str:
     verbs = {"stick": "stick", "slip": "slip", "open": "are open"}
     first, *others = [(last[name], verb) for name, verb in verbs.items() if last[name]]
     if not others:
-        return f"all {counted(contacts, 'contact')} {first[1]}."
+        return f"all {count_noun(contacts, 'contact')} {first[1]}."
     rest = ", ".join(f"{count} {verb}" for count, verb in others)
-    return f"{first[0]} of {counted(contacts, 'contact')} {first[1]}, {rest}."
+    return f"{first[0]} of {count_noun(contacts, 'contact')} {first[1]}, {rest}."

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.contact.results.result import Result
 from bipot_rs.contact.results.saved_result import load_result
 from bipot_rs.files import export
@@ -81,7 +81,7 @@ def earlier(path: Path, expected: Mapping[str, object], count: int | None) -> Re
     stored = load_result(path)
     if count is not None and len(stored) > count:
         raise ValueError(
-            f"cannot resume {path}: it has {counted(len(stored), 'load step')}, the path "
+            f"cannot resume {path}: it has {count_noun(len(stored), 'load step')}, the path "
             f"{count}"
         )
     return stored
@@ -98,7 +98,7 @@ def left_off(path: Path, expected: Mapping[str, object], count: int | None) -> s
     if stored.success or not len(stored):
         return ""
     return (
-        f"{path} has {counted(len(stored), 'load step')} of this run; it starts again from "
+        f"{path} has {count_noun(len(stored), 'load step')} of this run; it starts again from "
         "the beginning, --resume would continue"
     )
 

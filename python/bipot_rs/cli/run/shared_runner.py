@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from time import perf_counter, sleep
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import describe_fault
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.run.output_folder import draft_in
@@ -93,12 +93,12 @@ class SharedRunner(Runner):
             yield draft
 
     def release(self) -> None:
-        """As of any command; a signal that waited stops all ranks."""
+        """Handle signals at once again; one that waited stops all ranks."""
         with self.ranks.together():
             super().release()
 
     def run(self) -> int:
-        """As of any command, and all ranks end with the same status."""
+        """Run the command, so that all ranks end with the same status."""
         try:
             code = super().run()
         except BaseException as error:
@@ -108,7 +108,7 @@ class SharedRunner(Runner):
         return code
 
     def end(self, code: int, message: str) -> int:
-        """As of any command."""
+        """Report the end of the command, and keep its message for all ranks."""
         self.message = message
         return super().end(code, message)
 
@@ -129,7 +129,7 @@ class SharedRunner(Runner):
         with suppress(OSError):
             self._save(always=True)
         if self.reached:
-            kept = counted(len(self.reached), "load step")
+            kept = count_noun(len(self.reached), "load step")
             message += f" ({kept} complete; --resume continues from there)"
         self.end(code, message)
 

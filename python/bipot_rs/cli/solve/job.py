@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import Progress, tell
@@ -122,7 +122,7 @@ class SolveMatrix(Runner):
         )
 
     def failed(self, error: BipotError) -> tuple[int, str]:
-        """As of any command, with the node that a degree of freedom belongs to."""
+        """Exit status and message of an error, with the node of its degree of freedom."""
         self.result = error.result
         code, message = super().failed(error)
         if self.given is not None and error.dof is not None:
@@ -204,7 +204,7 @@ class SolveMatrix(Runner):
         drawn = None if model.points is None else folder
         # The bodies are points only, and there are none if some nodes are not listed.
         lines = closing(rows, self.request.tol, drawn, remarks, "contact.pvd")
-        contacts = counted(len(model.gap), "contact")
+        contacts = count_noun(len(model.gap), "contact")
         seconds = perf_counter() - self.started
         lines.append(
             f"{model.K.shape[0]} degrees of freedom, {contacts}, {seconds:.2f} s"

@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from bipot_rs._lib.byte_order import unmarked, without
-from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.byte_order import strip_mark, without
+from bipot_rs._lib.messages import count_noun, printable
 from bipot_rs._lib.strict_numbers import real, whole
 from bipot_rs._lib.types import Bools, Floats, Ints, SparseMatrix
 from bipot_rs._lib.validation import csr
@@ -43,12 +43,12 @@ from bipot_rs.contact.law.frames import frames, operator
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.stiffness import dof_order
 from bipot_rs.files import csv_tables
-from bipot_rs.files.csv_tables import Table
+from bipot_rs.files.csv_tables import CsvTable
 from bipot_rs.files.result_mesh import ResultMesh
 
 if TYPE_CHECKING:
 
-    class _Contacts(TypedDict):
+    class _ContactArrays(TypedDict):
         B: SparseMatrix
         gap: Floats
         mu: Floats
@@ -186,7 +186,7 @@ def read(
     if order is not None and order not in dof_order.ORDERS:
         expected = " or ".join(dof_order.ORDERS)
         raise ValueError(f"order is {order!r}, expected {expected}")
-    table = Table(contacts)
+    table = CsvTable(contacts)
     dim = 3 if "nz" in table.names else 2
     listed = None if nodes is None else _Nodes(nodes, *csv_tables.nodes(nodes))
     K, dofs = _stiffness(Path(stiffness), dim, listed, order)
@@ -194,14 +194,14 @@ def read(
     forces = (
         None
         if load is None
-        else _values(Table(load), dofs, [f"f{a}" for a in _AXES[:dim]], "force")
+        else _values(CsvTable(load), dofs, [f"f{a}" for a in _AXES[:dim]], "force")
     )
     moved = (
         None
         if fixed is None
-        else _values(Table(fixed), dofs, [f"u{a}" for a in _AXES[:dim]], "value")
+        else _values(CsvTable(fixed), dofs, [f"u{a}" for a in _AXES[:dim]], "value")
     )
-    held, prescribed = _prescribed(moved, fixed)
+    held, prescribed = _read_prescribed(moved, fixed)
     return MatrixProblem(
         K=K,
         fixed=held,
@@ -231,7 +231,7 @@ class _Dofs:
         self.why = why
         self.nodes = {node for node, _ in known}
 
-    def number(self, dof: int, table: Table, line: int) -> int:
+    def number(self, dof: int, table: CsvTable, line: int) -> int:
         if not 0 <= dof < self.count:
             raise table.wrong(
                 line,
@@ -240,7 +240,7 @@ class _Dofs:
             )
         return dof
 
-    def at(self, node: int, component: int, table: Table, line: int) -> int:
+    def at(self, node: int, component: int, table: CsvTable, line: int) -> int:
         dof = self.known.get((node, component))
         if dof is None:
             if not self.known:
@@ -309,7 +309,7 @@ def _stiffness(
         )
         raise ValueError(
             f"{path} has {n} rows, expected {dim} for each of the "
-            f"{counted(len(labels), 'node')} of {listed.path}{condensed}"
+            f"{count_noun(len(labels), 'node')} of {listed.path}{condensed}"
         )
     _in_order(path, K, dim, listed, order)
     taken = order or "node"
@@ -394,7 +394,7 @@ def _market(path: Path) -> SparseMatrix:
     from scipy.io import mminfo, mmread
 
     try:
-        with unmarked(path) as source:
+        with strip_mark(path) as source:
             rows, columns, _, _, field, symmetry = mminfo(source)
             if why := market_refuses(field, symmetry):
                 raise ValueError(why)
@@ -470,7 +470,9 @@ def _once(
         )
 
 
-def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Contacts:
+def _contacts(
+    table: CsvTable, dim: int, dofs: _Dofs, listed: _Nodes | None
+) -> _ContactArrays:
     axes = _AXES[:dim]
     columns = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
     others = ["other"] if columns == ["node"] else [f"other_{a}" for a in axes]
@@ -507,12 +509,12 @@ def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Co
     if columns == ["node"]:
         nodes = table.integers("node")
         if listed is not None:
-            points = _listed(table, nodes, listed, dim)
+            points = _read_listed_nodes(table, nodes, listed, dim)
             if second is not None:
                 other = table.integers("other", -1)
                 has = second[:, 0] >= 0
                 there = points.copy()
-                there[has] = _listed(table, other, listed, dim, has)[has]
+                there[has] = _read_listed_nodes(table, other, listed, dim, has)[has]
                 distance = np.einsum("cd,cd->c", frame[:, 0], points - there)
     gap = np.array(
         [
@@ -534,7 +536,7 @@ def _contacts(table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None) -> _Co
     }
 
 
-def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
+def _places(table: CsvTable, names: list[str], dim: int, dofs: _Dofs) -> Ints:
     """Degrees of freedom ``(n_c, d)`` of one side; -1 where the cell is empty."""
     optional = names[0].startswith("other")
     missing = -(10**9) if optional else None
@@ -566,8 +568,8 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
     return dofs_of_contacts
 
 
-def _listed(
-    table: Table, nodes: Ints, listed: _Nodes, dim: int, has: Bools | None = None
+def _read_listed_nodes(
+    table: CsvTable, nodes: Ints, listed: _Nodes, dim: int, has: Bools | None = None
 ) -> Floats:
     place = {int(label): row for row, label in enumerate(listed.labels)}
     coordinates = np.zeros((len(nodes), dim))
@@ -580,7 +582,7 @@ def _listed(
     return coordinates
 
 
-def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Floats:
+def _values(table: CsvTable, dofs: _Dofs, components: list[str], single: str) -> Floats:
     """Values ``(steps, n)`` of a table; not a number where none is given."""
     by_node = "node" in table.names
     needed = ("node",) if by_node else ("dof", single)
@@ -624,7 +626,7 @@ def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Fl
     return prescribed
 
 
-def _prescribed(values: Floats | None, fixed: Name | None) -> tuple[Ints, Floats]:
+def _read_prescribed(values: Floats | None, fixed: Name | None) -> tuple[Ints, Floats]:
     if values is None:
         return np.zeros(0, np.int64), np.zeros((1, 0))
     held = np.flatnonzero(np.isfinite(values).any(axis=0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 
 # More rows are probably a mistake in a range.
 MOST = 100_000
@@ -63,7 +63,7 @@ def space_values(setting: str) -> tuple[str, list[str]]:
     if not equals or not key.strip():
         raise problem("KEY is missing")
     if len(parts) != 3:
-        raise problem(f"has {counted(len(parts), 'part')} instead of three")
+        raise problem(f"has {count_noun(len(parts), 'part')} instead of three")
     try:
         low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
     except ValueError:

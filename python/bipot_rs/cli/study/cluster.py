@@ -182,7 +182,7 @@ class Cluster:
                 break
             if not self._workers:
                 self._wait()
-            ended = self._finished() if self._running else []
+            ended = self._take_finished() if self._running else []
             if not ended:
                 self._take_back(work, waiting)
             for future in ended:
@@ -273,7 +273,7 @@ class Cluster:
             f"{size(largest)}"
         )
 
-    def _finished(self) -> list[_Future]:
+    def _take_finished(self) -> list[_Future]:
         """Rows that have ended, after at most the time between two looks."""
         try:
             self._dask.wait(

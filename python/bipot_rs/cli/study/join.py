@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.progress import complain
 from bipot_rs.cli.run.output_folder import RESULT, SWEEP, SWEEP_RECORD
 from bipot_rs.cli.study import axes
@@ -259,4 +259,4 @@ def missing(joined: JoinedStudy) -> str:
         shown = [*rows[:_SHOWN], *(["…"] if len(rows) > _SHOWN else [])]
         told.append(f"row {', '.join(shown)} ({reason})")
     count = sum(map(len, reasons.values()))
-    return f"{counted(count, 'row')} missing: {'; '.join(told)}"
+    return f"{count_noun(count, 'row')} missing: {'; '.join(told)}"

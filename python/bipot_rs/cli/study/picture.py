@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.messages import count_noun, meant
 from bipot_rs._lib.strict_numbers import real
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.run.output_folder import SWEEP, SWEEP_RECORD
@@ -62,7 +62,7 @@ def draw(
     absent = [row for row in rows if not (row[across] and row[up])]
     if not drawn:
         raise ValueError(f"{folder / SWEEP} has no row with both {across} and {up}")
-    varied = _varied(drawn, [key for key in keys if key not in (across, up)])
+    varied = _list_varied_keys(drawn, [key for key in keys if key not in (across, up)])
     if across not in keys and varied:
         # Rows of one series must differ in something.
         varied.remove(max(varied, key=lambda key: len({row[key] for row in drawn})))
@@ -79,7 +79,7 @@ def draw(
         lines=across in keys,
     )
     if absent:
-        many = f"{len(absent)} of {counted(len(rows), 'row')} without value"
+        many = f"{len(absent)} of {count_noun(len(rows), 'row')} without value"
         title = f"{title}\n{many}" if title else many
     figure_of(ax).suptitle(title, fontsize="medium")
     name = re.sub(r"\W+", "_", f"{y}_over_{x}")
@@ -111,7 +111,9 @@ def _column(option: str, text: str, keys: Sequence[str], columns: Sequence[str])
     )
 
 
-def _varied(rows: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
+def _list_varied_keys(
+    rows: Sequence[Mapping[str, str]], keys: Sequence[str]
+) -> list[str]:
     return [key for key in keys if len({row[key] for row in rows}) > 1]
 
 

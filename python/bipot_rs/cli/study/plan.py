@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.study import axes
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
 
@@ -158,6 +158,6 @@ def _refuse_fractions(ranges: Sequence[str], mistakes: Sequence[Mistake]) -> Non
             shown += ["…"] if len(texts) > len(shown) else []
             raise ValueError(
                 f"--range {setting}: {key} takes integers, but this is "
-                f"{counted(len(texts), 'value')}, {', '.join(shown)}: the third number is "
+                f"{count_noun(len(texts), 'value')}, {', '.join(shown)}: the third number is "
                 "the number of values, not their spacing"
             )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED, worst
 from bipot_rs.cli.progress import line, tell
 from bipot_rs.cli.run.output_folder import ROWS, SWEEP
@@ -29,7 +29,7 @@ def summarise_rows(
     """How many rows are solved, and where the table and the results are."""
     solved = [k for k in done if done[k]["outcome"] == OUTCOME_OF[SOLVED]]
     of = "" if part is None else f" of part {part}"
-    text = f"{len(solved)} of {counted(len(done), 'row')}{of} solved"
+    text = f"{len(solved)} of {count_noun(len(done), 'row')}{of} solved"
     text += f"; the table is {folder / SWEEP}"
     if any(has_result(folder, k) for k in done.keys() - solved):
         text += f"; the load steps of rows that failed are in {folder / ROWS}"

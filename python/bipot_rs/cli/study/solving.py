@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.run.cost_forecast import cores
@@ -91,14 +91,14 @@ def solve_rows(request: StudyOptions) -> int:
         folder /= request.part.folder
     with _pool(request, say) as pool:
         make_folder(folder)
-        done = _finished(request, study, folder, mine, say)
+        done = _take_finished_rows(request, study, folder, mine, say)
         for before in set_aside(folder, done):
             say(f"rows that are not part of this sweep are kept in {before}")
         path = folder / SWEEP
         write_record(folder, record_of(study, request.part, mine))
         write(path, study.keys, done)
         if done:
-            say(f"{len(done)} of {counted(len(mine), 'row')} are already finished")
+            say(f"{len(done)} of {count_noun(len(mine), 'row')} are already finished")
         left = [k for k in mine if k not in done]
         asked = [_row(request, study, k, folder) for k in left]
         with Progress(1, len(left), quiet=request.as_json, noun="rows") as progress:
@@ -118,7 +118,7 @@ def solve_rows(request: StudyOptions) -> int:
     return print_study(study.scene, study.keys, done, message, as_json=request.as_json)
 
 
-def _finished(
+def _take_finished_rows(
     request: StudyOptions,
     study: Study,
     folder: Path,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import tuning
@@ -64,7 +64,7 @@ class ProblemRemarks:
     strength: Strength | None = None
 
     def add_path(self, steps: Sequence[Step], points: Floats | None) -> tuple[str, ...]:
-        """These, and the warnings about the load steps of a path."""
+        """The warnings at the start, and those about the load steps of a path."""
         return (*self.at_start, *_list_of_path(steps, points, self.strength))
 
 
@@ -135,7 +135,7 @@ def _find_penetration(
     )
     where = "" if points is None else f" at {_format_place(points[deepest])}"
     yield (
-        f"{inside.size} of the {counted(len(gap), 'contact')} penetrate at the start, most "
+        f"{inside.size} of the {count_noun(len(gap), 'contact')} penetrate at the start, most "
         f"of all contact {deepest}{where}, by {depth:g}{share}: the first step pushes them "
         "out; this is right for an interference fit, else check the sign of gap, which is "
         "positive when open"
@@ -202,7 +202,7 @@ def _find_wrong_normals(
     if wrong.size:
         contacts = len(along)
         yield (
-            f"the normals of {wrong.size} of the {counted(contacts, 'contact')} point out of "
+            f"the normals of {wrong.size} of the {count_noun(contacts, 'contact')} point out of "
             f"the body, first at contact {wrong[0]}: a normal must point from the obstacle to "
             "the body, and B must give the displacement of the body minus that of the obstacle"
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import mistyped
+from bipot_rs._lib.messages import make_type_error
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import with_message
 from bipot_rs.contact.path.direct import DirectPath
@@ -86,7 +86,7 @@ def _for_each(cases: list[Case], make: Callable[[Case], T]) -> list[T]:
 def _check_case(k: int, case: object) -> None:
     expected = f"{', '.join(_KEYS[:-1])} or {_KEYS[-1]}"
     if not isinstance(case, Mapping):
-        raise mistyped(f"case {k}", case, f"a mapping with {expected}")
+        raise make_type_error(f"case {k}", case, f"a mapping with {expected}")
     unknown = sorted(set(map(str, case)) - set(_KEYS))
     if unknown:
         raise TypeError(f"case {k} has {unknown[0]!r}, expected {expected}")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
@@ -244,7 +244,7 @@ def _read_start(
         rigid = np.zeros(motions)
     if len(rigid) != motions:
         raise ValueError(
-            f"start has {counted(len(rigid), 'rigid motion')}, expected {motions}: pass a "
+            f"start has {count_noun(len(rigid), 'rigid motion')}, expected {motions}: pass a "
             "result of a problem with the same supports"
         )
     return step.reaction, step.relative_displacement, step.status, rigid

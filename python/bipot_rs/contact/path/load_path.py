@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 import bipot_rs._core as _core
-from bipot_rs._lib.messages import body_of, counted
+from bipot_rs._lib.messages import body_of, count_noun
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact.errors import BipotError, NoEquilibriumError, NotConvergedError
@@ -285,7 +285,7 @@ class PathSolver:
 
     def result(self, success: bool = True, message: str | None = None) -> Result:
         """Make the `Result` of the steps so far."""
-        count = counted(len(self.steps), "step")
+        count = count_noun(len(self.steps), "step")
         problem, restored = self._problem, self._problem.restored
         return problem.make_result(
             self.steps,

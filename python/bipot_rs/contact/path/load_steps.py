@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted, mistyped
+from bipot_rs._lib.messages import count_noun, make_type_error
 from bipot_rs._lib.types import CsrMatrix, Floats, Ints, MatrixLike
 from bipot_rs._lib.validation import floats, rows_of_steps, together
 from bipot_rs._lib.validation import gap as gap_of_step
@@ -139,7 +139,7 @@ class Loading:
         steps = self._read_loads(load, prescribed)
         if len(steps) != 1:
             raise ValueError(
-                f"load and prescribed have {counted(len(steps), 'step')}, expected one"
+                f"load and prescribed have {count_noun(len(steps), 'step')}, expected one"
             )
         return steps[0]
 
@@ -150,7 +150,7 @@ class Loading:
         self._check_frames(value)
         if value.gap.ndim != 1:
             raise ValueError(
-                f"{what} has the moving gaps of {counted(len(value), 'step')}, expected "
+                f"{what} has the moving gaps of {count_noun(len(value), 'step')}, expected "
                 "those of one, moving[k]"
             )
         return value
@@ -250,7 +250,7 @@ class Loading:
         if self.loads is not None and load is None and prescribed is None:
             raise ValueError(
                 "load is missing: the loads of this problem have "
-                f"{counted(len(self.loads), 'load step')}, and adaptive steps need the load "
+                f"{count_noun(len(self.loads), 'load step')}, and adaptive steps need the load "
                 "as a function of s"
             )
         force = self._make_force(load, end)
@@ -258,7 +258,7 @@ class Loading:
         if gap is None and self.gaps is not None:
             raise ValueError(
                 "gap is missing: the gaps of this problem have "
-                f"{counted(len(self.gaps), 'load step')}, and adaptive steps need the gap "
+                f"{count_noun(len(self.gaps), 'load step')}, and adaptive steps need the gap "
                 "as a function of s"
             )
 
@@ -291,7 +291,7 @@ def last_step(start: Start | None) -> Step | None:
         return start.step()
     if start is None or isinstance(start, Step):
         return start
-    raise mistyped("start", start, "a Result, one of its steps, or a State")
+    raise make_type_error("start", start, "a Result, one of its steps, or a State")
 
 
 def _count_finished(start: Start, count: int, given: bool) -> int:
@@ -305,7 +305,7 @@ def _count_finished(start: Start, count: int, given: bool) -> int:
     first = count_steps(start)
     if first > count or (given and first == count):
         raise ValueError(
-            f"start has {counted(first, 'step')}, and the loads or gaps of this problem "
+            f"start has {count_noun(first, 'step')}, and the loads or gaps of this problem "
             f"have {count}: give the load and gap of the following steps"
         )
     return first
@@ -320,7 +320,7 @@ def _drop_finished(
         return rows * rest
     if given and len(rows) != rest:
         raise ValueError(
-            f"{what} has {counted(len(rows), 'step')}, expected {rest}: the remaining ones "
+            f"{what} has {count_noun(len(rows), 'step')}, expected {rest}: the remaining ones "
             f"of the {count} steps of this problem after start"
         )
     return rows if given else rows[first:]

@@ -18,7 +18,7 @@ from bipot_rs._lib.validation import (
     Csr,
     Parts,
     csr,
-    enforced,
+    describe_enforced,
     indices,
     integer,
     one_of,
@@ -454,7 +454,7 @@ class PreparedStiffness:
     ) -> FloatingBodyError | ValueError:
         """An error of the condensation with its likely cause and the name of the body."""
         if isinstance(error, ValueError):
-            cause = one_triangle(parts) or enforced(parts)
+            cause = one_triangle(parts) or describe_enforced(parts)
             if cause:
                 return with_message(error, f"{error}{cause}")
         dof = getattr(error, "dof", None)
@@ -533,7 +533,7 @@ class PreparedStiffness:
             self._choice = "direct", reason
             return None
         except ValueError as error:
-            cause = one_triangle(parts) or enforced(parts)
+            cause = one_triangle(parts) or describe_enforced(parts)
             raise with_message(error, f"{error}{cause}") from None
         self.seconds = time.perf_counter() - started
         self._choice = "auto", "the first load path decides"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import AnyArray, Bools, Floats, Integers, Ints, MatrixLike
 from bipot_rs._lib.validation import integers, one_of
 from bipot_rs.contact.law.frames import find_step_frames
@@ -169,7 +169,7 @@ class Result(Sequence[Step]):
     def __repr__(self) -> str:
         contacts = len(self.status[-1]) if self.steps else 0
         return (
-            f"Result({counted(len(self), 'step')}, {counted(contacts, 'contact')}, "
+            f"Result({count_noun(len(self), 'step')}, {count_noun(contacts, 'contact')}, "
             f"{self.message})"
         )
 

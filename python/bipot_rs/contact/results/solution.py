@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import bipot_rs._core as _core
 from bipot_rs._lib.copies import copy_sharing, deepcopy_sharing
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints, MatrixLike
 from bipot_rs.contact import tuning
 from bipot_rs.contact.law.status import Outcome
@@ -155,8 +155,8 @@ class Solution:
 
     def __repr__(self) -> str:
         # Not `message`, which may compute a diagnosis.
-        contacts = counted(len(self.status), "contact")
-        iterations = counted(self.iterations, "iteration")
+        contacts = count_noun(len(self.status), "contact")
+        iterations = count_noun(self.iterations, "iteration")
         return (
             f"{type(self).__name__}({contacts}, {self.outcome} in {iterations}, "
             f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
@@ -316,7 +316,7 @@ class Solution:
         """
         judged = f"residual {self.residual:.1e}, limit {self.tolerance:.1e}"
         if self.converged:
-            return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
+            return f"converged in {count_noun(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if self.free_motion_text:
                 return (
@@ -325,7 +325,7 @@ class Solution:
                     "change the loads so that they do no work on it"
                 )
             if self.statuses_tried:
-                contacts = counted(len(self.reaction), "contact")
+                contacts = count_noun(len(self.reaction), "contact")
                 return (
                     f"no solution exists: all {self.statuses_tried} combinations of "
                     f"statuses were tried, with each of {contacts} open, sticking, or "

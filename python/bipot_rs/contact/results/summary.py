@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted, size
+from bipot_rs._lib.messages import count_noun, size
 from bipot_rs._lib.types import AnyArray, Floats, Integers, Record
 from bipot_rs.contact.law.frames import find_step_frames
 from bipot_rs.contact.law.slip_check import MovedStep, find_farthest, measure_distances
@@ -123,7 +123,7 @@ def describe_places(contacts: int, d: int) -> str:
     >>> describe_places(1, 2)
     '1 contact in the plane'
     """
-    return " ".join(filter(None, (counted(contacts, "contact"), _SPACE.get(d, ""))))
+    return " ".join(filter(None, (count_noun(contacts, "contact"), _SPACE.get(d, ""))))
 
 
 def describe_statuses(status: Integers) -> str:
@@ -173,7 +173,7 @@ def describe_friction(mu: Floats) -> str:
     words = f"mu = {low:g}" if low == high else f"mu from {low:g} to {high:g}"
     without = int(np.sum(mu.reshape(len(mu), -1).max(axis=1) == 0))
     if 0 < without < len(mu):
-        words += f", {counted(without, 'contact')} without friction"
+        words += f", {count_noun(without, 'contact')} without friction"
     return words if mu.ndim == 1 else f"{words}, by direction"
 
 
@@ -188,7 +188,7 @@ def describe_gaps(gap: Floats) -> str:
     low, high = f"{gap.min():.4g}", f"{gap.max():.4g}"
     words = low if low == high else f"from {low} to {high}"
     below = int(np.sum(gap < 0))
-    return f"{words}, negative at {counted(below, 'contact')}" if below else words
+    return f"{words}, negative at {count_noun(below, 'contact')}" if below else words
 
 
 def format_seconds(taken: float) -> str:
@@ -223,12 +223,12 @@ def summarise_problem(
             ("memory", f"stiffness {size(stats['bytes_stiffness'])}"),
         ]
     else:
-        left = counted(stats["rigid_motions"], "rigid motion")
+        left = count_noun(stats["rigid_motions"], "rigid motion")
         held = f"{left} held by contact alone"
         if not stats["rigid_motions"]:
             held = "supports hold them"
         kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
-        factor = f"factor {kept} ({counted(stats['nnz_factor'], 'entry')})"
+        factor = f"factor {kept} ({count_noun(stats['nnz_factor'], 'entry')})"
         W, peak = size(stats["bytes_compliance"]), size(stats["bytes_peak"])
         took = format_seconds(stats["seconds_condense"])
         rows = [
@@ -237,7 +237,7 @@ def summarise_problem(
             ("memory", f"{factor}, W {W}, at most {peak}"),
             ("condensed in", f"{took}, ordering by {stats['ordering']}"),
         ]
-    title = f"{counted(n, 'degree')} of freedom, {describe_places(contacts, d)}"
+    title = f"{count_noun(n, 'degree')} of freedom, {describe_places(contacts, d)}"
     return f"ContactProblem: {title}", [
         *rows,
         *(("remark", remark) for remark in remarks),
@@ -248,7 +248,7 @@ def summarise_solution(solution: _Solved) -> Summary:
     """Summary of a `Solution` or a `Step`."""
     name, iterations = (
         type(solution).__name__,
-        counted(solution.iterations, "iteration"),
+        count_noun(solution.iterations, "iteration"),
     )
     # None: not computed yet.
     unique = {
@@ -316,7 +316,7 @@ def summarise_result(result: _Path) -> Summary:
         ("residual", f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}"),
         (
             "cost",
-            f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",
+            f"{count_noun(iterations, 'iteration')}, {work:.4g} products with W: {times}",
         ),
         *digits,
         *(("remark", remark) for remark in result.remarks),

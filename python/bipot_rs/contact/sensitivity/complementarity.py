@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NotDifferentiableError
@@ -107,7 +107,7 @@ class BorderProblem:
             amounts = self._find_only(amounts)
         if amounts is None:
             raise NotDifferentiableError(
-                f"{counted(len(self.at), 'contact')} on a border between two statuses "
+                f"{count_noun(len(self.at), 'contact')} on a border between two statuses "
                 f"(the first is contact {self.at[0]}): no change of their statuses was "
                 "found that fits this direction, and the directional derivative is not "
                 "known; change the load a little"
@@ -119,7 +119,7 @@ class BorderProblem:
         dr[self.at[opens]] = 0.0
         return dr, da
 
-    def _split(self, z: Floats) -> tuple[Floats, Floats]:
+    def _split_unknowns(self, z: Floats) -> tuple[Floats, Floats]:
         """``dr`` and ``dv`` of the border contacts."""
         dr = self.P @ z + self.p
         return dr.reshape(-1, self.d), (z - self.spring * dr).reshape(-1, self.d)
@@ -143,7 +143,7 @@ class BorderProblem:
                 continue
             if singular or (known is not None and self._differ(z, known)):
                 raise NotDifferentiableError(
-                    f"{counted(len(self.at), 'contact')} on a border between two statuses: "
+                    f"{count_noun(len(self.at), 'contact')} on a border between two statuses: "
                     "several changes of their statuses fit this direction, and the "
                     "reactions are not determined there"
                 )
@@ -151,7 +151,7 @@ class BorderProblem:
         return known
 
     def _differ(self, z: Floats, known: Floats) -> bool:
-        ours, other = self._split(z), self._split(known)
+        ours, other = self._split_unknowns(z), self._split_unknowns(known)
         unit = np.sqrt(self.spring.reshape(-1, self.d))
         size = _measure(other[0] * unit, other[1] / unit)
         apart = _measure((ours[0] - other[0]) * unit, (ours[1] - other[1]) / unit)
@@ -227,7 +227,7 @@ class BorderProblem:
 
     def _choose_sides(self, z: Floats) -> list[Side]:
         """The side on which the natural map puts each border contact."""
-        dr, dv = self._split(z)
+        dr, dv = self._split_unknowns(z)
         chosen = []
         for j, i in enumerate(self.at):
             w, p = self.spring[self.d * j], self.direction[i]
@@ -281,7 +281,7 @@ class BorderProblem:
 
     def _measure_violation(self, z: Floats) -> float:
         """Largest violation of the laws of the border contacts, relative to their change."""
-        dr, dv = self._split(z)
+        dr, dv = self._split_unknowns(z)
         worst = 0.0
         unit = np.sqrt(self.spring.reshape(-1, self.d))
         size = _measure(

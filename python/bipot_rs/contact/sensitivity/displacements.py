@@ -76,11 +76,11 @@ class DisplacementResponse:
         """Components that a reaction moves, ``(n_c, d)``."""
         return self.diagonal > 0
 
-    def factored(self, laws: Laws) -> KrylovSystem:
+    def factor_laws(self, laws: Laws) -> KrylovSystem:
         """The system (33) of these laws."""
         return KrylovSystem(self._core, laws)
 
-    def moved(self, _reaction: Floats, rigid: Floats) -> Floats:
+    def find_relative_motion(self, _reaction: Floats, rigid: Floats) -> Floats:
         """``R y``, ``(n_c, d)``."""
         return self._core.moved(np.ascontiguousarray(rigid))
 

@@ -76,7 +76,7 @@ class Backward:
             if not v.any():
                 return np.zeros(path.shape), still
             if response.whole:
-                return response.moved(v, still), response.work(v)
+                return response.find_relative_motion(v, still), response.work(v)
         force = np.asarray(path.model.contact.T @ v.ravel())
         if self._displacement is not None:
             force = force + self._displacement[k]

@@ -65,7 +65,7 @@ class ReducedModel:
         point = Point(r, v[:, 0], v[:, 1:], status, friction)
         response = ReducedResponse(self.core, self.W, r.shape, self.modes)
         rigid = solution.rigid_motion
-        moved = response.moved(
+        moved = response.find_relative_motion(
             r, np.zeros(self.modes.shape[1]) if rigid is None else rigid
         )
         # q and W r + R a.
@@ -90,7 +90,7 @@ class ReducedModel:
         linear = self.linear(solution)
         still = np.zeros(self.modes.shape[1])
         r, a = differentiate_step(linear, StepChange(free, still, friction))
-        v = free + linear.response.moved(r, a)
+        v = free + linear.response.find_relative_motion(r, a)
         return ReducedTangent(r, v, linear.borders.any)
 
     def _apply_change(self, W: Any, reaction: Floats) -> Floats:

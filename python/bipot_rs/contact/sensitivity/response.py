@@ -48,10 +48,10 @@ class ContactResponse(Protocol):
     motions: int
     diagonal: Floats
 
-    def factored(self, laws: Laws) -> FactoredSystem | None:
+    def factor_laws(self, laws: Laws) -> FactoredSystem | None:
         """The system (33) of these laws; None if it is singular."""
 
-    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+    def find_relative_motion(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
 
     def movable(self) -> Bools:
@@ -93,7 +93,7 @@ class System:
 
     def solve(self, right: Floats, balance: Floats) -> tuple[Floats, Floats]:
         """``dr (n_c, d)`` and ``da`` of right sides ``(m, d)`` and ``(k,)``."""
-        return self._split(self.core.solve(_join(right, balance)))
+        return self._split_solution(self.core.solve(_join(right, balance)))
 
     def solve_transposed(self, moved: Floats, motion: Floats) -> tuple[Floats, Floats]:
         """Multipliers ``w (n_c, d)`` of the laws and ``b`` of the rigid motions.
@@ -102,9 +102,11 @@ class System:
         effect.
         """
         at_contacts = moved[self.laws.contacts]
-        return self._split(self.core.solve_transposed(_join(at_contacts, motion)))
+        return self._split_solution(
+            self.core.solve_transposed(_join(at_contacts, motion))
+        )
 
-    def _split(self, solved: Floats) -> tuple[Floats, Floats]:
+    def _split_solution(self, solved: Floats) -> tuple[Floats, Floats]:
         m, d = len(self.laws.contacts), self.shape[1]
         whole = np.zeros(self.shape)
         whole[self.laws.contacts] = solved[0, : m * d].reshape(m, d)
@@ -121,7 +123,7 @@ def make_system(
     NotDifferentiableError
         It is singular.
     """
-    core = response.factored(laws)
+    core = response.factor_laws(laws)
     order = laws.contacts.size * shape[1] + response.motions
     if core is None or core.reciprocal_condition <= _ROUNDING * max(order, 1):
         raise NotDifferentiableError(
@@ -211,13 +213,13 @@ class CondensedResponse:
         can_move[self.members] |= self._felt
         return can_move
 
-    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+    def factor_laws(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""
         d = self.diagonal.shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
         return self.core.system(self._place[laws.contacts], by_r, by_v)
 
-    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+    def find_relative_motion(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``; zero at contacts that W is not known of."""
         return self._spread_members(
             self.core.product(self._take_members(reaction), rigid)
@@ -275,13 +277,13 @@ class ReducedResponse:
         can_move: Bools = (self.diagonal > 0) | felt
         return can_move
 
-    def factored(self, laws: Laws) -> _core.TangentSystem | None:
+    def factor_laws(self, laws: Laws) -> _core.TangentSystem | None:
         """The system (33) of these laws; None if it is singular."""
         d = self._shape[1]
         by_r, by_v = laws.by_r.reshape(-1, d), laws.by_v.reshape(-1, d)
         return self._core.tangent(laws.contacts, by_r, by_v)
 
-    def moved(self, reaction: Floats, rigid: Floats) -> Floats:
+    def find_relative_motion(self, reaction: Floats, rigid: Floats) -> Floats:
         """``W r + R a``, ``(n_c, d)``."""
         v = self._W @ reaction.ravel() + self._modes @ rigid
         return np.asarray(v, np.float64).reshape(self._shape)

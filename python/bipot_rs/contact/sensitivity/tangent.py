@@ -71,7 +71,9 @@ class Forward:
     def _find_displacement(self, k: int, free: Floats) -> Floats:
         path, gap = self._path, self._given.gap
         if path.response.whole:
-            return free + path.response.moved(self.reaction[k], self._amounts[k])
+            return free + path.response.find_relative_motion(
+                self.reaction[k], self._amounts[k]
+            )
         (u,) = self._recover_displacements([k])
         moved: Floats = (path.model.contact @ u).reshape(path.shape)
         return moved if gap is None else moved + gap[k]

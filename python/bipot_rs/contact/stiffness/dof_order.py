@@ -18,7 +18,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Bools, CsrMatrix, Floats, Ints
 from bipot_rs._lib.validation import Parts
 
@@ -149,7 +149,7 @@ def fit(
         located &= np.isfinite(places).all(axis=1)
         places = _of_unit_size(places, located)
     n = len(pointers) - 1
-    blocks = _sampled(n) if sample else _blocks(pointers)
+    blocks = _sample_rows(n) if sample else _blocks(pointers)
     left, alone, looked = np.full(n, np.inf), np.zeros(n, bool), np.zeros(n, bool)
     with np.errstate(over="ignore", invalid="ignore"):
         for first, last in blocks:
@@ -320,7 +320,7 @@ def _unlike_contacts(
     shown = "the rigid translations of K" if known == "K" else known
     return (
         f"B does not fit {known}: {shown} are {ORDERS[order]}, but the columns of B at "
-        f"{counted(len(wrong), 'contact')}, first contact {wrong[0]}, are the components of "
+        f"{count_noun(len(wrong), 'contact')}, first contact {wrong[0]}, are the components of "
         f"one node if the order is {ORDERS[other]}; give K, B and coordinates in one order"
     )
 
@@ -333,7 +333,7 @@ def _blocks(pointers: Ints) -> list[tuple[int, int]]:
     return list(pairwise(cuts))
 
 
-def _sampled(n: int) -> list[tuple[int, int]]:
+def _sample_rows(n: int) -> list[tuple[int, int]]:
     """Ranges of rows that are spread over the matrix."""
     starts = np.linspace(0, n - _SAMPLE, _SAMPLES).astype(np.int64).tolist()
     return [(first, first + _SAMPLE) for first in starts]

@@ -35,7 +35,7 @@ class Cycle:
 
     @property
     def last(self) -> Step:
-        """Its last load step."""
+        """The last load step of the cycle."""
         return self.path.steps[-1]
 
     @property

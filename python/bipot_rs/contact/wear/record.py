@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.load_path import PathSolver
@@ -164,18 +164,18 @@ class Wear:
     state: WearState
 
     def __repr__(self) -> str:
-        solved = f"{counted(len(self.cycle), 'cycle')} solved"
-        return f"Wear({self.message}, {solved}, {counted(len(self.jumps), 'jump')})"
+        solved = f"{count_noun(len(self.cycle), 'cycle')} solved"
+        return f"Wear({self.message}, {solved}, {count_noun(len(self.jumps), 'jump')})"
 
     @property
     def said(self) -> str:
         """Load paths, jumps and their error, in one sentence."""
         made = sum(jump.cycles for jump in self.jumps if jump.accepted)
-        paths = f"{counted(self.paths, 'load path')} solved for {self.message}"
+        paths = f"{count_noun(self.paths, 'load path')} solved for {self.message}"
         if self.jumps:
             paths += (
-                f"; {counted(made, 'cycle')} jumped over, "
-                f"{counted(self.rejected, 'jump')} rejected, estimated error "
+                f"; {count_noun(made, 'cycle')} jumped over, "
+                f"{count_noun(self.rejected, 'jump')} rejected, estimated error "
                 f"{self.error_estimate:.1e} of the largest depth"
             )
         if self.longest < 0.5:
@@ -243,7 +243,7 @@ class WearRows:
 
     @classmethod
     def make_empty(cls) -> WearRows:
-        """No rows."""
+        """Rows before the first cycle."""
         return cls([], [], [], [], [])
 
     def make_wear(
@@ -288,6 +288,6 @@ class WearRows:
             result=result,
             ends=ends,
             success=failed is None,
-            message=f"{counted(state.cycle, 'cycle')}" if failed is None else failed,
+            message=f"{count_noun(state.cycle, 'cycle')}" if failed is None else failed,
             state=state,
         )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from bipot_rs._lib.diagonal_matrix import diagonal_matrix
-from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import AnyArray, CsrMatrix, Floats, Integers, Ints
 from bipot_rs._lib.validation import floats
@@ -481,7 +481,7 @@ class Assembly:
         """
         if self.moving is not None and len(self.moving) != steps:
             raise ValueError(
-                f"the motion of the obstacles has {counted(len(self.moving), 'step')}, but "
+                f"the motion of the obstacles has {count_noun(len(self.moving), 'step')}, but "
                 f"the load path has {steps}: give both the same number of steps"
             )
         return self.moving

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.short_repr import short_repr
 from bipot_rs._lib.types import Floats, Integers, Ints
-from bipot_rs._lib.validation import floats, shown
+from bipot_rs._lib.validation import floats, show_value
 from bipot_rs.fem.bodies.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
     cell_nodes,
@@ -300,7 +300,7 @@ class Body:
     def _within(self, nodes: Ints, within: Box | None, whose: str) -> Ints:
         if within is not None and not isinstance(within, Mapping):
             raise TypeError(
-                f"within of {whose} is {shown(within)}, expected ranges by axis, as in "
+                f"within of {whose} is {show_value(within)}, expected ranges by axis, as in "
                 "{0: (0.0, 1.0)}"
             )
         for axis, ends in (within or {}).items():

@@ -69,7 +69,9 @@ def stiffness(body: Body, nodes: Ints | None = None) -> CsrMatrix:
         cell = getattr(error, "cell", None)
         if cell is None:
             raise
-        raise _folded(body, cell if touching is None else int(touching[cell])) from None
+        raise _describe_folded_cell(
+            body, cell if touching is None else int(touching[cell])
+        ) from None
     made = _matrix(values, points.size)
     if nodes is None or near is None:
         return made
@@ -159,7 +161,7 @@ def _laws(body: Body) -> Floats:
     return np.stack([material.tensor(body.dim).ravel() for material in body.materials])
 
 
-def _folded(body: Body, cell: int) -> ValueError:
+def _describe_folded_cell(body: Body, cell: int) -> ValueError:
     corners = body.points[body.cells[cell]]
     _, slopes, _ = body.kind.reference
     with np.errstate(divide="ignore", invalid="ignore"):

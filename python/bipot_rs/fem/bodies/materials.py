@@ -158,7 +158,9 @@ class Orthotropic:
         C = np.zeros((3, 3, 3, 3))
         axis = np.arange(3)
         root = np.sqrt(self.young)
-        normal = np.linalg.inv(_scaled(self.young, self.poisson)) * np.outer(root, root)
+        normal = np.linalg.inv(_scale_constants(self.young, self.poisson)) * np.outer(
+            root, root
+        )
         C[axis[:, None], axis[:, None], axis, axis] = 0.5 * (normal + normal.T)
         for (i, j), modulus in zip(_PAIRS, self.shear, strict=True):
             C[i, j, i, j] = C[j, i, j, i] = C[i, j, j, i] = C[j, i, i, j] = modulus
@@ -181,7 +183,7 @@ def _thick(thickness: float) -> None:
         raise ValueError(f"thickness is {thickness}, expected a finite number > 0")
 
 
-def _scaled(young: Sequence[float], poisson: Sequence[float]) -> Floats:
+def _scale_constants(young: Sequence[float], poisson: Sequence[float]) -> Floats:
     """Compliance of normal strains, entry ij times √(E_i E_j): dimensionless."""
     S = np.eye(3)
     for (i, j), ratio in zip(_PAIRS, poisson, strict=True):
@@ -197,7 +199,7 @@ def _definite(young: Sequence[float], poisson: Sequence[float]) -> None:
                 f"poisson has ν{i + 1}{j + 1} = {ratio:g}, expected |ν{i + 1}{j + 1}| < "
                 f"√(E{i + 1}/E{j + 1}) = {most:g}: otherwise a strain has negative energy"
             )
-    determinant = float(np.linalg.det(_scaled(young, poisson)))
+    determinant = float(np.linalg.det(_scale_constants(young, poisson)))
     # Rounding of a determinant of entries below 1.
     if determinant <= 8 * np.finfo(float).eps:
         raise ValueError(

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.messages import count_noun, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.path.moving_gaps import list_components
@@ -97,7 +97,7 @@ def _penetrating(model: Assembly) -> Iterator[str]:
             deepest = inside[np.argmin(model.gap[inside])]
             depth = -float(model.gap[deepest])
             yield (
-                f"{inside.size} of the {counted(at.size, 'node')} of "
+                f"{inside.size} of the {count_noun(at.size, 'node')} of "
                 f"{_named(model, group)} start inside what they may touch, the deepest by "
                 f"{depth:g} at {place(model.points[deepest])}, {100 * depth / size:.2g} % "
                 "of the size of the model: the first step pushes them out; this is right "
@@ -118,7 +118,7 @@ def _facing_away(model: Assembly) -> Iterator[str]:
         if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
             yield (
                 f"surface {contact.surface!r} of body {contact.body!r} faces away from "
-                f"what it may touch, at all of its {counted(here.size, 'node')}: check that "
+                f"what it may touch, at all of its {count_noun(here.size, 'node')}: check that "
                 "the normal of the obstacle points to the body, and that this is the "
                 "right surface"
             )
@@ -132,7 +132,7 @@ def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator
         lost = int(np.sum(lost_ones[at]))
         if lost:
             yield (
-                f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
+                f"{lost} of the {count_noun(at.size, 'node')} of {_named(model, group)} have "
                 "no friction, mu = 0: supports prescribe their tangential displacement; "
                 "remove these components of the support if friction should act"
             )

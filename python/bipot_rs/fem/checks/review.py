@@ -55,7 +55,7 @@ def review(model: Assembly, steps: Sequence[Step]) -> list[str]:
     ]
 
 
-def _named(model: Assembly, group: int) -> str:
+def _name_contacts(model: Assembly, group: int) -> str:
     contact = model.contacts[group]
     return f"{contact.body}.{contact.surface}"
 
@@ -116,7 +116,7 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
             continue
         moved = measure_displacement(steps[k], at[node])
         yield (
-            f"contacts of {_named(model, group)} slide by up to "
+            f"contacts of {_name_contacts(model, group)} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "
             f"{place(model.points[at[node]])} in load step {k + 1} of {len(steps)}, "
             f"{ratio:.2g} times their distance from each other: such slips are outside the "
@@ -135,7 +135,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
         if nodes < NODES_ACROSS:
             yield (
                 f"at the end, load step {count} of {count}, the contact zone of "
-                f"{_named(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
+                f"{_name_contacts(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
                 f"across, around {place(model.points[pressed].mean(axis=0))}: its "
                 "pressure is inaccurate there; use smaller cells"
             )

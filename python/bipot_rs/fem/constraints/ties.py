@@ -199,7 +199,7 @@ def make_ties(
     prescribed = np.zeros(n, np.bool_)
     prescribed[fixed] = True
     _refuse_planes(relations, nodes, planes)
-    simple, rest = _separated(relations, prescribed)
+    simple, rest = _separate_relations(relations, prescribed)
     slow = _Elimination(prescribed)
     for dofs, coefficients in rest:
         slow.add(dofs, coefficients)
@@ -242,7 +242,7 @@ def _refuse_planes(
             )
 
 
-def _separated(
+def _separate_relations(
     relations: Sequence[Relations], prescribed: Bools
 ) -> tuple[tuple[Ints, Ints, Floats], Iterator[tuple[Ints, Floats]]]:
     """Entries of T of relations whose preferred degree of freedom is in no other, and the rest."""

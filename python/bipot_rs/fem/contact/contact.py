@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import Floats
-from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
+from bipot_rs._lib.validation import RATIO, floats, friction, number, show_value
 from bipot_rs.fem.bodies.body import Box
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
@@ -105,7 +105,7 @@ def check_contact(contact: Contact, dim: int) -> None:
         getattr(contact.obstacle, "closest", None)
     ):
         raise TypeError(
-            f"obstacle of the contact on {contact.surface!r} is {shown(contact.obstacle)}, "
+            f"obstacle of the contact on {contact.surface!r} is {show_value(contact.obstacle)}, "
             "expected an obstacle of bipot_rs.obstacle, or an object with closest(points)"
         )
     if contact.against is not None and contact.against[0] == contact.body:

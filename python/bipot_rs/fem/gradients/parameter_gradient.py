@@ -152,9 +152,9 @@ class ParameterGradient:
     @cached_property
     def _integrals(self) -> list[_Integrals]:
         """Sums over the steps within the cells of each body, in one pass."""
-        return [self._integrated(b) for b in range(len(self._model.bodies))]
+        return [self._integrate_body(b) for b in range(len(self._model.bodies))]
 
-    def _integrated(self, b: int) -> _Integrals:
+    def _integrate_body(self, b: int) -> _Integrals:
         body, d = self._model.bodies[b], self._model.dim
         weights = body.depth * body.volume().weights
         which = [body.material_of_cells == m for m in range(len(body.materials))]

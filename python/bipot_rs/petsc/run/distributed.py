@@ -33,7 +33,7 @@ from bipot_rs.petsc.run.ranks import World
 from bipot_rs.scene.case import Case
 
 
-class _Settings(TypedDict, total=False):
+class _RunSettings(TypedDict, total=False):
     """Settings of the solver."""
 
     tol: float
@@ -42,14 +42,14 @@ class _Settings(TypedDict, total=False):
     maxiter: int | None
 
 
-class _OfSolve(_Settings, total=False):
-    """Those, and the other keywords of `ContactProblem.solve`."""
+class _SolveArguments(_RunSettings, total=False):
+    """Settings and other keywords of `ContactProblem.solve`."""
 
     gap: ArrayLike | MovingGaps | None
 
 
-class _OfFollow(_Settings, total=False):
-    """Those, and the other keywords of `ContactProblem.follow`."""
+class _OfFollow(_RunSettings, total=False):
+    """Settings and other keywords of `ContactProblem.follow`."""
 
     stops: ArrayLike
     first: float | None
@@ -102,7 +102,7 @@ class DistributedProblem:
 
     @property
     def stats(self) -> Mapping[str, object]:
-        """Those of the problem, with the number of ranks and what has shared the nodes."""
+        """Counts of the problem, the number of ranks, and what has shared the nodes."""
         return {
             **self.problem.stats,
             "ranks": self._ranks.count,
@@ -117,7 +117,7 @@ class DistributedProblem:
         method: str = "auto",
         start: Start | None = None,
         on_step: Callable[[int, WholeStep], object] | None = None,
-        **settings: Unpack[_OfSolve],
+        **settings: Unpack[_SolveArguments],
     ) -> Result:
         """`ContactProblem.solve` with loads in the numbering of the model.
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bipot_rs._lib.memory import installed
-from bipot_rs._lib.messages import counted, instead
+from bipot_rs._lib.messages import count_noun, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
@@ -258,7 +258,7 @@ def _surface(
 def _components(scene: Scene, dim: int | None) -> Iterator[Mistake]:
     for kind in ("support", "traction", "body_force"):
         for i, entry in enumerate(getattr(scene, kind)):
-            yield from _given(f"{kind}.{i}", entry, dim)
+            yield from _check_components(f"{kind}.{i}", entry, dim)
     for i, support in enumerate(scene.support):
         if support.within is not None and dim == 2 and support.within.z is not None:
             yield Mistake(f"support.{i}.within.z", _IN_SPACE)
@@ -271,7 +271,9 @@ def _components(scene: Scene, dim: int | None) -> Iterator[Mistake]:
             )
 
 
-def _given(place: str, entry: Components, dim: int | None) -> Iterator[Mistake]:
+def _check_components(
+    place: str, entry: Components, dim: int | None
+) -> Iterator[Mistake]:
     if not entry.components():
         yield Mistake(place, "has no component, expected x, y or z")
     if dim == 2 and entry.z is not None:
@@ -415,7 +417,7 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[Mistake]:
                 yield from _axis(f"{place}.{key}.axis", part.axis, dim)
         for key, vector in (("move", rigid.move), ("force", rigid.force)):
             if vector is not None:
-                yield from _given(f"{place}.{key}", vector, dim)
+                yield from _check_components(f"{place}.{key}", vector, dim)
         if rigid.move is not None and rigid.force is not None:
             for k in rigid.move.components().keys() & rigid.force.components().keys():
                 yield Mistake(
@@ -626,8 +628,8 @@ def _path(scene: Scene) -> Iterator[Mistake]:
         elif amplitude.table is not None and len(amplitude.table) != count:
             yield Mistake(
                 place,
-                f"has {counted(len(amplitude.table), 'factor')} for "
-                f"{counted(count, 'step')}, expected one for each step",
+                f"has {count_noun(len(amplitude.table), 'factor')} for "
+                f"{count_noun(count, 'step')}, expected one for each step",
             )
         if name not in used:
             yield Mistake(
@@ -653,7 +655,7 @@ def _wear(scene: Scene) -> Iterator[Mistake]:
     if wear.steps is not None and wear.steps > count:
         yield Mistake(
             "wear.steps",
-            f"is {wear.steps}, but the path has only {counted(count, 'load step')}",
+            f"is {wear.steps}, but the path has only {count_noun(count, 'load step')}",
         )
     if scene.path.increments is not None:
         yield Mistake("path.automatic", "remove it, wear repeats the given load steps")

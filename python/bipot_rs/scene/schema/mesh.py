@@ -102,9 +102,11 @@ class Axis(Table):
             count = _whole(_of_n(self.cells, n), f"cells = {self.cells}", n)
             low, high = sorted((self.start, self.end))
             return np.linspace(low, high, count + 1)
-        return self._graded(self.start, self.end, str(self.cell), n)
+        return self._grade_cells(self.start, self.end, str(self.cell), n)
 
-    def _graded(self, start: float, end: float, cell: str, n: int | None) -> Floats:
+    def _grade_cells(
+        self, start: float, end: float, cell: str, n: int | None
+    ) -> Floats:
         size, ratio = _of_n(cell, n), 1.0
         for first, value in self.growth:
             if n is None or n >= first:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Record
 from bipot_rs.scene.mistakes import Mistake, MistakeKind
 from bipot_rs.scene.schema.root import Scene
@@ -24,7 +24,7 @@ def _length(sign: str, limit: str) -> Callable[[_Context], str]:
     """Message about the length of a list or the number of tables."""
 
     def write(about: _Context) -> str:
-        entries = counted(about[limit], "entry")
+        entries = count_noun(about[limit], "entry")
         return f"should have {sign} {entries}, has {about['actual_length']}"
 
     return write

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, PrivateAttr, Tag
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import count_noun
 from bipot_rs.scene.schema.contact import Rigid, Touch
 from bipot_rs.scene.schema.load import (
     BodyForce,
@@ -110,8 +110,8 @@ class Scene(Table):
     def __repr__(self) -> str:
         bodies, contacts = len(self.body), len(self.contact)
         return (
-            f"Scene({self.title!r}: {counted(bodies, 'body')}, "
-            f"{counted(contacts, 'contact')})"
+            f"Scene({self.title!r}: {count_noun(bodies, 'body')}, "
+            f"{count_noun(contacts, 'contact')})"
         )
 
     __str__ = __repr__
