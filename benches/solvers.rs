@@ -16,6 +16,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use bipot_rs::law::cone::Status;
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::law::one_node::{self, Habit};
 use bipot_rs::linalg::small::Block;
 use bipot_rs::reduced::compliance::Compliance;
@@ -129,7 +130,13 @@ fn methods(criterion: &mut Criterion) {
         let (w, q) = grid(side);
         let compliance = Compliance::from_dense(q.len(), Cow::Borrowed(&w)).unwrap();
         let mu = vec![0.3; q.len()];
-        let problem = Reduced::new(&compliance, &q, &mu, &Rigid::default()).unwrap();
+        let problem = Reduced::new(
+            &compliance,
+            &q,
+            &ContactLaw::coulomb(&mu),
+            &Rigid::default(),
+        )
+        .unwrap();
         let mut group = criterion.benchmark_group("iterations, 1 thread");
         for (name, method) in Method::NAMES {
             let most = match method {

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::sparse::csc::Symmetric;
 use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
@@ -224,7 +225,13 @@ fn the_uniqueness_proof_takes_the_predicted_memory() {
         let compliance = Compliance::<2>::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
         let q = vec![[-1.0, 0.1]; contacts];
         let rigid = Rigid::default();
-        let problem = Reduced::new(&compliance, &q, &vec![mu; contacts], &rigid).unwrap();
+        let problem = Reduced::new(
+            &compliance,
+            &q,
+            &ContactLaw::coulomb(&vec![mu; contacts]),
+            &rigid,
+        )
+        .unwrap();
         let r = vec![[1.0, 0.0]; contacts];
         most(|| assess(&problem, &r, &GO).unwrap())
     };

@@ -1,7 +1,8 @@
 """The compiled core. Private: `bipot_rs` checks arguments before they come here.
 
 Arrays are C-ordered; nodes are rows ``(n_c, d)``, components normal first. Friction
-coefficients ``mu`` are ``(n_c,)``, or in space ``(n_c, 2)``.
+coefficients ``mu`` are ``(n_c,)``, or in space ``(n_c, 2)``. Of a ``law`` the attributes are
+read.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Integers
+from bipot_rs.contact.law.contact_law import ContactLaw
 
 __all__ = [
     "METHODS",
@@ -337,7 +339,7 @@ class Condensed:
         stiffness: _Csr,
         contact: _Csr,
         gap: _Floats,
-        mu: _Floats,
+        law: ContactLaw,
         fixed: _Indices,
         num_threads: int | None,
         places: _Floats | None = None,
@@ -375,8 +377,8 @@ class Condensed:
         """Row pointers, columns and values of `K`, as far as anything depends on it."""
     def modes(self) -> _Floats:
         """What each rigid motion is at the contacts, a row each."""
-    def with_mu(self, mu: _Floats) -> Condensed:
-        """The same bodies and contacts with other friction coefficients."""
+    def with_law(self, law: ContactLaw) -> Condensed:
+        """The same bodies and contacts with another law of its contacts."""
     def with_gap(self, gap: _Floats) -> Condensed:
         """The same bodies and contacts with other gaps ``(n_c, d)``."""
     def rotated(self, rotation: _Floats) -> Condensed:
@@ -449,7 +451,7 @@ class Primal:
         stiffness: _Csr,
         contact: _Csr,
         gap: _Floats,
-        mu: _Floats,
+        law: ContactLaw,
         fixed: _Indices,
         num_threads: int | None,
         places: _Floats | None = None,
@@ -457,8 +459,8 @@ class Primal:
     @property
     def bytes(self) -> tuple[int, int]:
         """Bytes of `K` in blocks, and a forecast of the bytes of all else."""
-    def with_mu(self, mu: _Floats) -> Primal:
-        """The same bodies and contacts with other friction coefficients."""
+    def with_law(self, law: ContactLaw) -> Primal:
+        """The same bodies and contacts with another law of its contacts."""
     def rotated(self, rotation: _Floats) -> Primal | None:
         """The same bodies and contacts with `Q B` and `Q g`; rows of all `Q`."""
 
@@ -495,7 +497,7 @@ class ContactVariables:
         cls,
         contact: _Csr,
         gap: _Floats,
-        mu: _Floats,
+        law: ContactLaw,
         position: _Indices,
         fixed: int,
         blocks: _Floats,
@@ -656,7 +658,7 @@ class Reduced:
         cls,
         parts: list[tuple[list[int], _Floats, tuple[list[int], list[int]] | None]],
         q: _Floats,
-        mu: _Floats,
+        law: ContactLaw,
         modes: _Floats,
         load: _Floats,
     ) -> Reduced: ...

@@ -16,6 +16,7 @@ use crate::condensation::condense::{Condensed, SortedProblem, analyse, contact_s
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Far, Share, Surface};
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::reach::Reach;
 use crate::reduced::compliance::Compliance;
@@ -204,11 +205,11 @@ impl<const D: usize> Candidates<D> {
     ///
     /// # Errors
     /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::FloatingBody`] if they do not hold a
-    /// rigid motion; [`Error::Shape`] for `mu`.
+    /// rigid motion; [`Error::Shape`] for `law`.
     pub fn view(
         &self,
         members: Vec<usize>,
-        mu: &[f64],
+        law: &[ContactLaw],
         before: Option<&View<D>>,
     ) -> Result<View<D>, Error> {
         let mut surface = self.surface.of(&members);
@@ -221,14 +222,14 @@ impl<const D: usize> Candidates<D> {
         }
         let source = &mut Source::Shared(&self.bodies.list);
         let compliance = assemble(source, &surface, &self.budget)?;
-        let mu = members.iter().map(|&i| mu[i]).collect();
+        let law = members.iter().map(|&i| law[i]).collect();
         let bodies = Arc::clone(&self.bodies);
         let mut stats = self.stats.clone();
         stats.amplification = stats
             .amplification
             .max(self.amplification(&surface, &compliance));
         Ok(View {
-            problem: Condensed::of(bodies, Arc::new(surface), mu, compliance, stats)?,
+            problem: Condensed::of(bodies, Arc::new(surface), law, compliance, stats)?,
             members,
         })
     }
@@ -324,7 +325,7 @@ impl<const D: usize> Candidates<D> {
             parts,
             self.bodies.supports().clone(),
             self.surface.clone(),
-            vec![0.0; self.surface.contacts()],
+            vec![ContactLaw::default(); self.surface.contacts()],
             &self.budget,
             stop,
         )?;

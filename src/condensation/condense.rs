@@ -21,6 +21,7 @@ use crate::condensation::pattern_cache::{self, Lookup};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::rows::{OwnedMatrix, Rows};
 use crate::reduced::compliance::Compliance;
@@ -28,7 +29,7 @@ use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_friction, check_length};
+use crate::reduced::validate::{check_finite, check_length};
 
 /// Analyses are looked up for at most this many bodies: many bodies are small, and ordering
 /// them is faster than the search.
@@ -43,7 +44,7 @@ pub struct ProblemArrays<'a, const D: usize, I = usize> {
     pub contact: Rows<'a>,
     /// Gap by components.
     pub gap: &'a [[f64; D]],
-    pub mu: &'a [f64],
+    pub law: &'a [ContactLaw],
     /// Prescribed degrees of freedom.
     pub fixed: &'a [usize],
     /// The position of each degree of freedom, for the elimination order; in any unit, and the
@@ -63,7 +64,7 @@ pub struct SortedProblem<const D: usize> {
     pub geometry: Option<Arc<Geometry>>,
     pub supports: Supports,
     pub surface: Surface<D>,
-    pub mu: Vec<f64>,
+    pub law: Vec<ContactLaw>,
     pub budget: Budget,
     /// Receiver of the costs, before the factorisation.
     pub notice: Option<Notice>,
@@ -74,7 +75,7 @@ pub struct SortedProblem<const D: usize> {
 pub struct Condensed<const D: usize> {
     bodies: Arc<Bodies>,
     surface: Arc<Surface<D>>,
-    mu: Vec<f64>,
+    law: Vec<ContactLaw>,
     compliance: Arc<Compliance<'static, D>>,
     stats: Stats,
 }
@@ -98,7 +99,7 @@ impl<const D: usize> SortedProblem<D> {
         let rows = D * given.gap.len();
         given.contact.check("B", rows, n)?;
         check_finite("gap", given.gap.as_flattened())?;
-        check_friction(given.mu, given.gap.len())?;
+        contact_law::check(given.law, given.gap.len())?;
         let position = connected::positions("fixed", given.fixed, n)?;
         let symmetry = given.stiffness.check_symmetry()?;
 
@@ -133,7 +134,7 @@ impl<const D: usize> SortedProblem<D> {
                 known: given.known,
             },
             surface,
-            mu: given.mu.to_vec(),
+            law: given.law.to_vec(),
             budget: given.budget,
             notice: None,
         })
@@ -209,7 +210,7 @@ impl<const D: usize> Condensed<D> {
             geometry,
             supports,
             surface,
-            mu,
+            law,
             budget,
             notice,
         } = sorted;
@@ -223,7 +224,7 @@ impl<const D: usize> Condensed<D> {
             told.bytes_peak += bytes_beside(&surface, &kept);
             notice.leave(told);
         }
-        Self::from_parts(parts, supports, surface, mu, &budget, stop)
+        Self::from_parts(parts, supports, surface, law, &budget, stop)
     }
 
     /// Makes it from bodies analysed with their whole contact sets.
@@ -231,7 +232,7 @@ impl<const D: usize> Condensed<D> {
         parts: Vec<AnalysedBody>,
         supports: Supports,
         surface: Surface<D>,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
@@ -244,7 +245,7 @@ impl<const D: usize> Condensed<D> {
         let source = &mut Source::Fresh(&mut bodies.list);
         let compliance = assemble(source, &surface, budget)?;
         stats.seconds_compliance += started.elapsed().as_secs_f64();
-        Self::of(Arc::new(bodies), Arc::new(surface), mu, compliance, stats)
+        Self::of(Arc::new(bodies), Arc::new(surface), law, compliance, stats)
     }
 
     /// Makes it from bodies, contacts and their compliance.
@@ -254,7 +255,7 @@ impl<const D: usize> Condensed<D> {
     pub fn of(
         bodies: Arc<Bodies>,
         surface: Arc<Surface<D>>,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
         compliance: Compliance<'static, D>,
         mut stats: Stats,
     ) -> Result<Self, Error> {
@@ -262,7 +263,7 @@ impl<const D: usize> Condensed<D> {
         let made = Self {
             bodies,
             surface,
-            mu,
+            law,
             compliance: Arc::new(compliance),
             stats,
         };
@@ -271,7 +272,7 @@ impl<const D: usize> Condensed<D> {
             load: vec![0.0; made.bodies.motions().len()],
         };
         let q = vec![[0.0; D]; made.contacts()];
-        match Reduced::new(&made.compliance, &q, &made.mu, &rigid) {
+        match Reduced::new(&made.compliance, &q, &made.law, &rigid) {
             Err(Error::DependentMotion { mode }) => Err(Error::FloatingBody {
                 dof: made.bodies.most_moved(mode),
             }),
@@ -280,13 +281,16 @@ impl<const D: usize> Condensed<D> {
         }
     }
 
-    /// The same contacts with other friction coefficients.
+    /// The same contacts with other laws.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Friction`].
-    pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
-        check_friction(&mu, self.contacts())?;
-        Ok(Self { mu, ..self.clone() })
+    pub fn with_law(&self, law: Vec<ContactLaw>) -> Result<Self, Error> {
+        contact_law::check(&law, self.contacts())?;
+        Ok(Self {
+            law,
+            ..self.clone()
+        })
     }
 
     /// The same contacts with other gaps, one for each contact and finite:
@@ -351,8 +355,8 @@ impl<const D: usize> Condensed<D> {
     }
 
     #[must_use]
-    pub fn mu(&self) -> &[f64] {
-        &self.mu
+    pub fn law(&self) -> &[ContactLaw] {
+        &self.law
     }
 
     /// `W`, for what outlives this problem.

@@ -10,9 +10,10 @@ use crate::condensation::condense::{Condensed, SortedProblem};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_friction, check_length};
+use crate::reduced::validate::{check_finite, check_length};
 
 /// Largest difference between relative displacements from `W` and from `u`, as a share of the
 /// largest motion of a contact. `W` may lose [`DIGITS`] before it is corrected, 2e-11 of it,
@@ -28,7 +29,7 @@ pub enum Problem<const D: usize> {
     Whole(Condensed<D>),
     Growing {
         candidates: Arc<Candidates<D>>,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
     },
 }
 
@@ -57,7 +58,7 @@ impl<const D: usize> Problem<D> {
                 made => {
                     return Ok(Self::Growing {
                         candidates: Arc::new(made?),
-                        mu: sorted.mu,
+                        law: sorted.law,
                     });
                 }
             }
@@ -87,10 +88,10 @@ impl<const D: usize> Problem<D> {
     }
 
     #[must_use]
-    pub fn mu(&self) -> &[f64] {
+    pub fn law(&self) -> &[ContactLaw] {
         match self {
-            Self::Whole(problem) => problem.mu(),
-            Self::Growing { mu, .. } => mu,
+            Self::Whole(problem) => problem.law(),
+            Self::Growing { law, .. } => law,
         }
     }
 
@@ -121,24 +122,24 @@ impl<const D: usize> Problem<D> {
     pub fn whole(&self, stop: &AtomicBool) -> Result<Condensed<D>, Error> {
         match self {
             Self::Whole(problem) => Ok(problem.clone()),
-            Self::Growing { candidates, mu } => candidates
+            Self::Growing { candidates, law } => candidates
                 .whole(stop)?
                 .with_gap(candidates.surface.gap.clone())
-                .with_mu(mu.clone()),
+                .with_law(law.clone()),
         }
     }
 
-    /// The same bodies and contacts with other friction coefficients.
+    /// The same bodies and contacts with other laws.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Friction`].
-    pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
-        check_friction(&mu, self.contacts())?;
+    pub fn with_law(&self, law: Vec<ContactLaw>) -> Result<Self, Error> {
+        contact_law::check(&law, self.contacts())?;
         Ok(match self {
-            Self::Whole(problem) => Self::Whole(problem.with_mu(mu)?),
+            Self::Whole(problem) => Self::Whole(problem.with_law(law)?),
             Self::Growing { candidates, .. } => Self::Growing {
                 candidates: Arc::clone(candidates),
-                mu,
+                law,
             },
         })
     }
@@ -152,9 +153,9 @@ impl<const D: usize> Problem<D> {
         check_finite("gap", gap.as_flattened())?;
         Ok(match self {
             Self::Whole(problem) => Self::Whole(problem.with_gap(gap)),
-            Self::Growing { candidates, mu } => Self::Growing {
+            Self::Growing { candidates, law } => Self::Growing {
                 candidates: Arc::new(candidates.with_gap(gap)),
-                mu: mu.clone(),
+                law: law.clone(),
             },
         })
     }
@@ -166,9 +167,9 @@ impl<const D: usize> Problem<D> {
     pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         Ok(match self {
             Self::Whole(problem) => Self::Whole(problem.scaled(elliptic)?),
-            Self::Growing { candidates, mu } => Self::Growing {
+            Self::Growing { candidates, law } => Self::Growing {
                 candidates: Arc::new(candidates.scaled(elliptic)),
-                mu: mu.clone(),
+                law: law.clone(),
             },
         })
     }
@@ -181,9 +182,9 @@ impl<const D: usize> Problem<D> {
         check_length("rotation", rotation.contacts(), self.contacts())?;
         Ok(match self {
             Self::Whole(problem) => Self::Whole(problem.rotated(rotation)?),
-            Self::Growing { candidates, mu } => Self::Growing {
+            Self::Growing { candidates, law } => Self::Growing {
                 candidates: Arc::new(candidates.rotated(rotation)),
-                mu: mu.clone(),
+                law: law.clone(),
             },
         })
     }

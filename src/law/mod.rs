@@ -3,6 +3,7 @@
 pub mod alart_curnier;
 pub mod bipotential;
 pub mod cone;
+pub mod contact_law;
 pub mod elliptic;
 pub mod face;
 pub mod frozen;

@@ -85,7 +85,7 @@ pub fn reduced_step<'a, const D: usize>(
 ) -> Result<Reduced<'a, D>, Error> {
     let free = problem.free_part(load, prescribed)?;
     let q = incremental(&free.q, state);
-    Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
+    Reduced::new(problem.compliance(), &q, problem.law(), &free.rigid)
 }
 
 /// Relative changes of the reactions and the relative displacements of a step by the rounding

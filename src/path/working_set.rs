@@ -213,7 +213,7 @@ impl<const D: usize> WorkingSetPath<D> {
         let view = if known.members.len() == problem.contacts() {
             all(problem, stop)?
         } else {
-            match candidates.view(known.members, problem.mu(), None) {
+            match candidates.view(known.members, problem.law(), None) {
                 // The initial contacts do not resist a motion that other contacts resist.
                 Err(Error::FloatingBody { .. }) => all(problem, stop)?,
                 made => made?,
@@ -308,14 +308,14 @@ pub fn with<const D: usize>(
     contacts: impl Iterator<Item = usize>,
     stop: &AtomicBool,
 ) -> Result<View<D>, Error> {
-    let Problem::Growing { candidates, mu } = problem else {
+    let Problem::Growing { candidates, law } = problem else {
         return all(problem, stop);
     };
     let mut members = candidates.seeds().to_vec();
     members.extend(contacts);
     members.sort_unstable();
     members.dedup();
-    match candidates.view(members, mu, None) {
+    match candidates.view(members, law, None) {
         Err(Error::FloatingBody { .. }) => all(problem, stop),
         made => made,
     }
@@ -345,7 +345,7 @@ fn widen<const D: usize>(
     if none || tuning::all_candidates_above() * members.len() >= problem.contacts() {
         all(problem, stop)
     } else {
-        candidates.view(members, problem.mu(), Some(view))
+        candidates.view(members, problem.law(), Some(view))
     }
 }
 
@@ -418,10 +418,10 @@ fn find_penetrating<const D: usize>(
     }
     // A proof for all contacts, unless the motion closes some of the others.
     let d = candidates.motion(&solution.free_motion)?;
-    let mu = problem.mu();
+    let law = problem.law();
     let runs_into = |i: usize| {
         let slides = d[i][1..].iter().map(|t| t * t).sum::<f64>().sqrt();
-        (d[i][0] - mu[i] * slides).min(total[i][0])
+        (d[i][0] - law[i].mu * slides).min(total[i][0])
     };
     Ok((worst(&outside, runs_into), total))
 }

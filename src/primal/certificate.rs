@@ -37,7 +37,7 @@ impl<V, const D: usize> Point<V, D> {
             let mean = contacts.compliance.block(i).trace() / D as f64;
             if mean * r[0] <= v[0] {
                 *r = [0.0; D];
-            } else if contacts.mu[i] == 0.0 {
+            } else if contacts.law[i].mu == 0.0 {
                 r[1..].fill(0.0);
             }
         }
@@ -102,7 +102,7 @@ pub fn contacts_alone<'a, const D: usize>(
             *q = v - *q;
         }
     }
-    Reduced::new(&contacts.compliance, &q, &contacts.mu, &Rigid::default())
+    Reduced::new(&contacts.compliance, &q, &contacts.law, &Rigid::default())
 }
 
 /// Computes the certificate of a point. `force` is `f` of its step, `terms` the sizes of the

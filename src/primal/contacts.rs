@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::Block;
 use crate::primal::frames::Frames;
 use crate::primal::own_nodes::Frame;
@@ -15,7 +16,7 @@ use crate::reduced::validate::{check_finite, check_length};
 pub struct Contacts<const D: usize> {
     pub frames: Arc<Frames<D>>,
     pub gap: Vec<[f64; D]>,
-    pub mu: Vec<f64>,
+    pub law: Vec<ContactLaw>,
     /// Estimates of the blocks `W_ii`, diagonal.
     pub compliance: Arc<Compliance<'static, D>>,
 }
@@ -28,14 +29,14 @@ impl<const D: usize> Contacts<D> {
     pub fn new(
         frames: Frames<D>,
         gap: Vec<[f64; D]>,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
         block: &dyn Fn(usize) -> Block<D>,
     ) -> Result<Self, Error> {
         let compliance = Arc::new(node_compliance(&frames, block)?);
         Ok(Self {
             frames: Arc::new(frames),
             gap,
-            mu,
+            law,
             compliance,
         })
     }

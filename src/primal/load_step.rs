@@ -86,8 +86,8 @@ pub fn advance<const D: usize, E: Engine<D>>(
             }
         }
     }
-    let nodes = judged.reaction.iter().zip(&point.v).zip(&contacts.mu);
-    let gap = nodes.map(|((r, v), &mu)| bipotential::gap(r, v, mu));
+    let nodes = judged.reaction.iter().zip(&point.v).zip(&contacts.law);
+    let gap = nodes.map(|((r, v), law)| bipotential::gap(r, v, law.mu));
     let status = judged.reaction.iter().zip(&judged.certificate.status);
     let status = status.map(|(r, &status)| {
         if r.iter().all(|&c| c == 0.0) {

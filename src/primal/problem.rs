@@ -7,6 +7,7 @@ use crate::bodies::basis::{motions_of_nodes, translations_of_nodes};
 use crate::bodies::connected;
 use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::amg;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::following::Following;
@@ -24,7 +25,7 @@ use crate::primal::own_nodes::AboutNodes;
 use crate::primal::supports::{self, Motions};
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::rotation::Rotation;
-use crate::reduced::validate::{check_finite, check_friction, check_length};
+use crate::reduced::validate::{check_finite, check_length};
 
 /// Bodies and supports.
 #[derive(Debug)]
@@ -93,7 +94,7 @@ impl<const D: usize> Primal<D> {
         let n = given.stiffness.n();
         given.contact.check("B", D * given.gap.len(), n)?;
         check_finite("gap", given.gap.as_flattened())?;
-        check_friction(given.mu, given.gap.len())?;
+        contact_law::check(given.law, given.gap.len())?;
         let position = connected::positions("fixed", given.fixed, n)?;
         given.stiffness.check_symmetry()?;
         if let Some(places) = given.places {
@@ -143,7 +144,7 @@ impl<const D: usize> Primal<D> {
             Arc::new(contact),
             elliptic,
             elliptic.map_or_else(|| given.gap.to_vec(), |scaling| scaling.times(given.gap)),
-            given.mu.to_vec(),
+            given.law.to_vec(),
         )
     }
 
@@ -152,7 +153,7 @@ impl<const D: usize> Primal<D> {
         contact: Arc<OwnedMatrix>,
         elliptic: Option<&EllipticScaling>,
         gap: Vec<[f64; D]>,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
     ) -> Result<Self, Error> {
         let block =
             |node: usize| Block::<D>::from_column_slice(stiffness.matrix.diagonal_block(node));
@@ -163,7 +164,7 @@ impl<const D: usize> Primal<D> {
         };
         let (place, position) = (&stiffness.nodes.place, &stiffness.position);
         let frames = Frames::new(&contact, elliptic, place, position, &nodes)?;
-        let contacts = Contacts::new(frames, gap, mu, &block)?;
+        let contacts = Contacts::new(frames, gap, law, &block)?;
         let join = contacts.frames.join();
         let interface = join.then(|| Arc::new(Interface::new(&stiffness.matrix, &contacts.frames)));
         if join && let Ok(mut single) = stiffness.single.lock() {
@@ -203,26 +204,26 @@ impl<const D: usize> Primal<D> {
         (own, hierarchy + VECTORS * self.order())
     }
 
-    /// The same bodies and contacts with other friction coefficients. `elliptic` is the change
+    /// The same bodies and contacts with other laws. `elliptic` is the change
     /// of variables that belongs to them, `change` the one from the present variables.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Friction`].
-    pub fn with_mu(
+    pub fn with_law(
         &self,
-        mu: Vec<f64>,
+        law: Vec<ContactLaw>,
         elliptic: Option<&EllipticScaling>,
         change: Option<&EllipticScaling>,
     ) -> Result<Self, Error> {
-        check_friction(&mu, self.contacts.count())?;
+        contact_law::check(&law, self.contacts.count())?;
         let Some(change) = change else {
             let mut same = self.clone();
-            same.contacts.mu = mu;
+            same.contacts.law = law;
             return Ok(same);
         };
         let (stiffness, contact) = (Arc::clone(&self.stiffness), Arc::clone(&self.contact));
         let gap = change.times(&self.contacts.gap);
-        Self::of(stiffness, contact, elliptic, gap, mu)
+        Self::of(stiffness, contact, elliptic, gap, law)
     }
 
     /// The same bodies and contacts with other gaps.
@@ -250,8 +251,8 @@ impl<const D: usize> Primal<D> {
         let gap = over(elliptic, &self.contacts.gap);
         let gap = rotation.times(&gap);
         let gap = times(elliptic, &gap).into_owned();
-        let (stiffness, mu) = (Arc::clone(&self.stiffness), self.contacts.mu.clone());
-        Self::of(stiffness, contact, elliptic, gap, mu)
+        let (stiffness, law) = (Arc::clone(&self.stiffness), self.contacts.law.clone());
+        Self::of(stiffness, contact, elliptic, gap, law)
     }
 
     /// `Tᵀ (f − K_fp u_p)` by places.

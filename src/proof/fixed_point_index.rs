@@ -82,7 +82,7 @@ fn margin<const D: usize>(
         .fold(0.0_f64, |m, c| m.max(c.abs()));
     let margin = BORDER * size;
     let clear = |i: usize| {
-        let (x, mu) = (x(i), problem.mu[i]);
+        let (x, mu) = (x(i), problem.law[i].mu);
         let from_limit = (tangential_norm(&x) - mu * x[0]).abs() / mu.hypot(1.0);
         x[0].abs() > margin && (x[0] < 0.0 || mu == 0.0 || from_limit > margin)
     };
@@ -108,7 +108,7 @@ fn newton_step<const D: usize>(
     let scaled = |i: usize| {
         let r = r[i].map(|c| c * scaling.to_r[i]);
         let v = v[i].map(|c| c * scaling.to_v[i]);
-        (i, r, linearised(&r, &v, problem.mu[i]))
+        (i, r, linearised(&r, &v, problem.law[i].mu))
     };
     let closed: Vec<_> = nodes
         .clone()

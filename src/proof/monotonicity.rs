@@ -206,7 +206,7 @@ impl<const D: usize> Monotonicity<D> {
         let mut place = vec![[None; D]; nodes.len()];
         for position in nodes.clone() {
             for (k, unknown) in place[position - nodes.start].iter_mut().enumerate() {
-                if k > 0 && problem.mu[position] == 0.0 {
+                if k > 0 && problem.law[position].mu == 0.0 {
                     continue;
                 }
                 let felt = |other: usize| {
@@ -234,7 +234,10 @@ impl<const D: usize> Monotonicity<D> {
         let symmetric =
             (0..order).all(|j| (0..j).all(|i| matrix[j * order + i] == matrix[i * order + j]));
         Ok(Self {
-            mu: problem.mu[nodes.clone()].to_vec(),
+            mu: problem.law[nodes.clone()]
+                .iter()
+                .map(|law| law.mu)
+                .collect(),
             shapes: [
                 nodes
                     .clone()

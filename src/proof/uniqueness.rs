@@ -70,8 +70,8 @@ pub fn assess<const D: usize>(
     let mut verdict = Unique::Proved;
     for island in problem.compliance.islands() {
         let contacts = island.nodes.len();
-        let mu = &problem.mu[island.nodes.clone()];
-        let with_friction = mu.iter().filter(|&&mu| mu > 0.0).count();
+        let laws = &problem.law[island.nodes.clone()];
+        let with_friction = laws.iter().filter(|law| law.mu > 0.0).count();
         if island.blocks().is_some() && D * contacts > LARGEST
             || bytes::<D>(contacts, with_friction) > MOST_BYTES
         {

@@ -3,6 +3,7 @@
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
@@ -61,6 +62,23 @@ impl<'a> CsrArrays<'a> {
 pub(super) enum Coefficients<'py> {
     Round(Vector<'py>),
     Elliptic(Matrix<'py>),
+}
+
+/// The numbers of the law of each contact: the attributes of a `ContactLaw` of Python.
+#[derive(FromPyObject)]
+pub(super) struct LawArrays<'py> {
+    mu: Coefficients<'py>,
+}
+
+/// The laws of a problem, and the change of variables to them.
+pub(super) type Laws = (Vec<ContactLaw>, Option<EllipticScaling>);
+
+impl LawArrays<'_> {
+    /// The laws of the problem that is solved in so many dimensions.
+    pub(super) fn read(&self, dimension: usize) -> PyResult<Laws> {
+        let (mu, elliptic) = self.mu.friction(dimension)?;
+        Ok((ContactLaw::coulomb(&mu), elliptic))
+    }
 }
 
 impl Coefficients<'_> {

@@ -11,11 +11,12 @@ use crate::condensation::condense::{ProblemArrays, SortedProblem};
 use crate::condensation::forecast::Notice;
 use crate::condensation::problem::{Confirmed, Problem};
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::rows::Rows;
 use crate::path::stepping::{State, reduced_step};
 use crate::proof::uniqueness::Unique;
-use crate::python::arrays::{self, Coefficients, CsrArrays, Matrix, Vector};
+use crate::python::arrays::{self, CsrArrays, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::reduced_arrays::Assess;
 use crate::reduced::compliance::Compliance;
@@ -37,7 +38,7 @@ pub(super) struct CondensedArrays<const D: usize> {
 pub(super) struct Arguments<'a> {
     pub(super) stiffness: CsrArrays<'a>,
     pub(super) contact: CsrArrays<'a>,
-    pub(super) mu: Vec<f64>,
+    pub(super) law: Vec<ContactLaw>,
     pub(super) elliptic: Option<EllipticScaling>,
     pub(super) fixed: Vec<usize>,
     pub(super) places: Option<&'a [[f64; 3]]>,
@@ -74,7 +75,7 @@ impl Arguments<'_> {
                         values: b.values,
                     },
                     gap,
-                    mu: &self.mu,
+                    law: &self.law,
                     fixed: &self.fixed,
                     places: self.places,
                     known: self.known,
@@ -253,10 +254,10 @@ impl<const D: usize> CondensedArrays<D> {
         arrays::square(py, all.concat(), states.len(), problem.bodies().order())
     }
 
-    pub(super) fn with_mu(&self, mu: &Coefficients<'_>) -> PyResult<Self> {
-        let (mu, elliptic) = mu.friction(D)?;
+    pub(super) fn with_law(&self, law: &LawArrays<'_>) -> PyResult<Self> {
+        let (law, elliptic) = law.read(D)?;
         let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
-        let mut problem = self.problem.with_mu(mu)?;
+        let mut problem = self.problem.with_law(law)?;
         if let Some(change) = change {
             problem = problem.scaled(&change)?;
         }

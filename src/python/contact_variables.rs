@@ -7,6 +7,7 @@ use numpy::{PyArray1, PyArray2, PyReadwriteArray1};
 use pyo3::prelude::*;
 
 use crate::error::Error;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::small::Block;
 use crate::linalg::sparse::csc::narrow;
 use crate::linalg::sparse::rows::Rows;
@@ -15,11 +16,11 @@ use crate::primal::frames::Frames;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::tangent::Tangent;
 use crate::primal::transformation::Transformation;
-use crate::python::arrays::{self, Coefficients, Csr, CsrArrays, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, Vector};
 use crate::python::contact_values::{all_factors, diagonal, moved, offsets, work};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::reduced::elliptic_scaling::{EllipticScaling, times};
-use crate::reduced::validate::{check_finite, check_friction};
+use crate::reduced::validate::check_finite;
 
 /// Values by places that a method changes.
 pub(super) type Changed<'py> = PyReadwriteArray1<'py, f64>;
@@ -67,7 +68,7 @@ impl<const D: usize> InterfaceVariables<D> {
 /// The arguments that do not depend on the dimension.
 struct Arguments<'a> {
     contact: CsrArrays<'a>,
-    mu: Vec<f64>,
+    law: Vec<ContactLaw>,
     elliptic: Option<EllipticScaling>,
     /// Number of each place among the prescribed degrees of freedom.
     position: Vec<Option<usize>>,
@@ -83,7 +84,7 @@ impl Arguments<'_> {
         arrays::length("blocks", self.blocks.len(), D * places)?;
         check_finite("blocks", self.blocks)?;
         check_finite("gap", gap.as_flattened())?;
-        check_friction(&self.mu, gap.len())?;
+        contact_law::check(&self.law, gap.len())?;
         if let Some(position) =
             (0..self.bodies.len()).find(|&node| self.bodies[node] as usize >= self.held.len())
         {
@@ -117,7 +118,7 @@ impl Arguments<'_> {
             &nodes,
         )?;
         let gap = times(self.elliptic.as_ref(), gap).into_owned();
-        let contacts = Contacts::new(frames, gap, self.mu, &block)?;
+        let contacts = Contacts::new(frames, gap, self.law, &block)?;
         let floating = contacts.floating(&self.bodies, &self.held);
         Ok(Interface {
             contacts,
@@ -159,14 +160,14 @@ impl PyContactVariables {
     fn new(
         contact: Csr<'_>,
         gap: Matrix<'_>,
-        mu: Coefficients<'_>,
+        law: LawArrays<'_>,
         position: Indices<'_>,
         fixed: usize,
         blocks: Matrix<'_>,
         bodies: Indices<'_>,
         held: Indices<'_>,
     ) -> PyResult<Self> {
-        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
+        let (law, elliptic) = law.read(gap.as_array().ncols())?;
         let numbers = arrays::indices(&position, "position")?;
         let position = numbers.into_iter().map(|k| (k < fixed).then_some(k));
         let bodies = arrays::indices(&bodies, "bodies")?;
@@ -174,7 +175,7 @@ impl PyContactVariables {
         let number = |&body: &usize| u32::try_from(body).unwrap_or(u32::MAX);
         let asked = Arguments {
             contact: CsrArrays::new(&contact, "B", None)?,
-            mu,
+            law,
             elliptic: elliptic.clone(),
             position: position.collect(),
             blocks: blocks.as_slice()?,

@@ -8,11 +8,12 @@ use pyo3::prelude::*;
 
 use crate::condensation::condense::ProblemArrays;
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::csc::{Index, Symmetric};
 use crate::linalg::sparse::rows::Rows;
 use crate::primal::path::PrimalPath;
 use crate::primal::problem::Primal;
-use crate::python::arrays::{self, Coefficients, Csr, CsrArrays, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Csr, CsrArrays, Indices, LawArrays, Matrix, Vector};
 use crate::python::condensed_arrays::Loads;
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::interrupt;
@@ -50,7 +51,7 @@ struct Arguments<'a> {
     columns: Columns<'a>,
     values: &'a [f64],
     contact: CsrArrays<'a>,
-    mu: Vec<f64>,
+    law: Vec<ContactLaw>,
     elliptic: Option<EllipticScaling>,
     fixed: Vec<usize>,
     places: Option<&'a [[f64; 3]]>,
@@ -91,7 +92,7 @@ impl Arguments<'_> {
                 values: b.values,
             },
             gap,
-            mu: &self.mu,
+            law: &self.law,
             fixed: &self.fixed,
             places: self.places,
             known: None,
@@ -102,12 +103,12 @@ impl Arguments<'_> {
 }
 
 impl<const D: usize> PrimalArrays<D> {
-    fn with_mu(&self, mu: &Coefficients<'_>) -> PyResult<Self> {
-        let (mu, elliptic) = mu.friction(D)?;
+    fn with_law(&self, law: &LawArrays<'_>) -> PyResult<Self> {
+        let (law, elliptic) = law.read(D)?;
         let change = EllipticScaling::between(self.elliptic.as_ref(), elliptic.as_ref());
         let problem = self
             .problem
-            .with_mu(mu, elliptic.as_ref(), change.as_ref())?;
+            .with_law(law, elliptic.as_ref(), change.as_ref())?;
         Ok(Self {
             problem: Arc::new(problem),
             elliptic,
@@ -135,19 +136,19 @@ impl<const D: usize> PrimalArrays<D> {
 impl PyPrimal {
     /// The arguments of `Condensed`.
     #[new]
-    #[pyo3(signature = (stiffness, contact, gap, mu, fixed, num_threads, places=None))]
+    #[pyo3(signature = (stiffness, contact, gap, law, fixed, num_threads, places=None))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
         py: Python<'py>,
         stiffness: Csr<'py>,
         contact: Csr<'py>,
         gap: Matrix<'py>,
-        mu: Coefficients<'py>,
+        law: LawArrays<'py>,
         fixed: Indices<'py>,
         num_threads: Option<usize>,
         places: Option<Matrix<'py>>,
     ) -> PyResult<Self> {
-        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
+        let (law, elliptic) = law.read(gap.as_array().ncols())?;
         let asked = Arguments {
             pointer: arrays::indices(&stiffness.0, "K")?,
             columns: match &stiffness.1 {
@@ -159,7 +160,7 @@ impl PyPrimal {
             values: stiffness.2.as_slice()?,
             contact: CsrArrays::new(&contact, "B", num_threads)?,
             fixed: arrays::indices(&fixed, "fixed")?,
-            mu,
+            law,
             elliptic,
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
         };
@@ -169,9 +170,9 @@ impl PyPrimal {
         Ok(Self { kind })
     }
 
-    /// The same bodies and contacts with other friction coefficients.
-    fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
-        let kind = map_either!(&self.kind, problem => problem.with_mu(&mu)?);
+    /// The same bodies and contacts with other laws.
+    fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
+        let kind = map_either!(&self.kind, problem => problem.with_law(&law)?);
         Ok(Self { kind })
     }
 

@@ -7,9 +7,7 @@ use crate::condensation::bodies::Loads as OwnLoads;
 use crate::condensation::forecast::Notice;
 use crate::condensation::problem::Problem;
 use crate::proof::uniqueness;
-use crate::python::arrays::{
-    self, Coefficients, Csr, CsrArrays, CsrOutput, Indices, Matrix, Vector,
-};
+use crate::python::arrays::{self, Csr, CsrArrays, CsrOutput, Indices, LawArrays, Matrix, Vector};
 use crate::python::bound::{self, PyBound};
 use crate::python::condensed_arrays::{Arguments, CondensedArrays, StateArrays};
 use crate::python::dimension::{Dimension, for_either, map_either};
@@ -41,7 +39,7 @@ impl PyCondensed {
     /// work.
     #[new]
     #[pyo3(signature = (
-        stiffness, contact, gap, mu, fixed, num_threads,
+        stiffness, contact, gap, law, fixed, num_threads,
         places=None, known=None, memory_limit=None, grow=None, before=None, on_forecast=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
@@ -50,7 +48,7 @@ impl PyCondensed {
         stiffness: Csr<'py>,
         contact: Csr<'py>,
         gap: Matrix<'py>,
-        mu: Coefficients<'py>,
+        law: LawArrays<'py>,
         fixed: Indices<'py>,
         num_threads: Option<usize>,
         places: Option<Matrix<'py>>,
@@ -71,12 +69,12 @@ impl PyCondensed {
             Ok((load.as_slice()?.to_vec(), moved.as_slice()?.to_vec()))
         };
         let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
-        let (mu, elliptic) = mu.friction(gap.as_array().ncols())?;
+        let (law, elliptic) = law.read(gap.as_array().ncols())?;
         let asked = Arguments {
             stiffness: CsrArrays::new(&stiffness, "K", num_threads)?,
             contact: CsrArrays::new(&contact, "B", num_threads)?,
             fixed: arrays::indices(&fixed, "fixed")?,
-            mu,
+            law,
             elliptic: elliptic.clone(),
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
             known: known.transpose()?,
@@ -194,9 +192,9 @@ impl PyCondensed {
         })
     }
 
-    /// The same bodies and contacts with other friction coefficients.
-    fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
-        let kind = map_either!(&self.kind, problem => problem.with_mu(&mu)?);
+    /// The same bodies and contacts with other laws.
+    fn with_law(&self, law: LawArrays<'_>) -> PyResult<Self> {
+        let kind = map_either!(&self.kind, problem => problem.with_law(&law)?);
         Ok(Self { kind })
     }
 

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use crate::proof::uniqueness;
-use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
+use crate::python::arrays::{self, Indices, LawArrays, Matrix, Vector};
 use crate::python::bound::{self, PyBound};
 use crate::python::dimension::{Dimension, for_either, map_either};
 use crate::python::estimate::{self, Estimate};
@@ -28,12 +28,12 @@ impl PyReduced {
         py: Python<'_>,
         parts: Vec<IslandArrays>,
         q: Matrix<'_>,
-        mu: Coefficients<'_>,
+        law: LawArrays<'_>,
         modes: Matrix<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
         let kind = map_either!(Dimension::of(q.as_array().ncols()), () => {
-            let problem = ReducedArrays::new(py, parts, &q, &mu, &modes, &load)?;
+            let problem = ReducedArrays::new(py, parts, &q, &law, &modes, &load)?;
             // The checks that only the core makes.
             problem.run(py, None, None, |_, _, _| Ok(()))?;
             problem

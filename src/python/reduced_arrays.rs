@@ -8,9 +8,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::proof::uniqueness::Unique;
-use crate::python::arrays::{self, Coefficients, Matrix, Vector};
+use crate::python::arrays::{self, LawArrays, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solution::PySolution;
 use crate::reduced::compliance::{Compliance, Part};
@@ -40,7 +41,7 @@ enum Stored<const D: usize> {
 pub(super) struct ReducedArrays<const D: usize> {
     parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
-    mu: Vec<f64>,
+    law: Vec<ContactLaw>,
     pub(super) elliptic: Option<EllipticScaling>,
     pub(super) rigid: Rigid<D>,
 }
@@ -50,13 +51,13 @@ impl<const D: usize> ReducedArrays<D> {
         py: Python<'_>,
         given: Vec<IslandArrays>,
         q: &Matrix<'_>,
-        mu: &Coefficients<'_>,
+        law: &LawArrays<'_>,
         modes: &Matrix<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?;
-        let (mu, elliptic) = mu.friction(D)?;
-        arrays::length("mu", mu.len(), q.len())?;
+        let (law, elliptic) = law.read(D)?;
+        arrays::length("mu", law.len(), q.len())?;
         check_partition(&given, q.len())?;
         let (count, size) = modes.as_array().dim();
         if count > 0 {
@@ -84,7 +85,7 @@ impl<const D: usize> ReducedArrays<D> {
         Ok(Self {
             parts,
             q: times(elliptic.as_ref(), q).into_owned(),
-            mu,
+            law,
             elliptic,
             rigid,
         })
@@ -114,7 +115,7 @@ impl<const D: usize> ReducedArrays<D> {
                 None => given,
                 Some(elliptic) => given.scaled(elliptic)?,
             };
-            let problem = Reduced::new(&made, &self.q, &self.mu, &self.rigid)?;
+            let problem = Reduced::new(&made, &self.q, &self.law, &self.rigid)?;
             work(&problem, stop, progress)
         })
     }

@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use crate::condensation::bodies::Loaded;
 use crate::condensation::candidates::View;
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::Block;
 use crate::path::working_set;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
@@ -218,9 +219,10 @@ impl PyTangentView {
             let system = interrupt::run(py, threads, |stop| {
                 let contacts = view.members.len();
                 let load = vec![0.0; modes.len()];
-                let (q, mu) = (vec![[0.0; D]; contacts], vec![0.0; contacts]);
+                let q = vec![[0.0; D]; contacts];
+                let law = vec![ContactLaw::default(); contacts];
                 let still = modes.is_empty();
-                let problem = Reduced::new(compliance, &q, &mu, &Rigid { modes, load })?;
+                let problem = Reduced::new(compliance, &q, &law, &Rigid { modes, load })?;
                 if still {
                     let shared = view.problem.shared_compliance();
                     let small = TangentStiffnessForm::new(shared, &problem.scaling, &laws, stop)?;

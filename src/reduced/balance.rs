@@ -11,6 +11,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
@@ -171,7 +172,7 @@ impl<const D: usize> MotionGroup<D> {
             mu: Vec::new(),
             load: modes.iter().map(|&m| scaling.load[m]).collect(),
         };
-        for (i, &mu) in problem.mu.iter().enumerate() {
+        for (i, &ContactLaw { mu }) in problem.law.iter().enumerate() {
             let rows = modes.iter().map(|&m| scaling.modes[m][i]);
             let size = rows.clone().flatten().map(|x| x * x).sum::<f64>().sqrt();
             if size > 0.0 {

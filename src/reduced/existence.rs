@@ -11,6 +11,7 @@
 //! only reactions below `work / ‖δ‖`. It counts if these include all reactions up to
 //! [`LARGEST_REACTION`] times the loads.
 
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::compensated::Sum;
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
@@ -40,7 +41,7 @@ pub fn excludes(work: f64, lack: f64, size: f64) -> bool {
 pub fn is_unresisted<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
     let scaling = &problem.scaling;
     let mut lack = 0.0_f64;
-    for (i, &mu) in problem.mu.iter().enumerate() {
+    for (i, &ContactLaw { mu }) in problem.law.iter().enumerate() {
         let v: [f64; D] = std::array::from_fn(|k| {
             let mut sum = Sum::default();
             for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
@@ -81,7 +82,7 @@ pub fn is_contradiction<const D: usize>(problem: &Reduced<D>, amounts: &[f64]) -
     let (mut lack, mut work, mut size) = (norm(&sums(problem, &normal)), 0.0, 0.0_f64);
     for (i, amount) in amounts.iter().enumerate() {
         // A contact without friction has no tangential reaction.
-        let components = if problem.mu[i] > 0.0 { D } else { 1 };
+        let components = if problem.law[i].mu > 0.0 { D } else { 1 };
         lack = moved[i][..components]
             .iter()
             .fold(lack, |sum, w| sum.hypot(w * scaling.to_v[i]));
@@ -105,7 +106,7 @@ pub fn balances<const D: usize>(problem: &Reduced<D>, pressure: &[f64]) -> Optio
     let rest: Vec<f64> = sums.iter().zip(&scaling.load).map(|(p, e)| p + e).collect();
     let mut size = norm(&scaling.load);
     for (i, q) in problem.q.iter().enumerate() {
-        let components = if problem.mu[i] > 0.0 { D } else { 1 };
+        let components = if problem.law[i].mu > 0.0 { D } else { 1 };
         let largest = q[..components].iter().fold(0.0_f64, |m, c| m.max(c.abs()));
         size = size.max(largest * scaling.to_v[i]);
     }

@@ -1,10 +1,11 @@
 //! The reduced problem (5), `v = W r + R a + q`, checked and scaled once.
 
 use crate::error::Error;
+use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{length, norm};
 use crate::reduced::compliance::Compliance;
-use crate::reduced::validate::{check_finite, check_friction, check_length};
+use crate::reduced::validate::{check_finite, check_length};
 
 /// Rigid motions of bodies that only contact holds: `v = W r + R a + q` with `Rᵀ r + e = 0`.
 #[derive(Clone, Debug, Default)]
@@ -22,7 +23,7 @@ pub struct Rigid<const D: usize> {
 pub struct Reduced<'a, const D: usize> {
     pub compliance: &'a Compliance<'a, D>,
     pub q: Vec<[f64; D]>,
-    pub mu: Vec<f64>,
+    pub law: Vec<ContactLaw>,
     pub rigid: Rigid<D>,
     /// Rounding error of `e`, one number for each rigid motion; empty if `e` is exact.
     pub load_rounding: Vec<f64>,
@@ -42,7 +43,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
     pub fn new(
         compliance: &'a Compliance<'a, D>,
         q: &[[f64; D]],
-        mu: &[f64],
+        law: &[ContactLaw],
         rigid: &Rigid<D>,
     ) -> Result<Self, Error> {
         let contacts = compliance.contacts();
@@ -54,7 +55,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             check_length("rigid motion R", mode.len(), contacts)?;
             check_finite("rigid motion R", mode.as_flattened())?;
         }
-        check_friction(mu, contacts)?;
+        contact_law::check(law, contacts)?;
         let q = compliance.gather(q);
         let modes = rigid
             .modes
@@ -77,7 +78,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
         Ok(Self {
             compliance,
             q,
-            mu: compliance.gather(mu),
+            law: compliance.gather(law),
             rigid,
             load_rounding: Vec::new(),
             scaling,

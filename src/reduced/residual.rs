@@ -154,7 +154,7 @@ fn law_norm<const D: usize>(
     for (i, (r, v)) in r.iter().zip(v).enumerate() {
         let r = r.map(|c| c * scaling.to_r[i]);
         let v = v.map(|c| c * scaling.to_v[i]);
-        let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.mu[i]);
+        let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.law[i].mu);
         report(i, status);
         for (x, p) in r.iter().zip(&projected) {
             squares += (x - p).powi(2);
@@ -170,7 +170,7 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
     problem.add_rest(a, &mut free);
     let at_zero = free.iter().enumerate().map(|(i, v)| {
         let v = v.map(|c| c * problem.scaling.to_v[i]);
-        let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.mu[i]);
+        let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.law[i].mu);
         projected.iter().map(|c| c * c).sum::<f64>()
     });
     at_zero
@@ -220,7 +220,7 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
     let scaling = &problem.scaling;
     let v = problem.relative_displacement(r, &[]);
     let held = |i: usize| {
-        let inside = tangential_norm(&r[i]) < problem.mu[i] * r[i][0];
+        let inside = tangential_norm(&r[i]) < problem.law[i].mu * r[i][0];
         match (r[i][0] > 0.0, inside) {
             (false, _) => 0,
             (true, false) => 1,
@@ -279,7 +279,7 @@ fn linearised<const D: usize>(
     let mut columns = vec![Vec::with_capacity(D * r.len()); motion.len()];
     let mut right = Vec::with_capacity(D * r.len());
     for i in 0..r.len() {
-        let mu = problem.mu[i];
+        let mu = problem.law[i].mu;
         let force = r[i].map(|c| c * scaling.to_r[i]);
         let mut v = free[i].map(|c| c * scaling.to_v[i]);
         for (mode, amount) in scaling.modes.iter().zip(motion) {
@@ -431,7 +431,7 @@ impl Rounding {
         for (i, value) in felt.iter_mut().enumerate() {
             let r = r[i].map(|c| c * problem.scaling.to_r[i]);
             let v = v[i].map(|c| c * problem.scaling.to_v[i]);
-            let share = feeling(&r, &v, problem.mu[i], value[0]);
+            let share = feeling(&r, &v, problem.law[i].mu, value[0]);
             for (c, share) in value.iter_mut().zip(share) {
                 *c *= share;
             }
@@ -439,7 +439,7 @@ impl Rounding {
         let plain = norm(terms.as_flattened());
         for (i, value) in terms.iter_mut().enumerate() {
             if r[i].iter().any(|&c| c != 0.0) {
-                value[0] += problem.mu[i] * tangential_norm(value);
+                value[0] += problem.law[i].mu * tangential_norm(value);
             }
         }
         let mut balance = 0.0;

@@ -28,13 +28,3 @@ pub fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Error> {
         }),
     }
 }
-
-/// # Errors
-/// [`Error::Shape`] and [`Error::Friction`].
-pub fn check_friction(mu: &[f64], contacts: usize) -> Result<(), Error> {
-    check_length("mu", mu.len(), contacts)?;
-    match mu.iter().position(|m| !(m.is_finite() && *m >= 0.0)) {
-        Some(node) => Err(Error::Friction { node, mu: mu[node] }),
-        None => Ok(()),
-    }
-}

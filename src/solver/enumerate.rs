@@ -18,6 +18,7 @@ use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
 use crate::linalg::verified_cholesky::VerifiedCholesky;
@@ -60,9 +61,15 @@ const MOST_NODES: usize = 200_000;
 
 /// Number of choices of statuses for contacts with these coefficients.
 #[must_use]
-pub fn statuses(mu: &[f64]) -> u64 {
-    let of = |&mu: &f64| if mu > 0.0 { ROUGH.len() } else { SMOOTH.len() };
-    mu.iter()
+pub fn statuses(laws: &[ContactLaw]) -> u64 {
+    let of = |law: &ContactLaw| {
+        if law.mu > 0.0 {
+            ROUGH.len()
+        } else {
+            SMOOTH.len()
+        }
+    };
+    laws.iter()
         .map(of)
         .fold(1, |all: u64, one| all.saturating_mul(one as u64))
 }
@@ -145,7 +152,7 @@ pub fn few<const D: usize>(
         load: problem.rigid.load.clone(),
     };
     let q = plane(&whole.scatter(&problem.q));
-    let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.mu), &rigid)?;
+    let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.law), &rigid)?;
     let found = within(&copy, MOST_NODES, stop)?;
     let own = |(r, rigid): (Vec<[f64; 2]>, Vec<f64>)| {
         let r = whole.gather(&r);
@@ -355,10 +362,10 @@ impl Tableau {
     }
 
     /// Values of all unknowns with every status chosen; `None` if they are not determined.
-    fn solve(&self, labels: &[Label], mu: &[f64]) -> Option<Vec<f64>> {
+    fn solve(&self, labels: &[Label], laws: &[ContactLaw]) -> Option<Vec<f64>> {
         let mut tableau = self.clone();
-        for (contact, (&label, &mu)) in labels.iter().zip(mu).enumerate() {
-            tableau.decide(contact, label, mu);
+        for (contact, (&label, law)) in labels.iter().zip(laws).enumerate() {
+            tableau.decide(contact, label, law.mu);
         }
         tableau.reduce(0.0);
         if !tableau.waiting.is_empty() {
@@ -369,7 +376,7 @@ impl Tableau {
         let mut x: Vec<f64> = tableau.row_of.iter().map(of_row).collect();
         for (i, label) in labels.iter().enumerate() {
             if let Label::Slip(side) = label {
-                x[2 * i + 1] = -side * mu[i] * x[2 * i];
+                x[2 * i + 1] = -side * laws[i].mu * x[2 * i];
             }
         }
         Some(x)
@@ -471,7 +478,7 @@ impl<'p> Search<'p> {
             self.leaf();
             return Ok(());
         }
-        let mu = self.problem.mu[depth];
+        let mu = self.problem.law[depth].mu;
         let choices: &[Label] = if mu > 0.0 { &ROUGH } else { &SMOOTH };
         for &label in choices {
             let (above, below) = self.levels.split_at_mut(depth + 1);
@@ -513,7 +520,7 @@ impl<'p> Search<'p> {
             .collect();
         // A reaction is a sum of two on the edges of its cone.
         let sides = |test: &Test, contact: usize| {
-            let mu = self.problem.mu[contact];
+            let mu = self.problem.law[contact].mu;
             let along = value(test, column(2 * contact));
             let across = mu * value(test, column(2 * contact + 1));
             [along + across, along - across]
@@ -589,7 +596,7 @@ impl<'p> Search<'p> {
                 && tableau.waiting.iter().all(|&unknown| nothing(of(unknown)))
                 && (depth..contacts).all(|contact| {
                     let (along, across) = (of(2 * contact), of(2 * contact + 1));
-                    let best = along + self.problem.mu[contact] * across.abs();
+                    let best = along + self.problem.law[contact].mu * across.abs();
                     best < -RANK || (along == 0.0 && across == 0.0)
                 })
         };
@@ -600,7 +607,7 @@ impl<'p> Search<'p> {
     /// The inequalities of a decided contact, as far as its unknowns are solved for.
     fn tests(&self, tableau: &Tableau, contact: usize) -> [Option<Test>; 2] {
         let (n, t) = (2 * contact, 2 * contact + 1);
-        let mu = self.problem.mu[contact];
+        let mu = self.problem.law[contact].mu;
         let (normal, tangent) = (tableau.row_of[n], tableau.row_of[t]);
         match self.labels[contact] {
             Label::Open => [Some([(n, 1.0), (n, 0.0)]), None],
@@ -640,13 +647,13 @@ impl<'p> Search<'p> {
     fn confirm(&mut self) {
         let problem = self.problem;
         let root = &self.levels[0];
-        let Some(mut x) = root.solve(&self.labels, &problem.mu) else {
+        let Some(mut x) = root.solve(&self.labels, &problem.law) else {
             return; // a leaf has seen that there is a solution
         };
         // One step of iterative refinement.
         let mut rest = root.clone();
         rest.entries[..root.height].copy_from_slice(&root.at(&x));
-        if let Some(correction) = rest.solve(&self.labels, &problem.mu) {
+        if let Some(correction) = rest.solve(&self.labels, &problem.law) {
             for (x, dx) in x.iter_mut().zip(correction) {
                 *x += dx;
             }

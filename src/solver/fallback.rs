@@ -19,7 +19,7 @@ use crate::solver::tuning;
 pub(super) fn may_hide_openings<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
     /// Factor of the tolerance: a pressure above this share of the loads is visible.
     const IN_SIGHT: f64 = 100.0;
-    let largest = problem.mu.iter().fold(0.0_f64, |m, &mu| m.max(mu));
+    let largest = problem.law.iter().fold(0.0_f64, |m, law| m.max(law.mu));
     !problem.rigid.modes.is_empty() && largest * IN_SIGHT * tol >= 1.0
 }
 
@@ -35,7 +35,7 @@ pub(super) fn withdraw_if_none<const D: usize>(
     let started = Instant::now();
     if enumerate::few(problem, stop)?.is_some_and(|found| found.proves_none(problem)) {
         solution.outcome = Outcome::NoEquilibrium;
-        solution.statuses_tried = enumerate::statuses(&problem.mu);
+        solution.statuses_tried = enumerate::statuses(&problem.law);
     }
     solution.seconds += started.elapsed().as_secs_f64();
     Ok(())
@@ -59,7 +59,7 @@ pub(super) fn try_statuses<const D: usize>(
     solution.seconds += started.elapsed().as_secs_f64();
     if found.proves_none(problem) {
         solution.outcome = Outcome::NoEquilibrium;
-        solution.statuses_tried = enumerate::statuses(&problem.mu);
+        solution.statuses_tried = enumerate::statuses(&problem.law);
     }
     for (r, rigid) in found.answers {
         let certificate = Certificate::new(problem, &r, &rigid);

@@ -281,7 +281,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 Habit::None
             };
             // A contact that cannot move does not penetrate: this was checked.
-            let mu = self.problem.mu[i];
+            let mu = self.problem.law[i].mu;
             let next = match one_node::solve(block, &free, mu, habit) {
                 Some((next, _)) => next,
                 // No solution with the other reactions fixed: make one projection.

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::project;
+use crate::law::contact_law::ContactLaw;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{self, Certificate};
@@ -288,17 +289,18 @@ fn within_cones<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Option<
     /// Largest distance of sliding contacts from the boundary of the cone that is due to
     /// rounding.
     const RIM: f64 = 1e-12;
-    let outside =
-        |(r, &mu): (&[f64; D], &f64)| tangential_norm(r) > mu * r[0] * (1.0 + RIM) || r[0] < 0.0;
-    if !r.iter().zip(&problem.mu).any(outside) {
+    let outside = |(r, law): (&[f64; D], &ContactLaw)| {
+        tangential_norm(r) > law.mu * r[0] * (1.0 + RIM) || r[0] < 0.0
+    };
+    if !r.iter().zip(&problem.law).any(outside) {
         return None;
     }
-    let inside = |pair: (&[f64; D], &f64)| {
+    let inside = |pair: (&[f64; D], &ContactLaw)| {
         if outside(pair) {
-            project(pair.0, *pair.1).0
+            project(pair.0, pair.1.mu).0
         } else {
             *pair.0
         }
     };
-    Some(r.iter().zip(&problem.mu).map(inside).collect())
+    Some(r.iter().zip(&problem.law).map(inside).collect())
 }

@@ -88,9 +88,9 @@ impl<const D: usize> Solution<D> {
         rigid: Vec<f64>,
         certificate: &Certificate<D>,
     ) {
-        let nodes = r.iter().zip(&certificate.v).zip(&problem.mu);
+        let nodes = r.iter().zip(&certificate.v).zip(&problem.law);
         let gap: Vec<f64> = nodes
-            .map(|((r, v), &mu)| within_range(bipotential::gap(r, v, mu)))
+            .map(|((r, v), law)| within_range(bipotential::gap(r, v, law.mu)))
             .collect();
         // r = 0 is open, for any rounding of r̂ − ṽ̂ at a grazing contact.
         let status: Vec<Status> = r

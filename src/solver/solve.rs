@@ -86,7 +86,7 @@ pub fn solve_watched<const D: usize>(
     }
     if solution.outcome == Outcome::NoEquilibrium {
         // A method gives this outcome only after it has tried all statuses.
-        solution.statuses_tried = enumerate::statuses(&problem.mu);
+        solution.statuses_tried = enumerate::statuses(&problem.law);
     }
     if solution.outcome == Outcome::Converged && may_hide_openings(problem, settings.tol) {
         withdraw_if_none(problem, &mut solution, stop)?;
@@ -160,8 +160,8 @@ fn bilateral_start<const D: usize>(
         return Ok(None);
     };
     let (mut reaction, rigid) = (held.r, held.rigid);
-    for (r, &mu) in reaction.iter_mut().zip(&problem.mu) {
-        *r = project(r, mu).0; // contacts that would pull start open
+    for (r, law) in reaction.iter_mut().zip(&problem.law) {
+        *r = project(r, law.mu).0; // contacts that would pull start open
     }
     let v = problem.relative_displacement(&reaction, &rigid);
     monitor.count(1.0);

@@ -8,6 +8,7 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::solver::{Method, Settings, Solution, Start, solve};
@@ -90,7 +91,13 @@ impl<const D: usize> Case<D> {
     }
 
     pub(crate) fn problem(&self) -> Reduced<'_, D> {
-        Reduced::new(&self.compliance, &self.q, &self.mu, &self.rigid).unwrap()
+        Reduced::new(
+            &self.compliance,
+            &self.q,
+            &ContactLaw::coulomb(&self.mu),
+            &self.rigid,
+        )
+        .unwrap()
     }
 
     pub(crate) fn solve(&self, method: Method) -> Solution<D> {

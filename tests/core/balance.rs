@@ -9,6 +9,7 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::reduced::balance::{Balance, balance};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::existence::{balances, is_contradiction};
@@ -111,7 +112,7 @@ impl<const D: usize> Contacts<D> {
             load: load.to_vec(),
         };
         balance(
-            &Reduced::new(&self.compliance, &q, &self.mu, &rigid).unwrap(),
+            &Reduced::new(&self.compliance, &q, &ContactLaw::coulomb(&self.mu), &rigid).unwrap(),
             &AtomicBool::new(false),
         )
     }
@@ -345,7 +346,8 @@ fn the_solver_refuses_before_it_iterates() {
             load: load.to_vec(),
         };
         let q = vec![[0.0; 2]; 5];
-        let problem = Reduced::new(&case.compliance, &q, &case.mu, &rigid).unwrap();
+        let problem =
+            Reduced::new(&case.compliance, &q, &ContactLaw::coulomb(&case.mu), &rigid).unwrap();
         let stop = AtomicBool::new(false);
         solve(&problem, &Settings::default(), &Start::default(), &stop).unwrap()
     };
@@ -379,7 +381,13 @@ fn contradiction_of_an_unsymmetric_compliance_uses_its_rows() {
     ] {
         let compliance = normal_compliance(w);
         let q = [[-0.5, 0.0]; 2];
-        let problem = Reduced::new(&compliance, &q, &[0.0; 2], &Rigid::default()).unwrap();
+        let problem = Reduced::new(
+            &compliance,
+            &q,
+            &ContactLaw::coulomb(&[0.0; 2]),
+            &Rigid::default(),
+        )
+        .unwrap();
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
         assert!(!is_contradiction(&problem, &[-1.0, -1.0]));
     }
@@ -391,7 +399,13 @@ fn gaps_that_sum_to_zero_but_for_rounding_are_no_contradiction() {
     let compliance = normal_compliance([[1.0, -1.0], [-1.0, 1.0]]);
     for (rounding, proof) in [(6e-17, false), (1e-6, true)] {
         let q = [[0.3 - rounding, 0.0], [-0.3, 0.0]];
-        let problem = Reduced::new(&compliance, &q, &[0.0; 2], &Rigid::default()).unwrap();
+        let problem = Reduced::new(
+            &compliance,
+            &q,
+            &ContactLaw::coulomb(&[0.0; 2]),
+            &Rigid::default(),
+        )
+        .unwrap();
         assert_eq!(is_contradiction(&problem, &[1.0, 1.0]), proof);
     }
 }
@@ -409,7 +423,13 @@ fn pressure_balances_loads_or_is_too_large() {
             modes: vec![vec![[normal, 1.0], [normal, -1.0]]],
             load: vec![-2.0],
         };
-        let problem = Reduced::new(&compliance, &[[0.0; 2]; 2], &[0.3; 2], &rigid).unwrap();
+        let problem = Reduced::new(
+            &compliance,
+            &[[0.0; 2]; 2],
+            &ContactLaw::coulomb(&[0.3; 2]),
+            &rigid,
+        )
+        .unwrap();
         assert_eq!(balances(&problem, &pressure), expected);
     }
 }

@@ -13,6 +13,7 @@ use std::sync::atomic::AtomicBool;
 use bipot_rs::Error;
 use bipot_rs::condensation::condense::{Condensed, ProblemArrays, SortedProblem};
 use bipot_rs::law::cone::Status;
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::linalg::sparse::rows::Rows;
 use bipot_rs::path::stepping::LoadPath;
@@ -160,7 +161,7 @@ impl Blocks {
                 values: &self.contact.2,
             },
             gap: &self.gap,
-            mu: &vec![self.mu; self.gap.len()],
+            law: &ContactLaw::coulomb(&vec![self.mu; self.gap.len()]),
             fixed: &self.fixed,
             places: Some(&places),
             known: None,

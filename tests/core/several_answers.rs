@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::proof::uniqueness::{Unique, assess, assess_plane};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
@@ -67,7 +68,15 @@ impl Case {
 
     fn with<T>(&self, use_it: impl FnOnce(&Reduced<2>) -> T) -> T {
         let compliance = Compliance::from_dense(self.q.len(), Cow::Borrowed(&self.w)).unwrap();
-        use_it(&Reduced::new(&compliance, &self.q, &self.mu, &self.rigid).unwrap())
+        use_it(
+            &Reduced::new(
+                &compliance,
+                &self.q,
+                &ContactLaw::coulomb(&self.mu),
+                &self.rigid,
+            )
+            .unwrap(),
+        )
     }
 
     fn all(&self) -> Enumeration {
@@ -316,7 +325,12 @@ fn in_space(case: &Case, r: &[[f64; 2]], use_it: impl FnOnce(&Reduced<3>, &[[f64
     }
     let wider = |x: &[[f64; 2]]| x.iter().map(|x| [x[0], x[1], 0.0]).collect::<Vec<_>>();
     let compliance = Compliance::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
-    let problem = Reduced::new(&compliance, &wider(&case.q), &case.mu, &Rigid::default());
+    let problem = Reduced::new(
+        &compliance,
+        &wider(&case.q),
+        &ContactLaw::coulomb(&case.mu),
+        &Rigid::default(),
+    );
     use_it(&problem.unwrap(), &wider(r));
 }
 

@@ -9,6 +9,7 @@ use std::sync::atomic::AtomicBool;
 use crate::common::cases::{Case, compliance, difference};
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::Status;
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::reduced::compliance::{Compliance, Part};
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::reduced::residual::Certificate;
@@ -228,7 +229,13 @@ fn islands_are_solved_as_one_dense_problem_is() {
     let mut case = Case::<2>::held(7, 0.4, 8);
     case.compliance = Compliance::from_dense(7, Cow::Owned(islands.to_dense())).unwrap();
     let dense = case.solve(Method::Auto);
-    let problem = Reduced::new(&islands, &case.q, &case.mu, &case.rigid).unwrap();
+    let problem = Reduced::new(
+        &islands,
+        &case.q,
+        &ContactLaw::coulomb(&case.mu),
+        &case.rigid,
+    )
+    .unwrap();
     let settings = Settings {
         tol: 1e-12,
         ..Settings::default()
@@ -396,7 +403,8 @@ fn a_large_friction_hides_no_penetration() {
         // On the cone, and slipping against the reaction.
         let (r, v) = ([1.0, MU], [-depth, -0.5]);
         let q = [v[0] - r[0], v[1] - r[1]];
-        let problem = Reduced::new(&unit, &[q], &[MU], &Rigid::default()).unwrap();
+        let problem =
+            Reduced::new(&unit, &[q], &ContactLaw::coulomb(&[MU]), &Rigid::default()).unwrap();
         Certificate::of(&problem, &[r], vec![v], &[])
     };
     assert!(certificate(0.0).converged(TOL));

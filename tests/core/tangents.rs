@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::law::cone::Status;
+use bipot_rs::law::contact_law::ContactLaw;
 use bipot_rs::linalg::small::{Block, Vector};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
@@ -174,7 +175,13 @@ fn an_asymmetric_compliance_is_transposed() {
     solves(&problem, &laws, &system, 6);
     // Its inverse is not formed: the other form is for symmetric compliances.
     let shared = Arc::new(case.compliance);
-    let problem = Reduced::new(&shared, &case.q, &case.mu, &case.rigid).unwrap();
+    let problem = Reduced::new(
+        &shared,
+        &case.q,
+        &ContactLaw::coulomb(&case.mu),
+        &case.rigid,
+    )
+    .unwrap();
     let sticking = any_laws::<3>(&[0, 1, 2, 3, 4, 5, 6], &[0, 1, 2, 3, 4, 5, 6], 5);
     let form = TangentStiffnessForm::new(&shared, &problem.scaling, &sticking, &GO).unwrap();
     assert!(form.is_none());
@@ -184,7 +191,13 @@ fn both_forms<const D: usize>(seed: u64) {
     let contacts = 12;
     let case = Case::<D>::held(contacts, 0.4, seed);
     let shared = Arc::new(case.compliance);
-    let problem = Reduced::new(&shared, &case.q, &case.mu, &case.rigid).unwrap();
+    let problem = Reduced::new(
+        &shared,
+        &case.q,
+        &ContactLaw::coulomb(&case.mu),
+        &case.rigid,
+    )
+    .unwrap();
     // One open contact, three that slide, the others stick.
     let closed: Vec<usize> = (0..contacts).filter(|&i| i != 4).collect();
     let sticks: Vec<usize> = closed.iter().copied().filter(|i| i % 4 != 1).collect();
@@ -248,7 +261,7 @@ fn laws_at<const D: usize>(problem: &Reduced<D>, at: &Solution<D>) -> Vec<Closed
             Status::Slip => {
                 let length = v[1..].iter().map(|s| s * s).sum::<f64>().sqrt();
                 let (mu, p): (f64, Vec<f64>) = (
-                    problem.mu[position],
+                    problem.law[position].mu,
                     v[1..].iter().map(|s| s / length).collect(),
                 );
                 // p·dr_t + μ dr_n = 0, and in space p⊥·(‖s‖ dr_t + μ r_n ds) = 0.
@@ -340,7 +353,7 @@ fn a_contact_alone_has_a_closed_form() {
     let w = vec![2.0, 0.0, 0.0, 2.0];
     let shared = Compliance::<2>::from_dense(1, Cow::Owned(w)).unwrap();
     let (q, rigid) = ([[-1.0, 3.0]], bipot_rs::reduced::reduced::Rigid::default());
-    let problem = Reduced::new(&shared, &q, &[mu], &rigid).unwrap();
+    let problem = Reduced::new(&shared, &q, &ContactLaw::coulomb(&[mu]), &rigid).unwrap();
     let law = ClosedLaw {
         position: 0,
         by_r: Block::<2>::new(0.0, 0.0, mu, 1.0),

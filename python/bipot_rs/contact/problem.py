@@ -22,6 +22,7 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages.remarks import ProblemRemarks, examine_arrays
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import Engine
@@ -342,7 +343,7 @@ class ContactProblem:
 
         loads = self.loading.read_step(load, prescribed)
         W, q, rigid = reduce_step(self.stiffness.core, self.loading, loads, start, gap)
-        return ReducedProblem(W, q, self.contacts.mu, rigid=rigid)
+        return ReducedProblem(W, q, self.contacts.law.mu, rigid=rigid)
 
     def existence(
         self,
@@ -829,8 +830,8 @@ class ContactProblem:
             self.stiffness.options,
         )
         if mu is not None:
-            contacts = replace(contacts, mu=contacts.check_mu(mu))
-            engine = engine.with_mu(contacts.mu)
+            contacts = replace(contacts, law=ContactLaw.check(*contacts.shape, mu=mu))
+            engine = engine.with_law(contacts.law)
         problem = PathProblem(
             contacts,
             self.remarks,

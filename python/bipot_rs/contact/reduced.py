@@ -16,10 +16,8 @@ from bipot_rs._lib import validation
 from bipot_rs._lib.messages import count_noun, size
 from bipot_rs._lib.types import Floats, MatrixLike
 from bipot_rs._lib.validation import (
-    RATIO,
     csr,
     floats,
-    friction,
     integer,
     positive,
     settings,
@@ -28,6 +26,7 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import tuning
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages import rigid_motion_names as rigid_motions
 from bipot_rs.contact.results import summary
@@ -119,9 +118,9 @@ class ReducedProblem:
         # As it was given.
         self.W: Any = W
         self.q = free
-        self.mu = friction(mu, contacts, d, ratio=RATIO)
+        self.law = ContactLaw.check(contacts, d, mu=mu)
         self.rigid = None if rigid is None else (modes.T, force)
-        self._core = _core.Reduced(parts, free, self.mu, modes, force)
+        self._core = _core.Reduced(parts, free, self.law, modes, force)
 
     def __reduce__(self) -> tuple[object, ...]:
         again = partial(ReducedProblem, rigid=self.rigid)
@@ -150,6 +149,11 @@ class ReducedProblem:
             ("friction", summary.describe_friction(self.mu)),
             ("rigid motions", f"{held} held by contact alone"),
         ]
+
+    @property
+    def mu(self) -> Floats:
+        """Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``."""
+        return self.law.mu
 
     @property
     def asymmetry(self) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Ints, PetscVec
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
 from bipot_rs.contact.path.iterative import UncondensedStep
@@ -166,8 +167,8 @@ class PetscEngine:
         """The same problem with other gaps."""
         return replace(self, gap=gap)
 
-    def with_mu(self, _mu: Floats, /) -> PetscEngine:
-        """Not needed: a problem of PETSc has one set of friction coefficients."""
+    def with_law(self, _law: ContactLaw, /) -> PetscEngine:
+        """Not needed: a problem of PETSc has one law of its contacts."""
         raise ValueError("engine='petsc' cannot change mu: make another problem")
 
     def with_rotation(self, _rotation: Floats, /) -> PetscEngine:

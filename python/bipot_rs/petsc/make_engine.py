@@ -112,7 +112,7 @@ def make_engine(K: PetscMat, given: Arguments, library: Library) -> PetscEngine:
         lambda: _core.ContactVariables(
             (contact.indptr, contact.indices, contact.data),
             given.contacts.gap_by_component,
-            given.contacts.mu,
+            given.contacts.law,
             position,
             len(given.fixed),
             blocks.reshape(-1, d * d),

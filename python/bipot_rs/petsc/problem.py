@@ -143,12 +143,12 @@ class ContactProblem:
             self.comm,
             B=np.concatenate([part.ravel() for part in contacts.operator.parts]),
             gap=contacts.gap_by_component,
-            mu=contacts.mu,
             fixed=arguments.fixed,
             area=contacts.area,
             points=contacts.x,
             frame=contacts.frame,
             gather=np.array(arguments.gather),
+            **contacts.law.arrays(),
         )
         if len(set(self.comm.allgather(arguments.coordinates is None))) > 1:
             raise ValueError(

@@ -105,7 +105,7 @@ class Functionals:
         self._stiffness = stiffness.matrix
         self._contact = _matrix(problem)
         self._fixed = fixed
-        self._by, self._mu = _core.isotropic(problem.contacts.mu, d)
+        self._by, self._mu = _core.isotropic(problem.contacts.law.mu, d)
         self._shape = (contacts, d)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))

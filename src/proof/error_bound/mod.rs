@@ -152,9 +152,9 @@ impl<const D: usize> Bound<D> {
 
     fn start(problem: &Reduced<D>, r: &[[f64; D]], rigid: &[f64]) -> Self {
         let v = problem.exact_displacement(r, rigid);
-        let contacts = r.iter().zip(&v).zip(&problem.mu);
+        let contacts = r.iter().zip(&v).zip(&problem.law);
         let gap: Vec<f64> = contacts
-            .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+            .map(|((r, v), law)| bipotential::gap(r, v, law.mu))
             .collect();
         Self {
             kind: BoundKind::Global,
@@ -278,14 +278,14 @@ impl<const D: usize> Prepared<D> {
         };
         let onto_cone: Vec<_> = r
             .iter()
-            .zip(&problem.mu)
-            .map(|(r, &mu)| project(r, mu).0)
+            .zip(&problem.law)
+            .map(|(r, law)| project(r, law.mu).0)
             .collect();
         let by_law: Vec<_> = r
             .iter()
             .zip(&here)
-            .zip(&problem.mu)
-            .map(|((r, v), &mu)| law_step(r, v, 1.0, mu).0)
+            .zip(&problem.law)
+            .map(|((r, v), law)| law_step(r, v, 1.0, law.mu).0)
             .collect();
         let candidates =
             [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
@@ -441,8 +441,8 @@ impl<const D: usize> Prepared<D> {
                 }
             }
         }
-        let points = point.iter().zip(&problem.mu);
-        let faces: Vec<Face<D>> = points.map(|(r, &mu)| Face::of(r, mu)).collect();
+        let points = point.iter().zip(&problem.law);
+        let faces: Vec<Face<D>> = points.map(|(r, law)| Face::of(r, law.mu)).collect();
         let reaction: Vec<_> = faces.iter().map(|face| face.reaction).collect();
         let moved: Vec<_> = faces.iter().map(|face| face.moved).collect();
         let (v, dv) = self.displacement(problem, &reaction, &moved);
@@ -465,9 +465,9 @@ fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -
     let unit: Vec<_> = r.iter().map(|r| r.map(|c| times_two_to(c, -e))).collect();
     let mut moved = vec![[0.0; D]; r.len()];
     problem.compliance.product(&unit, &mut moved);
-    let contacts = unit.iter().zip(v).zip(&problem.mu);
+    let contacts = unit.iter().zip(v).zip(&problem.law);
     let gaps: f64 = contacts
-        .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+        .map(|((r, v), law)| bipotential::gap(r, v, law.mu))
         .sum();
     let works = unit.iter().zip(&moved).map(|(r, w)| dot(r, w));
     let stored = 0.5 * works.sum::<f64>();

@@ -49,7 +49,10 @@ impl<'p, const D: usize> System<'p, D> {
     ) -> Result<Option<Factors<'_, 'p, D>>, Error> {
         let problem = self.problem;
         let compliance = &problem.compliance;
-        let slopes = s.iter().zip(&problem.mu).map(|(s, &mu)| self.slope(s, mu));
+        let slopes = s
+            .iter()
+            .zip(&problem.law)
+            .map(|(s, law)| self.slope(s, law.mu));
         let slopes: Vec<Block<D>> = slopes.collect();
         let of_law = slopes.iter().zip(&scalings);
         let of_law: Vec<Block<D>> = of_law

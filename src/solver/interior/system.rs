@@ -1,6 +1,7 @@
 //! The equations of a path.
 
 use crate::error::Error;
+use crate::law::contact_law::ContactLaw;
 use crate::law::second_order;
 use crate::linalg::small::{Block, Vector};
 use crate::reduced::memory;
@@ -63,7 +64,7 @@ impl<'p, const D: usize> System<'p, D> {
         if !(0..n).all(|i| (0..D).all(|k| movable(problem, i, k))) {
             return Ok(None);
         }
-        let stretch = problem.mu.iter().map(|&mu| {
+        let stretch = problem.law.iter().map(|&ContactLaw { mu }| {
             let mut diagonal = Vector::repeat(f64::from(u8::from(mu > 0.0)));
             diagonal[0] = if mu > 0.0 { 1.0 / mu } else { 1.0 };
             diagonal
@@ -95,7 +96,7 @@ impl<'p, const D: usize> System<'p, D> {
 
     pub(super) fn evaluate_missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
         let mut missed = self.displacement(v);
-        for ((value, s), &mu) in missed.iter_mut().zip(s).zip(&self.problem.mu) {
+        for ((value, s), &ContactLaw { mu }) in missed.iter_mut().zip(s).zip(&self.problem.law) {
             *value = s - *value;
             if mu > 0.0 {
                 value[0] -= self.height(s);

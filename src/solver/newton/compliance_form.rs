@@ -92,7 +92,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             if at.status == Status::Open {
                 continue;
             }
-            let width = if problem.mu[node] > 0.0 { D } else { 1 };
+            let width = if problem.law[node].mu > 0.0 { D } else { 1 };
             rows.push(ClosedContact {
                 node,
                 first,

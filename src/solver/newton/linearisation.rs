@@ -59,7 +59,7 @@ impl<const D: usize> Linearisation<D> {
         let of_node = |i: usize| {
             let r = r[i].map(|c| c * scaling.to_r[i]);
             let v = v[i].map(|c| c * scaling.to_v[i] * rho);
-            let mut at = linearised(&r, &v, problem.mu[i]);
+            let mut at = linearised(&r, &v, problem.law[i].mu);
             at = match at.status {
                 Status::Stick => hold(problem, i, &r, &v),
                 // A contact that no reaction can move is not closed by one.
@@ -123,7 +123,7 @@ impl<const D: usize> Linearisation<D> {
                 return open(&r);
             }
             let mut at = hold(problem, i, &r, &v);
-            if problem.mu[i] == 0.0 {
+            if problem.law[i].mu == 0.0 {
                 at.status = Status::Slip; // one unknown, the normal one
                 for (k, r) in r.iter().enumerate().skip(1) {
                     at.by_v[(k, k)] = 0.0;

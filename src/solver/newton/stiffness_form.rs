@@ -135,7 +135,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
                 let pushed = borders.iter().zip(amounts);
                 value[k] += dr[i][k] - pushed.map(|(b, a)| b[i][k] * a).sum::<f64>();
             }
-            if self.problem.mu[i] == 0.0 {
+            if self.problem.law[i].mu == 0.0 {
                 value[1..].fill(0.0);
             }
         }

@@ -356,7 +356,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
                     1.0 + part
                 } else if movable(problem, i, k) {
                     // Inside the dual cone: c_n > μ ‖c_t‖.
-                    0.1 * (part - 0.5) / (1.0 + problem.mu[i])
+                    0.1 * (part - 0.5) / (1.0 + problem.law[i].mu)
                 } else {
                     0.0
                 };
@@ -389,7 +389,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         let scaling = &problem.scaling;
         let (mut cells, mut to_r, mut to_v) = (Vec::new(), r.to_vec(), v.to_vec());
         for (i, polygon) in polygons.iter().enumerate() {
-            let (x, mu) = (trial(problem, i, &r[i], &v[i]), problem.mu[i]);
+            let (x, mu) = (trial(problem, i, &r[i], &v[i]), problem.law[i].mu);
             let size = x.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
             let least = OFF * (1.0 + fraction(i)) * size;
             let (least_r, least_v) = (least / scaling.to_r[i], least / scaling.to_v[i]);
@@ -457,7 +457,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
     /// A contact that slides on a polygon may stick on the disc around it, so both are checked.
     fn direction(&self, i: usize, slid: bool) -> Option<f64> {
         let x = trial(self.problem, i, &self.r[i], &self.v[i]);
-        let mu = self.problem.mu[i];
+        let mu = self.problem.law[i].mu;
         let slides = match self.cells[i] {
             Cell::Open | Cell::Free => false,
             Cell::Stick => slid || tangential_norm(&x) > mu * x[0],
@@ -470,7 +470,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
     fn law(&self, r: &[[f64; D]], v: &[[f64; D]]) -> Linearisation<D> {
         let scaling = &self.problem.scaling;
         let of_node = |i: usize| {
-            let mut rows = self.polygons[i].rows(self.cells[i], self.problem.mu[i]);
+            let mut rows = self.polygons[i].rows(self.cells[i], self.problem.law[i].mu);
             if self.cells[i] == Cell::Stick {
                 for k in 1..D {
                     if !movable(self.problem, i, k) {
@@ -570,7 +570,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
     fn leaves(&self, i: usize, from: Cell, dr: &[f64; D], dv: &[f64; D]) -> bool {
         let mut slope = 0.0;
         let cell = self.cells[i];
-        self.polygons[i].guards(cell, self.problem.mu[i], |guard| {
+        self.polygons[i].guards(cell, self.problem.law[i].mu, |guard| {
             if cell == Cell::Open || guard.to == from {
                 slope = guard.at(&self.to_r(i, dr), &self.to_v(i, dv));
             }
@@ -600,7 +600,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         for (i, &cell) in self.cells.iter().enumerate() {
             let (r, v) = (self.to_r(i, &self.r[i]), self.to_v(i, &self.v[i]));
             let (dr, dv) = (self.to_r(i, &dr[i]), self.to_v(i, &dv[i]));
-            self.polygons[i].guards(cell, self.problem.mu[i], |guard| {
+            self.polygons[i].guards(cell, self.problem.law[i].mu, |guard| {
                 // The boundary crossed last lies behind the point.
                 let back = |(j, from)| j == i && (cell == Cell::Open || guard.to == from);
                 let slope = guard.at(&dr, &dv);
@@ -621,7 +621,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         let from = self.cells[i];
         self.cells[i] = if from == Cell::Open {
             self.v[i][0] = 0.0;
-            if self.problem.mu[i] > 0.0 {
+            if self.problem.law[i].mu > 0.0 {
                 Cell::Corner(self.polygons[i].against(&self.v[i]))
             } else {
                 Cell::Free

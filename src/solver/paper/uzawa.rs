@@ -263,7 +263,7 @@ impl<'p, const D: usize> Map<'p, D> {
     fn one_projection(&self, from: &UzawaPoint<D>) -> Vec<[f64; D]> {
         let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
             Some(law) => law.step(r, v, self.rho(i)),
-            None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
+            None => law_step(r, v, self.rho(i), self.problem.law[i].mu).0,
         };
         from.r.iter().zip(&from.v).enumerate().map(node).collect()
     }
@@ -280,7 +280,7 @@ impl<'p, const D: usize> Map<'p, D> {
         let mut r = half.r.clone();
         for (i, r) in r.iter_mut().enumerate() {
             // The disc is the section of the cone at the height of its radius.
-            let limit = self.problem.mu[i] * r[0];
+            let limit = self.problem.law[i].mu * r[0];
             let tau = minus_scaled(r, self.rho(i), &half.v[i]);
             let length = tangential_norm(&tau);
             let shrink = if length > limit { limit / length } else { 1.0 };
@@ -319,7 +319,7 @@ impl<'p, const D: usize> Map<'p, D> {
         for i in 0..from.r.len() {
             let subtracted = |v: &[f64; D]| match self.variant {
                 Variant::OneProjection | Variant::Momentum if self.frozen.is_empty() => {
-                    corrected(v, self.problem.mu[i])
+                    corrected(v, self.problem.law[i].mu)
                 }
                 _ => *v,
             };

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import _core
+from bipot_rs.contact.law.contact_law import ContactLaw
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def variables_of(
     return _core.ContactVariables(
         (rows.indptr, rows.indices, rows.data),
         gap,
-        np.broadcast_to(np.asarray(mu, float), len(gap)).copy(),
+        ContactLaw.check(*gap.shape, mu=mu),
         position,
         len(fixed),
         np.array(blocks),

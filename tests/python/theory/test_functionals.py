@@ -234,7 +234,7 @@ def test_the_solution_minimises_over_admissible_fields(name: str, n: int) -> Non
                 assert value >= least - rounding
             # (28b): reactions in the cone, in balance where a body is free.
             new = t0 + r + size * np.abs(t0 + r).max() * rng.normal(size=r.shape)
-            new, _ = bp.project(new, problem.contacts.mu)
+            new, _ = bp.project(new, problem.contacts.law.mu)
             if modes.size:
                 scale = (t0 + r).ravel() @ modes[:, 0] / (new.ravel() @ modes[:, 0])
                 new *= abs(scale)

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from bipot_rs._lib.types import AnyArray, Floats
 from bipot_rs._lib.validation import (
-    RATIO,
     Csr,
     areas,
     by_component,
@@ -17,8 +16,8 @@ from bipot_rs._lib.validation import (
     contact_array,
     floats,
     frames,
-    friction,
 )
+from bipot_rs.contact.law.contact_law import ContactLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,8 @@ class Contacts:
         Number of components of a contact.
     gap : (n_c,) or (n_c, d)
         Gaps at the start, as the caller gave them.
-    mu : (n_c,) or (n_c, 2)
-        Friction coefficients.
+    law
+        Numbers of the law of each contact.
     area : (n_c,) or None
         Tributary areas.
     x : (n_c, d) or None
@@ -46,7 +45,7 @@ class Contacts:
     operator: Csr
     d: int
     gap: Floats
-    mu: Floats
+    law: ContactLaw
     area: Floats | None = None
     x: Floats | None = None
     frame: Floats | None = None
@@ -79,7 +78,7 @@ class Contacts:
             operator,
             d,
             gaps,
-            friction(mu, count, d, ratio=RATIO),
+            ContactLaw.check(count, d, mu=mu),
             areas(area, count),
             contact_array("points", points, count, d),
             frames(frame, count, d),
@@ -100,10 +99,6 @@ class Contacts:
         """Gaps at the start, ``(n_c, d)``."""
         return self.gap if self.gap.ndim == 2 else by_component(self.gap, self.d)
 
-    def check_mu(self, mu: ArrayLike) -> Floats:
-        """Check other friction coefficients of these contacts."""
-        return friction(mu, *self.shape, ratio=RATIO)
-
     def arrays(self) -> dict[str, AnyArray | None]:
         """Arrays by the names of `Result.contacts`."""
         frame = self.frame
@@ -113,7 +108,7 @@ class Contacts:
             "frame": frame,
             "area": self.area,
             "gap": self.gap,
-            "mu": self.mu,
+            **self.law.arrays(),
         }
 
     def tractions(self, reaction: Floats) -> Floats | None:

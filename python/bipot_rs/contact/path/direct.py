@@ -15,6 +15,7 @@ from bipot_rs._lib.messages import count_noun
 from bipot_rs._lib.types import Floats, Ints, Record
 from bipot_rs._lib.validation import Settings
 from bipot_rs.contact import tuning
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.frames import find_rotation
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.path.engine import StepData
@@ -52,9 +53,9 @@ class Direct:
         """The same problem with other gaps."""
         return Direct(self.core.with_gap(gap))
 
-    def with_mu(self, mu: Floats) -> Direct:
-        """The same problem with other friction coefficients."""
-        return Direct(self.core.with_mu(mu))
+    def with_law(self, law: ContactLaw) -> Direct:
+        """The same problem with another law of its contacts."""
+        return Direct(self.core.with_law(law))
 
     def with_rotation(self, rotation: Floats) -> Direct:
         """The same problem in other frames, Q by rows."""
@@ -174,7 +175,7 @@ class CondensedStep:
         return FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
-            mu=self.data.contacts.mu,
+            mu=self.data.contacts.law.mu,
             W=lambda: _find_compliance(core),
             modes=lambda: core.modes().T,
             several=several,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.path.contacts import Contacts
 from bipot_rs.contact.results.solution import Inquiry, Recovery, Step
 
@@ -95,8 +96,8 @@ class Engine(Protocol):
     def with_gap(self, gap: Floats, /) -> Engine:
         """The same problem with other gaps."""
 
-    def with_mu(self, mu: Floats, /) -> Engine:
-        """The same problem with other friction coefficients."""
+    def with_law(self, law: ContactLaw, /) -> Engine:
+        """The same problem with another law of its contacts."""
 
     def with_rotation(self, rotation: Floats, /) -> Engine:
         """The same problem in other frames: Q of each contact by rows, ``(d n_c, d)``."""

@@ -14,6 +14,7 @@ import numpy as np
 import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Record
 from bipot_rs._lib.validation import Settings
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.law.status import Outcome
 from bipot_rs.contact.messages.diagnosis import FailedSolve, diagnose
 from bipot_rs.contact.path.contacts import Contacts
@@ -52,7 +53,7 @@ class Iterative:
     direct: Callable[[], Engine]
     shape: tuple[int, int]
     gap: Floats | None = None
-    mu: Floats | None = None
+    law: ContactLaw | None = None
     record: IterationRecord = field(default_factory=IterationRecord)
     loose: Loose = field(default_factory=lambda: Loose(np.zeros(0, np.int64), 0.0))
     rotation: Floats | None = None
@@ -79,9 +80,9 @@ class Iterative:
         """The same problem with other gaps."""
         return replace(self, gap=gap)
 
-    def with_mu(self, mu: Floats) -> Iterative:
-        """The same problem with other friction coefficients."""
-        return replace(self, core=self.core.with_mu(mu), mu=mu)
+    def with_law(self, law: ContactLaw) -> Iterative:
+        """The same problem with another law of its contacts."""
+        return replace(self, core=self.core.with_law(law), law=law)
 
     def with_rotation(self, rotation: Floats) -> Engine:
         """The same problem in other frames, Q by rows.
@@ -120,9 +121,9 @@ class Iterative:
         return UncondensedStep(data)
 
     def replacement(self) -> Engine:
-        """The direct engine with the same friction and frames."""
+        """The direct engine with the same law and frames."""
         made = self.direct()
-        made = made if self.mu is None else made.with_mu(self.mu)
+        made = made if self.law is None else made.with_law(self.law)
         return made if self.rotation is None else made.with_rotation(self.rotation)
 
 
@@ -259,7 +260,7 @@ class UncondensedStep:
         tried = FailedSolve(
             method=self.data.settings.method,
             max_seconds=self.data.settings.max_seconds,
-            mu=self.data.contacts.mu,
+            mu=self.data.contacts.law.mu,
             W=lambda: None,
             modes=lambda: np.empty((d * len(v), 0)),
             several=lambda _step: False,

@@ -353,7 +353,7 @@ class PathSolver:
         ]
         return motion.describe_motion(
             motion.move_contacts(modes, amounts, d),
-            find_opening(step.outcome, self._contacts.mu),
+            find_opening(step.outcome, self._contacts.law.mu),
             points=self._contacts.x,
             frame=self._contacts.frame if moving is None else moving.frame,
             bodies=meeting,

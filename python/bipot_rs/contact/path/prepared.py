@@ -34,6 +34,7 @@ from bipot_rs.contact.errors import (
     with_message,
     with_reason,
 )
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.contact.messages import rigid_motion_names
 from bipot_rs.contact.path import choice
 from bipot_rs.contact.path.contacts import Contacts
@@ -409,13 +410,13 @@ class PreparedStiffness:
 
     def _arguments(
         self,
-    ) -> tuple[Parts, Floats, Floats, Ints, int | None, Floats | None]:
+    ) -> tuple[Parts, Floats, ContactLaw, Ints, int | None, Floats | None]:
         """Arguments of the core after the stiffness, in its order."""
         contacts, options = self._contacts, self.options
         return (
             contacts.operator.parts,
             contacts.gap_by_component,
-            contacts.mu,
+            contacts.law,
             options.fixed,
             options.num_threads,
             options.coordinates,

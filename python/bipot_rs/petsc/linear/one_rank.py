@@ -11,6 +11,7 @@ import bipot_rs._core as _core
 from bipot_rs._lib.types import Floats, Integers, PetscVec
 from bipot_rs._lib.validation import csr, indices
 from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.law.contact_law import ContactLaw
 from bipot_rs.petsc.linear.symmetric_part import SymmetricPart
 from bipot_rs.petsc.operator import Springs
 from bipot_rs.petsc.own_rows import OwnRows
@@ -77,11 +78,11 @@ class OneRankFactor:
         stiffness = csr("P", vstack(rows).tocsr())
         # No contacts: those of the problem are springs and held places in P.
         none = csr("B", csr_array((0, n)))
-        gap, mu = np.zeros((0, d)), np.zeros((0, d - 1))
+        gap, law = np.zeros((0, d)), ContactLaw(np.zeros(0))
         fixed = indices("fixed", None, n)
         try:
             self._factor = _core.Condensed(
-                stiffness.parts, none.parts, gap, mu, fixed, None
+                stiffness.parts, none.parts, gap, law, fixed, None
             )
         except (FloatingBodyError, ValueError) as error:
             return str(error)

@@ -4,6 +4,7 @@
 //! Both are convex; together they are a block Gauss–Seidel iteration between the
 //! normal and the tangential components of all contacts.
 
+use crate::law::contact_law::ContactLaw;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
@@ -22,14 +23,14 @@ pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
 /// The laws of friction with the normal reactions of `r` fixed.
 #[must_use]
 pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
-    let given = |(r, mu): (&[f64; D], &f64)| {
+    let given = |(r, law): (&[f64; D], &ContactLaw)| {
         let normal = r[0].max(0.0);
         Frozen::Friction {
             normal,
-            limit: mu * normal,
+            limit: law.mu * normal,
         }
     };
-    r.iter().zip(&problem.mu).map(given).collect()
+    r.iter().zip(&problem.law).map(given).collect()
 }
 
 /// Runs until the monitor stops it or passes give no improvement.

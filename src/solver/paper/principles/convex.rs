@@ -200,8 +200,8 @@ fn into_cones<const D: usize>(
     point: &mut PrinciplePoint<D>,
     monitor: &mut Monitor<D>,
 ) {
-    let within = point.r.iter().zip(&problem.mu);
-    let r: Vec<[f64; D]> = within.map(|(r, &mu)| project(r, mu).0).collect();
+    let within = point.r.iter().zip(&problem.law);
+    let r: Vec<[f64; D]> = within.map(|(r, law)| project(r, law.mu).0).collect();
     if r != point.r {
         *point = PrinciplePoint::new(problem, r, std::mem::take(&mut point.rigid));
         monitor.count(1.0);

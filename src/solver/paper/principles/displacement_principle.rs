@@ -5,6 +5,7 @@
 //! fixed. Its dual is solved: minimise `½ rᵀW r + qᵀr` over `r_n ≥ 0`, `‖r_t‖ ≤ s`. There `r_n`
 //! is the multiplier of `v_n ≥ 0` in [dSF91, 38b].
 
+use crate::law::contact_law::ContactLaw;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
@@ -15,10 +16,10 @@ use crate::solver::settings::Start;
 /// The laws of a pass, with friction limits from the pressures of `r`.
 #[must_use]
 pub fn frozen<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
-    let limit = |(r, mu): (&[f64; D], &f64)| Frozen::Tresca {
-        limit: mu * r[0].max(0.0),
+    let limit = |(r, law): (&[f64; D], &ContactLaw)| Frozen::Tresca {
+        limit: law.mu * r[0].max(0.0),
     };
-    r.iter().zip(&problem.mu).map(limit).collect()
+    r.iter().zip(&problem.law).map(limit).collect()
 }
 
 /// Runs until the monitor stops it or passes give no improvement.

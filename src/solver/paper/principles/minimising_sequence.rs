@@ -68,7 +68,7 @@ pub fn bifunctional<const D: usize>(
             let energy: f64 = (0..D)
                 .map(|k| (of_u.r[i][k] - of_r.r[i][k]) * (of_u.v[i][k] - of_r.v[i][k]))
                 .sum();
-            0.5 * energy + gap(&of_r.r[i], &of_u.v[i], problem.mu[i])
+            0.5 * energy + gap(&of_r.r[i], &of_u.v[i], problem.law[i].mu)
         })
         .sum()
 }

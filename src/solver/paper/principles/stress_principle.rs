@@ -4,6 +4,7 @@
 //! It minimises `½ rᵀW r + (q + μ‖v_t‖ n)ᵀ r` over `r ∈ K_μ` with `μ‖v_t‖` fixed: the
 //! associated law, whose dilatancy the fixed slip cancels.
 
+use crate::law::contact_law::ContactLaw;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::tangential_norm;
 use crate::reduced::reduced::Reduced;
@@ -15,11 +16,11 @@ use crate::solver::settings::Start;
 /// The laws of a pass, with the slip of `v`.
 #[must_use]
 pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Frozen<D>> {
-    let of_slip = |(v, &mu): (&[f64; D], &f64)| Frozen::Cone {
-        mu,
-        slip: mu * tangential_norm(v),
+    let of_slip = |(v, law): (&[f64; D], &ContactLaw)| Frozen::Cone {
+        mu: law.mu,
+        slip: law.mu * tangential_norm(v),
     };
-    v.iter().zip(&problem.mu).map(of_slip).collect()
+    v.iter().zip(&problem.law).map(of_slip).collect()
 }
 
 /// Runs until the monitor stops it or passes give no improvement.

@@ -18,6 +18,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import _core
+from bipot_rs.contact.law.contact_law import ContactLaw
 from support.numpy_engine import NumpyEngine
 
 pytestmark = pytest.mark.needs_extra
@@ -26,6 +27,7 @@ Call = Callable[..., Any]
 
 EYE = (np.arange(5), np.arange(4), np.ones(4))
 GAP, MU = np.full((2, 2), -0.1), np.full(2, 0.3)
+LAW = ContactLaw(MU)
 LOAD, NONE = np.array([-1.0, 0.1, -1.0, 0.1]), np.zeros(0)
 ISLAND = [([0, 1], np.eye(4).ravel(), None)]
 # Contact 1 sticks: by_v = I.
@@ -140,23 +142,28 @@ def seen_tangent(variables: Any) -> Any:
     return engine.tangent
 
 
+def within_law(call: Call, k: int) -> Call:
+    """The call with its argument ``k``, friction coefficients, as a `ContactLaw`."""
+    return lambda *args: call(*args[:k], ContactLaw(args[k]), *args[k + 1 :])
+
+
 def entries() -> dict[str, tuple[Call, list[Any]]]:
     """Every function of the core with valid arguments."""
-    condensed = _core.Condensed(EYE, EYE, GAP, MU, np.zeros(0, np.int64), 2)
-    held = _core.Reduced(ISLAND, GAP, MU, np.zeros((0, 4)), NONE)
-    floating = _core.Reduced(ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1]))
+    condensed = _core.Condensed(EYE, EYE, GAP, LAW, np.zeros(0, np.int64), 2)
+    held = _core.Reduced(ISLAND, GAP, LAW, np.zeros((0, 4)), NONE)
+    floating = _core.Reduced(ISLAND, GAP, LAW, MODES, np.array([-1.0, 0.1]))
     tangents = _core.TangentView(condensed, CLOSED)
     linear = held.tangent(CLOSED, STICKS, ROWS)
     assert linear is not None
     limits = ["auto", 1e-10, 50, 1.0]
     none, places = np.zeros(0, np.int64), np.repeat(np.eye(3)[:2], 2, axis=0)
-    primal = _core.Primal(EYE, EYE, GAP, MU, none, 2, places)
+    primal = _core.Primal(EYE, EYE, GAP, LAW, none, 2, places)
     iterated, unknowns = _core.PrimalTangent(primal), np.ones(4)
     right = np.ones(ROWS.size // 2 + 4)
     # Two free nodes of one body that is held.
     free, blocks, body = np.zeros(4, np.int64), np.ones((2, 4)), np.zeros(2, np.int64)
     interface = [EYE, GAP, MU, free, 0, blocks, body, np.ones(1, np.int64)]
-    variables = _core.ContactVariables(*interface)
+    variables = within_law(_core.ContactVariables, 2)(*interface)
     tangent = seen_tangent(variables)
     laws = _core.LinearisedLaws.of(variables, CLOSED, STICKS, ROWS)
     assert laws is not None
@@ -168,7 +175,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
     return {
         "project": (_core.project, [GAP, MU, None]),
         "Condensed": (
-            lambda *a: _core.Condensed(*a, 1).compliance(),
+            within_law(lambda *a: _core.Condensed(*a, 1).compliance(), 3),
             [EYE, EYE, GAP, MU, np.zeros(0, np.int64)],
         ),
         "free_part": (condensed.free_part, [LOAD, NONE]),
@@ -182,25 +189,25 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "known": (
             lambda *loads: _core.Condensed(
-                EYE, EYE, GAP, MU, np.zeros(0, np.int64), 1, None, [loads], 10**6
+                EYE, EYE, GAP, LAW, np.zeros(0, np.int64), 1, None, [loads], 10**6
             ),
             [LOAD, NONE],
         ),
         "working set": (
             lambda *arrays: _core.Path(
-                _core.Condensed(
+                within_law(_core.Condensed, 3)(
                     *arrays, np.zeros(0, np.int64), 1, None, None, None, True
                 )
             ).step(LOAD, NONE, None, *limits),
             [EYE, EYE, GAP, MU],
         ),
         "Primal": (
-            lambda *a: _core.PrimalPath(_core.Primal(*a)).step(
+            lambda *a: _core.PrimalPath(within_law(_core.Primal, 3)(*a)).step(
                 LOAD, NONE, None, *limits
             ),
             [EYE, EYE, GAP, MU, none, 1, places],
         ),
-        "Primal, with_mu": (primal.with_mu, [MU]),
+        "Primal, with_law": (within_law(primal.with_law, 0), [MU]),
         "PrimalPath": (
             lambda *a: _core.PrimalPath(primal, *a).step(LOAD, NONE, None, *limits),
             [None, None],
@@ -210,7 +217,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             [LOAD, NONE, GAP, *limits],
         ),
         "ContactVariables": (
-            lambda *a: _core.ContactVariables(*a).transformation(),
+            lambda *a: within_law(_core.ContactVariables, 2)(*a).transformation(),
             interface,
         ),
         "ContactVariables, change": (
@@ -272,7 +279,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             [square, cell, slopes, np.ones(1), 1.0, np.ones((1, 2)), None],
         ),
         "sum_of_cells": (_core.sum_of_cells, [cell, 4, 2, np.ones((1, 64)), 1]),
-        "with_mu": (condensed.with_mu, [MU]),
+        "with_law": (within_law(condensed.with_law, 0), [MU]),
+        "with_law, no law": (condensed.with_law, [LAW]),
         "with_gap": (condensed.with_gap, [GAP]),
         "follow": (
             lambda *loads: _core.follow([_core.Path(condensed)], [[loads]], *limits),
@@ -284,7 +292,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, GAP, *limits]),
         "Reduced": (
-            lambda *a: _core.Reduced(*a).solve(*settings),
+            lambda *a: within_law(_core.Reduced, 2)(*a).solve(*settings),
             [ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1])],
         ),
         "residual": (held.residual, [GAP, None]),
@@ -421,7 +429,7 @@ def test_no_panic(name: str) -> None:
         (lambda: ENTRIES["Reduced, assess"][0](GAP[:1]), "reaction"),
         (
             lambda: _core.Reduced(
-                [([0, 0], np.eye(4).ravel(), None)], GAP, MU, MODES, NONE
+                [([0, 0], np.eye(4).ravel(), None)], GAP, LAW, MODES, NONE
             ),
             "contact 0 is out of range, or twice",
         ),
@@ -461,6 +469,7 @@ import numpy as np
 from scipy import sparse
 import bipot_rs as bp
 from bipot_rs import _core
+from bipot_rs.contact.law.contact_law import ContactLaw
 
 gigabyte = 2**30
 resource.setrlimit(resource.RLIMIT_AS, (3 * gigabyte, 3 * gigabyte))

@@ -8,6 +8,7 @@ import pytest
 import bipot_rs as bp
 import bipot_rs._core as _core
 from bipot_rs.contact.errors import with_message
+from bipot_rs.contact.law.contact_law import ContactLaw
 
 ISLAND = [([0], np.eye(2).ravel(), None)]
 GAP = np.array([[1.0, 0.0]])
@@ -17,7 +18,11 @@ def refused(mu: float = 0.5, modes: int = 0) -> Exception:
     """The error of a reduced problem of one contact."""
     with pytest.raises((ValueError, bp.BipotError)) as caught:
         _core.Reduced(
-            ISLAND, GAP, np.array([mu]), np.zeros((modes, 2)), np.zeros(modes)
+            ISLAND,
+            GAP,
+            ContactLaw(np.array([mu])),
+            np.zeros((modes, 2)),
+            np.zeros(modes),
         )
     return caught.value
 
