@@ -72,8 +72,11 @@ COMBINED = 8.0
 ROUNDED = 64.0
 # Entries of K in one block of the fit of rigid motions: about 60 MB.
 BLOCK = 200_000
-# Iterations of LSQR. Meshes with 100 cells per side need about 500.
-MOST_STEPS = 5000
+# A row may be off by `SLACK`, and one entry may have to change for several rows.
+MOST_CHANGE = 2.0 * SLACK
+# Runs of LSQR, each from the remainder of the one before, and the iterations of each. Meshes
+# with 100 cells per side need about 500.
+MOST_RUNS, MOST_STEPS = 4, 5000
 # Largest reduction of one LSQR run in double precision.
 LEAST_REDUCTION = 1e-11
 
@@ -288,13 +291,7 @@ class _Rows:
             Neither the error of K nor supports explain ``K Z``.
         """
         forces = (self.A @ self.values).reshape(self.n, self.m)
-        terms = (abs(self.A) @ self.uncertain).reshape(self.n, self.m)
-        share = np.zeros_like(forces)
-        # Translations and rotations each relative to their largest terms: a row may have
-        # small terms for one of them.
-        for of in (slice(0, self.digits.d), slice(self.digits.d, self.m)):
-            largest = terms[:, of].max(axis=1, keepdims=True)
-            share[:, of] = np.abs(forces[:, of]) / np.where(largest > 0, largest, 1.0)
+        share = np.abs(forces) / self._sum_largest_terms(self.uncertain)
         off = share.max(axis=1)
         held = off > SLACK * self.digits.rtol
         used = float(off[~held].max(initial=0.0))
@@ -308,6 +305,19 @@ class _Rows:
             raise self._refuse_misplaced(turned, off)
         self.held = held
         return max(used, self._leave_supports_out(held, off, forces))
+
+    def _sum_largest_terms(self, sizes: Floats) -> Floats:
+        """Sums of the terms of each equation for entries of these sizes, ``(n, m)``.
+
+        Of the translations, and of the rotations, of a row the largest counts: one of them
+        may have no terms but entries that are the rounding of others. Never zero.
+        """
+        terms = (abs(self.A) @ sizes).reshape(self.n, self.m)
+        for of in (slice(0, self.digits.d), slice(self.digits.d, self.m)):
+            terms[:, of] = terms[:, of].max(axis=1, keepdims=True)
+        # Rows with supports have combinations of motions.
+        terms[self.held] = COMBINED * terms[self.held].max(axis=1, keepdims=True)
+        return np.where(terms > 0, terms, 1.0)
 
     def _refuse_misplaced(self, turned: Bools, off: Floats) -> ValueError:
         typical = float(np.median(off[turned]))
@@ -459,7 +469,7 @@ class _Rows:
         Raises
         ------
         ValueError
-            No change of the stored entries is enough.
+            No change within the uncertainty of the stored entries is enough.
         """
         # Entries off the diagonal count twice.
         scale = self.uncertain * np.where(self.i == self.j, 1.0, np.sqrt(0.5))
@@ -470,30 +480,46 @@ class _Rows:
         # Empty rows have no equation.
         inverse = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0)
         G.data *= np.repeat(inverse, np.diff(G.indptr))
-        terms = abs(self.A) @ np.abs(self.values)
-        by_row = terms.reshape(self.n, self.m)
-        # Combinations of motions have rounding errors of their own.
-        by_row[self.held] = COMBINED * by_row[self.held].max(axis=1, keepdims=True)
-        goal = inverse * EPS * terms
+        sizes = np.abs(self.values)
+        largest = EPS * self._sum_largest_terms(sizes)
+        # The aim are the terms of each motion alone: bending of flat cells depends on them.
+        terms = EPS * (abs(self.A) @ sizes).reshape(self.n, self.m)
+        aim = np.where((terms > 0) & ~self.held[:, None], terms, largest).ravel()
         values = self.values.copy()
         worst, best = np.inf, values
-        for _ in range(4):
-            left = inverse * (self.A @ values)
-            now = float(np.abs(left / np.where(goal > 0, goal, 1.0)).max(initial=0.0))
+        for _ in range(MOST_RUNS):
+            left = self.A @ values
+            now = float((np.abs(left) / aim).max(initial=0.0))
             if now >= worst:
                 break
             worst, best = now, values
             if worst <= ENOUGH:
                 break
             reduction = max(0.2 / worst, LEAST_REDUCTION)
-            values = values - scale * _find_least_change(G, left, reduction)
-        if worst > RESTORED:
+            values = values - scale * _find_least_change(G, inverse * left, reduction)
+        remainder = float((np.abs(self.A @ best) / largest.ravel()).max(initial=0.0))
+        if remainder > RESTORED:
             raise ValueError(
                 "stiffness_rtol: no change of the stored entries of K restores its rigid "
-                f"motions, {worst * EPS:.1e} of the terms of a row remain. Store all entries "
-                "of the elements in K, also small ones"
+                f"motions, {remainder * EPS:.1e} of the terms of a row remain. Store all "
+                "entries of the elements in K, also small ones"
             )
+        change = np.abs(best - self.values) / np.where(scale > 0, self.uncertain, 1.0)
+        if change.max(initial=0.0) > MOST_CHANGE * self.digits.rtol:
+            raise self._refuse_change(int(np.argmax(change)), best)
         return np.asarray(best, np.float64)
+
+    def _refuse_change(self, entry: int, restored: Floats) -> ValueError:
+        value = self.values[entry]
+        change = abs(restored[entry] / value - 1.0)
+        digits = 10.0 ** np.ceil(np.log10(change))
+        remedy = f"give stiffness_rtol={digits:.0e}" if digits <= MOST else "correct it"
+        return ValueError(
+            f"stiffness_rtol: to restore the rigid motions of K, its entry ({self.i[entry]}, "
+            f"{self.j[entry]}) = {value:.6g} must change by {change:.1e} of itself, more than "
+            f"stiffness_rtol = {self.digits.rtol:g} explains. If it was written with fewer "
+            f"digits, {remedy}; if small entries of the elements were left out, store them too"
+        )
 
 
 def _motions_of_body(direction: Ints, places: Floats, d: int) -> tuple[Floats, Floats]:
@@ -534,7 +560,12 @@ def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:
         G.shape, matvec=lambda x: G @ x, rmatvec=lambda y: turned @ y, dtype=np.float64
     )
     solution = lsqr(
-        product, left, atol=reduction, btol=reduction, conlim=0, iter_lim=MOST_STEPS
+        product,
+        left,
+        atol=LEAST_REDUCTION,
+        btol=reduction,
+        conlim=0,
+        iter_lim=MOST_STEPS,
     )
     return np.asarray(solution[0], np.float64)
 

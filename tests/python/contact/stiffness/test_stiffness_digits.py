@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.io import mmwrite
+from skfem import MeshTet
 
 import bipot_rs as bp
 import bipot_rs._core as _core
@@ -709,3 +710,172 @@ def test_many_random_blocks() -> None:
         check_random(seed)
         check_too_many_digits(1000 + seed)
         check_wrong_places(2000 + seed)
+
+
+class Body(NamedTuple):
+    """A stiffness, and the coordinates of its degrees of freedom, node by node."""
+
+    K: Any
+    at: Array
+
+    def restore(self, K: Any, rtol: float) -> Any:
+        """The restored stiffness. All degrees of freedom have contacts."""
+        n, d = self.at.shape
+        gap = np.zeros(n // d)
+        problem = bp.ContactProblem(
+            K, np.eye(n), gap=gap, mu=0.3, coordinates=self.at, stiffness_rtol=rtol
+        )
+        assert problem.stats["rigid_motions"] >= (3 if d == 2 else 6)
+        return used(problem)
+
+
+def random_body(rng: np.random.Generator, cell: str, nu: float, finer: int = 0) -> Body:
+    """A box, or a cube whose tetrahedra were divided, often with moved nodes or turned.
+
+    With ν = 0, many entries are the rounding of terms that cancel; where nodes are moved by
+    little, whole sets of entries are small.
+    """
+    d = 2 if cell in ("triangle", "quadrilateral") else 3
+    if cell == "divided":
+        mesh: Any = MeshTet().refined(1 + finer)
+    else:
+        most = 4 + finer
+        steps = [rng.uniform(0.5, 1.5, rng.integers(1, most)) for _ in range(d)]
+        mesh = fem.box([np.concatenate([[0.0], np.cumsum(s)]) for s in steps], cell)
+    points = mesh.doflocs * rng.uniform(0.3, 3.0, (d, 1))
+    way = rng.integers(3)
+    if way == 1:
+        points += 10 ** rng.uniform(-9, -2) * rng.uniform(-1, 1, points.shape)
+    elif way == 2:
+        points = np.linalg.qr(rng.standard_normal((d, d)))[0] @ points
+    body = fem.Body("it", type(mesh)(points, mesh.t), fem.Material(7e4, nu))
+    model = fem.assemble([body], [])
+    return Body(model.K, np.repeat(model.nodes, d, axis=0))
+
+
+def disturbed(K: Any, digits: int, rng: np.random.Generator) -> Any:
+    """K with errors of its last digit: written, or at random up to the limit."""
+    if rng.integers(2):
+        return written(K, digits)
+    low = sparse.tril(K, format="csr")
+    low.data *= 1 + 10.0**-digits * rng.uniform(-1, 1, low.nnz)
+    return sparse.csr_array(low + sparse.tril(low, -1).T)
+
+
+def least_change(K: Any, at: Array, rtol: float) -> tuple[Array, float]:
+    """The least change of the entries of K in its lower triangle, by dense least squares.
+
+    It is relative to the uncertainty of an entry: ``rtol`` of it, and 8 ε of the geometric
+    mean of its two diagonals for the rounding of the assembly. Entries off the diagonal count
+    twice. The second value is how much of it the rounding of K decides: it is larger where
+    small entries alone balance a row.
+    """
+    n, d = at.shape
+    full = K.toarray()
+    roots = np.sqrt(np.diag(full))
+    size = rtol * np.abs(full) + 8 * EPS * np.outer(roots, roots)
+    row, column = np.nonzero(np.tril(full))
+    weight = size[row, column] * np.where(row == column, 1.0, np.sqrt(0.5))
+    equations, errors = [], []
+    for i in range(n):
+        # Rotations about the node of the row.
+        arm = at - at[i]
+        Z = [np.arange(n) % d == k for k in range(d)]
+        Z += [
+            arm[:, a] * (np.arange(n) % d == b) - arm[:, b] * (np.arange(n) % d == a)
+            for a in range(d)
+            for b in range(a)
+        ]
+        other = np.where(row == i, column, np.where(column == i, row, -1))
+        for z in np.array(Z, float):
+            equations.append(np.where(other >= 0, z[other], 0.0) * weight)
+            errors.append(full[i] @ z)
+    G, b = np.array(equations), np.array(errors)
+    norm = np.linalg.norm(G, axis=1)
+    G, b = G[norm > 0] / norm[norm > 0, None], b[norm > 0] / norm[norm > 0]
+    # Smaller singular values belong to the symmetry of Zᵀ K Z, which always holds.
+    change, _, _, sizes = np.linalg.lstsq(G, -b, rcond=1e-10)
+    out = np.zeros_like(full)
+    out[row, column] = change
+    return out, EPS / rtol / sizes[sizes > 1e-10 * sizes[0]].min()
+
+
+CELLS = ["tetrahedron", "divided", "hexahedron", "triangle", "quadrilateral"]
+
+
+def check_restored(seed: int, finer: int = 0) -> None:
+    """A rounded stiffness is restored by the least change, within its digits."""
+    rng = np.random.default_rng(seed)
+    cell = CELLS[seed % len(CELLS)]
+    body = random_body(rng, cell, float(rng.choice([0.0, 0.0, 0.3])), finer)
+    digits = int(rng.integers(6, 9))
+    rtol = 10.0**-digits
+    K = disturbed(body.K, digits, rng)
+    found = body.restore(K, rtol)
+    # The limit of the core for a rigid motion is 64.
+    assert off(found, rigid(body.at, body.at.shape[1])) <= 16 * EPS, seed
+    roots = np.sqrt(K.diagonal())
+    size = rtol * abs(K).toarray() + 8 * EPS * np.outer(roots, roots)
+    moved = np.tril((found - K).toarray() / size)
+    # A written digit is right to five units of rtol; entries share the errors of rows.
+    assert np.abs(moved).max() <= 10, seed
+    if K.shape[0] > 150:
+        return
+    moved *= np.sqrt(2) - (np.sqrt(2) - 1) * np.eye(len(moved))
+    least, rounding = least_change(K, body.at, rtol)
+    # LSQR leaves less than 1e-6; each row has a few roundings.
+    bound = (1e-6 + 10 * rounding) * np.linalg.norm(least)
+    assert np.linalg.norm(moved) <= np.linalg.norm(least) + bound, seed
+    assert np.linalg.norm(moved - least) <= bound, seed
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_restored_by_the_least_change(seed: int) -> None:
+    check_restored(seed)
+
+
+@pytest.mark.slow
+def test_many_restored_by_the_least_change() -> None:
+    for seed in range(1000, 1300):
+        check_restored(seed, finer=seed % 2)
+
+
+@pytest.mark.parametrize("digits", [6, 7, 8])
+def test_rows_that_are_rounding(digits: int) -> None:
+    """Tetrahedra with ν = 0: whole equations have no terms but rounding of the assembly."""
+    mesh = MeshTet().refined(2)
+    points = mesh.p * np.array([[1.7], [0.9], [2.3]])
+    body = fem.Body("it", MeshTet(points, mesh.t), fem.Material(7e4, 0.0))
+    model = fem.assemble([body], [])
+    K = sparse.csr_array(model.K)
+    it = Body(K, np.repeat(model.nodes, 3, axis=0))
+    found = it.restore(written(K, digits), 10.0**-digits)
+    assert off(found, rigid(it.at, 3)) <= 16 * EPS
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_wrong_small_entry(seed: int) -> None:
+    """Its error hides below the digits of its row, but not below its own.
+
+    A truss on a square with one diagonal. At the two other corners the bars are nearly along
+    the axes, and only entries of 1e-4 couple x and y.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    x += 1e-4 * rng.uniform(-1, 1, x.shape)
+    K = np.zeros((8, 8))
+    for a, b in [(0, 1), (2, 3), (0, 2), (1, 3), (0, 3)]:
+        along = (x[b] - x[a]) / np.linalg.norm(x[b] - x[a])
+        ends = np.zeros(8)
+        ends[2 * a : 2 * a + 2], ends[2 * b : 2 * b + 2] = along, -along
+        K += np.outer(ends, ends)
+    it = Body(sparse.csr_array(K), np.repeat(x, 2, axis=0))
+    assert off(it.restore(it.K, 1e-8), rigid(it.at, 2)) <= 16 * EPS
+    K[3, 2] *= 1 + 1e-4
+    K[2, 3] = K[3, 2]
+    wrong = sparse.csr_array(K)
+    with pytest.raises(ValueError, match="must change by") as refused:
+        it.restore(wrong, 1e-8)
+    offered = re.search(r"give stiffness_rtol=([\de-]+)", str(refused.value))
+    assert offered
+    assert off(it.restore(wrong, float(offered[1])), rigid(it.at, 2)) <= 16 * EPS
