@@ -23,12 +23,6 @@ macro_rules! fitted {
             }
         }
     )+
-
-        /// The names, kinds and values of this file.
-        #[cfg(feature = "tuning")]
-        pub(crate) const NAMES: &[(&str, &str)] = &[
-            $((concat!(module_path!(), "::", stringify!($name)), stringify!($kind = $value)),)+
-        ];
     };
 }
 pub(crate) use fitted;

@@ -38,6 +38,7 @@ __all__ = [
     "bodies",
     "build_profile",
     "check_settings",
+    "combine_motions",
     "connected",
     "diagonal",
     "dof_directions",
@@ -866,6 +867,12 @@ def resisting_rows(
     Their numbers; the forces relative to the terms of each row, ``(rows, m)``; and whether
     some are neither rounding nor those of a spring. ``motions (n, m)`` are those at all
     columns of the rows.
+    """
+
+def combine_motions(rows: _Floats) -> _Floats:
+    """Amounts, as rows, of orthogonal combinations of motions.
+
+    What the motions move in the ``rows (k, m)`` is orthogonal for two of them, too.
     """
 
 def free_motions(rows: _Floats, accuracy: float = ...) -> _Floats:

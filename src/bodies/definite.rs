@@ -13,10 +13,6 @@ const SAFE: f64 = 1e-9;
 /// singular matrix without a smaller pivot would have increased its entries as much.
 const SAFE_INSIDE: f64 = 1e-6;
 
-/// If the softest motion of the interior has less energy, relative to the diagonal of `K`, it
-/// may be rounding.
-pub(super) const DOUBTFUL: f64 = 1e-11;
-
 /// Whether the weakest pivot of an interior, if it has one, leaves no doubt.
 #[must_use]
 pub fn is_interior_safe(weakest_pivot: Option<(usize, f64)>) -> bool {

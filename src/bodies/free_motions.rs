@@ -3,14 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::bodies::definite::{DOUBTFUL, is_interior_safe};
+use crate::bodies::definite::is_interior_safe;
 use crate::bodies::geometry::Geometry;
 use crate::bodies::rank::{Combinations, SAME_BODY};
 use crate::bodies::separation::SoftestMotions;
 use crate::bodies::softest::{
     DiagonalScaling, MotionBlock, iterate_on_all, iterate_on_contact_set, measure_softest_interior,
 };
-use crate::bodies::tuning::{CLEAR, MECHANISM, WIDTH};
+use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::jacobi::combine;
 use crate::linalg::sparse::multifrontal::Factor;
@@ -125,7 +125,7 @@ impl Question<'_> {
             return false;
         }
         let weights = DiagonalScaling::new(self.stiffness);
-        measure_softest_interior(factor, &weights, self.kept) <= DOUBTFUL
+        measure_softest_interior(factor, &weights, self.kept) <= tuning::doubtful_energy()
     }
 
     /// Rigid motions that supports leave free, from the positions of the degrees of freedom, if
@@ -197,7 +197,7 @@ impl Question<'_> {
         iterate: impl Fn(usize) -> Result<Option<MotionBlock>, Error>,
     ) -> Result<Option<SoftestMotions>, Error> {
         let weights = DiagonalScaling::new(self.stiffness);
-        let mut width = WIDTH;
+        let mut width = tuning::block_width();
         loop {
             let Some(block) = iterate(width)? else {
                 return Ok(None);
@@ -228,11 +228,11 @@ impl Question<'_> {
         if rigid_are_known {
             // A rigid motion that is held by the geometry is held, by any lever arm.
             null.retain(|x| !self.is_rigid(x));
-            if softest.gap < MECHANISM {
+            if softest.gap < tuning::mechanism_gap() {
                 null.clear();
             }
         } else if let Some(motion) = null.first()
-            && softest.gap < CLEAR
+            && softest.gap < tuning::clear_gap()
         {
             let dof = self.find_most_moved(motion);
             return Err(Error::FewDigits { dof });

@@ -13,7 +13,7 @@ use crate::bodies::basis::list_motions;
 use crate::bodies::directions::{DofDirection, find_directions};
 use crate::bodies::rank::{Combinations, SAME_BODY, keep_independent};
 use crate::bodies::resistance::{ROUNDING, measure_resistance};
-use crate::bodies::tuning::BELIEVED;
+use crate::bodies::tuning;
 use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::rows::OwnedMatrix;
@@ -73,7 +73,7 @@ impl Geometry {
             .filter(unsupported)
             .count();
         #[expect(clippy::cast_precision_loss, reason = "counts")]
-        if against as f64 > (1.0 - BELIEVED) * tell as f64 {
+        if against as f64 > (1.0 - tuning::believed_share()) * tell as f64 {
             return None;
         }
         let column = |k: usize| resisting.iter().map(|(_, forces)| forces[k]).collect();
@@ -92,8 +92,6 @@ impl Geometry {
     /// Whether a motion of a body is rigid, with or without supports.
     #[must_use]
     pub fn is_rigid(&self, dofs: &[usize], motion: &[f64]) -> bool {
-        /// Largest difference between a motion found by iteration and a rigid one.
-        const NEAR: f64 = 1e-3;
         let Some(mut rigid) = self.list_motions(dofs) else {
             return false;
         };
@@ -105,7 +103,7 @@ impl Geometry {
                 *value -= along * z;
             }
         }
-        norm(&rest) <= NEAR * norm(motion)
+        norm(&rest) <= tuning::near_rigid() * norm(motion)
     }
 
     /// All rigid motions of these degrees of freedom, linearly independent, of size 1.

@@ -27,6 +27,11 @@
 //!    rounding of a Cholesky factorisation, all matrices near `K` are definite: the body is held
 //!    [Demmel 1989]. This is the quick way, and decides for most bodies.
 //!
+//! The same holds for a stiffness that was written with few digits, where `ω` is the error of its
+//! entries: `contact/stiffness/digits.py` weighs the rows by the error of each entry and asks for
+//! the combinations here ([`rank`]). Whether *contact* resists a free motion depends on the signs
+//! of reactions and is a cone programme: `reduced/balance.rs`.
+//!
 //! A verdict "held" is then not given for a `K` that is exactly singular, nor "free" for one that
 //! resists above rounding: what lies between is refused or counts as stated. Contacts and
 //! supports of other engines are rows in the amounts of rigid motions ([`holding`]); a
@@ -34,7 +39,7 @@
 //! can be held by nothing: [`Error::FloatingBody`].
 //!
 //! [`basis`] has the only rigid motions of the program, [`directions`] the meaning of each
-//! degree of freedom, [`connected`] the bodies, [`tuning`] the thresholds that were fitted.
+//! degree of freedom, [`connected`] the bodies, `tuning` the thresholds that were fitted.
 //!
 //! [`Error::FewDigits`]: crate::error::Error::FewDigits
 //! [`Error::FloatingBody`]: crate::error::Error::FloatingBody
@@ -50,4 +55,4 @@ pub mod rank;
 pub mod resistance;
 mod separation;
 mod softest;
-pub mod tuning;
+pub(crate) mod tuning;

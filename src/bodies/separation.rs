@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use crate::bodies::softest::{DiagonalScaling, MotionBlock, Raised, scale};
-use crate::bodies::tuning::{APART, ROUNDING, ROUNDING_APART, SHARE};
+use crate::bodies::tuning;
 use crate::linalg::compensated;
 use crate::linalg::dense;
 use crate::linalg::jacobi::combine;
@@ -144,15 +144,15 @@ impl SoftestMotions {
             .collect();
         let clear = rows
             .iter()
-            .take_while(|&&row| row <= ROUNDING_APART)
+            .take_while(|&&row| row <= tuning::rounding_apart())
             .count();
         let next = gaps[clear..]
             .iter()
             .fold(self.gap, |least, &gap| least.min(gap));
-        let (bound, share) = if next >= APART {
-            (ROUNDING_APART, f64::INFINITY)
+        let (bound, share) = if next >= tuning::apart() {
+            (tuning::rounding_apart(), f64::INFINITY)
         } else {
-            (ROUNDING, SHARE)
+            (tuning::rounding(), tuning::energy_share())
         };
         for (motion, (row, gap)) in motions.into_iter().zip(rows.into_iter().zip(gaps)) {
             if row <= bound && gap <= share {
@@ -201,7 +201,7 @@ impl RitzMotion {
     /// The energy over the rounding error of K.
     fn over_rounding(&self, k: &OwnedMatrix) -> f64 {
         let sizes: Vec<f64> = self.x.iter().map(|x| x.abs()).collect();
-        let rounding = ROUNDING * f64::EPSILON * k.absolute_form(&sizes);
+        let rounding = tuning::rounding() * f64::EPSILON * k.absolute_form(&sizes);
         self.energy.abs() / rounding.max(f64::MIN_POSITIVE)
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::bodies::tuning::{MOST_SHIFT, RAISE, ROUNDS, SHIFT};
+use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::random_signs::random_signs;
@@ -139,19 +139,16 @@ pub(super) fn iterate_on_contact_set(
         }
         a
     };
-    let mut shift = SHIFT;
-    let factored = loop {
+    let factor_shifted = |shift| {
         let mut a = shifted(shift);
-        if dense::cholesky(&mut a, m, stop)?.is_none() {
-            break a;
-        }
-        shift *= RAISE;
-        if shift > MOST_SHIFT {
-            return Ok(None);
-        }
+        let failed = dense::cholesky(&mut a, m, stop)?;
+        Ok(failed.is_none().then_some(a))
+    };
+    let Some((factored, shift)) = find_shift(factor_shifted)? else {
+        return Ok(None);
     };
     let mut block = starts(m, width.min(m));
-    for _ in 0..ROUNDS {
+    for _ in 0..tuning::inverse_rounds() {
         for column in &mut block {
             dense::solve_lower(&factored, m, column, 1);
             dense::solve_lower_transpose(&factored, m, column, 1);
@@ -191,8 +188,7 @@ pub(super) fn iterate_on_all(
     width: usize,
     stop: &AtomicBool,
 ) -> Result<Option<MotionBlock>, Error> {
-    let mut shift = SHIFT;
-    let (factor, s) = loop {
+    let factor_raised = |shift| {
         let mut raised = k.clone();
         for j in 0..raised.pointer.len() - 1 {
             for at in raised.pointer[j]..raised.pointer[j + 1] {
@@ -204,17 +200,15 @@ pub(super) fn iterate_on_all(
         match Factor::new(Arc::clone(symbolic), &raised.view(), stop) {
             Ok(mut factor) => {
                 let mut s = factor.take_schur();
-                if dense::cholesky(&mut s, kept.len(), stop)?.is_none() {
-                    break (factor, s);
-                }
+                let failed = dense::cholesky(&mut s, kept.len(), stop)?;
+                Ok(failed.is_none().then_some((factor, s)))
             }
-            Err(Error::Indefinite { .. } | Error::FloatingBody { .. }) => {}
-            Err(other) => return Err(other),
+            Err(Error::Indefinite { .. } | Error::FloatingBody { .. }) => Ok(None),
+            Err(other) => Err(other),
         }
-        shift *= RAISE;
-        if shift > MOST_SHIFT {
-            return Ok(None);
-        }
+    };
+    let Some(((factor, s), shift)) = find_shift(factor_raised)? else {
+        return Ok(None);
     };
     let raised = Raised {
         factor,
@@ -223,7 +217,7 @@ pub(super) fn iterate_on_all(
     };
     let n = k.pointer.len() - 1;
     let mut block = starts(n, width.min(n));
-    for _ in 0..ROUNDS {
+    for _ in 0..tuning::inverse_rounds() {
         for x in &mut block {
             let mut y = weights.times(x);
             raised.solve(&mut y);
@@ -236,6 +230,23 @@ pub(super) fn iterate_on_all(
         shift,
         raised: Some(raised),
     }))
+}
+
+/// The first of growing shifts with which `factor` gives a factorisation, and the latter; `None`
+/// if none does.
+fn find_shift<T>(
+    factor: impl Fn(f64) -> Result<Option<T>, Error>,
+) -> Result<Option<(T, f64)>, Error> {
+    let mut shift = tuning::first_shift();
+    loop {
+        if let Some(factored) = factor(shift)? {
+            return Ok(Some((factored, shift)));
+        }
+        shift *= tuning::shift_growth();
+        if shift > tuning::largest_shift() {
+            return Ok(None);
+        }
+    }
 }
 
 /// The energy of the softest motion of the interior alone that inverse iteration finds,

@@ -10,14 +10,11 @@ use crate::condensation::body::{Body, Imbalance, Recovered};
 use crate::condensation::forecast::Forecast;
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
+use crate::condensation::tuning;
 use crate::error::Error;
 use crate::linalg::sparse::rows::OwnedMatrix;
 use crate::reduced::memory::Budget;
 use crate::reduced::validate::{check_finite, check_length};
-
-/// A body with less work [flop] uses one thread, and several such bodies run in parallel; a
-/// larger one uses all threads and all memory.
-const SMALL: f64 = 1e9;
 
 /// Totals of one step: forces on all degrees of freedom, prescribed displacements.
 pub type Loads = (Vec<f64>, Vec<f64>);
@@ -112,7 +109,9 @@ impl Bodies {
         let loads = loads.transpose()?;
         let condense = |part: AnalysedBody| part.condense(loads.as_deref(), stop);
         let started = Instant::now();
-        let small = parts.iter().all(|part| part.counts().flops < SMALL);
+        let small = parts
+            .iter()
+            .all(|part| part.counts().flops < tuning::serial_flops());
         let list: Vec<Result<Body, Error>> = if small {
             parts.into_par_iter().map(condense).collect()
         } else {

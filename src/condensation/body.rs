@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::condensation::contact_stiffness::ContactStiffness;
 use crate::condensation::ordered::OrderedBody;
+use crate::condensation::tuning;
 use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
@@ -317,8 +318,6 @@ impl Body {
         pushes: &[f64],
         rigid: &[&[f64]],
     ) -> Result<Recovered, Error> {
-        /// Largest number of corrections.
-        const MOST: usize = 30;
         /// Displacements of contacts may be this much smaller than the largest one.
         const FINE: f64 = 1e-8;
         let (n, count) = (self.dofs().len(), rigid.len());
@@ -340,7 +339,7 @@ impl Body {
         let mut last = vec![f64::INFINITY; count];
         // Finished columns are left out.
         let mut open: Vec<usize> = (0..count).filter(|_| n > 0).collect();
-        for _ in 0..=MOST {
+        for _ in 0..=tuning::most_corrections() {
             let imbalance = |&k: &usize| {
                 let low = fine.then(|| &low[column(k)]);
                 self.left(&u[column(k)], low, &forces[column(k)])

@@ -15,6 +15,7 @@ use crate::condensation::bodies::{Bodies, Loaded, forecast, needed};
 use crate::condensation::condense::{Condensed, SortedProblem, analyse, contact_set};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Far, Share, Surface};
+use crate::condensation::tuning;
 use crate::error::Error;
 use crate::law::contact_law::ContactLaw;
 use crate::linalg::sparse::multifrontal::Factor;
@@ -23,16 +24,6 @@ use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::rotation::Rotation;
-
-/// With at most this many degrees of freedom in the contact set of a body, all are kept: their
-/// `W` takes a fraction of the time of the factor.
-const MANY: usize = 600;
-
-/// If more than one candidate in so many touches at the start, all are kept.
-const FEW: usize = 4;
-
-/// Contacts of each body that are kept to hold it, if its supports do not.
-const PINS: usize = 12;
 
 /// With smaller pivots, relative to the diagonal of K, the eliminated part is held by contacts
 /// near one line, and solves with the factor lose digits.
@@ -83,7 +74,7 @@ impl<const D: usize> Candidates<D> {
         let all = surface.shares.iter().zip(few.shares.iter()).zip(&parts);
         let kept = all.map(|((share, few), (dofs, _))| {
             let whole = contact_set(share, dofs.len());
-            if whole.len() <= MANY {
+            if whole.len() <= tuning::all_kept() {
                 whole
             } else {
                 contact_set(few, dofs.len())
@@ -344,9 +335,9 @@ pub(super) fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Optio
         let mut contacts: Vec<usize> = share.rows.iter().map(|row| row.row / D).collect();
         contacts.dedup();
         let touching = contacts.iter().filter(|&&i| touches(i)).count();
-        let many = D * contacts.len() > MANY;
-        grows |= many && (always || FEW * touching <= contacts.len());
-        for k in 0..PINS {
+        let many = D * contacts.len() > tuning::all_kept();
+        grows |= many && (always || tuning::one_touches_in() * touching <= contacts.len());
+        for k in 0..tuning::pins() {
             if let Some(&contact) = contacts.get(scattered(k, contacts.len())) {
                 chosen[contact] = true;
             }

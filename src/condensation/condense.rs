@@ -20,6 +20,7 @@ use crate::condensation::forecast::Notice;
 use crate::condensation::pattern_cache::{self, Lookup};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
+use crate::condensation::tuning;
 use crate::error::Error;
 use crate::law::contact_law::{self, ContactLaw};
 use crate::linalg::sparse::csc::Symmetric;
@@ -30,10 +31,6 @@ use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::rotation::Rotation;
 use crate::reduced::validate::{check_finite, check_length};
-
-/// Analyses are looked up for at most this many bodies: many bodies are small, and ordering
-/// them is faster than the search.
-const FEW: usize = 16;
 
 /// The arrays of a contact problem, borrowed from the caller.
 #[derive(Debug)]
@@ -154,7 +151,7 @@ pub fn analyse(
     before: Option<&Bodies>,
 ) -> Result<Vec<AnalysedBody>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
-    let few = pattern_cache::limit()? > 0 && parts.len() <= FEW;
+    let few = pattern_cache::limit()? > 0 && parts.len() <= tuning::searched_bodies();
     let own: Vec<f64> = parts.par_iter().map(|(_, part)| largest(part)).collect();
     let most = own.iter().copied().fold(0.0, f64::max);
     // The unit of a body without stiffness, such as a rigid obstacle under a force, is that of

@@ -26,3 +26,4 @@ pub mod pattern_cache;
 pub mod problem;
 pub mod stats;
 pub mod surface;
+mod tuning;

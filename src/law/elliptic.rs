@@ -7,12 +7,9 @@
 
 use crate::law::cone::{Status, project, shifted, translated};
 
-/// Coefficients of an elliptic cone lie between this and its inverse: then products with their
-/// squares stay in the range of doubles.
-pub const LEAST: f64 = 1e-75;
-
 /// Euclidean projection onto `K_D`. The coefficients of both tangents are positive, within
-/// [`LEAST`] and its inverse, or both zero.
+/// 1e-75 and its inverse, so that products with their squares stay in the range of doubles, or
+/// both zero.
 ///
 /// Open where `‖D τ_t‖ ≤ −τ_n`, the polar cone; stick where `‖D⁻¹ τ_t‖ ≤ τ_n`.
 /// Otherwise `τ − r = λ (−r_n, D⁻² r_t)` with `λ > 0`, a normal of the cone at `r`:

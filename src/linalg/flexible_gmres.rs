@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::linalg::krylov_triangle::KrylovTriangle;
 use crate::linalg::pages::zeros;
 use crate::linalg::parallel::{axpy, dot, largest, map, map2, norm};
 use crate::linalg::power_of_two::{exponent, factors};
@@ -71,12 +72,12 @@ pub fn solve(
             apply(&z, &mut w);
             found.products += 1;
             let grows = space.extend(direction, w);
-            found.residual = space.residual() / size;
+            found.residual = space.triangle.residual() / size;
             if !grows || found.residual <= limits.tol {
                 break;
             }
         }
-        let progress = space.residual() < start;
+        let progress = space.triangle.residual() < start;
         space.add_minimiser(&mut found.x);
         found.reached = found.residual <= limits.tol;
         if !progress {
@@ -110,10 +111,7 @@ fn rounded(z: &mut [f64]) -> Direction {
 struct Space {
     basis: Vec<Vec<f64>>,
     directions: Vec<Direction>,
-    /// Columns of the triangle, the rotations that made it, and the rotated right side.
-    triangle: Vec<Vec<f64>>,
-    rotations: Vec<(f64, f64)>,
-    right: Vec<f64>,
+    triangle: KrylovTriangle,
 }
 
 impl Space {
@@ -122,14 +120,8 @@ impl Space {
         Self {
             basis: vec![r],
             directions: Vec::new(),
-            triangle: Vec::new(),
-            rotations: Vec::new(),
-            right: vec![size],
+            triangle: KrylovTriangle::new(size),
         }
-    }
-
-    fn residual(&self) -> f64 {
-        self.right[self.right.len() - 1].abs()
     }
 
     /// Adds a direction and its product. Returns whether the space can grow further.
@@ -144,22 +136,9 @@ impl Space {
             self.orthogonalise(&mut w, &mut column);
             length = norm(&w);
         }
-        for (k, &(c, s)) in self.rotations.iter().enumerate() {
-            let (x, y) = (column[k], column[k + 1]);
-            (column[k], column[k + 1]) = (c * x + s * y, c * y - s * x);
+        if !self.triangle.extend(column, length, f64::EPSILON * before) {
+            return false;
         }
-        let last = column.len() - 1;
-        let pivot = column[last].hypot(length);
-        if !(pivot > f64::EPSILON * before && pivot.is_finite()) {
-            return false; // a singular matrix, or numbers out of range
-        }
-        let (c, s) = (column[last] / pivot, length / pivot);
-        column[last] = pivot;
-        let carried = self.right[last];
-        self.right[last] = c * carried;
-        self.right.push(-s * carried);
-        self.rotations.push((c, s));
-        self.triangle.push(column);
         self.directions.push(direction);
         let grows = length > f64::EPSILON * before;
         if grows {
@@ -179,15 +158,8 @@ impl Space {
     }
 
     /// `x ← x + Z y`, `y` the solution of the triangle.
-    fn add_minimiser(mut self, x: &mut [f64]) {
-        for k in (0..self.triangle.len()).rev() {
-            self.right[k] /= self.triangle[k][k];
-            let solved = self.right[k];
-            for (value, h) in self.right[..k].iter_mut().zip(&self.triangle[k]) {
-                *value -= solved * h;
-            }
-        }
-        for (y, direction) in self.right.iter().zip(&self.directions) {
+    fn add_minimiser(self, x: &mut [f64]) {
+        for (y, direction) in self.triangle.solve().iter().zip(&self.directions) {
             axpy(*y, direction, x);
         }
     }

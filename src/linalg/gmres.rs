@@ -1,5 +1,6 @@
 //! GMRES with right preconditioning, without restarts.
 
+use crate::linalg::krylov_triangle::KrylovTriangle;
 use crate::linalg::small::{dot_long, norm};
 
 /// `A x`, or the error of the product.
@@ -39,10 +40,7 @@ pub fn solve<E>(
         return Ok(found);
     }
     let mut basis = vec![b.iter().map(|value| value / size).collect::<Vec<f64>>()];
-    // Columns of the triangle, the rotations that made it, and the rotated right side.
-    let mut triangle: Vec<Vec<f64>> = Vec::new();
-    let mut rotations: Vec<(f64, f64)> = Vec::new();
-    let mut right = vec![size];
+    let mut triangle = KrylovTriangle::new(size);
     found.residual = 1.0;
     let mut largest = 0.0_f64;
     while found.products < most && found.residual > tol {
@@ -64,40 +62,20 @@ pub fn solve<E>(
             }
         }
         let length = norm(&w);
-        for (k, &(c, s)) in rotations.iter().enumerate() {
-            let (x, y) = (column[k], column[k + 1]);
-            (column[k], column[k + 1]) = (c * x + s * y, c * y - s * x);
+        if !triangle.extend(column, length, 0.0) {
+            break;
         }
-        let last = column.len() - 1;
-        let pivot = column[last].hypot(length);
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            break; // a singular matrix, or numbers out of range
-        }
-        let (c, s) = (column[last] / pivot, length / pivot);
-        column[last] = pivot;
-        let carried = right[last];
-        right[last] = c * carried;
-        right.push(-s * carried);
-        rotations.push((c, s));
-        triangle.push(column);
-        found.residual = right[last + 1].abs() / size;
+        found.residual = triangle.residual() / size;
         if length <= f64::EPSILON * before {
             break; // the space holds the solution
         }
         basis.push(w.iter().map(|value| value / length).collect());
     }
-    for k in (0..triangle.len()).rev() {
-        right[k] /= triangle[k][k];
-        let solved = right[k];
-        for (value, h) in right[..k].iter_mut().zip(&triangle[k][..k]) {
-            *value -= solved * h;
-        }
-    }
+    let amounts = triangle.solve();
     // The recurrence does not contain the rounding of the products, which is as large as the
     // solution. If the solution has grown without bound, the matrix is singular.
-    let amounts = norm(&right[..triangle.len()]);
-    found.residual += 4.0 * f64::EPSILON * largest * amounts / size;
-    for (y, q) in right.iter().zip(&basis).take(triangle.len()) {
+    found.residual += 4.0 * f64::EPSILON * largest * norm(&amounts) / size;
+    for (y, q) in amounts.iter().zip(&basis) {
         for (value, q) in found.x.iter_mut().zip(q) {
             *value += y * q;
         }

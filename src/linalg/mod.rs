@@ -10,6 +10,7 @@ pub mod dense;
 pub mod flexible_gmres;
 pub mod gmres;
 pub mod jacobi;
+mod krylov_triangle;
 pub mod least_squares;
 pub mod lu;
 pub mod nonnegative;

@@ -87,12 +87,6 @@ impl<const D: usize> LinearisedLaws<D> {
         })
     }
 
-    /// Number of laws.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.laws.len()
-    }
-
     /// Makes [`LinearisedLaws::tangent`] that of `s` of each law and `g`, and multiplies `s`.
     pub fn aim(&mut self, s: &mut [[f64; D]], g: &[f64]) {
         for (law, s) in self.laws.iter().zip(&mut *s) {

@@ -23,6 +23,7 @@ use crate::primal::interface::Interface;
 use crate::primal::nodes::Nodes;
 use crate::primal::own_nodes::AboutNodes;
 use crate::primal::supports::{self, Motions};
+use crate::primal::tuning;
 use crate::reduced::elliptic_scaling::{EllipticScaling, over, times};
 use crate::reduced::rotation::Rotation;
 use crate::reduced::validate::{check_finite, check_length};
@@ -189,10 +190,6 @@ impl<const D: usize> Primal<D> {
     /// vectors of GMRES.
     #[must_use]
     pub fn bytes(&self) -> (usize, usize) {
-        /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision.
-        const HIERARCHY: f64 = 1.1;
-        /// Vectors of GMRES, in double and in single precision, and of the Newton steps.
-        const VECTORS: usize = 40 * 12;
         let own = self.stiffness.matrix.bytes();
         #[expect(
             clippy::cast_precision_loss,
@@ -200,8 +197,8 @@ impl<const D: usize> Primal<D> {
             clippy::cast_sign_loss,
             reason = "a forecast"
         )]
-        let hierarchy = (HIERARCHY * own as f64) as usize;
-        (own, hierarchy + VECTORS * self.order())
+        let hierarchy = (tuning::hierarchy_bytes() * own as f64) as usize;
+        (own, hierarchy + tuning::vector_bytes() * self.order())
     }
 
     /// The same bodies and contacts with other laws. `elliptic` is the change

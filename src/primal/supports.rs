@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::bodies::holding::{Holding, MOST_LOOSE};
 use crate::bodies::resistance::measure_resistance;
-use crate::bodies::tuning::SPRING;
+use crate::bodies::tuning::spring_force;
 use crate::error::Error;
 use crate::linalg::small::norm;
 use crate::linalg::sparse::csc::{Index, Symmetric};
@@ -69,7 +69,7 @@ pub(super) fn check<const D: usize, I: Index>(
         })
         .collect();
     for (dof, forces) in springs {
-        if forces.iter().all(|force| force.abs() < SPRING) {
+        if forces.iter().all(|force| force.abs() < spring_force()) {
             return Err(Error::NotIterative {
                 reason: "the stiffness has few digits, or weak springs, and supports do not hold \
                          a body",

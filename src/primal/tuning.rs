@@ -65,4 +65,14 @@ fitted! {
     /// contact: a wrong factor costs iterations.
     /// Half, twice: −0.4 %, +11.1 %.
     compliance_of_node: f64 = 2.0;
+
+    // problem.rs
+    /// Bytes of the hierarchy relative to the blocks of `K`, which are in double precision; for the
+    /// forecast.
+    /// Half, twice: same, same.
+    hierarchy_bytes: f64 = 1.1;
+    /// Bytes of the vectors of GMRES and of the Newton steps for each unknown: forty, in double and
+    /// in single precision.
+    /// Half, twice: same, same.
+    vector_bytes: usize = 480;
 }

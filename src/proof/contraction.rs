@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::linalg::small::norm;
 use crate::linalg::verified_cholesky::{self, gamma};
 use crate::proof::monotonicity::Monotonicity;
+use crate::proof::tuning;
 use crate::proof::weights::Common;
 
 /// A proved upper bound of `L`, if it is below 1 and `W` is symmetric.
@@ -21,8 +22,6 @@ pub fn contraction<const D: usize>(
     common: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    /// Margins above the estimate; the last ones for clustered eigenvalues.
-    const ABOVE: [f64; 3] = [1.02, 1.1, 1.5];
     if !monotonicity.symmetric {
         return Ok(None);
     }
@@ -49,7 +48,7 @@ pub fn contraction<const D: usize>(
     }
     let of_rough = 8.0 * f64::EPSILON * norm(&rough);
     let mut alpha = None;
-    for above in ABOVE {
+    for above in tuning::CONTRACTION_MARGINS {
         let c = above * common.alpha;
         let mut rest: Vec<f64> = rough.iter().map(|x| -x).collect();
         for i in 0..m {
@@ -62,7 +61,7 @@ pub fn contraction<const D: usize>(
         }
     }
     let Some(alpha) = alpha else { return Ok(None) };
-    for above in ABOVE {
+    for above in tuning::CONTRACTION_MARGINS {
         let least = above * (alpha * common.beta).sqrt();
         if !(least < 1.0) {
             break;

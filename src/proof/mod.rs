@@ -5,5 +5,6 @@ pub mod contraction;
 pub mod error_bound;
 pub mod fixed_point_index;
 pub mod monotonicity;
+mod tuning;
 pub mod uniqueness;
 pub mod weights;

@@ -20,6 +20,7 @@ use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
+use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
 
 /// Weights of all contacts.
@@ -78,14 +79,8 @@ impl Ties {
         self.tied.push(tied);
     }
 
-    #[must_use]
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.kept.len()
-    }
-
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.kept.is_empty()
     }
 
     /// The unknowns used, ascending.
@@ -406,8 +401,6 @@ pub fn least_ratio(
     (half, of_half): (&[f64], f64),
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    /// A margin above the estimate, which is too small.
-    const ABOVE: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
     let m = lower.order();
     if m == 0 {
         return Ok(Some(1.0));
@@ -418,7 +411,7 @@ pub fn least_ratio(
         x.copy_from_slice(&y);
         lower.forward(x);
     });
-    for above in ABOVE {
+    for above in tuning::MARGINS {
         let alpha = 1.0 / (above * largest);
         let pairs = form.iter().zip(half);
         let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
@@ -446,12 +439,11 @@ pub(super) fn scaled_entry<const D: usize>(
 /// A lower estimate of the largest eigenvalue of a symmetric positive semidefinite operator, by
 /// Lanczos's method. The irregular first vector has components along all eigenvectors.
 pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
-    const PRODUCTS: usize = 40;
     let mut x = random_signs(n, 0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     let (mut length, mut size) = (norm(&x), 0.0_f64);
-    for _ in 0..PRODUCTS.min(n) {
+    for _ in 0..tuning::lanczos_products().min(n) {
         // The remainder is rounding: the Krylov space is complete.
         if !(length > 1e-10 * size) {
             break;

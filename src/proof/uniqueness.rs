@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
+use crate::proof::tuning;
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
@@ -31,14 +32,6 @@ impl Unique {
         }
     }
 }
-
-/// With at most this many plane contacts, 4⁶ leaves in milliseconds, all statuses are tried if
-/// both criteria decide nothing.
-const FEW: usize = 6;
-
-/// A sparse island with more unknowns is not decided: both criteria form dense matrices, which
-/// the caller avoids with a sparse `W`.
-const LARGEST: usize = 3000;
 
 /// A dense island that needs more bytes is not decided: this is some seconds of work.
 pub const MOST_BYTES: usize = 1 << 29;
@@ -72,7 +65,7 @@ pub fn assess<const D: usize>(
         let contacts = island.nodes.len();
         let laws = &problem.law[island.nodes.clone()];
         let with_friction = laws.iter().filter(|law| law.mu > 0.0).count();
-        if island.blocks().is_some() && D * contacts > LARGEST
+        if island.blocks().is_some() && D * contacts > tuning::sparse_unknowns()
             || bytes::<D>(contacts, with_friction) > MOST_BYTES
         {
             verdict = Unique::Unknown;
@@ -98,7 +91,7 @@ pub fn assess_plane(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     let verdict = assess(problem, r, stop)?;
-    if verdict != Unique::Unknown || problem.contacts() > FEW {
+    if verdict != Unique::Unknown || problem.contacts() > tuning::few_contacts() {
         return Ok(verdict);
     }
     let all = enumerate::answers(problem, stop)?;

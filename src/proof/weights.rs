@@ -24,15 +24,7 @@ use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
 use crate::linalg::verified_cholesky::Lower;
 use crate::proof::monotonicity::{KnownSlip, Monotonicity, Weights, largest, product};
-
-/// Below this κ, other weights improve a bound by less than they cost.
-const GOOD: f64 = 0.5;
-
-/// With at most this many unknowns, each contact may get its own weights.
-pub const MOST_UNKNOWNS: usize = 1000;
-
-/// Rounds of this search; each costs about five matrix products.
-const ROUNDS: usize = 24;
+use crate::proof::tuning;
 
 /// Weights in closed form, with the estimates that give them.
 #[derive(Clone, Debug)]
@@ -129,23 +121,23 @@ pub fn refined<const D: usize>(
     start: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<Weights>, Error> {
-    if start.kappa() < GOOD || monotonicity.order() > MOST_UNKNOWNS {
+    if start.kappa() < tuning::good_kappa() || monotonicity.order() > tuning::weighted_unknowns() {
         return Ok(None);
     }
     let mut search = WeightSearch::new(monotonicity);
     let mut weights = start.weights.clone();
     // At the start the least eigenvalue is 1 − κ.
     let mut least = 1.0 - start.kappa();
-    let mut gap = 0.3 * least.abs().max(0.1);
+    let mut gap = tuning::gap_fall() * least.abs().max(0.1);
     let mut best = (f64::NEG_INFINITY, None);
     let mut centre = None;
-    for _ in 0..ROUNDS {
+    for _ in 0..tuning::weight_rounds() {
         let here = match centre.take() {
             Some(here) => Some(here),
             None => search.at(&weights, least - gap, stop)?,
         };
         let Some(here) = here else {
-            gap *= 3.0; // the estimate of the least eigenvalue lay above it
+            gap *= tuning::gap_rise(); // the estimate of the least eigenvalue lay above it
             continue;
         };
         let step = search.step(&here, &weights);
@@ -172,9 +164,14 @@ pub fn refined<const D: usize>(
         if least > best.0 {
             best = (least, Some(weights.clone()));
         }
-        gap = if failed { 3.0 } else { 0.3 } * (least - there.sigma);
-        gap = gap.max(0.2 * least.abs());
-        if least > 0.02 && !failed && least - before < 0.02 * least {
+        let factor = if failed {
+            tuning::gap_rise()
+        } else {
+            tuning::gap_fall()
+        };
+        gap = (factor * (least - there.sigma)).max(tuning::least_gap() * least.abs());
+        let gain = tuning::weight_gain();
+        if least > gain && !failed && least - before < gain * least {
             break;
         }
     }
@@ -245,8 +242,6 @@ impl<'a, const D: usize> WeightSearch<'a, D> {
     }
 
     fn step(&mut self, here: &Centre, weights: &Weights) -> LogStep {
-        /// Gradients for the logarithms.
-        const LONGEST: f64 = 1.5;
         let n = self.kept.len();
         // L⁻¹ and L⁻¹ Wᵀ: the lengths of their columns are needed.
         let mut inverse = vec![0.0; n * n];
@@ -285,14 +280,18 @@ impl<'a, const D: usize> WeightSearch<'a, D> {
         for contact in 0..contacts {
             let ratio = theta[contact] / against[contact];
             theta[contact] = if self.monotonicity.mu[contact] > 0.0 && ratio > 0.0 {
-                (0.5 * ratio.ln() - weights.theta[contact].ln())
-                    .clamp(-2.0 * LONGEST, 2.0 * LONGEST)
+                (0.5 * ratio.ln() - weights.theta[contact].ln()).clamp(
+                    -2.0 * tuning::longest_logarithm(),
+                    2.0 * tuning::longest_logarithm(),
+                )
             } else {
                 0.0
             };
             let slope = normal[contact];
             normal[contact] = if slope > 0.0 {
-                slope.ln().clamp(-LONGEST, LONGEST)
+                slope
+                    .ln()
+                    .clamp(-tuning::longest_logarithm(), tuning::longest_logarithm())
             } else {
                 0.0
             };

@@ -7,9 +7,9 @@ use pyo3::prelude::*;
 use crate::bodies::basis::{RigidMotion, list_motions};
 use crate::bodies::directions::{DofDirection, find_directions};
 use crate::bodies::holding::Holding;
-use crate::bodies::rank::ACCURACY;
+use crate::bodies::rank::{ACCURACY, Combinations};
 use crate::bodies::resistance::measure_resistance;
-use crate::bodies::tuning::SPRING;
+use crate::bodies::tuning;
 use crate::error::Error;
 use crate::linalg::union::Union;
 use crate::python::arrays::{self, Csr, Indices, Matrix};
@@ -118,7 +118,9 @@ pub(super) fn resisting_rows<'py>(
             check_index(column, columns_known)?;
         }
         if let Some(row_forces) = measure_resistance(entries, m, |j, k| at[j * m + k]) {
-            weak |= row_forces.iter().all(|force| force.abs() < SPRING);
+            weak |= row_forces
+                .iter()
+                .all(|force| force.abs() < tuning::spring_force());
             numbers.push(row);
             forces.extend(row_forces);
         }
@@ -145,6 +147,20 @@ pub(super) fn free_motions<'py>(
     let free = holding.find_free_motions(accuracy);
     let count = free.len();
     arrays::square(py, free.concat(), count, motions)
+}
+
+/// Orthogonal combinations of motions whose values in the `rows (k, m)` are orthogonal too, as
+/// rows of amounts: the values of each are those of a singular vector.
+#[pyfunction]
+pub(super) fn combine_motions<'py>(
+    py: Python<'py>,
+    rows: Matrix<'py>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows = rows.as_array();
+    let columns = rows.columns().into_iter();
+    let combinations = Combinations::new(columns.map(|column| column.to_vec()).collect());
+    let motions = combinations.amounts.len();
+    arrays::square(py, combinations.amounts.concat(), motions, motions)
 }
 
 fn check_dimension(d: usize) -> PyResult<()> {

@@ -34,12 +34,16 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
+    use pyo3::prelude::*;
+
     use crate::solver::Method;
 
     #[pymodule_export]
     use super::assembly::{bodies, diagonal, stiffness, sum_of_cells};
     #[pymodule_export]
-    use super::bodies::{connected, dof_directions, free_motions, resisting_rows, rigid_motions};
+    use super::bodies::{
+        combine_motions, connected, dof_directions, free_motions, resisting_rows, rigid_motions,
+    };
     #[pymodule_export]
     use super::bound::PyBound;
     #[pymodule_export]
@@ -84,11 +88,6 @@ mod _core {
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const least_work: f64 = crate::reduced::existence::LEAST_WORK;
 
-    /// Least share of the rows without supports that are in balance if coordinates are right.
-    #[pymodule_export]
-    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
-    const least_balanced: f64 = crate::bodies::tuning::BELIEVED;
-
     /// More bodies that contact alone holds are left to the direct engine.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
@@ -114,6 +113,13 @@ mod _core {
         }
         names
     };
+
+    /// Adds the least share of the rows without supports that are in balance if coordinates are
+    /// right.
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("least_balanced", crate::bodies::tuning::believed_share())
+    }
 
     /// The version of the crate.
     #[pymodule_export]

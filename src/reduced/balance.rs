@@ -8,6 +8,11 @@
 //! `s = R̂ᵀ r̂ + ê` over all `r̂` of the cones is such a motion. Least squares with
 //! non-negative amounts of generated columns finds it: each round adds the force in the cones
 //! that does most work against `s`.
+//!
+//! Which motions are free is not asked here: [`bodies`](crate::bodies) has decided it, by rows of
+//! `K`, which act in both directions. Contacts push only. So neither this programme nor
+//! [`runaway`], which looks for the motion along which an iteration has gone, is a question of
+//! rank.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,6 +22,7 @@ use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
 use crate::reduced::existence::{LEAST_WORK, excludes, is_unresisted};
 use crate::reduced::reduced::Reduced;
+use crate::reduced::tuning;
 
 /// Result of the cone programme.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,9 +46,6 @@ const KNOWN: f64 = 1e-13;
 /// A contact does not resist a motion if its work against it is a smaller share of its largest
 /// possible work.
 const AT_REST: f64 = 1e-13;
-
-/// Rounds for each rigid motion within which the resistance must halve.
-const PATIENCE: usize = 10;
 
 /// A motion with a smaller slack is not used to open contacts: it would undo the other motion.
 const LEAST_SLACK: f64 = 1e-6;
@@ -71,9 +74,6 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
     Balance::Possible
 }
 
-/// A body slides away if its rigid motion is this many times its deformation.
-const RUNAWAY: f64 = 30.0;
-
 /// The direction of a rigid motion `a`, if it explains why an iteration at reactions `r` did
 /// not converge: the motion is much larger than the deformation, the loads work on it, and no
 /// normal force stops it. It is not a proof that friction does not stop it.
@@ -90,14 +90,15 @@ pub fn runaway<const D: usize>(
     for (v, scale) in deformed.iter_mut().zip(&scaling.to_v) {
         *v = v.map(|c| c * scale);
     }
-    if !(length.is_finite() && length > RUNAWAY * norm(deformed.as_flattened())) {
+    if !(length.is_finite() && length > tuning::runaway_motion() * norm(deformed.as_flattened())) {
         return None;
     }
     let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
     let all: Vec<usize> = (0..motion.len()).collect();
     let part = MotionGroup::new(problem, &all);
     // The iteration finds the motion inexactly: tolerate a penetration of a thousandth.
-    let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i];
+    let opens =
+        |i: usize| part.motion_at(i, &motion)[0] >= -tuning::runaway_penetration() * part.size[i];
     let work = dot_long(&motion, &part.load);
     let free = work > LEAST_WORK * norm(&part.load) && (0..part.size.len()).all(opens);
     free.then(|| of_largest_one(problem, &motion))
@@ -279,7 +280,8 @@ impl<const D: usize> MotionGroup<D> {
             if resistance < 0.5 * halved {
                 (halved, rounds) = (resistance, 0);
             }
-            let goes_on = resistance > AT_REST && rounds <= PATIENCE * self.load.len();
+            let goes_on =
+                resistance > AT_REST && rounds <= tuning::balance_patience() * self.load.len();
             goes_on.then(|| self.column(&found))
         });
         if balanced(norm(&imbalance)) {

@@ -17,6 +17,7 @@ use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
 use crate::reduced::rotation::Rotation;
+use crate::reduced::tuning;
 use crate::tasks;
 
 /// First block of each row, columns and entries.
@@ -26,9 +27,8 @@ pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
 /// work takes longer for each number than dense work.
 #[must_use]
 pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
-    const CONTACTS: usize = 64;
-    const SHARE: usize = 6;
-    contacts >= CONTACTS && blocks.saturating_mul(SHARE) <= contacts.saturating_mul(contacts)
+    contacts >= tuning::sparse_contacts()
+        && blocks.saturating_mul(tuning::sparse_share()) <= contacts.saturating_mul(contacts)
 }
 
 /// `W` of all contacts, by islands.

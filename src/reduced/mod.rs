@@ -9,4 +9,5 @@ pub mod memory;
 pub mod reduced;
 pub mod residual;
 pub mod rotation;
+mod tuning;
 pub mod validate;

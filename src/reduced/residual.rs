@@ -10,6 +10,7 @@ use crate::law::cone::{Status, derivative};
 use crate::linalg::least_squares;
 use crate::linalg::small::{Vector, length, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
+use crate::reduced::tuning;
 
 /// A point with a larger rounding floor has not converged.
 pub const WORST_FLOOR: f64 = 1e-6;
@@ -312,7 +313,7 @@ fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f6
     let scaling = &problem.scaling;
     let rows = problem.q.iter().zip(&scaling.to_v);
     let q: Vec<f64> = rows.flat_map(|(q, s)| q.map(|c| c * s)).collect();
-    let longest = LONGEST_MOTION * norm(&q).max(norm(&scaling.load));
+    let longest = tuning::longest_motion() * norm(&q).max(norm(&scaling.load));
     let motion = norm(&scaling.rigid_to_scaled(a));
     let share = if motion > longest {
         longest / motion
@@ -344,10 +345,6 @@ struct Rounding {
     balance: f64,
 }
 
-/// Largest rigid motion of a solution, relative to the displacement that it cancels: contacts
-/// may stand such that a rotation moves them ten thousand times less than the body.
-const LONGEST_MOTION: f64 = 1e4;
-
 /// The share of a rigid motion whose rounding is tolerated.
 ///
 /// In a solution, the rigid motion cancels deformation and free displacement and has their
@@ -357,7 +354,7 @@ fn needed<const D: usize>(problem: &Reduced<D>, still: &[[f64; D]], a: &[f64]) -
     let motion = norm(&scaling.rigid_to_scaled(a));
     let rows = still.iter().zip(&scaling.to_v);
     let undone: Vec<f64> = rows.flat_map(|(v, s)| v.map(|c| c * s)).collect();
-    let longest = LONGEST_MOTION * norm(&undone);
+    let longest = tuning::longest_motion() * norm(&undone);
     if motion > longest {
         longest / motion
     } else {

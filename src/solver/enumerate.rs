@@ -26,6 +26,7 @@ use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;
 use crate::solver::farkas::Inequalities;
+use crate::solver::tuning;
 
 /// With at most this many contacts, 4¹² leaves, all solutions take seconds.
 pub const MOST_CONTACTS: usize = 12;
@@ -54,10 +55,6 @@ const TOLERANCE: f64 = 1e-12;
 
 /// Nodes of the tree between two checks of the stop flag.
 const LOOK: usize = 4096;
-
-/// Nodes that a solver visits at most, some seconds of work. The bounds that cut most of the
-/// tree for an elastic W cut nothing for an indefinite one.
-const MOST_NODES: usize = 200_000;
 
 /// Number of choices of statuses for contacts with these coefficients.
 #[must_use]
@@ -153,7 +150,7 @@ pub fn few<const D: usize>(
     };
     let q = plane(&whole.scatter(&problem.q));
     let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.law), &rigid)?;
-    let found = within(&copy, MOST_NODES, stop)?;
+    let found = within(&copy, tuning::most_nodes(), stop)?;
     let own = |(r, rigid): (Vec<[f64; 2]>, Vec<f64>)| {
         let r = whole.gather(&r);
         let r = r.iter().map(|r| std::array::from_fn(|k| r[k.min(1)]));

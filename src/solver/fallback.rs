@@ -17,10 +17,8 @@ use crate::solver::tuning;
 /// point that balances the loads. A body that friction alone holds is pressed by the loads over
 /// μ. An opening of this size violates the law, but not the tolerance.
 pub(super) fn may_hide_openings<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
-    /// Factor of the tolerance: a pressure above this share of the loads is visible.
-    const IN_SIGHT: f64 = 100.0;
     let largest = problem.law.iter().fold(0.0_f64, |m, law| m.max(law.mu));
-    !problem.rigid.modes.is_empty() && largest * IN_SIGHT * tol >= 1.0
+    !problem.rigid.modes.is_empty() && largest * tuning::visible_pressure() * tol >= 1.0
 }
 
 /// Withdraws a solution if trying all statuses of a few contacts proves that there is none.
@@ -80,15 +78,11 @@ pub(super) fn project_from_zero<const D: usize>(
     solution: &mut Solution<D>,
     solve: impl Fn(&Settings) -> Result<Solution<D>, Error>,
 ) -> Result<(), Error> {
-    /// Limits of this work: products for small matrices; additions and multiplications for
-    /// large ones.
-    const MOST: usize = 20_000;
-    const MOST_OPERATIONS: usize = 10_000_000_000;
-    let affordable = MOST_OPERATIONS / problem.compliance.entries().max(1);
+    let affordable = tuning::fallback_operations() / problem.compliance.entries().max(1);
     for method in [Method::Nesterov, Method::Uzawa] {
         let left = settings.max_iterations.saturating_sub(solution.iterations);
         let seconds = settings.max_seconds - solution.seconds;
-        let max_iterations = left.min(MOST).min(affordable);
+        let max_iterations = left.min(tuning::fallback_products()).min(affordable);
         if max_iterations == 0 || seconds <= 0.0 {
             return Ok(());
         }

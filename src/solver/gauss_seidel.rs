@@ -20,9 +20,6 @@ use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// Sweeps between two fresh evaluations of `v`, whose running sum accumulates rounding.
-const REFRESH: usize = 50;
-
 /// A point and the quantities that are affine in it.
 #[derive(Clone, Debug)]
 pub struct GaussSeidelPoint<const D: usize> {
@@ -221,7 +218,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 anderson.restart();
                 continue;
             }
-            if sweep % REFRESH == 0 {
+            if sweep % tuning::sweep_refresh() == 0 {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
                 self.refresh(point);
             }

@@ -198,8 +198,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             return Ok(NextStep::Refresh);
         }
         if eta < self.best {
-            // An improvement of less than a tenth of a percent does not count for the patience.
-            if eta < 0.999 * self.best {
+            if eta < tuning::better_share() * self.best {
                 self.last_better = self.log.iterations;
             }
             self.best = eta;

@@ -15,10 +15,6 @@ use crate::solver::newton::newton::{self, Near};
 use crate::solver::outcome::Ended;
 use crate::solver::tuning;
 
-/// Initial `α` in units of the compliance of a contact itself; each attempt uses the next. With
-/// a single value, 2 of 150 assemblies of rigid bodies are not solved.
-const FIRST: [f64; 3] = [0.1, 1.0, 0.01];
-
 /// Between these limits `α` is above rounding and does not hold the point.
 const LEAST: f64 = 1e-13;
 const MOST: f64 = 1.0;
@@ -36,8 +32,13 @@ pub fn run<const D: usize>(
     (number, most): (usize, usize),
 ) -> Result<Solved<D>, Ended> {
     let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
-    let (mut alpha, mut rise, mut successes) =
-        (FIRST[number % FIRST.len()], tuning::alpha_rise(), 0);
+    let starts = [
+        tuning::alpha_first(),
+        tuning::alpha_second(),
+        tuning::alpha_third(),
+    ];
+    let mut alpha = starts[number % starts.len()];
+    let (mut rise, mut successes) = (tuning::alpha_rise(), 0);
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
     let mut left = merit(problem, &r, &v);

@@ -45,12 +45,6 @@ impl<T: Real> BlockMatrix<T> {
         self.b
     }
 
-    /// Number of stored blocks.
-    #[must_use]
-    pub fn blocks(&self) -> usize {
-        self.column.len()
-    }
-
     /// Memory of the matrix.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -65,17 +59,11 @@ impl<T: Real> BlockMatrix<T> {
         &self.held
     }
 
-    /// The diagonal block of a node, by columns, in units of `2^`[`Self::exponent`].
+    /// The diagonal block of a node, by columns, in units of `2^exponent`.
     #[must_use]
     pub fn diagonal_block(&self, node: usize) -> &[T] {
         let at = self.diagonal(node) * self.b * self.b;
         &self.values[at..at + self.b * self.b]
-    }
-
-    /// The matrix is `2^exponent` times its stored values.
-    #[must_use]
-    pub fn exponent(&self) -> i32 {
-        self.exponent
     }
 
     /// The blocks of a row.

@@ -12,7 +12,7 @@ use crate::linalg::amg::aggregates::Aggregates;
 use crate::linalg::amg::block_matrix::{ABSENT, BlockMatrix};
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::galerkin;
-use crate::linalg::amg::hierarchy::{DENSE, Levels, Made, failure, level, omega, running};
+use crate::linalg::amg::hierarchy::{Levels, Made, failure, level, omega, running};
 use crate::linalg::amg::inverse_diagonal::invert_node;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::multigrid::{Multigrid, check_lengths};
@@ -21,6 +21,7 @@ use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::prolongation::Smoothed;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::tentative::Tentative;
+use crate::linalg::amg::tuning;
 
 /// Multigrid whose matrix changes at some nodes.
 #[derive(Debug)]
@@ -78,9 +79,8 @@ impl Following {
         for k in 0..rows.nodes.len() {
             rows.write(k, &mut matrix, &held, &springs[..b * b]);
         }
-        let (exponent, entries) = (matrix.exponent, matrix.values.len());
-        let mut multigrid = Multigrid::empty(held.len(), exponent, entries, settings);
-        let finest = if held.len() <= DENSE {
+        let mut multigrid = Multigrid::empty(held.len(), matrix.exponent, settings);
+        let finest = if held.len() <= tuning::dense_unknowns() {
             Finest::Small(matrix)
         } else {
             let Made {
@@ -89,7 +89,7 @@ impl Following {
                 tentative,
                 coarse,
             } = level(matrix, &about, &held, settings.spectrum, stop)?;
-            multigrid.replace(vec![level], Coarsest::none(), 0);
+            multigrid.replace(vec![level], Coarsest::none());
             Finest::Large(Box::new(Kept {
                 aggregates,
                 tentative,
@@ -153,8 +153,7 @@ impl Following {
             Finest::Small(matrix) => {
                 write(matrix);
                 let made = Levels::new(matrix.clone(), self.about.clone(), stop)?;
-                self.multigrid
-                    .replace(made.list, made.coarsest, made.entries);
+                self.multigrid.replace(made.list, made.coarsest);
             }
             Finest::Large(kept) => {
                 let mut levels = std::mem::take(&mut self.multigrid.levels);
@@ -171,9 +170,8 @@ impl Following {
                     .aggregates
                     .coarse(&self.about, kept.tentative.coarse.clone());
                 let below = Levels::new(coarse, next, stop)?;
-                let entries = below.entries + finest.matrix.values.len();
                 levels.extend(below.list);
-                self.multigrid.replace(levels, below.coarsest, entries);
+                self.multigrid.replace(levels, below.coarsest);
             }
         }
         self.ready = true;

@@ -15,8 +15,6 @@ use crate::linalg::amg::spectrum::bound;
 use crate::linalg::amg::tentative::Tentative;
 use crate::linalg::amg::tuning;
 
-/// At most so many unknowns are solved with a dense factor.
-pub(super) const DENSE: usize = 800;
 /// Each level has at most a third of the unknowns of the one before: nobody has a matrix with
 /// more levels.
 const MOST_LEVELS: usize = 30;
@@ -103,8 +101,6 @@ pub(super) fn level(
 pub(super) struct Levels {
     pub(super) list: Vec<Level>,
     pub(super) coarsest: Coarsest,
-    /// Stored numbers of all matrices.
-    pub(super) entries: usize,
 }
 
 impl Levels {
@@ -119,25 +115,21 @@ impl Levels {
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let mut list = Vec::new();
-        let mut entries = 0;
-        while matrix.b * matrix.nodes() > DENSE && list.len() < MOST_LEVELS {
+        while matrix.b * matrix.nodes() > tuning::dense_unknowns() && list.len() < MOST_LEVELS {
             let held = vec![false; matrix.b * matrix.nodes()];
             let made = level(matrix, &about, &held, None, stop)?;
             matrix = made.coarse;
             matrix.replace_dead(&made.tentative.dead);
             about = made.aggregates.coarse(&about, made.tentative.coarse);
-            entries += made.level.matrix.values.len();
             list.push(made.level);
         }
         running(stop)?;
-        if matrix.b * matrix.nodes() > 4 * DENSE {
+        if matrix.b * matrix.nodes() > 4 * tuning::dense_unknowns() {
             return Err(failure("the levels do not become coarser"));
         }
-        entries += matrix.values.len();
         Ok(Self {
             list,
             coarsest: Coarsest::new(&matrix, stop)?,
-            entries,
         })
     }
 }

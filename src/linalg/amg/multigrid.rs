@@ -6,12 +6,13 @@ use crate::error::Error;
 use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::coarsest::Coarsest;
 use crate::linalg::amg::cycle::{CycleMemory, visit};
-use crate::linalg::amg::hierarchy::{DENSE, Levels, level};
+use crate::linalg::amg::hierarchy::{Levels, level};
 use crate::linalg::amg::inverse_diagonal::inverse_diagonal;
 use crate::linalg::amg::level::Level;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::settings::CycleSettings;
 use crate::linalg::amg::spectrum::bound;
+use crate::linalg::amg::tuning;
 use crate::linalg::parallel::{largest, map2};
 use crate::linalg::power_of_two::{exponent, factors};
 use crate::linalg::real::Real;
@@ -34,8 +35,6 @@ pub struct Multigrid {
     work: Vec<CycleMemory>,
     settings: CycleSettings,
     exponent: i32,
-    /// Stored numbers of all levels, and of the finest.
-    entries: [usize; 2],
     b: Vec<f32>,
     x: Vec<f32>,
 }
@@ -60,9 +59,9 @@ impl Multigrid {
     ) -> Result<Self, Error> {
         check_lengths(&matrix, &about, held);
         let n = held.len();
-        let (exponent, finest) = (matrix.exponent, matrix.values.len());
+        let exponent = matrix.exponent;
         let all: Vec<bool> = held.iter().zip(&matrix.held).map(|(a, b)| a | b).collect();
-        let made = if n <= DENSE {
+        let made = if n <= tuning::dense_unknowns() {
             Levels::new(matrix, about, stop)?
         } else {
             let made = level(matrix, &about, &all, settings.spectrum, stop)?;
@@ -72,16 +71,15 @@ impl Multigrid {
             drop(about);
             let mut below = Levels::new(coarse, next, stop)?;
             below.list.insert(0, made.level);
-            below.entries += finest;
             below
         };
-        let mut whole = Self::empty(n, exponent, finest, settings);
-        whole.replace(made.list, made.coarsest, made.entries);
+        let mut whole = Self::empty(n, exponent, settings);
+        whole.replace(made.list, made.coarsest);
         Ok(whole)
     }
 
     /// For `n` unknowns, without levels.
-    pub(super) fn empty(n: usize, exponent: i32, finest: usize, settings: &CycleSettings) -> Self {
+    pub(super) fn empty(n: usize, exponent: i32, settings: &CycleSettings) -> Self {
         Self {
             levels: Vec::new(),
             coarsest: Coarsest::none(),
@@ -91,14 +89,13 @@ impl Multigrid {
                 ..*settings
             },
             exponent,
-            entries: [0, finest],
             b: vec![0.0; n],
             x: vec![0.0; n],
         }
     }
 
     /// Takes other levels.
-    pub(super) fn replace(&mut self, levels: Vec<Level>, coarsest: Coarsest, entries: usize) {
+    pub(super) fn replace(&mut self, levels: Vec<Level>, coarsest: Coarsest) {
         self.work = (1..=levels.len())
             .map(|k| match levels.get(k) {
                 Some(level) => CycleMemory::new(level.x.len()),
@@ -107,7 +104,6 @@ impl Multigrid {
             .collect();
         self.levels = levels;
         self.coarsest = coarsest;
-        self.entries[0] = entries;
     }
 
     /// Changes the degree of the smoother.
@@ -142,33 +138,13 @@ impl Multigrid {
         map2(x, &self.x, |_, x: f32| x.double() * first * second);
     }
 
-    /// The bound of [`Multigrid::spectrum`] for a matrix, without its levels; `None` if a diagonal
-    /// is not positive, or numbers are not finite.
+    /// A bound of the eigenvalues of `D⁻¹ A`; `None` if a diagonal is not positive, or numbers are
+    /// not finite. It holds for every matrix that holds more unknowns, or adds positive
+    /// semidefinite diagonal blocks: both restrict the Rayleigh quotient or move it towards one.
     #[must_use]
     pub fn spectrum_of(matrix: &BlockMatrix<f32>) -> Option<f64> {
         let inverse = inverse_diagonal(matrix)?;
         bound(matrix, &inverse).filter(|bound| *bound > 0.0 && bound.is_finite())
-    }
-
-    /// A bound of the eigenvalues of `D⁻¹ A` on the finest level. It holds for every matrix that
-    /// holds more unknowns, or adds positive semidefinite diagonal blocks: both restrict the
-    /// Rayleigh quotient or move it towards one.
-    #[must_use]
-    pub fn spectrum(&self) -> f64 {
-        self.levels.first().map_or(1.0, |level| level.spectrum)
-    }
-
-    /// Number of levels, with the coarsest.
-    #[must_use]
-    pub fn levels(&self) -> usize {
-        self.levels.len() + 1
-    }
-
-    /// Stored numbers of all matrices, relative to those of the finest.
-    #[must_use]
-    #[expect(clippy::cast_precision_loss, reason = "a ratio of counts")]
-    pub fn operator_complexity(&self) -> f64 {
-        self.entries[0] as f64 / self.entries[1] as f64
     }
 
     /// Memory of all levels.

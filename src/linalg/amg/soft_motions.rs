@@ -11,17 +11,14 @@ use crate::linalg::amg::block_matrix::BlockMatrix;
 use crate::linalg::amg::multigrid::Multigrid;
 use crate::linalg::amg::nodes::LevelNodes;
 use crate::linalg::amg::settings::CycleSettings;
+use crate::linalg::amg::tuning;
 use crate::linalg::conjugate_gradients;
 use crate::linalg::parallel::{axpy, largest, map, zero_where};
 use crate::linalg::random_signs::random_signs;
 
-/// Cycles for each vector: more do not save iterations later.
-const CYCLES: usize = 6;
-
-/// Products of the check that nothing is free to move, and the residual that it must reach. A
-/// free motion has a part of about one in an irregular vector of `n` plus and minus ones, whose
-/// norm is `√n`: that part of the residual stays.
-const MOST: usize = 300;
+/// The residual that the check must reach: a free motion has a part of about one in an irregular
+/// vector of `n` plus and minus ones, whose norm is `√n`, and that part of the residual stays. It
+/// is far below `1/√n` and far above rounding.
 const SMALL: f64 = 1e-9;
 
 /// Replaces the rotations among the motions of `about`, which are zero, by motions that the
@@ -51,7 +48,7 @@ pub fn complete(
     let (mut product, mut change) = (vec![0.0; n], vec![0.0; n]);
     for k in b..m {
         let mut x = free(k as u64);
-        for _ in 0..CYCLES {
+        for _ in 0..tuning::softening_cycles() {
             matrix.product(&x, &mut product);
             zero_where(held, true, &mut product);
             multigrid.apply(&product, &mut change);
@@ -80,7 +77,7 @@ pub fn complete(
         },
         &free(0),
         SMALL,
-        MOST,
+        tuning::check_products(),
         stop,
     )?;
     if found.reached {

@@ -22,11 +22,7 @@ use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock, upwards};
 use crate::linalg::sparse::tree_solves::{Forward, SolveColumns};
-
-/// Rounding error of a pivot, relative to its diagonal in K, for each unknown eliminated before
-/// it. The stiffness of a free motion sums to the rounding of K, which adds up for equal cells:
-/// free plates of 1e2 to 1e5 unknowns give 1.6 roundings for each unknown.
-const ROUNDINGS: f64 = 8.0;
+use crate::linalg::sparse::tuning;
 
 /// S of the kept unknowns and its pivots, without a factor.
 #[derive(Debug)]
@@ -459,7 +455,7 @@ impl<'a, 'l> FrontWork<'a, 'l> {
     ) -> Result<(), Error> {
         // The diagonal may be zero: an empty row; others are refused.
         let original = self.diagonal[dof];
-        let rounding = ROUNDINGS * (before as f64 + 1.0) * f64::EPSILON;
+        let rounding = tuning::pivot_roundings() * (before as f64 + 1.0) * f64::EPSILON;
         // Of any size: a pivot cannot distinguish a soft body from a free one.
         if pivot > 0.0 {
             *weakest = smaller(*weakest, Some((pivot / original, dof)));

@@ -9,6 +9,7 @@ use std::ptr;
 use metis_sys as metis;
 
 use crate::error::Error;
+use crate::linalg::sparse::tuning;
 use crate::per_process::PerProcess;
 
 /// A graph in METIS's form: the neighbours of vertex `v` are
@@ -192,8 +193,6 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
 /// A set is cut across its longest side at the median; the nodes on the upper side with
 /// neighbours on the lower side separate the two and come last.
 pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
-    /// Sets this small become one front in any case (`symbolic` merges them).
-    const LEAF: usize = 8;
     enum MetisTask {
         Cut(Vec<u32>),
         Emit(Vec<u32>),
@@ -223,7 +222,7 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
         };
         let sides = [extent(0), extent(1), extent(2)];
         let axis = (1..3).fold(0, |best, k| if sides[k] > sides[best] { k } else { best });
-        if set.len() <= LEAF || sides[axis].is_nan() || sides[axis] <= 0.0 {
+        if set.len() <= tuning::leaf_nodes() || sides[axis].is_nan() || sides[axis] <= 0.0 {
             order.extend(set);
             continue;
         }

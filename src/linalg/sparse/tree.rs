@@ -7,10 +7,7 @@
 use crate::linalg::packed::Packed;
 use crate::linalg::sparse::csc::narrow;
 use crate::linalg::sparse::supervariables::SupervariableGraph;
-
-/// Merge while the front has at most this many pivots and less than this share of the entries
-/// of its columns is zero.
-const RELAX: [(usize, f64); 4] = [(4, 1.0), (16, 0.8), (48, 0.1), (usize::MAX, 0.05)];
+use crate::linalg::sparse::tuning;
 
 const NONE: u32 = u32::MAX;
 
@@ -216,7 +213,7 @@ fn supernodes(
     found
 }
 
-/// Merges children with parents as [`RELAX`] allows. A parent has all rows of its child except
+/// Merges children with parents if they have few pivots or add few zeros. A parent has all rows of its child except
 /// the pivots of the child, so the merged front has the rows of the parent and the pivots of
 /// both.
 #[expect(clippy::cast_precision_loss, reason = "a share for a decision")]
@@ -232,8 +229,14 @@ fn relax(list: &mut [Supernode]) {
             let zeros = list[s].zeros + list[c].zeros + list[c].np * (nf - list[c].nf);
             let entries = np * nf - np * (np - 1) / 2;
             let share = zeros as f64 / entries as f64;
+            let limits = [
+                (tuning::few_pivots(), 1.0),
+                (tuning::some_pivots(), tuning::zeros_of_some()),
+                (tuning::many_pivots(), tuning::zeros_of_many()),
+                (usize::MAX, tuning::zeros_of_all()),
+            ];
             if zeros == 0
-                || RELAX
+                || limits
                     .iter()
                     .any(|&(limit, part)| np <= limit && share < part)
             {

@@ -37,4 +37,39 @@ fitted! {
     /// Approximate number of subtrees of a small tree.
     /// Half, twice: same, same.
     task_parts: f64 = 16.0;
+    /// Work of a subtree that one thread does alone [flop]: some milliseconds, far above the cost of
+    /// a task. If the total work is not much larger, a share of it, but at least the first value.
+    /// Half, twice: same, same.
+    least_leaf: f64 = 1e7;
+    /// Half, twice: same, same.
+    largest_leaf: f64 = 2e8;
+
+    // ordering.rs
+    /// Sets this small become one front in any case (`symbolic` merges them).
+    /// Half, twice: −1.3 %, +3.8 %.
+    leaf_nodes: usize = 8;
+
+    // multifrontal.rs
+    /// Rounding error of a pivot, relative to its diagonal in K, for each unknown eliminated before
+    /// it. The stiffness of a free motion sums to the rounding of K, which adds up for equal cells:
+    /// free plates of 1e2 to 1e5 unknowns give 1.6 roundings for each unknown.
+    /// Half, twice: same, same.
+    pivot_roundings: f64 = 8.0;
+
+    // tree.rs
+    /// A front is merged with its parent if both have at most this many pivots together.
+    /// Half, twice: same, same.
+    few_pivots: usize = 4;
+    /// The same if less than this share of the entries of the merged front is zero.
+    /// Half, twice: −2.3 %, +2.8 %.
+    some_pivots: usize = 16;
+    /// Half, twice: −0.3 %, same.
+    zeros_of_some: f64 = 0.8;
+    /// Half, twice: −1.4 %, +1.6 %.
+    many_pivots: usize = 48;
+    /// Half, twice: −1.8 %, +4.0 %.
+    zeros_of_many: f64 = 0.1;
+    /// The same for any number of pivots.
+    /// Half, twice: −0.2 %, +7.1 %.
+    zeros_of_all: f64 = 0.05;
 }

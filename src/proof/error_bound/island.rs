@@ -11,14 +11,12 @@ use crate::proof::contraction::contraction;
 use crate::proof::monotonicity::{
     KnownSlip, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
 };
+use crate::proof::tuning;
 use crate::proof::weights::{self, Common};
 use crate::reduced::reduced::Reduced;
 
 /// A smaller energy, in scaled variables, may have lost terms to underflow.
 const LEAST_ENERGY: f64 = 1e-280;
-
-/// With at most this many unknowns a ball is tried: each radius needs a factor.
-const LARGEST_OF_BALLS: usize = 1000;
 
 /// An island with its factors, which do not depend on a point.
 #[derive(Debug)]
@@ -352,10 +350,8 @@ impl<const D: usize> BoundedIsland<D> {
         least: f64,
         stop: &AtomicBool,
     ) -> Result<Option<IslandBound<D>>, Error> {
-        /// Radii to try, in lengths of `e`; with a larger radius less is known of the contacts.
-        const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
         let n = self.monotonicity.order();
-        if !self.monotonicity.symmetric || n > LARGEST_OF_BALLS {
+        if !self.monotonicity.symmetric || n > tuning::ball_unknowns() {
             return Ok(None);
         }
         for candidate in candidates {
@@ -368,7 +364,7 @@ impl<const D: usize> BoundedIsland<D> {
                 let unit = length.max(off).max(least);
                 let unit = if unit > 0.0 { unit } else { f64::EPSILON };
                 let mut found = None;
-                for radii in RADII {
+                for radii in tuning::RADII {
                     let radius = radii * unit;
                     let Some(tried) = self.within(radius, weights, candidate, stop)? else {
                         break;
@@ -386,7 +382,7 @@ impl<const D: usize> BoundedIsland<D> {
                 };
                 // The solution is nearer than the radius: more is known in a smaller ball.
                 for _ in 0..2 {
-                    let nearer = 1.2 * best.1;
+                    let nearer = tuning::nearer_ball() * best.1;
                     match self.within(nearer, weights, candidate, stop)? {
                         Some(tried) if tried.1 < best.1 => best = tried,
                         _ => break,

@@ -25,10 +25,8 @@ use crate::linalg::small::dot;
 use crate::linalg::verified_cholesky::gamma;
 use crate::proof::error_bound::island::{BoundedIsland, Candidate};
 use crate::proof::monotonicity::{Monotonicity, Touching, Units};
+use crate::proof::tuning;
 use crate::reduced::reduced::Reduced;
-
-/// Islands with more unknowns get no bound: it needs about ten dense matrices of this order.
-pub const LARGEST: usize = 3000;
 
 /// Why there is no bound. Contacts are in the numbering of the caller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -216,7 +214,7 @@ impl<const D: usize> Prepared<D> {
         let mut islands = Vec::new();
         for island in problem.compliance.islands() {
             let unknowns = D * island.nodes.len();
-            if unknowns > LARGEST {
+            if unknowns > tuning::bounded_unknowns() {
                 return Ok(Err(Reason::TooLarge { unknowns }));
             }
             let first = caller[island.nodes.start];

@@ -17,11 +17,8 @@ use crate::linalg::small::{Block, Vector};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::Scaling;
 use crate::solver::derivatives::tangent_system::{ClosedLaw, Conditioned, FactoredTangent};
+use crate::solver::tuning;
 use crate::tasks;
-
-/// The form pays if it has at most this share of the unknowns of the other: both make a matrix,
-/// and this one multiplies by `W` and its inverse.
-const SHARE: usize = 2;
 
 /// Corrections of a solution.
 const REFINEMENTS: usize = 1;
@@ -70,7 +67,9 @@ impl<const D: usize> TangentStiffnessForm<D> {
             (0..D).filter_map(of)
         };
         let unknowns: Vec<Unknown> = (0..by.len()).flat_map(unknown).collect();
-        if SHARE * unknowns.len() > D * laws.len() || !compliance.make_inverse(stop)? {
+        if tuning::fewer_unknowns() * unknowns.len() > D * laws.len()
+            || !compliance.make_inverse(stop)?
+        {
             return Ok(None);
         }
         let matrix = matrix(compliance, &by, &unknowns);

@@ -13,17 +13,6 @@ use crate::solver::newton::compliance_form::Solved;
 use crate::solver::outcome::Ended;
 use crate::solver::tuning;
 
-/// `θ` and the initial `z = s`, in units of `e`, of each attempt: a path may succeed where
-/// another stalls. Paths that start far inside turn less often.
-const PATHS: [(f64, f64); 6] = [
-    (0.9, 10.0),
-    (0.8, 10.0),
-    (0.7, 10.0),
-    (0.85, 100.0),
-    (0.6, 1.0),
-    (0.8, 1.0),
-];
-
 /// Follows paths, each from its own start, until one ends near a solution. `path` is the first
 /// one to follow and becomes the next one. No path is followed twice: it would end at the same
 /// point.
@@ -35,7 +24,7 @@ pub fn run<const D: usize>(
     path: &mut usize,
     monitor: &mut Monitor<D>,
 ) -> Result<Option<Solved<D>>, Ended> {
-    while let Some(&(smoothing, first)) = PATHS.get(*path) {
+    while let Some(&(smoothing, first)) = tuning::PATHS.get(*path) {
         *path += 1;
         let Some(system) = System::new(problem, smoothing)? else {
             break;

@@ -21,9 +21,6 @@ use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-const LEAST_FORCING: f64 = 1e-10;
-const MOST_FORCING: f64 = 1e-4;
-
 /// Newton alone: from the start until it converges or stalls.
 ///
 /// # Errors
@@ -187,8 +184,8 @@ pub fn run_near<const D: usize>(
         let felt = near.felt(problem, &r, &v);
         let law = near.linearised(problem, &r, &felt);
         let eta = residual(problem, &r, &v, &rigid);
-        let forcing =
-            (tuning::newton_forcing() * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
+        let forcing = (tuning::newton_forcing() * monitor.wish() / eta)
+            .clamp(tuning::least_forcing(), tuning::most_forcing());
         let imbalance = scaled_imbalance(problem, &r);
         let point = (r.as_slice(), v.as_slice(), rigid.as_slice());
         let stop = monitor.stop();
@@ -220,7 +217,7 @@ pub fn run_near<const D: usize>(
             v = problem.relative_displacement(&r, &rigid);
             recent = vec![near.merit(problem, &r, &v)];
         }
-        if share < 1e-2 {
+        if share < tuning::creeping_share() {
             break; // creeping: sweeps do better
         }
     }
@@ -322,5 +319,13 @@ pub fn held_at<const D: usize>(
     }
     let load = &problem.scaling.load;
     let point = (cold.as_slice(), v.as_slice(), none.as_slice());
-    solve(problem, &law, point, load, MOST_FORCING, &mut count, stop)
+    solve(
+        problem,
+        &law,
+        point,
+        load,
+        tuning::most_forcing(),
+        &mut count,
+        stop,
+    )
 }

@@ -12,12 +12,6 @@ use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::newton::newton;
 use crate::solver::tuning;
 
-/// Largest remainder of the iterative solution of a correction.
-const FORCING: f64 = 1e-4;
-
-/// Smaller corrections change no status except at the boundary between two.
-const SETTLED: f64 = 1e-6;
-
 /// A point with all quantities that depend on it.
 #[derive(Clone, Debug)]
 pub struct RefinedPoint<const D: usize> {
@@ -112,7 +106,7 @@ pub fn refine<const D: usize>(
         };
         let moved = next.moved.0.max(next.moved.1);
         let (mut r, mut rigid) = (next.r, next.rigid);
-        if moved >= SETTLED {
+        if moved >= tuning::settled_correction() {
             // Statuses may still change.
             anderson.restart();
             (best, idle) = (None, 0);
@@ -153,7 +147,15 @@ fn correction<const D: usize>(
         point.rigid.as_slice(),
     );
     let imbalance = &point.imbalance;
-    let solved = newton::solve(problem, &law, here, imbalance, FORCING, &mut |_| (), stop)?;
+    let solved = newton::solve(
+        problem,
+        &law,
+        here,
+        imbalance,
+        tuning::correction_forcing(),
+        &mut |_| (),
+        stop,
+    )?;
     let Some(next) = solved else {
         return Ok(None);
     };

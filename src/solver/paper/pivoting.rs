@@ -34,15 +34,6 @@ use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// Pivots between two fresh evaluations of `v`, whose running sum drifts.
-const REFRESH: usize = 50;
-
-/// A path that starts at `t = 1` and exceeds this has turned back.
-const LOST: f64 = 2.0;
-
-/// A start on a boundary is moved away by this share of its size.
-const OFF: f64 = 1e-6;
-
 /// Accuracy of GMRES relative to that of a step.
 const TIGHT: f64 = 1e-13;
 
@@ -391,7 +382,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         for (i, polygon) in polygons.iter().enumerate() {
             let (x, mu) = (trial(problem, i, &r[i], &v[i]), problem.law[i].mu);
             let size = x.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-            let least = OFF * (1.0 + fraction(i)) * size;
+            let least = tuning::off_boundary() * (1.0 + fraction(i)) * size;
             let (least_r, least_v) = (least / scaling.to_r[i], least / scaling.to_v[i]);
             if x[0] <= 0.0 {
                 cells.push(Cell::Open);
@@ -414,7 +405,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
                     tangential[0] = 0.0;
                     over = over.max(-dot(&guard.by_r, &tangential) / (mu * to_r[i][0]));
                 });
-                let inside = 1.0 - OFF * (1.0 + fraction(i));
+                let inside = 1.0 - tuning::off_boundary() * (1.0 + fraction(i));
                 if over > inside {
                     for c in &mut to_r[i][1..] {
                         *c *= inside / over;
@@ -441,7 +432,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             v: to_v,
             c,
             t: 1.0,
-            most: LOST,
+            most: tuning::turned_back(),
         }
     }
 
@@ -543,7 +534,7 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
             if entered.is_none() {
                 self.t = 0.0;
             }
-            if pivot % REFRESH == 0 || entered.is_none() {
+            if pivot % tuning::pivot_refresh() == 0 || entered.is_none() {
                 self.refresh(monitor);
             }
             let next = monitor.look(&self.r, &self.own_displacement(), &[], true)?;

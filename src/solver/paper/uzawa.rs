@@ -20,9 +20,6 @@ use crate::solver::outcome::Ended;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// Iterations between two measurements of the rounding floor.
-const REFRESH: usize = 200;
-
 /// The variants of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
@@ -204,7 +201,7 @@ impl<'p, const D: usize> Map<'p, D> {
                 *point = self.point(std::mem::take(&mut point.r));
                 theta = 1.0;
             }
-            if iteration % REFRESH == 0 {
+            if iteration % tuning::projection_refresh() == 0 {
                 monitor.measure_floor(&point.r, &self.rigid(point));
                 if self.variant == Variant::TwoProjections {
                     // Its v is a running sum, which accumulates rounding.

@@ -56,8 +56,12 @@ def test_fitted_constants_are_found_and_changed() -> None:
     assert len(constants) > 60
     assert constants["bipot_rs::solver::tuning::gain"].scaled(0.5) == "0.15"
     assert constants["bipot_rs::path::tuning::all_candidates_above"].scaled(2.0) == "6"
+    constants |= {constant.name: constant for constant in tuning.python_constants()}
+    assert constants["bipot_rs.contact.tuning.SIDES_TRIED"].scaled(0.5) == "2048"
+    assert constants["bipot_rs.petsc.tuning.SMOOTHED_TO"].set == "petsc"
     for constant in constants.values():
-        assert float(constant.scaled(0.5)) < float(constant.scaled(2.0))
+        half, twice = float(constant.scaled(0.5)), float(constant.scaled(2.0))
+        assert abs(half) < abs(twice)
         assert constant.set in tuning.RUNS
 
 

@@ -15,6 +15,11 @@ superelement, is treated in the same way: the projection ``P K P``, which has th
 sum of squares of δ, would change small entries far from the diagonal by more than their
 uncertainty.
 
+Which rigid motions supports within K leave free is the theorem of ``src/bodies`` with the
+relative error of the entries in place of ε: a motion is free if each row of ``K z`` is within
+that error of its terms. The combinations to examine come from there. Between the error and a
+hundred times it, a resistance may be a soft support or wrong digits: this is refused.
+
 Rotations are taken about the point of each row. A row then does not depend on the length
 of the body, and slender bodies keep their bending stiffness.
 """
@@ -44,6 +49,9 @@ EPS = float(np.finfo(np.float64).eps)
 ABOUT = 3
 # Fewer digits would also spoil the elasticity.
 MOST = 1e-3
+# A motion of order one that the body does not have, such as the rotation of a straight line
+# about itself, moves it by less: rounding of the coordinates and of their combinations.
+NO_MOTION = 1e-10
 # Rounding error of an entry in assembly, in ε of the geometric mean of its two diagonals.
 # Some entries, whose terms cancel, are only this error.
 ASSEMBLY = 8.0
@@ -406,13 +414,10 @@ class _Rows:
         size = abs(self.K[rows]) @ of_body
         turn = self._about(rows, dofs)
         resisted = np.einsum("rkl,rl->rk", turn, forces[rows]) / size[:, None]
-        # At least as many rows as motions, so that each has a singular vector.
-        padded = np.concatenate([resisted, np.zeros((self.m, self.m))])
-        _, _, combined = np.linalg.svd(padded, full_matrices=False)
+        combined = _core.combine_motions(resisted)
         amount = np.abs(Z @ combined.T).max(axis=0)
         resistance = np.abs(resisted @ combined.T).max(axis=0)
-        # A motion that the body does not have, as a straight line about itself.
-        none = amount <= 1e-10
+        none = amount <= NO_MOTION
         resistance = np.where(none, 0.0, resistance / np.where(none, 1.0, amount))
         free = resistance <= SLACK * rtol
         held = resistance[~free]
@@ -541,12 +546,9 @@ def _find_complement(resisted: Floats, moved: Floats) -> Floats:
     A resisted motion is a combination of the rows of ``moved``, the motions of the held
     degrees of freedom. K gives it with its error, and the coordinates give these rows.
     """
-    _, sizes, across = np.linalg.svd(moved, full_matrices=False)
-    possible = across[sizes > 1e-10 * sizes.max(initial=0.0)]
-    within = resisted @ possible.T @ possible
-    padded = np.concatenate([within, np.zeros((moved.shape[1],) * 2)])
-    _, _, turned = np.linalg.svd(padded, full_matrices=False)
-    return np.asarray(turned[len(resisted) :].T, np.float64)
+    absent = _core.free_motions(moved, NO_MOTION)
+    within = resisted - resisted @ absent.T @ absent
+    return _core.free_motions(within).T
 
 
 def _find_least_change(G: CsrMatrix, left: Floats, reduction: float) -> Floats:

@@ -6,11 +6,6 @@ use crate::linalg::sparse::symbolic::{Front, Task};
 use crate::linalg::sparse::tree::flops_of;
 use crate::linalg::sparse::tuning;
 
-/// Work of a subtree that one thread does alone [flop]: some milliseconds, far above the cost
-/// of a task. If the total work is not much larger, a share of it, but at least the worthwhile
-/// minimum.
-const LEAF_FLOPS: std::ops::RangeInclusive<f64> = 1e7..=2e8;
-
 /// The tasks: small subtrees whole, large fronts one by one.
 pub(super) struct Tasks {
     pub(super) list: Vec<Task>,
@@ -36,7 +31,8 @@ impl Tasks {
         }
         let roots = (0..fronts.len()).filter(|&f| fronts[f].parent.is_none());
         let whole: f64 = roots.map(|f| work[f]).sum();
-        let leaf = (whole / tuning::task_parts()).clamp(*LEAF_FLOPS.start(), *LEAF_FLOPS.end());
+        let leaf =
+            (whole / tuning::task_parts()).clamp(tuning::least_leaf(), tuning::largest_leaf());
         let mut this = Self {
             list: Vec::new(),
             children: Vec::new(),

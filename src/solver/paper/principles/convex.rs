@@ -16,9 +16,6 @@ use crate::solver::paper::uzawa;
 use crate::solver::settings::Start;
 use crate::solver::tuning;
 
-/// A better point must have at most this share of the merit.
-const BETTER: f64 = 0.999;
-
 /// A point with its `v`.
 #[derive(Clone, Debug)]
 pub struct PrinciplePoint<const D: usize> {
@@ -151,7 +148,7 @@ pub fn iterate<const D: usize>(
         }
         let eta = point.residual(problem);
         waited += 1;
-        if eta < BETTER * best {
+        if eta < tuning::better_share() * best {
             (best, waited) = (eta, 0);
         }
     }

@@ -362,6 +362,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             [np.array([0, 1, 0, 1]), places, 1.0],
         ),
         "resisting_rows": (_core.resisting_rows, [EYE, np.eye(4), np.arange(4)]),
+        "combine_motions": (_core.combine_motions, [np.eye(4)[:2].copy()]),
         "free_motions": (_core.free_motions, [np.eye(4)[:2].copy(), 1e-12]),
         "check_settings": (_core.check_settings, ["auto", 1e-10, 10, 1.0]),
     }
